@@ -137,7 +137,7 @@ def replay_forces(
         say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")
     ordered = [trials[position] for position in range(len(forces_n))]
     replayed = tuple(trial for trial, _ in ordered)
-    wall_s = time.perf_counter() - started + (0.0 if walk is None else walk.wall_s)
+    wall_s = time.perf_counter() - started + (0.0 if walk is None else walk.took_s)
     replay = Replay(
         name=name,
         trials=replayed,

@@ -34,14 +34,14 @@ class Walk:
     Attributes:
         history: On the way; of a gel that relaxes, which is pressed anew for each force, at the
             forces alone.
-        wall_s: What it took [s].
+        took_s: Time by the wall or the processor's, whichever is less [s]: others may have worked.
     """
 
     scene: Scene
     plan: EffectPlan
     path: LoadingPath
     history: History
-    wall_s: float
+    took_s: float
 
     def serves(self, scene: Scene, plan: EffectPlan) -> bool:
         """Return whether a press of another stiffness may go on from this one."""
@@ -99,7 +99,7 @@ def walked(scene: Scene, forces_n: Sequence[float], *, to_go_on: bool) -> Walk:
     Raises:
         ConvergenceError: A force cannot be reached.
     """
-    started, plan = time.perf_counter(), plan_effects(scene)
+    started, plan = (time.perf_counter(), time.process_time()), plan_effects(scene)
     if not to_go_on:
         scene = replace(scene, outputs=frozenset({Output.FORCE}))
     relaxes = plan.is_on(Effect.VISCOELASTICITY)
@@ -111,5 +111,5 @@ def walked(scene: Scene, forces_n: Sequence[float], *, to_go_on: bool) -> Walk:
     for force_n in sorted(forces_n) if relaxes else ():
         path = path_for(scene, plan, model=path.model)
         history += push_to_force(path, force_n, duration_s=scene.duration_s).history[-1:]
-    wall_s = time.perf_counter() - started
-    return Walk(scene=scene, plan=plan, path=path, history=history, wall_s=wall_s)
+    took_s = min(time.perf_counter() - started[0], time.process_time() - started[1])
+    return Walk(scene=scene, plan=plan, path=path, history=history, took_s=took_s)

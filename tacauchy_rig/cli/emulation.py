@@ -89,13 +89,17 @@ def _dome_radius(sensor: Sensor) -> float:
     return round(1.0 / curvature, 3) if curvature > 0.0 else math.inf
 
 
-def emulated_calibration(store: RunStore) -> Calibrate | None:
+def emulated_calibration(store: RunStore, *, to_be_pressed: bool = False) -> Calibrate | None:
     """Return how a run's emulated sensor is calibrated; None where a real sensor was pressed.
 
     It is done the way a lab calibrates its own, from ball presses on it. The presses know nothing
     of the trials; of the emulated world only its images are used.
+
+    Args:
+        to_be_pressed: Its emulated world is still to be made.
     """
-    if not store.paths.truth.exists():
+    to_come = to_be_pressed and store.config.camera.is_emulated
+    if not (to_come or store.paths.truth.exists()):
         return None
     return partial(_calibrate, store.paths.truth, store.paths.root / "calibration")
 

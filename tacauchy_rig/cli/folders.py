@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from concurrent.futures import BrokenExecutor
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +18,7 @@ from tacauchy_rig.store.recording.export_kind import ExportKind
 if TYPE_CHECKING:
     from reports.evidence.attempt import RunReading
     from sim.error.tolerance import Tolerance
-    from tacauchy_rig.loop.ahead import Press
+    from tacauchy_rig.loop.ahead import Ahead
     from tacauchy_rig.replayed import MarkerMotion, Replay
     from tacauchy_rig.store.check.run import RunCheck
     from tacauchy_rig.store.recording.recover import RecoveryReport
@@ -141,24 +143,30 @@ def _say_mended(report: RecoveryReport) -> None:
 
 
 def replay_and_show(
-    run: RunReading, *, tolerance: Tolerance | None = None, press: Press | None = None
+    run: RunReading, *, tolerance: Tolerance | None = None, ahead: Ahead | None = None
 ) -> None:
     """Replay a run and say what its forces are worth.
 
     Args:
-        press: What presses, if something was begun for it.
+        ahead: What began while it was recorded.
     """
     from tacauchy_rig.cli.emulation import emulated_calibration
-    from tacauchy_rig.loop.pressing import press_parts
     from tacauchy_rig.loop.replay import replay_run
 
-    replay = replay_run(
+    replayed = partial(
+        replay_run,
         run,
         tolerance=tolerance,
         calibrate=emulated_calibration(run.store),
         on_progress=say,
-        press=press or press_parts,
     )
+    try:
+        replay = replayed(ahead=ahead)
+    except BrokenExecutor:
+        if ahead is None:
+            raise
+        complain("the process that began with the replay was ended: beginning anew")
+        replay = replayed()
     _say_markers([each for model in replay.models for each in model.markers])
     _say_cost(replay)
 

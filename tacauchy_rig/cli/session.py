@@ -211,8 +211,9 @@ def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
 
 
 def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None:
+    from tacauchy_rig.cli.emulation import emulated_calibration
     from tacauchy_rig.cli.folders import replay_and_show, report_and_exit
-    from tacauchy_rig.loop.ahead import pressing_ahead
+    from tacauchy_rig.loop.ahead import going_ahead
     from tacauchy_rig.loop.opening import open_run
 
     if asked.press_only:
@@ -220,10 +221,13 @@ def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None
         say(f"recorded in {store.paths.root}")
         raise typer.Exit(result.exit_code or int(not asked.is_whole))
     # A twin takes what the devices leave of the processors.
-    with pressing_ahead(config) if not asked.watched.twin else nullcontext() as press:
+    early = (
+        nullcontext() if asked.watched.twin else going_ahead(config, emulated_calibration(store))
+    )
+    with early as ahead:
         _press_confirmed(store, config, asked)
         recorded = open_run(store.paths.root)
-        replay_and_show(recorded, press=press)
+        replay_and_show(recorded, ahead=ahead)
     report_and_exit(recorded, asked.json_file)
 
 

@@ -1,70 +1,106 @@
-"""The longest part of a replay while its run is still recorded, by a process beside.
+"""What a replay takes longest for, while its run is still recorded, by a process beside.
 
 How the gel goes to the largest force depends on nothing that is measured but its modulus, and a
-stiffer gel goes on from there (``sim/walk.py``). The process is the last to be served.
+stiffer gel goes on from there (``sim/walk.py``); optics know nothing of the presses. The process is
+the last to be served, and works beside the replay too.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import Protocol
+from functools import partial
 
+from sim.sensor.sensor import Sensor
 from sim.walk import Walk
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RigError
-from tacauchy_rig.loop.optics import Say, say_nothing
+from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
 from tacauchy_rig.loop.parts import Part
 from tacauchy_rig.loop.pressing import Pressed, press_parts, walk_ahead
+from tacauchy_rig.loop.settings import sensor_of
 from tacauchy_rig.side_by_side import beside
 
 _NICE = 19
-# Of the process beside: what it walked.
+# Of the process that went ahead: what it walked.
 _walks: list[Walk] = []
 
-
-class Press(Protocol):
-    """Presses the parts of a run, as ``press_parts`` does."""
-
-    def __call__(self, parts: Sequence[Part], *, on_progress: Say = say_nothing) -> list[Pressed]:
-        """Press, and tell of it."""
-        ...
+Seen = tuple[OpticalCalibration, list[str]]
+"""How images are rendered, and what was said of it."""
 
 
-@contextmanager
-def pressing_ahead(config: RigConfig) -> Iterator[Press]:
-    """Begin to press a run's largest force, and give what goes on from there once it is recorded.
+class Beside:
+    """A process that works beside a replay.
 
-    Where nobody else has a processor to spare for it, or the process is gone, everything is pressed
-    when it is asked for.
+    Args:
+        other: It.
+        optics: Tells there how images are rendered.
     """
-    if len(os.sched_getaffinity(0)) < 2:
-        yield press_parts
-        return
-    with beside() as other:
-        other.submit(_walk, config)
-        yield _Beside(other)
 
+    def __init__(self, other: Executor, optics: Callable[[], Seen]) -> None:
+        self.other, self._optics = other, optics
+        self._seen = other.submit(optics)
 
-class _Beside:
-    """Presses in the process that went ahead."""
+    def seen(self) -> Seen:
+        """Return how images are rendered; what could not be told ahead is told now.
 
-    def __init__(self, other: Executor) -> None:
-        self._other = other
-
-    def __call__(self, parts: Sequence[Part], *, on_progress: Say = say_nothing) -> list[Pressed]:
-        """Press there, or here if it is gone."""
+        Raises:
+            ConfigError: As for ``optics_of``.
+        """
         try:
-            pressed, said = self._other.submit(_press, parts).result()
-        except BrokenProcessPool:
-            on_progress("the process that pressed ahead is gone: pressing anew")
-            return press_parts(parts, on_progress=on_progress)
+            return self._seen.result()
+        except RigError:
+            return self.other.submit(self._optics).result()
+
+    def press(self, parts: Sequence[Part], *, on_progress: Say = say_nothing) -> list[Pressed]:
+        """Press the parts of a run as ``press_parts`` does; here, while optics are told there."""
+        return press_parts(parts, on_progress=on_progress)
+
+
+class Ahead(Beside):
+    """One that has begun while the run was recorded."""
+
+    def __init__(self, other: Executor, optics: Callable[[], Seen], config: RigConfig) -> None:
+        other.submit(_walk, config)
+        super().__init__(other, optics)
+
+    def press(self, parts: Sequence[Part], *, on_progress: Say = say_nothing) -> list[Pressed]:
+        """Press there, on from where it went."""
+        pressed, said = self.other.submit(_press, parts).result()
         for line in said:
             on_progress(line)
         return pressed
+
+
+@contextmanager
+def going_ahead(config: RigConfig, calibrate: Calibrate | None) -> Iterator[Ahead | None]:
+    """Begin with a run's replay before it is recorded; with one processor, give nothing.
+
+    Args:
+        calibrate: As for ``replay_run``.
+
+    Raises:
+        ConfigError: The configured sensor does not exist.
+    """
+    if len(os.sched_getaffinity(0)) < 2:
+        yield None
+        return
+    with beside() as other:
+        yield Ahead(other, optics_told(config, sensor_of(config), calibrate), config)
+
+
+def optics_told(
+    config: RigConfig, sensor: Sensor, calibrate: Calibrate | None
+) -> Callable[[], Seen]:
+    """Return what tells how images of a sensor are rendered; it can be pickled."""
+    return partial(_seen, config.sensor.optics_calibration, sensor, calibrate)
+
+
+def _seen(given: str, sensor: Sensor, calibrate: Calibrate | None) -> Seen:
+    said: list[str] = []
+    return optics_of(given, sensor, calibrate=calibrate, on_progress=said.append), said
 
 
 def _walk(config: RigConfig) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 from reports.arrays import ColorImage
@@ -12,10 +13,10 @@ from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.model import PoseSource
-from tacauchy_rig.loop.ahead import Press
+from tacauchy_rig.loop.ahead import Ahead, Beside, Seen, optics_told
 from tacauchy_rig.loop.image_causes import SplitPart, split_images
 from tacauchy_rig.loop.mounting import find_offset, offset_of
-from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
+from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, say_nothing
 from tacauchy_rig.loop.parts import Part, parts_of
 from tacauchy_rig.loop.passed import passed_arrays
 from tacauchy_rig.loop.pressing import (
@@ -44,7 +45,7 @@ def replay_run(
     tolerance: Tolerance | None = None,
     calibrate: Calibrate | None = None,
     on_progress: Say = say_nothing,
-    press: Press = press_parts,
+    ahead: Ahead | None = None,
 ) -> Replay:
     """Replay every trial of a run that has a measured force, and keep fields and images.
 
@@ -54,7 +55,7 @@ def replay_run(
         calibrate: How the sensor is calibrated where the run's configuration names no calibration
             file; its file's nominal lamps do without it.
         on_progress: Told of every step.
-        press: What presses; the process that went ahead while the run was recorded.
+        ahead: What began while the run was recorded; its ``calibrate`` counts.
 
     Raises:
         RecordError: No trial has a measured force.
@@ -67,20 +68,19 @@ def replay_run(
     sensor = parts[0].inputs.sensor
     check_optics(config, sensor)
     parts = _with_presses(run, parts)
-    with beside() as other:
-        seen = other.submit(_optics, config.sensor.optics_calibration, sensor, calibrate)
+    with _company(ahead, optics_told(config, sensor, calibrate)) as company:
         mountings = [mounted(each.run, each.inputs, on_progress=on_progress) for each in parts]
         parts = [
             replace(part, inputs=found.inputs) for part, found in zip(parts, mountings, strict=True)
         ]
-        pressed = press(parts, on_progress=on_progress)
-        optics, said = seen.result()
+        pressed = company.press(parts, on_progress=on_progress)
+        optics, said = company.seen()
         for line in said:
             on_progress(line)
         rendered = _rendered(parts, pressed, optics)
         places: tuple[FoundValue, ...] = ()
         if config.replay.pose is PoseSource.FOUND:
-            places, parts, again = _where_seen(parts, rendered, optics, press, on_progress)
+            places, parts, again = _where_seen(parts, rendered, optics, on_progress)
             if again is not None:
                 pressed, rendered = again
         rendered = [
@@ -90,7 +90,9 @@ def replay_run(
         on_progress("trying what uncertain inputs change of the force")
         values = [(*found.values, *places) for found in mountings]
         tried = [
-            other.submit(force_inputs, part.inputs, config, measured_depths(part.run), found=known)
+            company.other.submit(
+                force_inputs, part.inputs, config, measured_depths(part.run), found=known
+            )
             for part, known in zip(parts, values, strict=True)
         ]
         residual = _residual(parts, rendered, optics, on_progress)
@@ -110,6 +112,15 @@ def replay_run(
     replay = _together([replay for replay, _ in rendered], models, residual)
     store.save_replay(replay, {i: kept for _, by_trial in rendered for i, kept in by_trial.items()})
     return replay
+
+
+@contextmanager
+def _company(ahead: Ahead | None, optics: Callable[[], Seen]) -> Iterator[Beside]:
+    if ahead is not None:
+        yield ahead
+        return
+    with beside() as other:
+        yield Beside(other, optics)
 
 
 def _with_presses(run: RunReading, parts: Sequence[Part]) -> list[Part]:
@@ -148,7 +159,6 @@ def _where_seen(
     parts: Sequence[Part],
     rendered: list[Rendered],
     optics: OpticalCalibration,
-    press: Press,
     on_progress: Say,
 ) -> tuple[tuple[FoundValue, ...], list[Part], tuple[list[Pressed], list[Rendered]] | None]:
     """Press again where images show the contact, if that is beside the stated place.
@@ -165,7 +175,7 @@ def _where_seen(
         return values, list(parts), None
     on_progress("  the contact is seen beside its place: again there")
     moved = [part.moved(at) for part in parts]
-    pressed = press(moved, on_progress=on_progress)
+    pressed = press_parts(moved, on_progress=on_progress)
     again = [
         (replace(replay, model=replace(replay.model, found_offset_m=at)), kept)
         for replay, kept in _rendered(moved, pressed, optics)
@@ -220,14 +230,6 @@ def _together(
         model=replace(first, residual=residual),
         others=tuple(others),
     )
-
-
-def _optics(
-    given: str, sensor: Sensor, calibrate: Calibrate | None
-) -> tuple[OpticalCalibration, list[str]]:
-    """Return how images are rendered, and what was said of it."""
-    said: list[str] = []
-    return optics_of(given, sensor, calibrate=calibrate, on_progress=said.append), said
 
 
 def render_again(

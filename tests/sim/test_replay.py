@@ -89,7 +89,7 @@ def test_a_stiffer_gel_goes_on_from_where_another_passed(friction: float, stiffe
         shear = (each.arrays["contact_shear_pa"] for each in (found, known_fields))
         assert np.abs(np.subtract(*shear)).max() < 5e-3 * pressure
     assert gone_on[0].model.young_pa == other.material.young_pa
-    assert gone_on[0].model.wall_s > walk.wall_s
+    assert gone_on[0].model.wall_s > walk.took_s
 
 
 @pytest.mark.parametrize("beyond", [0.0, 1e-11, 1e-9])

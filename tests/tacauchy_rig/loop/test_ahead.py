@@ -1,18 +1,21 @@
-"""Pressing ahead: the same replay, whoever took the walk, and also where its process is gone."""
+"""Going ahead: the same replay, whoever took the walk."""
 
 from __future__ import annotations
 
 import os
-import signal
-from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
+from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop import ahead
 from tacauchy_rig.loop.opening import open_run
+from tacauchy_rig.loop.optics import OpticalCalibration, Say, nominal_optics
 from tacauchy_rig.loop.parts import Part, parts_of
 from tacauchy_rig.loop.pressing import Pressed, press_parts, walk_ahead
 from tacauchy_rig.run import Outcome, TrialRecord
@@ -92,27 +95,34 @@ def test_a_walk_of_another_scene_serves_nobody(parts: list[Part]) -> None:
 def test_the_process_beside_presses_the_same(parts: list[Part], alone: Pressed) -> None:
     """What it has to tell is told."""
     said: list[str] = []
-    with ahead.pressing_ahead(parts[0].config) as press:
-        assert press is not press_parts
-        (pressed,) = press(parts, on_progress=said.append)
+    with ahead.going_ahead(parts[0].config, None) as company:
+        assert company is not None
+        (pressed,) = company.press(parts, on_progress=said.append)
+        optics, told = company.seen()
     _alike(pressed, alone)
     assert any("times the stated modulus" in line for line in said)
+    assert optics.model.provenance
+    assert "nominal optics" in told[0]
 
 
-def test_a_process_that_is_gone_costs_time_alone(
-    parts: list[Part], alone: Pressed, monkeypatch: pytest.MonkeyPatch
+def test_optics_that_could_not_be_told_ahead_are_told_when_asked(
+    parts: list[Part], tmp_path: Path
 ) -> None:
-    """Everything is pressed here, and that is said."""
-    monkeypatch.setattr(ahead, "_press", _killed)
-    said: list[str] = []
-    with ahead.pressing_ahead(parts[0].config) as press:
-        (pressed,) = press(parts, on_progress=said.append)
-    _alike(pressed, alone)
-    assert any("is gone" in line for line in said)
+    """The emulated world, or a file, came later."""
+    there = tmp_path / "there"
+    with ahead.going_ahead(parts[0].config, partial(_if_there, there)) as company:
+        assert company is not None
+        company.other.submit(len, ()).result()
+        there.touch()
+        _, told = company.seen()
+    assert told == ["it is there"]
 
 
-def _killed(_parts: Sequence[Part]) -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
+def _if_there(path: Path, sensor: Sensor, say: Say) -> OpticalCalibration:
+    if not path.exists():
+        raise RecordError(f"{path} is not there")
+    say("it is there")
+    return nominal_optics(sensor)
 
 
 def test_nobody_goes_ahead_on_one_processor(
@@ -120,8 +130,8 @@ def test_nobody_goes_ahead_on_one_processor(
 ) -> None:
     """The devices need it."""
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
-    with ahead.pressing_ahead(parts[0].config) as press:
-        assert press is press_parts
+    with ahead.going_ahead(parts[0].config, None) as company:
+        assert company is None
 
 
 def test_what_nobody_can_know_before_is_not_pressed_before() -> None:
