@@ -10,6 +10,7 @@ from typing import Any
 from protocols.processes.channel import Channel
 from protocols.processes.launched import Launched
 from protocols.processes.messages import Job, Order
+from tacauchy_rig.errors import RigError
 
 logger = logging.getLogger(__name__)
 
@@ -17,6 +18,7 @@ SILENT_S = 5.0
 START_S = 30.0
 STARTS_MAX = 6
 END_S = 2.0
+_NO_MORE = "not started again"
 
 
 class Viewer:
@@ -32,7 +34,7 @@ class Viewer:
         self.name = name
         self._module = module
         self._job = job
-        self._starts = 0
+        self._starts, self._started_s = 0, 0.0
         self._given_up = ""
         self._child: Launched | None = None
         self._start()
@@ -71,11 +73,19 @@ class Viewer:
             child.kill()
         if not child.has_ended:
             return ""
-        end = child.describe_end()
+        end, refused = child.describe_end(), self._refused(child)
         child.close()
         self._child = None
-        self._start()
+        if refused:
+            self._given_up = _NO_MORE
+        else:
+            self._start()
         return f"{end}; {self._given_up or 'started again'}; the run goes on"
+
+    def _refused(self, child: Launched) -> bool:
+        """Return whether it said at its start that it cannot be: it would say so again."""
+        at_start = time.monotonic() - self._started_s < START_S
+        return at_start and not child.killed and child.process.poll() == RigError.exit_code
 
     def end(self) -> None:
         """Let it finish, and end it if it does not."""
@@ -95,8 +105,9 @@ class Viewer:
 
     def _start(self) -> None:
         self._starts += 1
+        self._started_s = time.monotonic()
         if self._starts > STARTS_MAX:
-            self._given_up = "not started again"
+            self._given_up = _NO_MORE
             return
         try:
             job = replace(self._job, again=self._starts > 1)

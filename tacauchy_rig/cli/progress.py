@@ -18,7 +18,7 @@ from tacauchy_rig.run import JournalEvent, Outcome
 
 PROGRESS = "progress"
 
-_PHASES = {
+PHASES = {
     "preflight": "checking that everything answers",
     "air-press": "pressing the air above the gel first",
     "home": "going home",
@@ -28,6 +28,7 @@ _PHASES = {
     "search": "searching for contact",
     "press": "pressing to the target",
     "dwell": "holding the force, taking pictures",
+    "sway": "going up and down a little, which tells delays",
     "retract": "letting go",
     "drift-check": "weighing nothing again",
     "verdict": "judging",
@@ -110,7 +111,7 @@ class SessionProgress:
 
     def _enter(self, event: JournalEvent) -> None:
         name = str(event.detail.get("phase", ""))
-        self._phase = _PHASES.get(name, name)
+        self._phase = PHASES.get(name, name)
         if console.is_terminal:
             self._update(event)
         elif name != "fault":  # by then the arm is safe, and the next line says what it was

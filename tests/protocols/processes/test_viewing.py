@@ -69,6 +69,25 @@ def test_a_page_that_dies_again_and_again_is_given_up(job, monkeypatch):
     viewing.close()
 
 
+@pytest.mark.parametrize(("status", "starts_again"), [(2, False), (1, True)])
+def test_what_says_at_its_start_that_it_cannot_be_is_not_started_again(
+    job, monkeypatch, tmp_path, status, starts_again
+):
+    """Two is the exit status of what is refused with a remedy, and it would be again."""
+    words = "no such sensor"
+    (tmp_path / "refusing.py").write_text(f"import sys\nprint({words!r})\nsys.exit({status})\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    viewer = viewer_module.Viewer("twin", job, module="refusing")
+    deadline = time.monotonic() + 60.0
+    while not (happened := viewer.look()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    assert words in happened
+    assert ("not started again" not in happened) is starts_again
+    assert (viewer.pid != 0) is starts_again
+    viewer.close()
+
+
 def test_a_viewer_that_says_nothing_is_ended(job, monkeypatch):
     """Stopped, it neither reads nor dies: silence is what shows it."""
     viewing = Viewing(PageWish(), job)
