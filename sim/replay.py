@@ -13,7 +13,7 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.error.estimate import ErrorEstimate, estimate_from, estimated, failed, rung
 from sim.error.settings import setting_of
-from sim.error.tolerance import Tolerance, alternatives, keeping
+from sim.error.tolerance import Tolerance, alternatives
 from sim.fields.passed import PassedStates, passed_state
 from sim.fields.press_fields import TrialFields, trial_fields
 from sim.mesh.elements import ElementOrder
@@ -38,7 +38,6 @@ def replay_scene(
     forces_n: Sequence[float],
     *,
     preset: Preset = Preset.BALANCED,
-    tolerance: Tolerance | None = None,
     tolerance_n: float = 0.08,
     drive: Drive = Drive.LOAD,
     friction: float = 0.0,
@@ -50,14 +49,10 @@ def replay_scene(
 
     Args:
         forces_n: Pressing forces [N].
-        tolerance: Take the cheapest preset that keeps the largest F_z within this instead.
         tolerance_n: Largest |F_z simulated - measured| [N].
         tilt_rad: Rotations of the indenter about x and y [rad].
         centre_m: Where its tip comes down [m].
         duration_s: Time from touch to dwell [s], for a gel that relaxes.
-
-    Raises:
-        ConfigError: No preset keeps the tolerance.
     """
     target = Target(force_n=max([0.0, *forces_n]))
     asked = {
@@ -71,8 +66,7 @@ def replay_scene(
         "duration_s": duration_s,
         "outputs": frozenset(Output),
     }
-    scene = sensor.scene(indenter, target, **asked)
-    return scene if tolerance is None else keeping(scene, tolerance)
+    return sensor.scene(indenter, target, **asked)
 
 
 def replay_forces(

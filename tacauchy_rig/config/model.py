@@ -180,7 +180,8 @@ class PoseSource(StrEnum):
 class ReplaySection(Section):
     """How trials are replayed: model settings that override the sensor's file.
 
-    ``tolerance``, such as ``0.02N`` or ``1%``, chooses the preset in place of ``preset``. With
+    ``preset`` ``auto`` is the cheapest that promises F_z within 3 %, or ``balanced`` where none
+    does. ``tolerance``, such as ``0.02N`` or ``1%``, chooses in place of ``preset``. With
     ``modulus`` ``depths`` the stated modulus, of all layers, is multiplied by what makes the
     simulated forces at the run's measured depths agree with the measured ones; ``young`` is taken
     as it is. ``law`` is the gel's constitutive law, ``friction`` Coulomb's coefficient between

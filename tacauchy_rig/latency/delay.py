@@ -32,9 +32,9 @@ BLOCKS = 6
 """Parts that are fitted by themselves: their scatter is the uncertainty, whatever the noise is."""
 MIN_SAMPLES_A_BLOCK = 25
 STALE_MADS, STALE_PASSES = 3.5, 5
-"""A sample off by so many times the spread of all shows another moment: a camera that came too late
-repeats an older image. The spread is the scaled median of the absolute residuals, and the limit that
-of Iglewicz and Hoaglin 1993."""
+"""A sample off by so many times the spread of all shows another moment: a camera that came too
+late repeats an older image. The spread is the scaled median of the absolute residuals, and the
+limit that of Iglewicz and Hoaglin 1993."""
 MIN_EXPLAINED = 0.5
 """Part of a signal's variance; with less of it explained nothing was seen of the motion."""
 

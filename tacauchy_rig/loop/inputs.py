@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from sim.effects.plan import PRESET_TOLERANCE
 from sim.error.settings import setting_of
-from sim.error.tolerance import Tolerance
+from sim.error.tolerance import Tolerance, keeping
 from sim.replay import replay_scene
 from sim.scene.indenter import Indenter
 from sim.scene.scene import Drive, Preset, Scene
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.loop.settings import (
+    AUTO,
+    OF_AUTO,
     check_optics,
     drive_of,
     indenter_of,
@@ -46,6 +50,10 @@ class ReplayInputs:
 
     Attributes:
         tolerance: Take the cheapest preset that keeps it; None takes ``preset``.
+        is_auto: ``preset`` counts only until forces are known, or if they tell no cheaper one.
+        refinement: Every edge so many times shorter than the preset's.
+        effects_error: Relative error of F_z that what is left out may have; None is the preset's.
+        promised: The tolerance that preset and refinement were chosen for.
         force_tolerance_n: Largest |F_z simulated - measured| [N].
         friction: Coulomb coefficient between indenter and gel.
         duration_s: Time from touch to dwell [s], for a gel that relaxes.
@@ -57,6 +65,10 @@ class ReplayInputs:
     drive: Drive
     force_tolerance_n: float
     tolerance: Tolerance | None = None
+    is_auto: bool = False
+    refinement: float = 1.0
+    effects_error: float | None = None
+    promised: Tolerance | None = None
     friction: float = 0.0
     mounting: Mounting = field(default_factory=Mounting)
     duration_s: float = 1.0
@@ -67,18 +79,40 @@ class ReplayInputs:
         Raises:
             ConfigError: No preset keeps the tolerance.
         """
-        return replay_scene(
+        scene = replay_scene(
             self.sensor,
             self.indenter,
             forces_n,
             preset=self.preset,
-            tolerance=self.tolerance,
             drive=self.drive,
             tolerance_n=self.force_tolerance_n,
             friction=self.friction,
             tilt_rad=self.mounting.tilt_rad,
             centre_m=self.mounting.offset_m,
             duration_s=self.duration_s,
+        )
+        if self.tolerance is not None:
+            return keeping(scene, self.tolerance)
+        return replace(scene, refinement=self.refinement, tolerance=self.effects_error)
+
+    def settled(self, forces_n: Sequence[float]) -> ReplayInputs:
+        """Return the inputs with the preset that ``auto`` is for some forces [N].
+
+        What is left out may cost as much as the named preset allows: the mesh alone is chosen.
+        """
+        if not self.is_auto:
+            return self
+        named = replace(self, is_auto=False)
+        try:
+            chosen = keeping(named.scene(forces_n), OF_AUTO)
+        except ConfigError:
+            return named
+        return replace(
+            named,
+            preset=chosen.preset,
+            refinement=chosen.refinement,
+            effects_error=PRESET_TOLERANCE[self.preset],
+            promised=OF_AUTO,
         )
 
 
@@ -95,6 +129,7 @@ def inputs_of(config: RigConfig) -> ReplayInputs:
         drive=drive_of(config),
         force_tolerance_n=config.replay.force_tolerance,
         tolerance=tolerance_of(config),
+        is_auto=config.replay.preset == AUTO and config.replay.tolerance is None,
         friction=config.replay.friction,
         mounting=Mounting(
             lean_rad=config.replay.tilt or (0.0, 0.0), offset_m=config.replay.offset or (0.0, 0.0)
@@ -114,6 +149,7 @@ def check_replay(config: RigConfig) -> str:
     """
     inputs = inputs_of(config)
     scene = inputs.scene(config.protocol.force_targets)
+    chosen = AUTO if inputs.is_auto else setting_of(scene)
     kept = "" if inputs.tolerance is None else f" for a tolerance of {inputs.tolerance}"
     optics = check_optics(config, inputs.sensor)
-    return f"{inputs.sensor.title}, preset {setting_of(scene)}{kept}, {optics}"
+    return f"{inputs.sensor.title}, preset {chosen}{kept}, {optics}"

@@ -56,18 +56,18 @@ def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Par
     if len(groups) == 1:
         told = [trials[index].place_m for index in groups[0]]
         known = not told or None not in told or config.replay.offset is not None
-        inputs = _inputs(config, tolerance)
+        inputs = _inputs(config, tolerance, run)
         return [Part(run=run, inputs=inputs, config=config, place_known=known)]
     parts = []
     for indices in groups:
-        own = [trials[index] for index in indices]
+        own, reading = [trials[index] for index in indices], run.of(indices)
         place, indenter = _place(own), own[0].indenter
         own_config = _pressed_so(config, indenter, place)
         where = "place unknown" if place is None else _millimetres(place)
         parts.append(
             Part(
-                run=run.of(indices),
-                inputs=_inputs(own_config, tolerance),
+                run=reading,
+                inputs=_inputs(own_config, tolerance, reading),
                 config=own_config,
                 place_known=place is not None or config.replay.offset is not None,
                 told=f", {indenter or 'the indenter of the run'}, {where}",
@@ -109,9 +109,15 @@ def _pressed_so(config: RigConfig, indenter: str, place: Place | None) -> RigCon
     return config.model_copy(update={"replay": config.replay.model_copy(update=said)})
 
 
-def _inputs(config: RigConfig, tolerance: Tolerance | None) -> ReplayInputs:
+def _inputs(config: RigConfig, tolerance: Tolerance | None, run: RunReading) -> ReplayInputs:
     inputs = inputs_of(config)
-    return replace(inputs, tolerance=tolerance or inputs.tolerance)
+    if tolerance is not None:
+        return replace(inputs, tolerance=tolerance, is_auto=False)
+    if not config.is_imported:  # what is pressed ahead of measuring knows the targets alone
+        return inputs.settled(config.protocol.force_targets)
+    known = [record.force_measured_n for record in run.records.values() if record is not None]
+    forces_n = [force_n for force_n in known if force_n is not None]
+    return inputs.settled(forces_n) if forces_n else replace(inputs, is_auto=False)
 
 
 def _millimetres(place: Place) -> str:

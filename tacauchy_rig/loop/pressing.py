@@ -109,7 +109,7 @@ def walk_ahead(config: RigConfig) -> Walk | None:
         ConfigError: A configured name does not exist, or no preset keeps the tolerance.
         ConvergenceError: The force cannot be reached.
     """
-    inputs = inputs_of(config)
+    inputs = inputs_of(config).settled(config.protocol.force_targets)
     if any(inputs.mounting.lean_rad) or not tells_modulus(config):
         return None
     scene = _walk_scene(inputs, config, config.protocol.force_targets)
@@ -127,7 +127,7 @@ def _pressed(part: Part, fit: ModulusFit | None, walk: Walk | None, on_progress:
     replay, fields = replay_forces(
         scene,
         forces_n,
-        tolerance=inputs.tolerance,
+        tolerance=inputs.tolerance or inputs.promised,
         name=REPLAY_NAME,
         on_progress=lambda _, text: on_progress(f"  {text}"),
         walk=walk,

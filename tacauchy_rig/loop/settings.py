@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import StrEnum
 from typing import TypeVar
@@ -18,6 +19,10 @@ from tacauchy_rig.loop.optics import calibrated_optics
 from tacauchy_rig.registry import Kind, names, unknown
 
 _Closed = TypeVar("_Closed", bound=StrEnum)
+
+AUTO = "auto"
+"""In place of a preset: the cheapest that promises F_z within 3 %, or ``balanced`` if none does."""
+OF_AUTO = Tolerance(relative=0.03)
 
 
 def check_names(config: RigConfig) -> None:
@@ -85,12 +90,14 @@ def sensor_of(config: RigConfig) -> Sensor:
 
 
 def preset_of(config: RigConfig) -> Preset:
-    """Return the configured preset.
+    """Return the configured preset; of ``auto``, the one for where no tolerance is promised.
 
     Raises:
         ConfigError: There is none of that name.
     """
-    return _member(Preset, config.replay.preset, "replay.preset", "preset")
+    if config.replay.preset == AUTO:
+        return Preset.BALANCED
+    return _member(Preset, config.replay.preset, "replay.preset", "preset", others=[AUTO])
 
 
 def tolerance_of(config: RigConfig) -> Tolerance | None:
@@ -112,13 +119,15 @@ def drive_of(config: RigConfig) -> Drive:
     return _member(Drive, config.replay.drive, "replay.drive", "way to reach a force")
 
 
-def _member(kind: type[_Closed], value: str, field: str, what: str) -> _Closed:
+def _member(
+    kind: type[_Closed], value: str, field: str, what: str, *, others: Sequence[str] = ()
+) -> _Closed:
     try:
         return kind(value)
     except ValueError as error:
         raise ConfigError(
             f"{field}: {value!r} is no {what}",
-            remedy=f"one of: {', '.join(known.value for known in kind)}",
+            remedy=f"one of: {', '.join([*others, *(known.value for known in kind)])}",
         ) from error
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import pyvista
 
-from sim.error.tolerance import Tolerance
+from sim.error.tolerance import Tolerance, keeping
 from sim.fields.press_fields import TrialFields
 from sim.mesh.elements import linear_facets
 from sim.replay import replay_forces, replay_scene
@@ -141,7 +141,7 @@ def test_a_replay_says_what_it_cost_and_what_its_neighbours_would_have(
 def test_a_tolerance_chooses_the_replays_preset() -> None:
     """By the largest of the forces, before anything is meshed."""
     sensor = load_sensor("gelsight-mini")
-    wide = replay_scene(sensor, PUNCH, FORCES, tolerance=Tolerance(relative=0.3))
+    wide = keeping(replay_scene(sensor, PUNCH, FORCES), Tolerance(relative=0.3))
     assert wide.preset is Preset.FAST
     assert wide.target.force_n == max(FORCES)
     assert replay_scene(sensor, PUNCH, FORCES).preset is Preset.BALANCED

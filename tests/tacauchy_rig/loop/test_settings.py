@@ -8,9 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from sim.effects.plan import PRESET_TOLERANCE
+from sim.error.tolerance import Tolerance
 from sim.optics.colour.nominal import nominal_photometric
 from sim.scene.indenter import describe
-from sim.scene.scene import ContactMode
+from sim.scene.scene import ContactMode, Preset
 from sim.sensor.optics import Lamp
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.config.load import load_config
@@ -30,8 +32,39 @@ def configured(*overrides: str) -> RigConfig:
 
 def test_the_line_names_sensor_preset_and_tolerance() -> None:
     """What chooses the preset stands beside it."""
-    assert check_replay(configured()).startswith("GelSight Mini, preset balanced, optics")
+    assert check_replay(configured()).startswith("GelSight Mini, preset auto, optics")
+    named = configured("replay.preset=accurate")
+    assert check_replay(named).startswith("GelSight Mini, preset accurate, optics")
     assert "for a tolerance of 5% of F_z" in check_replay(configured("replay.tolerance=5%"))
+
+
+def test_auto_is_the_cheapest_preset_that_promises_its_tolerance() -> None:
+    """The mesh is chosen, and effects are left out as on the preset that it would be else."""
+    settled = inputs_of(configured()).settled([1.0])
+    scene = settled.scene([1.0])
+    assert scene.preset is Preset.FAST
+    assert 1.0 < scene.refinement < 2.2
+    assert scene.tolerance == PRESET_TOLERANCE[Preset.BALANCED]
+    assert str(settled.promised) == "3% of F_z"
+    assert settled.settled([4.0]) is settled
+
+
+def test_auto_is_a_named_preset_where_none_promises_its_tolerance(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A run is replayed all the same, and nothing is promised."""
+    monkeypatch.setattr("tacauchy_rig.loop.inputs.OF_AUTO", Tolerance(relative=1e-7))
+    settled = inputs_of(configured()).settled([1.0])
+    scene = settled.scene([1.0])
+    assert (scene.preset, scene.refinement, scene.tolerance) == (Preset.BALANCED, 1.0, None)
+    assert settled.promised is None
+
+
+def test_a_preset_or_a_tolerance_that_is_given_is_not_chosen_anew() -> None:
+    """Each takes the place of ``auto``."""
+    for override in ("replay.preset=balanced", "replay.tolerance=5%"):
+        inputs = inputs_of(configured(override))
+        assert inputs.settled([1.0]) is inputs
 
 
 def test_the_line_names_the_calibration(tmp_path: Path) -> None:
