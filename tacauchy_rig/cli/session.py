@@ -220,11 +220,9 @@ def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None
         result = _press_confirmed(store, config, asked)
         say(f"recorded in {store.paths.root}")
         raise typer.Exit(result.exit_code or int(not asked.is_whole))
+    calibrate = emulated_calibration(store, to_be_pressed=True)
     # A twin takes what the devices leave of the processors.
-    early = (
-        nullcontext() if asked.watched.twin else going_ahead(config, emulated_calibration(store))
-    )
-    with early as ahead:
+    with nullcontext() if asked.watched.twin else going_ahead(config, calibrate) as ahead:
         _press_confirmed(store, config, asked)
         recorded = open_run(store.paths.root)
         replay_and_show(recorded, ahead=ahead)
