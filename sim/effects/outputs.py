@@ -1,7 +1,9 @@
 """What a press answers: each output as one size, and how far two presses of one mesh differ in it.
 
 All of it is found from the contact's points and the surface's corners, so that a coarse press that
-is only tried costs no stress recovery. Differences are held against the second press:
+is only tried costs no stress recovery. Pressure and shear are the contact's forces along and across
+the indenter's normal, as in the fields that are written: a flat face's normal is another under a
+fillet, and pressure would pass for shear. Differences are held against the second press:
 
 | output | size | difference |
 |---|---|---|
@@ -20,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.arrays import FloatArray
+from sim.fields.contact_traction import split_forces
 from sim.scene.scene import Output
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
@@ -114,11 +117,8 @@ def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
     """Return what an equilibrium answers; images and markers are held against the untouched gel."""
     model, before, now = path.model, path.unloaded, point.state.positions
     copies = model.mesh.symmetry.copies
-    vectors = model.surface.area_vectors(now).sum(axis=1)
-    areas = np.linalg.norm(vectors, axis=1, keepdims=True)
-    normals = vectors / areas
-    traction = -point.equilibrium.contact.forces.sum(axis=1) / areas
-    along = np.einsum("ni,ni->n", traction, normals)[:, None]
+    areas = np.linalg.norm(model.surface.area_vectors(now).sum(axis=1), axis=1)
+    _, pressing_n, tangential_n = split_forces(point)
     corners = model.faces[:, :3]
     rest, bent = (_vectors(nodes[corners]) for nodes in (before, now))
     sizes = np.linalg.norm(rest, axis=1)
@@ -129,8 +129,8 @@ def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
         stiffness_n_m=point.stiffness_n_m,
         depth_m=point.depth_m,
         areas_m2=copies * 0.5 * sizes,
-        pressure_pa=-along[:, 0],
-        shear_pa=traction - along * normals,
+        pressure_pa=pressing_n.sum(axis=1) / areas,
+        shear_pa=tangential_n.sum(axis=1) / areas[:, None],
         top_m2=copies * 0.5 * sizes[top],
         slopes=np.subtract(*units),
         motion_m=(now - before)[corners].mean(axis=1)[top, :2],

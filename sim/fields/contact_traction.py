@@ -57,12 +57,13 @@ def split_forces(point: PathPoint) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Split the contact forces on the gel along the indenter's normals, [face, point, ...].
 
     Outward unit normals, zero where nothing touches, come first, then normal forces [N], which
-    press on the gel, and tangential ones [N].
+    press on the gel, and tangential ones [N], of which a contact that grips nothing has none.
     """
     contact, grip = point.equilibrium.contact, point.state.grip
     normals = unit(contact.forces if grip is None else grip.loads @ point.state.rotation.T)
     along = -np.einsum("fpi,fpi->fp", contact.forces, normals)
-    return normals, np.abs(along), -contact.forces - along[..., None] * normals
+    across = -contact.forces - along[..., None] * normals
+    return normals, np.abs(along), across if grip is not None else np.zeros_like(across)
 
 
 def unit(vectors: FloatArray) -> FloatArray:

@@ -15,6 +15,8 @@ from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, SolverOptions
 _PASSING = 1e-4
 # A load that is asked for is met as closely.
 _LOAD_MET = 1e-7
+# Of F_z: what it changes by less tells no stiffness; in passing it is met to a tenth of that.
+_TELLS_STIFFNESS = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,8 +26,8 @@ class PathPoint:
     Attributes:
         depth_m: Travel below first touch of the unloaded pad [m].
         force_n: Force on the indenter in the pad's frame [N], shape [3]; +z in compression.
-        stiffness_n_m: dF_z / d(depth) since the point before [N/m]; that point's where it did not
-            go deeper.
+        stiffness_n_m: dF_z / d(depth) since the point before [N/m]; that point's where it was not
+            pressed deeper: what slides under a load sinks without a force.
     """
 
     depth_m: float
@@ -105,10 +107,11 @@ class Settling:
         if before is not None:
             rise, travel = rise - float(before.force_n[2]), depth - before.depth_m
             last = before.stiffness_n_m
+        is_pressed = rise * travel > 0.0 and abs(rise) > _TELLS_STIFFNESS * abs(float(force[2]))
         return PathPoint(
             depth_m=depth,
             force_n=force,
-            stiffness_n_m=rise / travel if rise * travel > 0.0 else last,
+            stiffness_n_m=rise / travel if is_pressed else last,
             state=state,
             equilibrium=found,
         )

@@ -10,10 +10,10 @@ import pytest
 from sim.effects.called_for import everything
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.scene_path import follow, path_for
-from sim.scene.indenter import Sphere
+from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
-from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene, Target
+from sim.scene.scene import ContactMode, Effect, Motion, Output, Preset, Scene, Target
 
 SCENE = Scene(
     pad=DiscPad(radius_m=6e-3, height_m=3e-3),
@@ -68,3 +68,20 @@ def test_without_friction_shear_and_markers_go_first(rough: PressOutputs) -> Non
     assert lost[Output.FORCE] < 0.1 * lost[Output.SHEAR]
     assert lost[Output.FORCE] < 0.1 * lost[Output.MARKERS]
     assert np.all(np.array(list(lost.values())) >= 0.0)
+
+
+def test_pressure_under_a_fillet_is_no_shear() -> None:
+    """Faces are flat where the indenter bends away; without friction it pushes along its normal."""
+    punch = Cylinder(diameter_m=4e-3, fillet_m=0.4e-3)
+    free = found(replace(SCENE, indenter=punch, contact=ContactMode.FRICTIONLESS, friction=0.0))
+    assert free.sizes[Output.SHEAR] < 1e-9
+
+
+def test_what_slides_under_a_load_keeps_its_stiffness() -> None:
+    """It sinks while the force stays: the force of a ball grows with the depth's 1.5th power."""
+    pushed = replace(
+        SCENE, target=Target(force_n=0.1), motion=Motion(shift_m=(0.2e-3, 0.0)), friction=0.3
+    )
+    slid = found(pushed)
+    grows = slid.stiffness_n_m * slid.depth_m / float(slid.force_n[2])
+    assert 1.3 < grows < 2.2
