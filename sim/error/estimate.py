@@ -10,7 +10,8 @@ extrapolation sees:
 
 with three numbers for each output, laid so that nine drawn presses in ten err by less. x is d_hat
 over the depth, for the barrier; for shear its own size over the pressure's, for what slides in part
-depends on where it slides. A rim cuts edges otherwise than a ball does.
+depends on where it slides, times the share of mu that is left: where all slides nothing depends on
+a mesh, and without friction there is no shear. A rim cuts edges otherwise than a ball does.
 """
 
 from __future__ import annotations
@@ -25,32 +26,31 @@ from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
 from tacauchy_rig.errors import RigError
 
-# (slope, rest, share): force, pressure and markers from 94 drawn presses on preset fast, shear and
-# image from 166, against what edges two thirds as long tend to; finer ones from 34 (docs/sim.md).
-# Pressure and shear on finer ones are a fifth to a quarter wider than that: they were short in more
-# than one of ten of 29 other presses.
+# (slope, rest, share): force, pressure and markers from 94 drawn presses on preset fast, image from
+# 166, shear from 138 that grip, against what edges two thirds as long tend to; finer ones from 34
+# (docs/sim.md). Pressure on finer ones is a fifth wider than that: it was short in more than one of
+# ten of 29 other presses.
 _Rule = dict[Output, tuple[float, float, float]]
 _FORCES: _Rule = {Output.FORCE: (0.1, 0.04, 0.0), Output.DEPTH: (0.4, 0.02, 0.0)}
 _UNDER_BALL: _Rule = {
     **_FORCES,
     Output.PRESSURE: (0.2, 0.08, 0.1),
-    Output.SHEAR: (0.6, 0.02, 0.05),
+    Output.SHEAR: (0.6, 0.01, 0.15),
     Output.IMAGE: (0.3, 0.025, 0.0),
     Output.MARKERS: (0.1, 0.07, 0.4),
 }
 _UNDER_RIM: _Rule = {
     **_FORCES,
     Output.PRESSURE: (0.5, 0.31, 0.0),
-    Output.SHEAR: (0.3, 0.002, 0.35),
+    Output.SHEAR: (0.8, 0.005, 0.25),
     Output.IMAGE: (0.2, 0.02, 1.0),
     Output.MARKERS: (0.4, 0.05, 0.0),
 }
-_FREE: _Rule = {Output.SHEAR: (0.6, 0.005, 0.4)}
 _FINER: _Rule = {
     Output.FORCE: (0.2, 0.004, 0.0),
     Output.DEPTH: (0.4, 0.003, 0.0),
     Output.PRESSURE: (1.25, 0.025, 0.0),
-    Output.SHEAR: (0.72, 0.005, 0.24),
+    Output.SHEAR: (0.4, 0.005, 0.12),
     Output.IMAGE: (0.6, 0.011, 0.0),
     Output.MARKERS: (0.6, 0.006, 0.0),
 }
@@ -119,7 +119,7 @@ def estimate_from(
     changes = coarse.outputs.changes(found)
     rule, refinement = _rule(scene, plan)
     gap = scene.contact_distance_m / max(found.depth_m, scene.contact_distance_m)
-    scale = {**dict.fromkeys(rule, gap), Output.SHEAR: found.sizes[Output.SHEAR]}
+    scale = {**dict.fromkeys(rule, gap), Output.SHEAR: _may_shift(scene, found)}
     relative = {
         output: slope * changes[output]
         + rest / refinement**2
@@ -127,6 +127,8 @@ def estimate_from(
         + plan.left_out(output)
         for output, (slope, rest, share) in rule.items()
     }
+    if scene.contact is ContactMode.FRICTIONLESS:
+        relative[Output.SHEAR] = 0.0
     if scene.target.force_n is None:
         del relative[Output.DEPTH]
     else:
@@ -152,6 +154,12 @@ def _rule(scene: Scene, plan: EffectPlan) -> tuple[_Rule, float]:
     is_ball = isinstance(scene.indenter, Sphere)
     if scene.preset is not Preset.FAST:
         return _FINER if is_ball else _FINER_RIM, scene.refinement
-    grips = plan.is_on(Effect.FRICTION) or scene.contact is ContactMode.BONDED
-    rule = _UNDER_BALL if is_ball else _UNDER_RIM
-    return rule if grips else {**rule, **_FREE}, scene.refinement
+    return _UNDER_BALL if is_ball else _UNDER_RIM, scene.refinement
+
+
+def _may_shift(scene: Scene, found: PressOutputs) -> float:
+    """Return how much shear depends on where the contact slides, over the pressure."""
+    shear = found.sizes[Output.SHEAR]
+    if scene.contact is not ContactMode.FRICTION or not scene.friction:
+        return shear
+    return shear * max(0.0, 1.0 - shear / scene.friction)
