@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
+from bisect import insort
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -24,7 +26,8 @@ if TYPE_CHECKING:
 
 def effects_check(
     only: Annotated[
-        list[str] | None, typer.Option("--only", help="A scene by name; may be repeated.")
+        list[str] | None,
+        typer.Option("--only", help="A scene by name, or a drawn one's number; may be repeated."),
     ] = None,
     list_only: Annotated[bool, typer.Option("--list", help="Name the scenes and stop.")] = False,
     random: Annotated[
@@ -45,7 +48,7 @@ def effects_check(
 ) -> None:
     """Press scenes under their plans and with everything on; say what that changes and costs."""
     limit_s = parse_quantity(limit, dimension=Dimension.TIME, field="--limit")
-    chosen = _drawn(seed, random) if random else _chosen(only or [])
+    chosen = _chosen(_drawn(seed, random) if random else _stated(), only or [])
     if list_only:
         for case in chosen:
             say(f"{case.name:22} {case.shows}")
@@ -53,13 +56,13 @@ def effects_check(
     checks: list[EffectCheck] = []
     failed: dict[str, str] = {}
     command = f"tacauchy-rig effects-check{f' --random {random} --seed {seed}' * bool(random)}"
-    command += " --errors" * errors
+    command += "".join(f" --only {shlex.quote(name)}" for name in only or []) + " --errors" * errors
     for case, found in _checked(chosen, errors=errors, limit_s=limit_s, jobs=jobs):
         if isinstance(found, str):
             failed[case.name] = f"{' '.join(found.split())} ({case.shows})"
             complain(f"{case.name:22} not pressed: {found}")
         else:
-            checks.append(found)
+            insort(checks, found, key=lambda check: chosen.index(check.case))
             say(_line(found))
         # After every scene, so that Ctrl-C leaves what was found until then.
         if out is not None and checks:
@@ -74,7 +77,7 @@ def effects_check(
 def _checked(
     cases: Sequence[EffectCase], *, errors: bool, limit_s: float, jobs: int
 ) -> Iterator[tuple[EffectCase, EffectCheck | str]]:
-    """Yield the cases in their order with what was found, or why nothing was."""
+    """Yield the cases as they are done with what was found, or why nothing was."""
     from sim.studies.effects_check.check import check_effects
     from sim.studies.processes import OwnProcess, ProcessFailedError
 
@@ -94,13 +97,12 @@ def _checked(
         for _ in range(jobs):
             free.put(running.enter_context(OwnProcess()))
         running.callback(pool.shutdown, wait=False, cancel_futures=True)
-        yield from zip(cases, pool.map(check, cases), strict=True)
+        futures = {pool.submit(check, case): case for case in cases}
+        yield from ((futures[each], each.result()) for each in as_completed(futures))
 
 
-def _chosen(names: list[str]) -> list[EffectCase]:
-    from sim.studies.effects_check.check import EFFECT_CASES
-
-    known = {case.name: case for case in EFFECT_CASES}
+def _chosen(cases: Sequence[EffectCase], names: Sequence[str]) -> list[EffectCase]:
+    known = {case.name: case for case in cases}
     unknown = [name for name in names if name not in known]
     if unknown:
         raise ConfigError(
@@ -110,7 +112,13 @@ def _chosen(names: list[str]) -> list[EffectCase]:
     return [known[name] for name in names] or list(known.values())
 
 
-def _drawn(seed: int, count: int) -> list[EffectCase]:
+def _stated() -> Sequence[EffectCase]:
+    from sim.studies.effects_check.check import EFFECT_CASES
+
+    return EFFECT_CASES
+
+
+def _drawn(seed: int, count: int) -> Sequence[EffectCase]:
     from sim.studies.effects_check.check import EffectCase
     from sim.studies.effects_check.drawn import described, drawn_scene
 

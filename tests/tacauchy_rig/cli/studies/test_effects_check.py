@@ -55,3 +55,25 @@ def test_an_unknown_scene_is_refused() -> None:
     done = CliRunner().invoke(app, ["effects-check", "--only", "nothing"])
     assert done.exit_code != 0
     assert "no scene is called 'nothing'" in str(done.exception)
+
+
+def test_drawn_scenes_can_be_taken_one_by_one() -> None:
+    """So that many may be parted over machines; a number beyond the last is refused."""
+    drawn = ["effects-check", "--random", "9", "--seed", "1", "--list"]
+    whole, one = (
+        CliRunner().invoke(app, [*drawn, *only]).stdout.splitlines()
+        for only in ([], ["--only", "4"])
+    )
+    assert one == [whole[4]]
+    beyond = CliRunner().invoke(app, [*drawn, "--only", "9"])
+    assert "no scene is called '9'" in str(beyond.exception)
+
+
+def test_what_is_done_is_kept_though_another_goes_on(tmp_path: Path) -> None:
+    """A slow scene that began first holds nothing back; the page keeps the scenes' order."""
+    page = tmp_path / "effects.md"
+    only = ("--only", "by force", "--only", "shallow", "--jobs", "2")
+    done = CliRunner().invoke(app, ["effects-check", *only, "--out", str(page)])
+    assert done.exit_code == 0, done.output
+    rows = [line.split(" | ")[0] for line in page.read_text(encoding="utf-8").splitlines()]
+    assert rows.index("| by force") < rows.index("| shallow")
