@@ -47,6 +47,7 @@ WORTH: dict[Setting, Worth] = {
     FAST: Worth(1.0, 1.0),
     _fast(1.08): Worth(1.24, 0.82),
     _fast(1.18): Worth(1.54, 0.67),
+    _fast(1.25): Worth(1.79, 0.59),
     Setting(Preset.PAPER): Worth(1.86, 36.0),
     _fast(1.4): Worth(2.73, 0.46),
     _fast(1.6): Worth(4.49, 0.36),
