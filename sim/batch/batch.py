@@ -105,16 +105,13 @@ class Batch:
             if free is not None:
                 self.descents.hold(int(b), free, start=free)
         for array, value in (
-            (trail.known, np.int32(1)),
-            (trail.shares, np.array([1.0, 0.0, 0.0])),
-            (trail.features, np.zeros((3, 4))),
+            (trail.features, np.zeros((2, 4))),
+            (trail.heights, self._tips_m[chosen, 2:]),
             (trail.stand, np.zeros((), dtype=trail.stand.numpy().dtype)),
             (trail.last, model.nodes),
-            (trail.older, np.stack([model.nodes] * 2)),
+            (trail.older, model.nodes),
         ):
             self._assign(array, chosen, value)
-        heights = np.repeat(self._tips_m[:, 2:], 3, axis=1)
-        self._assign(trail.heights, chosen, heights[chosen])
         self._extend(chosen, np.zeros(len(chosen), dtype=np.intp))
         self._at[chosen] = 0.0
 
@@ -238,9 +235,9 @@ class Batch:
 
     def _allocate(self) -> None:
         device, count, model = self._device, self.count, self.model
-        nodes = len(model.nodes)
-        shape = {"features": (count, 3), "last": (count, nodes), "older": (count, 2, nodes)}
-        self.trail = device.zeroed(kernels.Trail, (count,), heights=(count, 3), **shape)
+        shape = dict.fromkeys(("features", "heights"), (count, 2))
+        shape |= dict.fromkeys(("last", "older"), (count, len(model.nodes)))
+        self.trail = device.zeroed(kernels.Trail, (count,), **shape)
         self._active = self.trail.active
         self.straight = device.zeros(1, wp.int32)
         states, inverse = self.pilot.states, self.inverse

@@ -1,8 +1,8 @@
 """Warp kernels of a step of a batch: where every environment starts from, and what it found.
 
 A step takes each environment's indenter to a pose or a load. As long as that goes the pilot's way,
-it starts with the motion that the pilot made there. Beside it, it starts where the last three
-states lead if the step goes the same way as the ones before; else from the last one. Along a course
+it starts with the motion that the pilot made there. Beside it, it starts where the last two states
+lead if the step goes the same way as the one before; else from the last one. Along a course
 an environment goes on to its next frame as soon as it has arrived, unless it would need an inverse
 far from those that serve the others.
 """
@@ -67,30 +67,27 @@ class Trail:
         active: 1 where an environment takes part in the step.
         stage: Where it is between two frames.
         frame: Frames that it has behind it.
-        known: States that there are so far, the untouched gel included.
-        shares: Of the last three states in the start of the next one, newest first.
+        share: Of the last step's way: so far the next one's start is beyond the last state.
         follows: 1 where the step goes the pilot's way, from
         stand: where it is nearest to the last state, to
         goal: where it is nearest to the next.
-        features: Of the last three states, newest first, shape [..., 3]: along x and y, depth or
-            load, turn; each in metres.
-        last: Nodes of the last state [m], shape [..., node_count]; ``older`` of the two before.
-        older: Shape [..., 2, node_count].
-        heights: Of the indenter's tip in the last three states [m], shape [..., 3].
+        features: Of the last two states, newest first, shape [..., 2]: along x and y, depth or load,
+            turn; each in metres.
+        heights: Of the indenter's tip in them [m], shape [..., 2].
+        last: Nodes of the last state [m], shape [..., node_count]; ``older`` of the one before.
     """
 
     active: wp.array(dtype=wp.int32)
     stage: wp.array(dtype=wp.int32)
     frame: wp.array(dtype=wp.int32)
-    known: wp.array(dtype=wp.int32)
-    shares: wp.array(dtype=wp.vec3d)
+    share: wp.array(dtype=wp.float64)
     follows: wp.array(dtype=wp.int32)
     stand: wp.array(dtype=Stand)
     goal: wp.array(dtype=Stand)
     features: wp.array2d(dtype=wp.vec4d)
-    last: wp.array2d(dtype=wp.vec3d)
-    older: wp.array3d(dtype=wp.vec3d)
     heights: wp.array2d(dtype=wp.float64)
+    last: wp.array2d(dtype=wp.vec3d)
+    older: wp.array2d(dtype=wp.vec3d)
 
 
 @wp.struct
@@ -185,30 +182,16 @@ def share_out(together: Together):
 
 
 @wp.func
-def shares_of(trail: Trail, b: wp.int32, goal: wp.vec4d) -> wp.vec3d:
-    """Return Lagrange's shares of the last states, by the way between them."""
-    one = wp.float64(1.0)
-    zero = wp.float64(0.0)
-    shares = wp.vec3d(one, zero, zero)
+def share_of(trail: Trail, b: wp.int32, goal: wp.vec4d) -> wp.float64:
+    """Return the next step over the last one; zero where it leads elsewhere or much farther."""
     ahead = goal - trail.features[b, 0]
     behind = trail.features[b, 0] - trail.features[b, 1]
     step = wp.length(ahead)
     last = wp.length(behind)
-    known = trail.known[b]
-    if known > 1 and last > zero and step <= _LONGER * last:  # noqa: SIM102 - device code
-        if wp.dot(ahead, behind) > _SAME_WAY * step * last:
-            before = trail.features[b, 1] - trail.features[b, 2]
-            longer = wp.length(before)
-            shares = wp.vec3d(one + step / last, -step / last, zero)
-            alike = wp.dot(behind, before) > _SAME_WAY * last * longer
-            if known > 2 and alike and last <= _LONGER * longer:
-                whole = step + last + longer
-                shares = wp.vec3d(
-                    (step + last) * whole / (last * (last + longer)),
-                    -step * whole / (last * longer),
-                    step * (step + last) / (longer * (last + longer)),
-                )
-    return shares
+    share = wp.float64(0.0)
+    if step <= _LONGER * last and wp.dot(ahead, behind) > _SAME_WAY * step * last:
+        share = step / last
+    return share
 
 
 @wp.kernel(enable_backward=False)
@@ -272,23 +255,22 @@ def begin(
         trail.stage[b] = STARTS
         busy_out[0] = 1
         ahead = feature_of(way, trail, b)
-        shares = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+        share = wp.float64(0.0)
         stand = trail.stand[b]
         together.which[b] = goal_stand.nearest
         beside = wp.max(stand.beside, goal_stand.beside)
         away = beside > _BESIDE * wp.length(ahead - trail.features[b, 0])
         follows = straight[0] == 0 and way.guided[b] == 1 and not away
         if straight[0] == 0 and not follows:
-            shares = shares_of(trail, b, ahead)
+            share = share_of(trail, b, ahead)
         trail.follows[b] = wp.where(follows, 1, 0)
-        trail.shares[b] = shares
+        trail.share[b] = share
         goal = way.course[trail.frame[b], b]
         tip = way.tips[b] + wp.vec3d(goal[1], goal[2], wp.float64(0.0))
         height = tip[2] - goal[0]
         if way.pushed:
-            height = wp.float64(0.0)
-            for k in range(3):
-                height += shares[k] * trail.heights[b, k]
+            height = trail.heights[b, 0]
+            height += share * (height - trail.heights[b, 1])
             if follows:
                 height -= depth_at(guide, goal_stand) - depth_at(guide, stand)
             d.load[b] = goal[0] / way.copies
@@ -340,9 +322,8 @@ def predict(
     if n == 0 and together.width > 0:
         slot_out[b] = together.first[together.which[b]] + together.rank[b]
     if trail.stage[b] == STARTS:
-        shares = trail.shares[b]
-        x = trail.last[b, n] * shares[0]
-        x += trail.older[b, 0, n] * shares[1] + trail.older[b, 1, n] * shares[2]
+        last = trail.last[b, n]
+        x = last + (last - trail.older[b, n]) * trail.share[b]
         if trail.follows[b] == 1:
             x += motion_at(guide, trail.goal[b], n) - motion_at(guide, trail.stand[b], n)
         positions_out[b, n] = x
@@ -375,8 +356,7 @@ def remember(
     """Take over what was found; launches over [environment_count, node_count]."""
     b, n = wp.tid()
     if trail.stage[b] == LANDS:
-        trail.older[b, 1, n] = trail.older[b, 0, n]
-        trail.older[b, 0, n] = trail.last[b, n]
+        trail.older[b, n] = trail.last[b, n]
         trail.last[b, n] = positions[b, n]
 
 
@@ -408,13 +388,10 @@ def land(
             found.residual[at, b] = d.residual[b] / load
             found.imbalance[at, b] = d.vertical[b] / load
             found.gap[at, b] = d.gap_min[b]
-            trail.features[b, 2] = trail.features[b, 1]
             trail.features[b, 1] = trail.features[b, 0]
             trail.features[b, 0] = feature_of(way, trail, b)
-            trail.heights[b, 2] = trail.heights[b, 1]
             trail.heights[b, 1] = trail.heights[b, 0]
             trail.heights[b, 0] = poses.tips[b][2]
-            trail.known[b] = wp.min(trail.known[b] + 1, 3)
             trail.stand[b] = trail.goal[b]
             trail.frame[b] = at + 1
             trail.stage[b] = LANDS
