@@ -253,12 +253,13 @@ class Batch:
         self.together.blocks, self.together.width = inverse.blocks, inverse.width
         self.together.ahead = _AHEAD
         inverse.which = self.together.which
-        self.guide = filled(
-            Guide,
-            stands=device.array(np.stack([each.stand_m for each in states]), wp.vec4d),
-            motions=device.array(np.stack([each.motion_m for each in states]), wp.vec3d),
-            depths=device.array(np.array([each.depth_m for each in states]), wp.float64),
-        )
+        way = {
+            "stands": np.stack([each.stand_m for each in states]),
+            "motions": np.stack([each.motion_m for each in states]),
+            "depths": np.array([each.depth_m for each in states]),
+        }
+        untouched = {name: np.concatenate([0.0 * each[:1], each]) for name, each in way.items()}
+        self.guide = device.tables(Guide, untouched)
         self.floor_n = _FLOOR_SHARE * model.young_pa * model.height_m**2
         self._at = np.zeros((count, 4))
         self._extension = np.zeros(count, dtype=np.intp)
@@ -267,6 +268,8 @@ class Batch:
             floor=self.floor_n,
             steps_max=self.options.steps_max,
             rounding=model.gel.rounding_n,
+            pushed=int(self.pilot.is_pushed),
+            touches=1,
         )
 
     def _attempt(self, goal: FloatArray, taking: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ _NOTHING = wp.constant(wp.float64(1e-300))
 
 @wp.struct
 class Guide:
-    """What the pilot did, shape [state_count, ...] each.
+    """What the pilot did, the untouched gel first, shape [state_count + 1, ...] each.
 
     Attributes:
         stands: Where on the course, every component in metres.
@@ -28,13 +28,13 @@ class Guide:
 
 @wp.struct
 class Stand:
-    """A place on the pilot's way: a share of the way from the state before one to it.
+    """A place on the pilot's way: a share of the way from one state to the next.
 
     Attributes:
-        state: That state.
+        state: The former, 0 for the untouched gel.
         share: Of the way.
         beside: How far the way is [m].
-        nearest: The pilot's state that is nearest.
+        nearest: The pilot's state that is nearest, 0 for the first that is kept.
     """
 
     state: wp.int32
@@ -49,9 +49,9 @@ def stand_of(guide: Guide, feature: wp.vec4d) -> Stand:
     found = Stand()
     found.beside = wp.float64(1e300)
     best = wp.float64(1e300)
-    before = wp.vec4d()
-    for k in range(guide.stands.shape[0]):
-        stand = guide.stands[k]
+    for k in range(guide.stands.shape[0] - 1):
+        before = guide.stands[k]
+        stand = guide.stands[k + 1]
         along = stand - before
         apart = wp.length_sq(stand - feature)
         if apart < best:
@@ -64,25 +64,18 @@ def stand_of(guide: Guide, feature: wp.vec4d) -> Stand:
             found.state = k
             found.share = share
             found.beside = beside
-        before = stand
     return found
 
 
 @wp.func
 def motion_at(guide: Guide, stand: Stand, n: wp.int32) -> wp.vec3d:
     """Return how far a node of the pilot has gone [m]."""
-    there = guide.motions[stand.state, n]
-    before = wp.vec3d()
-    if stand.state > 0:
-        before = guide.motions[stand.state - 1, n]
-    return before + (there - before) * stand.share
+    before = guide.motions[stand.state, n]
+    return before + (guide.motions[stand.state + 1, n] - before) * stand.share
 
 
 @wp.func
 def depth_at(guide: Guide, stand: Stand) -> wp.float64:
     """Return how deep the pilot's indenter is [m]."""
-    there = guide.depths[stand.state]
-    before = wp.float64(0.0)
-    if stand.state > 0:
-        before = guide.depths[stand.state - 1]
-    return before + (there - before) * stand.share
+    before = guide.depths[stand.state]
+    return before + (guide.depths[stand.state + 1] - before) * stand.share

@@ -274,7 +274,6 @@ def begin(
             if follows:
                 height -= depth_at(guide, goal_stand) - depth_at(guide, stand)
             d.load[b] = goal[0] / way.copies
-            d.pushed[b] = 1
         poses.tips[b] = wp.vec3d(tip[0], tip[1], height)
         c = wp.cos(goal[3])
         s = wp.sin(goal[3])
@@ -287,17 +286,10 @@ def begin(
         d.mode[b] = Mode.BEGIN
         d.wanted[b] = 1
         d.strained[b] = 1
-        d.checked[b] = 0
         d.rough[b] = 1
         d.steps[b] = 0
         d.since[b] = 0
         d.recorded[b] = 0
-        d.attempt[b] = 0
-        d.act[b] = 0
-        d.takes[b] = 0
-        d.learns[b] = 0
-        d.holding[b] = 0
-        d.touches[b] = 1
         d.gripped_at[b] = wp.float64(1e300)
         d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
     if d.status[b] == Status.RUNNING:
