@@ -71,8 +71,8 @@ class Trail:
         follows: 1 where the step goes the pilot's way, from
         stand: where it is nearest to the last state, to
         goal: where it is nearest to the next.
-        features: Of the last two states, newest first, shape [..., 2]: along x and y, depth or load,
-            turn; each in metres.
+        features: Of the last two states, newest first, shape [..., 2]: along x and y, depth or
+            load, turn; each in metres.
         heights: Of the indenter's tip in them [m], shape [..., 2].
         last: Nodes of the last state [m], shape [..., node_count]; ``older`` of the one before.
     """

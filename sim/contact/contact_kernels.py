@@ -14,27 +14,21 @@ from typing import Any
 
 import warp as wp
 
-from sim.contact.barrier import (
-    TouchedSurface,
-    normal_contact,
-    surface_point,
-)
-from sim.contact.friction import (
-    GripArrays,
-    dragged,
-    grip_offset,
-    taken_hold,
-    tangential_contact,
-)
+from sim.contact.barrier import TouchedSurface, normal_contact, surface_point
+from sim.contact.friction import GripArrays, grip_offset, share_held, tangential_contact
 from sim.contact.indenter_distance import (
     MeshBody,
     Poses,
     distance_curvature,
+    local_point,
     nearby_gap,
     posed,
     signed_distance,
 )
 from sim.device import FAST_KERNEL
+
+# A lagged pressure that is none.
+_TINY_PA = wp.constant(wp.float64(1.0e-12))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,15 +36,14 @@ class ContactKernels:
     """The kernels for one kind of body, with or without what resists along the surface.
 
     Attributes:
-        gap: Gaps [m].
         touch: Energies [J] and gaps [m]; adds forces [N] to the nodes.
-        force: Position [m] of every point, force on the indenter [N] and its stiffness [N/m].
+        force: Position and gap [m] of every point, force on the indenter [N] and its stiffness
+            [N/m].
         hold: Holds points that touch and frees the others; takes over their pressure, and tells
             its change and size [N].
         drag: Lets anchors of sliding points follow.
     """
 
-    gap: Any
     touch: Any
     force: Any
     hold: Any
@@ -61,22 +54,6 @@ class ContactKernels:
 def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     """Build the kernels."""
     gap_of = nearby_gap if body_kind is MeshBody else signed_distance
-
-    @wp.kernel(**FAST_KERNEL)
-    def gap(
-        # Model:
-        surface: TouchedSurface,
-        body: Any,
-        # Data in:
-        poses: Poses,
-        positions: wp.array2d(dtype=wp.vec3d),
-        # Data out:
-        gap_out: wp.array3d(dtype=wp.float64),
-    ):
-        b, f, q = wp.tid()
-        here = posed(body, poses, b)
-        distance, _ = signed_distance(here, surface_point(surface, positions[b], f, q))
-        gap_out[b, f, q] = distance
 
     @wp.kernel(**FAST_KERNEL)
     def touch(
@@ -132,6 +109,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         curved: wp.bool,
         # Data out:
         point_out: wp.array3d(dtype=wp.vec3d),
+        gap_out: wp.array3d(dtype=wp.float64),
         force_out: wp.array3d(dtype=wp.vec3d),
         stiffness_out: wp.array3d(dtype=wp.mat33d),
     ):
@@ -167,6 +145,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
                     stiffness += wp.outer(t, t) * (share * (along - across))
                 pull += u * across
         point_out[b, f, q] = x
+        gap_out[b, f, q] = distance
         force_out[b, f, q] = pull * surface.areas[f, q]
         stiffness_out[b, f, q] = stiffness * surface.areas[f, q]
 
@@ -186,14 +165,30 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         change_out: wp.array3d(dtype=wp.float64),
         limit_out: wp.array3d(dtype=wp.float64),
     ):
+        # ``start`` is what was held before the step; of a free point, where it was.
         b, f, q = wp.tid()
         if wanted[b] == 1:
-            before = grip.loads[b, f, q]
             x = surface_point(surface, positions[b], f, q)
-            taken_hold(surface, posed(body, poses, b), x, b, f, q, start, grip)
-            load = grip.loads[b, f, q]
-            change_out[b, f, q] = surface.areas[f, q] * wp.length(load - before)
+            here = posed(body, poses, b)
+            distance, n = signed_distance(here, x)
+            held = wp.float64(0.0)
+            anchor = start.anchors[b, f, q]
+            load = wp.vec3d()
+            if distance < surface.distance:
+                held = wp.float64(1.0)
+                if start.held[b, f, q] == wp.float64(0.0):
+                    if surface.bonded:
+                        anchor = local_point(here, x)
+                    else:
+                        held = share_held(here, anchor, distance, surface.distance)
+                _energy, slope, _change = normal_contact(surface, b, distance / surface.distance)
+                # Where there is no pressure yet, a tiny one carries the direction.
+                load = (wp.transpose(here.rotation) * n) * wp.max(-slope, _TINY_PA)
+            change_out[b, f, q] = surface.areas[f, q] * wp.length(load - grip.loads[b, f, q])
             limit_out[b, f, q] = surface.areas[f, q] * wp.length(load)
+            grip.held[b, f, q] = held
+            grip.anchors[b, f, q] = anchor
+            grip.loads[b, f, q] = load
 
     @wp.kernel(**FAST_KERNEL)
     def drag(
@@ -209,12 +204,27 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     ):
         b, f, q = wp.tid()
         if wanted[b] == 1:
+            # An anchor is brought up to the offset behind its point, the slip length at most; that
+            # of a free point comes along, to know where it was last free.
             x = surface_point(surface, positions[b], f, q)
-            dragged(surface, posed(body, poses, b), x, b, f, q, grip)
+            here = posed(body, poses, b)
+            at = local_point(here, x)
+            held = grip.held[b, f, q]
+            if held == wp.float64(0.0):
+                grip.anchors[b, f, q] = at
+            else:
+                u = grip_offset(here, held, grip.loads[b, f, q], grip.anchors[b, f, q], x)
+                length = wp.length(u)
+                slides = length > surface.slip and not surface.bonded
+                if slides:
+                    u = u * (surface.slip / length)
+                if slides or held < wp.float64(1.0):
+                    grip.anchors[b, f, q] = at - wp.transpose(here.rotation) * u
+                    grip.held[b, f, q] = wp.float64(1.0)
 
     def built(kernel: Any) -> Any:
         return wp.overload(kernel, {"body": body_kind})
 
     return ContactKernels(
-        gap=built(gap), touch=built(touch), force=built(force), hold=built(hold), drag=built(drag)
+        touch=built(touch), force=built(force), hold=built(hold), drag=built(drag)
     )

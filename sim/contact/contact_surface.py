@@ -85,10 +85,7 @@ class ContactSurface:
 
     def gaps(self, positions: FloatArray, indenter: Indenter, state: State) -> FloatArray:
         """Return the gap of every contact point [m], shape [face_count, point_count]."""
-        out = self._points(wp.float64)
-        inputs = [*self._model(indenter, state), *self._at(positions, state)]
-        self._device.launch(self.kernels(indenter).gap, out.shape, inputs, [out])
-        return np.asarray(on_host(out)[0])
+        return self.forces(positions, indenter, state).gaps
 
     def energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
         """Return the contact energy [J]."""
@@ -102,13 +99,13 @@ class ContactSurface:
         self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
     ) -> ContactForces:
         """Return the contact at every point; its stiffness is exact, or semidefinite."""
-        out = [self._points(kind) for kind in (wp.vec3d, wp.vec3d, wp.mat33d)]
+        out = [self._points(kind) for kind in (wp.vec3d, wp.float64, wp.vec3d, wp.mat33d)]
         poses, at = self._at(positions, state)
         grip = self.grip_arrays(state.grip)
         inputs = [*self._model(indenter, state), poses, grip, at, curved]
         self._device.launch(self.kernels(indenter).force, (1, *self._shape), inputs, out)
-        points, forces, stiffness = (on_host(array)[0] for array in out)
-        return ContactForces(points=points, forces=forces, stiffness=stiffness)
+        points, gaps, forces, stiffness = (on_host(array)[0] for array in out)
+        return ContactForces(points=points, gaps=gaps, forces=forces, stiffness=stiffness)
 
     def room(self, count: int) -> tuple[Any, ...]:
         """Return room for so many environments' nodal forces [N], energies [J] and gaps [m]."""
@@ -135,42 +132,24 @@ class ContactSurface:
         """Return outward normal times area at every contact point [m^2], shape [f, p, 3]."""
         return self._pad.reference.area_vectors(positions[self._pad.faces])
 
-    def refresh_grip(self, indenter: Indenter, state: State, *, start: Grip | None = None) -> float:
-        """Hold the points that touch, free the others, and take over pressure and normal.
-
-        Args:
-            start: What was held before the step that is under way; None is the state's own. Where
-                a point takes hold in a step is found anew each time, from where it was free.
-
-        Returns:
-            Change of the friction limit, summed over the points, over its new sum; zero where
-            nothing is tangential or everything is bonded.
-        """
-        grip = state.grip
-        if grip is None:
-            return 0.0
-        before, now = self.grip_arrays(start or grip), self.grip_arrays(grip)
-        poses, at = self._at(state.positions, state)
-        wanted = self._device.array([1], wp.int32)
-        inputs = [*self._model(indenter, state), wanted, poses, at, before, now]
-        points = [self._points(wp.float64) for _ in range(2)]
-        self._device.launch(self.kernels(indenter).hold, (1, *self._shape), inputs, points)
-        state.grip = self.grip_of(now)
-        if self._options.bonded:
-            return 0.0
-        change, limit = (float(on_host(array).sum()) for array in points)
-        return change / max(limit, 1e-300)
+    def refresh_grip(self, indenter: Indenter, state: State) -> None:
+        """Hold the points that touch, free the others, and take over pressure and normal."""
+        if state.grip is not None:
+            lists = [self.grip_arrays(state.grip)], [self._points(wp.float64) for _ in range(2)]
+            self._regrip(self.kernels(indenter).hold, indenter, state, *lists)
 
     def drag_anchors(self, indenter: Indenter, state: State) -> None:
         """Let the anchors of sliding points follow; the state is then one to go on from."""
-        grip = state.grip
-        if grip is None or self._options.bonded:
-            return
-        held_on = self.grip_arrays(grip)
-        wanted = self._device.array([1], wp.int32)
+        if state.grip is not None and not self._options.bonded:
+            self._regrip(self.kernels(indenter).drag, indenter, state, [], [])
+
+    def _regrip(
+        self, kernel: Any, indenter: Indenter, state: State, start: list[Any], out: list[Any]
+    ) -> None:
+        grip, wanted = self.grip_arrays(state.grip), self._device.array([1], wp.int32)
         inputs = [*self._model(indenter, state), wanted, *self._at(state.positions, state)]
-        self._device.launch(self.kernels(indenter).drag, (1, *self._shape), inputs, [held_on])
-        state.grip = self.grip_of(held_on)
+        self._device.launch(kernel, (1, *self._shape), [*inputs, *start, grip], out)
+        state.grip = self.grip_of(grip)
 
     def grip_arrays(self, grip: Grip | None, count: int = 1) -> Any:
         """Return a memory on the device, of one press or so many free ones.

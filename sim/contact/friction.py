@@ -24,10 +24,9 @@ from typing import Any
 
 import warp as wp
 
-from sim.contact.barrier import TouchedSurface, normal_contact, tangential_part
+from sim.contact.barrier import TouchedSurface, tangential_part
 from sim.contact.indenter_distance import local_point, signed_distance
 
-_TINY_PA = wp.constant(wp.float64(1.0e-12))
 # Of its way, what a point has at least been held for that touches.
 _LEAST_SHARE = wp.constant(wp.float64(1.0e-6))
 
@@ -54,7 +53,7 @@ def grip_offset(
 
 
 @wp.func
-def _share_held(body: Any, free: wp.vec3d, distance: wp.float64, reach: wp.float64) -> wp.float64:
+def share_held(body: Any, free: wp.vec3d, distance: wp.float64, reach: wp.float64) -> wp.float64:
     """Return the share of a straight way after its gap fell to ``reach``.
 
     Args:
@@ -66,71 +65,6 @@ def _share_held(body: Any, free: wp.vec3d, distance: wp.float64, reach: wp.float
     if before > reach:
         share = wp.max((reach - distance) / (before - distance), _LEAST_SHARE)
     return share
-
-
-@wp.func
-def taken_hold(
-    surface: TouchedSurface,
-    body: Any,
-    x: wp.vec3d,
-    b: wp.int32,
-    f: wp.int32,
-    q: wp.int32,
-    start: GripArrays,
-    grip: GripArrays,
-):
-    """Hold a point that touches, free one that left, and take over pressure [Pa] and normal.
-
-    Args:
-        start: What was held before the step; of a free point, where it was.
-        grip: What is held from now on.
-    """
-    distance, n = signed_distance(body, x)
-    held = wp.float64(0.0)
-    anchor = start.anchors[b, f, q]
-    load = wp.vec3d()
-    if distance < surface.distance:
-        held = wp.float64(1.0)
-        if start.held[b, f, q] == wp.float64(0.0):
-            if surface.bonded:
-                anchor = local_point(body, x)
-            else:
-                held = _share_held(body, anchor, distance, surface.distance)
-        _energy, slope, _change = normal_contact(surface, b, distance / surface.distance)
-        # Where there is no pressure yet, a tiny one carries the direction.
-        load = (wp.transpose(body.rotation) * n) * wp.max(-slope, _TINY_PA)
-    grip.held[b, f, q] = held
-    grip.anchors[b, f, q] = anchor
-    grip.loads[b, f, q] = load
-
-
-@wp.func
-def dragged(
-    surface: TouchedSurface,
-    body: Any,
-    x: wp.vec3d,
-    b: wp.int32,
-    f: wp.int32,
-    q: wp.int32,
-    grip: GripArrays,
-):
-    """Bring the anchor of a held point up to its offset behind it, the slip length at most.
-
-    That of a free point comes along, to know where it was last free.
-    """
-    held = grip.held[b, f, q]
-    here = local_point(body, x)
-    if held == wp.float64(0.0):
-        grip.anchors[b, f, q] = here
-    else:
-        u = grip_offset(body, held, grip.loads[b, f, q], grip.anchors[b, f, q], x)
-        length = wp.length(u)
-        slides = length > surface.slip and not surface.bonded
-        if slides:
-            u = u * (surface.slip / length)
-        if slides or held < wp.float64(1.0):
-            grip.anchors[b, f, q] = here - wp.transpose(body.rotation) * u
-            grip.held[b, f, q] = wp.float64(1.0)
 
 
 @wp.func

@@ -91,10 +91,12 @@ class ContactForces:
 
     Attributes:
         points: Positions [m].
+        gaps: From there to the indenter [m].
         forces: Force on the indenter [N].
         stiffness: Derivative of that force by the point's motion [N/m].
     """
 
     points: FloatArray
+    gaps: FloatArray
     forces: FloatArray
     stiffness: FloatArray

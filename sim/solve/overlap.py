@@ -65,17 +65,16 @@ def refuse_deep_overlap(model: Model, indenter: Indenter, state: State) -> None:
         ConvergenceError: The overlap is 30 % of the pad's height or more, or the nearest side at
             the deepest point does not face the gel.
     """
-    gaps = model.surface.gaps(state.positions, indenter, state)
-    deepest = -float(gaps.min())
+    found = model.surface.forces(state.positions, indenter, state)
+    deepest = -float(found.gaps.min())
     if deepest <= 2.0 * OVERLAP_SHARE * model.height_m:
         return
     told = f"the gel starts {deepest * 1e3:.3g} mm inside the indenter"
     remedy = "start with the indenter above the gel and press it in"
     if deepest >= _PENETRATION_SHARE * model.height_m:
         raise ConvergenceError(told, remedy=remedy)
-    at = np.unravel_index(np.argmin(gaps), gaps.shape)
-    push = model.surface.forces(state.positions, indenter, state).forces[at]
-    outward = model.surface.area_vectors(state.positions)[at]
+    at = np.unravel_index(np.argmin(found.gaps), found.gaps.shape)
+    push, outward = found.forces[at], model.surface.area_vectors(state.positions)[at]
     if push @ outward < _FACING * np.linalg.norm(push) * np.linalg.norm(outward):
         raise ConvergenceError(
             f"{told}, where its nearest side does not face the gel", remedy=remedy

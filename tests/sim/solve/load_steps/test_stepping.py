@@ -24,7 +24,7 @@ def point(depth_m: float) -> PathPoint:
         equilibrium=Equilibrium(
             iterations=0,
             push_n=np.zeros(3),
-            touch=lambda: ContactForces(points=_NONE, forces=_NONE, stiffness=_NONE),
+            touch=lambda: ContactForces(points=_NONE, gaps=_NONE, forces=_NONE, stiffness=_NONE),
             elastic_gradient=np.zeros((1, 3)),
             residual_n=0.0,
             min_jacobian=1.0,
