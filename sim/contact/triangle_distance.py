@@ -7,16 +7,13 @@ while a neighbour is nearer: near an edge, single precision may propose the wron
 
 from __future__ import annotations
 
-from dataclasses import fields
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
 import warp as wp
 
-from sim.device import Device
 from sim.scene.indenter import MeshIndenter
-from sim.scene.triangle_rays import unit_tree
+from sim.scene.triangle_rays import DeviceSurface, on_device
 
 _FACE = wp.constant(0)
 _EDGE = wp.constant(1)
@@ -26,41 +23,10 @@ _MOVES_MAX = wp.constant(16)
 _FAR_SHARE = wp.constant(wp.float64(0.02))
 
 
-@wp.struct
-class DeviceSurface:
-    """A ``TriangleSurface`` [m] and the tree that finds its faces; empty for analytic bodies.
-
-    Attributes:
-        tree: Identifier of the ``wp.Mesh``, whose coordinates are (x - centre) * per_size.
-        half: Half the extents of its box.
-    """
-
-    tree: wp.uint64
-    centre: wp.vec3d
-    per_size: wp.float64
-    half: wp.vec3d
-    vertices: wp.array(dtype=wp.vec3d)
-    faces: wp.array2d(dtype=wp.int32)
-    neighbours: wp.array2d(dtype=wp.int32)
-    ring_starts: wp.array(dtype=wp.int32)
-    ring_faces: wp.array(dtype=wp.int32)
-    face_normals: wp.array(dtype=wp.vec3d)
-    vertex_normals: wp.array(dtype=wp.vec3d)
-
-
 @lru_cache(maxsize=8)
 def uploaded_surface(indenter: MeshIndenter, device: str) -> tuple[Any, Any]:
     """Return a surface on a device, uploaded once, and its tree, which must live as long."""
-    source = indenter.surface
-    tree, centre, size = unit_tree(source, device)
-    names = [field.name for field in fields(source)]
-    placed = {
-        "centre": wp.vec3d(*centre),
-        "half": wp.vec3d(*(np.abs(source.vertices - centre).max(axis=0))),
-        "per_size": 1.0 / size,
-    }
-    arrays = {name: getattr(source, name) for name in names}
-    return Device(device).tables(DeviceSurface, arrays, tree=tree.id, **placed), tree
+    return on_device(indenter.surface, device)
 
 
 @wp.struct

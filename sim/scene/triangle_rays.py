@@ -1,7 +1,8 @@
-"""Rays against a triangle surface, cast by Warp: how low it is over points of the plan."""
+"""A triangle surface on a device, and rays against it: how low it is over points of the plan."""
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -22,23 +23,49 @@ BESIDE = wp.constant(wp.float64(1.0e9))
 
 
 @wp.struct
-class RaySurface:
-    """What rays need of a ``TriangleSurface``, and its tree, see ``unit_tree``."""
+class DeviceSurface:
+    """A ``TriangleSurface`` [m] and the tree that finds its faces; empty for analytic bodies.
+
+    Attributes:
+        tree: Identifier of the ``wp.Mesh``, whose coordinates are (x - centre) * per_size: near
+            one, where single precision and Warp's own thresholds are at home.
+        half: Half the extents of its box.
+    """
 
     tree: wp.uint64
     centre: wp.vec3d
     per_size: wp.float64
+    half: wp.vec3d
     vertices: wp.array(dtype=wp.vec3d)
     faces: wp.array2d(dtype=wp.int32)
+    neighbours: wp.array2d(dtype=wp.int32)
+    ring_starts: wp.array(dtype=wp.int32)
+    ring_faces: wp.array(dtype=wp.int32)
     face_normals: wp.array(dtype=wp.vec3d)
+    vertex_normals: wp.array(dtype=wp.vec3d)
+
+
+def on_device(surface: TriangleSurface, device: str) -> tuple[Any, Any]:
+    """Return a surface on a device, and its tree, which must live as long."""
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    centre, size = 0.5 * (low + high), float((high - low).max())
+    points: Any = wp.array((surface.vertices - centre) / size, dtype=wp.vec3f, device=device)
+    corners: Any = wp.array(surface.faces.reshape(-1), dtype=wp.int32, device=device)
+    tree = wp.Mesh(points=points, indices=corners)
+    placed = {
+        "centre": wp.vec3d(*centre),
+        "half": wp.vec3d(*(np.abs(surface.vertices - centre).max(axis=0))),
+        "per_size": 1.0 / size,
+    }
+    arrays = {field.name: getattr(surface, field.name) for field in fields(surface)}
+    return Device(device).tables(DeviceSurface, arrays, tree=tree.id, **placed), tree
 
 
 @wp.func
-def lowest_height(surface: Any, x: wp.float64, y: wp.float64) -> wp.float64:
+def lowest_height(surface: DeviceSurface, x: wp.float64, y: wp.float64) -> wp.float64:
     """Return the lowest height of a surface over a point of the plan, ``BESIDE`` beside it.
 
-    A ray in single precision finds the face of a ``RaySurface``, or of a structure with more; the
-    height on it is kept within the face.
+    A ray in single precision finds the face; the height on it is kept within the face.
     """
     start = wp.vec3f((wp.vec3d(x, y, wp.float64(0.0)) - surface.centre) * surface.per_size)
     start[2] = _RAY_START
@@ -57,7 +84,7 @@ def lowest_height(surface: Any, x: wp.float64, y: wp.float64) -> wp.float64:
 
 @wp.kernel(enable_backward=False, module="unique")
 def _lowest_heights(
-    surface: RaySurface,
+    surface: DeviceSurface,
     # Data in:
     plan: wp.array(dtype=wp.vec2d),
     # Data out:
@@ -68,26 +95,12 @@ def _lowest_heights(
     height_out[i] = lowest_height(surface, plan[i][0], plan[i][1])
 
 
-def unit_tree(surface: TriangleSurface, device: str) -> tuple[Any, FloatArray, float]:
-    """Return Warp's tree of a surface in unit size, its centre and its largest extent.
-
-    Of unit size, so that single precision and Warp's own thresholds meet numbers near one.
-    """
-    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
-    centre, size = 0.5 * (low + high), float((high - low).max())
-    points: Any = wp.array((surface.vertices - centre) / size, dtype=wp.vec3f, device=device)
-    corners: Any = wp.array(surface.faces.reshape(-1), dtype=wp.int32, device=device)
-    return wp.Mesh(points=points, indices=corners), centre, size
-
-
 def lowest_heights(surface: TriangleSurface, plan: FloatArray) -> FloatArray:
     """Return the lowest height of a surface over points [count, 2] of the plan, inf beside it."""
     device = Device("cpu")
-    tree, centre, size = unit_tree(surface, device.name)
-    placed = {"tree": tree.id, "centre": wp.vec3d(*centre), "per_size": 1.0 / size}
-    arrays = {name: getattr(surface, name) for name in ("vertices", "faces", "face_normals")}
-    inputs = [device.tables(RaySurface, arrays, **placed), device.array(plan, wp.vec2d)]
+    uploaded, _tree = on_device(surface, device.name)
     heights = device.empty((len(plan),), wp.float64)
+    inputs = [uploaded, device.array(plan, wp.vec2d)]
     device.launch(_lowest_heights, (len(plan),), inputs, [heights])
     found: FloatArray = heights.numpy()
     return np.where(found >= float(BESIDE), np.inf, found)
