@@ -99,11 +99,8 @@ class Batch:
         chosen = np.arange(self.count) if which is None else np.asarray(which, dtype=np.intp)
         trail, model = self.trail, self.pilot.model
         for b in chosen:
-            tip, rotation = self._tips_m[b], self._rotations[b]
-            self.descents.place(int(b), model.nodes, tip=tip, rotation=rotation)
-            free = model.surface.free_grip(model.nodes, tip, rotation)
-            if free is not None:
-                self.descents.hold(int(b), free, start=free)
+            state = model.rest_state(tip=self._tips_m[b], rotation=self._rotations[b])
+            self.descents.place(int(b), state, grip_start=state.grip)
         for array, value in (
             (trail.features, np.zeros((2, 4))),
             (trail.heights, self._tips_m[chosen, 2:]),

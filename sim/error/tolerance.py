@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from sim.effects.coarse import coarse_press
 from sim.effects.plan import plan_effects
 from sim.error.estimate import estimate_from, rung
-from sim.error.settings import FAST, WORTH, Setting, Worth, setting_of
+from sim.error.settings import FAST, WORTH, setting_of
 from sim.scene.scene import Scene
 from tacauchy_rig.errors import ConfigError, RigError
 from tacauchy_rig.quantities import UNITS, Dimension, parse_quantity, split_quantity
@@ -125,7 +125,12 @@ def alternatives(
     own = WORTH.get(setting)
     if own is None:
         return ()
-    cheaper = _cheaper(own)
+    # The dearest of the cheaper settings than which none that is cheaper errs less.
+    cheaper = min(
+        (each for each, worth in WORTH.items() if worth.time_ratio < own.time_ratio),
+        key=lambda each: WORTH[each].error_ratio,
+        default=None,
+    )
     # Of presets and ladders some are cheaper and better at once: what is dearer must be better yet.
     least = min(own.error_ratio, WORTH[cheaper].error_ratio if cheaper else own.error_ratio)
     better = [
@@ -147,14 +152,3 @@ def alternatives(
         for role, each in found.items()
         if each is not None
     )
-
-
-def _cheaper(own: Worth) -> Setting | None:
-    """Return the dearest of the cheaper settings than which none that is cheaper errs less."""
-    least, found = float("inf"), None
-    for setting, worth in WORTH.items():
-        if worth.time_ratio >= own.time_ratio:
-            break
-        if worth.error_ratio < least:
-            least, found = worth.error_ratio, setting
-    return found

@@ -18,7 +18,7 @@ from sim.material.elasticity import (
     stress_kernel,
     tangent_kernel,
 )
-from sim.material.laws.tangent import Law, Tangent
+from sim.material.laws.tangent import Law, Tangent, lame
 from sim.material.relaxation import PronySeries, Relaxation, prony_series
 from sim.mesh.discretisation import Discretisation
 from sim.mesh.tet_mesh import TetMesh
@@ -223,8 +223,7 @@ def _parameters(law: Law, young_pa: FloatArray, poisson: FloatArray) -> FloatArr
 
 
 def _rounding_force(pad: Discretisation, young_pa: FloatArray, poisson: FloatArray) -> float:
-    mu, lam = young_pa / (2.0 * (1.0 + poisson)), poisson * young_pa
-    lam = lam / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+    mu, lam = lame(young_pa, poisson)
     stiffness = (lam + 2.0 * mu) * pad.volumes * (pad.inverse_jacobians**2).sum(axis=(1, 2))
     reach = np.abs(pad.corners).max(axis=(1, 2))
     return float(KERNEL_EPSILON * np.linalg.norm(stiffness * reach))

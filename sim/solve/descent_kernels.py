@@ -10,7 +10,6 @@ code has no membership test.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -18,16 +17,7 @@ import warp as wp
 
 from sim.device import FAST_KERNEL
 from sim.solve.descent_rules import CUT, FAR, NOTHING_AT_ALL, Sum, Sums, decide, finds_no_way
-from sim.solve.descent_state import (
-    Act,
-    Descent,
-    Evaluated,
-    Limits,
-    Mode,
-    Pull,
-    Status,
-    Vectors,
-)
+from sim.solve.descent_state import Act, Descent, Evaluated, Limits, Mode, Pull, Status
 from sim.solve.memory_kernels import (
     Memory,
     add_all,
@@ -39,24 +29,9 @@ from sim.solve.memory_kernels import (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DescentKernels:
-    """The kernels; each launches over [environment_count, threads of a block].
-
-    Attributes:
-        judge: Decides.
-        prepare: Takes over what was accepted, and asks the inverse.
-        turn: Makes a direction of its answer, and goes along it.
-    """
-
-    judge: Any
-    prepare: Any
-    turn: Any
-
-
 @cache
-def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels:
-    """Build the kernels.
+def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any, Any]:
+    """Build judge, prepare and turn; each launches over [environment_count, threads of a block].
 
     Args:
         grips: Points that touch hold on to the indenter.
@@ -74,7 +49,6 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
         evaluated: Evaluated,
         # Data in and out:
         d: Descent,
-        vectors: Vectors,
         memory: Memory,
         # Data out:
         busy_out: wp.array(dtype=wp.int32),
@@ -122,9 +96,9 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
                     elif d.pushed[b] == 1:
                         g = d.load[b] - push[2]
                         sums[Sum.ENERGY] += d.load[b] * evaluated.tips[b][2]
-                    vectors.trial[b, row] = g
-                    change = g - vectors.gradient[b, row]
-                    sums[Sum.AHEAD] += g * vectors.direction[b, row]
+                    memory.trial[b, row] = g
+                    change = g - memory.gradient[b, row]
+                    sums[Sum.AHEAD] += g * memory.direction[b, row]
                     sums[Sum.SQUARE] += g * g
                     sums[Sum.CHANGE] += change * change
                 for e in range(thread, evaluated.energies.shape[1], wp.block_dim()):
@@ -135,7 +109,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
                     there = evaluated.gaps[b, p]
                     nearest = wp.min(nearest, there)
                     if mode == Mode.TRY:
-                        before = vectors.gaps[b, p]
+                        before = memory.gaps[b, p]
                         floor = wp.min(before, wp.float64(0.0)) - limits.overlap
                         if there < floor:
                             fall = wp.max(before - there, NOTHING_AT_ALL)
@@ -162,7 +136,6 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
         # Data in and out:
         d: Descent,
         evaluated: Evaluated,
-        vectors: Vectors,
         memory: Memory,
         # Data out:
         sources_out: wp.array2d(dtype=Any),
@@ -183,17 +156,17 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
                 x = evaluated.tips[b][2]
                 if row < dof_count:
                     x = evaluated.positions[b, dofs[row]]
-                vectors.start[b, row] = x
-                g = vectors.trial[b, row]
+                memory.start[b, row] = x
+                g = memory.trial[b, row]
                 if learns:
-                    step = fraction * vectors.direction[b, row]
-                    change = g - vectors.gradient[b, row]
+                    step = fraction * memory.direction[b, row]
+                    change = g - memory.gradient[b, row]
                     memory.steps[b, at, row] = wp.float32(step)
                     memory.changes[b, at, row] = wp.float32(change)
                     curvature += step * change
-                vectors.gradient[b, row] = g
+                memory.gradient[b, row] = g
             for p in range(thread, evaluated.gaps.shape[1], wp.block_dim()):
-                vectors.gaps[b, p] = evaluated.gaps[b, p]
+                memory.gaps[b, p] = evaluated.gaps[b, p]
             if learns:
                 own = wp.tile_sum(wp.tile(curvature))
                 s_y = own[0]
@@ -202,7 +175,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
                     memory.counts[b] = wp.min(memory.counts[b] + 1, length)
                 wait_for_all()
                 count = memory.counts[b]
-                products_with(memory.steps, vectors.gradient, count, b, memory.products)
+                products_with(memory.steps, memory.gradient, count, b, memory.products)
                 note_products(memory, b, fraction, s_y)
         if act != Act.NOTHING and act != Act.BACK:
             for i in range(thread, evaluated.elastic.shape[1], wp.block_dim()):
@@ -213,16 +186,16 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
             count = memory.counts[b]
             if not learns:
                 wait_for_all()
-                products_with(memory.steps, vectors.gradient, count, b, memory.products)
+                products_with(memory.steps, memory.gradient, count, b, memory.products)
             first_loop(memory, b)
             down = wp.float64(-1.0)
-            gradient = vectors.gradient
-            add_all(memory.changes, memory.shares, count, b, down, gradient, vectors.direction)
+            gradient = memory.gradient
+            add_all(memory.changes, memory.shares, count, b, down, gradient, memory.direction)
             scale = wp.float64(1.0)
             if scaled:
                 scale = wp.float64(1.0) / d.residual[b]
             for row in range(thread, dof_count + 1, wp.block_dim()):
-                sources_out[d.slot[b], row] = sources_out.dtype(scale * vectors.direction[b, row])
+                sources_out[d.slot[b], row] = sources_out.dtype(scale * memory.direction[b, row])
 
     @wp.kernel(**made)
     def turn(
@@ -235,7 +208,6 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
         found: wp.array2d(dtype=Any),
         # Data in and out:
         d: Descent,
-        vectors: Vectors,
         memory: Memory,
         # Data out:
         evaluated: Evaluated,
@@ -257,21 +229,21 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
                 if act == Act.SOLVE:
                     r = scale * wp.float64(found[d.slot[b], row])
                 elif row == dof_count:
-                    r = -wp.sign(vectors.gradient[b, row]) * limits.tip_step
+                    r = -wp.sign(memory.gradient[b, row]) * limits.tip_step
                 if row == dof_count and d.pushed[b] == 0:
                     r = wp.float64(0.0)
-                vectors.direction[b, row] = r
+                memory.direction[b, row] = r
             wait_for_all()
             if act == Act.SOLVE:
-                products_with(memory.changes, vectors.direction, count, b, memory.products)
+                products_with(memory.changes, memory.direction, count, b, memory.products)
                 second_loop(memory, b)
                 as_is = wp.float64(1.0)
-                direction = vectors.direction
+                direction = memory.direction
                 add_all(memory.steps, memory.shares, count, b, as_is, direction, direction)
             part = wp.vec2d()
             for row in range(thread, dof_count + 1, wp.block_dim()):
-                r = vectors.direction[b, row]
-                part += wp.vec2d(r * vectors.gradient[b, row], r * r)
+                r = memory.direction[b, row]
+                part += wp.vec2d(r * memory.gradient[b, row], r * r)
             all_parts = wp.tile_sum(wp.tile(part, preserve_type=True))
             along = all_parts[0]
             falls = along[0] < wp.float64(0.0)
@@ -291,7 +263,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
             fraction = wp.float64(0.0)
         if act != Act.NOTHING and act != Act.HOLD:
             for row in range(thread, dof_count + 1, wp.block_dim()):
-                x = vectors.start[b, row] + fraction * vectors.direction[b, row]
+                x = memory.start[b, row] + fraction * memory.direction[b, row]
                 if row < dof_count:
                     evaluated.positions[b, dofs[row]] = x
                 elif d.pushed[b] == 1:
@@ -307,4 +279,4 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> DescentKernels
             if d.status[b] == Status.RUNNING:
                 busy_out[0] = 1
 
-    return DescentKernels(judge=judge, prepare=prepare, turn=turn)
+    return judge, prepare, turn

@@ -147,25 +147,6 @@ class Descent:
 
 
 @wp.struct
-class Vectors:
-    """Over the unknowns, nodes first and the tip's height last: [environment_count, row_count].
-
-    Attributes:
-        start: Where the step began: coordinates [m].
-        gradient: There [N].
-        trial: Gradient where the step is tried [N].
-        direction: Of the step [m].
-        gaps: Of every contact point where the step began [m].
-    """
-
-    start: wp.array2d(dtype=wp.float64)
-    gradient: wp.array2d(dtype=wp.float64)
-    trial: wp.array2d(dtype=wp.float64)
-    direction: wp.array2d(dtype=wp.float64)
-    gaps: wp.array2d(dtype=wp.float64)
-
-
-@wp.struct
 class Evaluated:
     """What an evaluation reads and gives, shape [environment_count, ...] each, nodal vectors flat.
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray
 from sim.contact.contact_surface import ContactSurface
 from sim.contact.indenter_distance import body_of, poses_at
-from sim.contact.state import Grip
+from sim.contact.state import Grip, State
 from sim.device import Device, filled
 from sim.scene.indenter import Indenter
 from sim.solve import descent_state as kernels
@@ -78,7 +78,7 @@ class Descents:
 
     Attributes:
         state: Where every environment is.
-        vectors: Over the unknowns.
+        memory: What they remember of their steps.
         positions: Of the nodes [m], shape [environment_count, node_count].
         grip: What tangential contact remembers; ``grip_start`` from before the step.
     """
@@ -208,33 +208,23 @@ class Descents:
         for array in (self.memory.counts, self.memory.next):
             array.zero_()
 
-    def place(
-        self, b: int, positions: FloatArray, *, tip: FloatArray, rotation: FloatArray
-    ) -> None:
-        """Put an environment's nodes and indenter somewhere [m]."""
-        poses = self.poses
-        for array, values in (
-            (self.positions, positions),
-            (poses.tips, tip),
-            (poses.rotations, rotation),
-        ):
-            self._put(array, b, values)
-
-    def stretch(self, b: int, extension: float) -> None:
-        """Give an environment's barrier as a parabola below a share of d_hat."""
-        self._put(self.surface.extensions, b, np.float64(extension))
-
-    def hold(self, b: int, grip: Grip, *, start: Grip) -> None:
-        """Give what an environment's tangential contact remembers, and did before the step."""
-        for arrays, given in ((self.grip, grip), (self.grip_start, start)):
-            for name in ("held", "anchors", "loads"):
-                self._put(getattr(arrays, name), b, getattr(given, name))
-
-    def _put(self, array: Any, b: int, values: Any) -> None:
-        if self._device.is_gpu:
-            array[b : b + 1].assign(np.ascontiguousarray(values)[None])
-        else:
-            array.numpy()[b] = values
+    def place(self, b: int, state: State, *, grip_start: Grip | None) -> None:
+        """Put an environment into a state; given is also what it held before the step."""
+        given = [
+            (self.positions, state.positions),
+            (self.poses.tips, state.tip),
+            (self.poses.rotations, state.rotation),
+            (self.surface.extensions, np.float64(state.extension)),
+        ]
+        for arrays, grip in ((self.grip, state.grip), (self.grip_start, grip_start)):
+            if grip is not None:
+                names = ("held", "anchors", "loads")
+                given += [(getattr(arrays, name), getattr(grip, name)) for name in names]
+        for array, values in given:
+            if self._device.is_gpu:
+                array[b : b + 1].assign(np.ascontiguousarray(values)[None])
+            else:
+                array.numpy()[b] = values
 
     @property
     def launches(self) -> dict[str, Callable[[], None]]:
@@ -264,16 +254,11 @@ class Descents:
     def _allocate(self, memory: int, rows: int) -> None:
         device, count = self._device, self.count
         points = int(np.prod(self.model.surface.areas.shape))
-        self.vectors = device.zeroed(kernels.Vectors, (count, rows), gaps=(count, points))
-        self.memory = device.zeroed(
-            Memory,
-            (count, memory),
-            steps=(count, memory, rows),
-            changes=(count, memory, rows),
-            table=(count, memory, memory),
-            counts=(count,),
-            next=(count,),
-        )
+        shapes: dict[str, tuple[int, ...]] = {"gaps": (count, points), "counts": (count,)}
+        shapes |= {"next": (count,), "table": (count, memory, memory)}
+        shapes |= dict.fromkeys(("steps", "changes"), (count, memory, rows))
+        shapes |= dict.fromkeys(("start", "gradient", "trial", "direction"), (count, rows))
+        self.memory = device.zeroed(Memory, (count, memory), **shapes)
         inverse = self._inverse
         wide = max(rows, inverse.row_count)
         shape = (inverse.column_count, wide)
@@ -286,7 +271,7 @@ class Descents:
         evaluated = self._evaluated()
         threads = (_THREADS_OF_FEW if self.count <= _FEW else _THREADS) if device.is_gpu else 1
         grips = model.contact_options.is_tangential
-        made = descent_kernels(grips=grips, pulls=pulls, threads=threads)
+        judge, prepare, turn = descent_kernels(grips=grips, pulls=pulls, threads=threads)
         scaled, units = self._inverse.scaled, self._units
 
         def recorded(kernel: Any, inputs: list[Any]) -> Any:
@@ -299,16 +284,14 @@ class Descents:
                 record_cmd=True,
             )
 
-        own = [self.state, self.vectors, self.memory]
+        own = [self.state, self.memory]
         self._judge = recorded(
-            made.judge, [self._limits, self._dofs, self._pull, evaluated, *own, self.busy]
+            judge, [self._limits, self._dofs, self._pull, evaluated, *own, self.busy]
         )
-        self._prepare = recorded(
-            made.prepare,
-            [self._dofs, scaled, self.state, evaluated, *own[1:], self._sources],
-        )
+        asks = [self.state, evaluated, self.memory, self._sources]
+        self._prepare = recorded(prepare, [self._dofs, scaled, *asks])
         found = [self._found, *own, evaluated, self.busy]
-        self._turn = recorded(made.turn, [self._limits, self._dofs, scaled, units, *found])
+        self._turn = recorded(turn, [self._limits, self._dofs, scaled, units, *found])
         self.renew_gel()
         self._touch, self._hold = self._contact_launches(surface)
 

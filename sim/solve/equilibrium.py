@@ -317,12 +317,8 @@ class EquilibriumSolver:
         return surface.forces(state.positions, self.indenter, state, curved=curved)
 
     def _upload(self, state: State, grip_start: Grip | None) -> None:
-        descents = self._descents
-        descents.place(0, state.positions, tip=state.tip, rotation=state.rotation)
-        descents.stretch(0, state.extension)
-        if state.grip is not None and grip_start is not None:
-            descents.hold(0, state.grip, start=grip_start)
-        descents.clear()
+        self._descents.place(0, state, grip_start=grip_start)
+        self._descents.clear()
 
     def _download(self, state: State) -> None:
         state.positions = on_host(self._descents.positions)[0].copy()

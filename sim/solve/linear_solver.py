@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import weakref
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -32,35 +32,6 @@ _DISSECTED_FROM, _DISSECTION = 6_000, 2
 
 class NotPositiveDefiniteError(ArithmeticError):
     """The matrix has a negative or zero pivot: the caller projects or shifts it."""
-
-
-class LinearSolver(Protocol):
-    """What Newton needs of a solver."""
-
-    name: str
-
-    def factorise(self, data: FloatArray) -> None:
-        """Factor the matrix with the CSR values ``data`` of the upper triangle.
-
-        Raises:
-            NotPositiveDefiniteError: The matrix is not positive definite.
-        """
-        ...
-
-    def solve(self, right_side: FloatArray) -> FloatArray:
-        """Solve with the last factor, shape [dof_count], or many at once [count, dof_count]."""
-        ...
-
-
-def linear_solver(pattern: SparsePattern, kind: Any = np.float32) -> LinearSolver:
-    """Return Pardiso where it is installed, else SuperLU, in float64; both take the same pattern.
-
-    Of kinds, float32 is enough for a preconditioner, and cheaper.
-    """
-    try:
-        return PardisoSolver(pattern, pardiso_module(), kind)
-    except ImportError:
-        return SuperLuSolver(pattern)
 
 
 class BorderedSolver:
@@ -97,7 +68,7 @@ class BorderedSolver:
 
 
 class SuperLuSolver:
-    """Fallback for machines without MKL: SciPy's SuperLU in symmetric mode."""
+    """Fallback for machines without MKL: SciPy's SuperLU in symmetric mode, in float64."""
 
     name = "superlu"
 
@@ -106,7 +77,7 @@ class SuperLuSolver:
         self._factor: Any = None
 
     def factorise(self, data: FloatArray) -> None:
-        """Factor the matrix, as ``LinearSolver`` says."""
+        """Factor the matrix, as ``PardisoSolver`` does."""
         self._upper.data[:] = data
         full = self._upper + scipy.sparse.triu(self._upper, 1).T
         try:
@@ -122,7 +93,7 @@ class SuperLuSolver:
             raise NotPositiveDefiniteError("negative pivot")
 
     def solve(self, right_side: FloatArray) -> FloatArray:
-        """Solve with the last factor, shape [dof_count]."""
+        """Solve with the last factor, as ``PardisoSolver`` does."""
         return np.asarray(self._factor.solve(right_side.T).T)
 
 
@@ -151,12 +122,16 @@ class PardisoSolver:
         weakref.finalize(self, self._call, _RELEASE)
 
     def factorise(self, data: FloatArray) -> None:
-        """Factor the matrix, as ``LinearSolver`` says."""
+        """Factor the matrix with the CSR values ``data`` of the upper triangle.
+
+        Raises:
+            NotPositiveDefiniteError: The matrix is not positive definite.
+        """
         self._values[:] = data
         self._run(_FACTORISE)
 
     def solve(self, right_side: FloatArray) -> FloatArray:
-        """Solve with the last factor, as ``LinearSolver`` says."""
+        """Solve with the last factor, shape [dof_count], or many at once [count, dof_count]."""
         if right_side.ndim == 1:
             self._right[:] = right_side
             self._run(_SOLVE)
@@ -176,6 +151,20 @@ class PardisoSolver:
                 f"Pardiso ended phase {phase} with error {self._error.value}",
                 remedy="free memory, or use another preset",
             )
+
+
+LinearSolver = PardisoSolver | SuperLuSolver
+
+
+def linear_solver(pattern: SparsePattern, kind: Any = np.float32) -> LinearSolver:
+    """Return Pardiso where it is installed, else SuperLU, in float64; both take the same pattern.
+
+    Of kinds, float32 is enough for a preconditioner, and cheaper.
+    """
+    try:
+        return PardisoSolver(pattern, pardiso_module(), kind)
+    except ImportError:
+        return SuperLuSolver(pattern)
 
 
 def _pardiso(

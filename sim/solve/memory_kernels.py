@@ -114,9 +114,17 @@ def add_all(
 
 @wp.struct
 class Memory:
-    """What is remembered, shape [environment_count, length, ...] each.
+    """What an environment remembers of its steps.
+
+    Of the one under way, shape [environment_count, row_count] over the unknowns, nodes first and
+    the tip's height last; of the last ones, shape [environment_count, length, ...] each.
 
     Attributes:
+        start: Where the step began: coordinates [m].
+        gradient: There [N].
+        trial: Gradient where the step is tried [N].
+        direction: Of the step [m].
+        gaps: Of every contact point where the step began [m].
         steps: s [m], shape [..., row_count].
         changes: y [N], likewise.
         table: s of the row times y of the column [J], shape [..., length].
@@ -129,6 +137,11 @@ class Memory:
         next: Where the next goes, likewise.
     """
 
+    start: wp.array2d(dtype=wp.float64)
+    gradient: wp.array2d(dtype=wp.float64)
+    trial: wp.array2d(dtype=wp.float64)
+    direction: wp.array2d(dtype=wp.float64)
+    gaps: wp.array2d(dtype=wp.float64)
     steps: wp.array3d(dtype=wp.float32)
     changes: wp.array3d(dtype=wp.float32)
     table: wp.array3d(dtype=wp.float64)

@@ -39,23 +39,12 @@ def overlap_fraction(
     for _ in range(_TRIES):
         trial.tip = state.tip + fraction * (tip - state.tip)
         after = model.surface.gaps(state.positions + fraction * motion, indenter, trial)
-        allowed = allowed_fraction(before, after, floor)
-        if allowed == 1.0:
+        hit = after < floor
+        if not hit.any():
             return fraction
-        fraction *= allowed
+        reach = (before - floor)[hit] / np.maximum((before - after)[hit], _NOTHING_M)
+        fraction *= min(_CUT, float(reach.min()))
     return 0.0
-
-
-def allowed_fraction(before: FloatArray, after: FloatArray, floor: FloatArray) -> float:
-    """Return about how much of a motion keeps every gap above a floor; 1 where all of it does.
-
-    Of gaps [m] at its start and its end, and the least ones.
-    """
-    hit = after < floor
-    if not hit.any():
-        return 1.0
-    reach = (before - floor)[hit] / np.maximum((before - after)[hit], _NOTHING_M)
-    return min(_CUT, float(reach.min()))
 
 
 def refuse_deep_overlap(model: Model, indenter: Indenter, state: State) -> None:

@@ -71,8 +71,8 @@ def law(name: str) -> Law:
     return found
 
 
-def lame(young_pa: float, poisson: float) -> tuple[float, float]:
-    """Return the Lame parameters mu and lambda [Pa] (paper, Eq. 1)."""
+def lame(young_pa: Any, poisson: Any) -> tuple[Any, Any]:
+    """Return the Lame parameters mu and lambda [Pa] of numbers or arrays (paper, Eq. 1)."""
     mu = young_pa / (2.0 * (1.0 + poisson))
     return mu, young_pa * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
 

@@ -103,22 +103,12 @@ class Inertia:
         self._step_s, self.flight = step_s, ()
         if math.isfinite(step_s):
             flown = self._positions + step_s * self.velocities_m_s
-            self.flight = (inertia(self.masses_kg, flown_m=flown, step_s=step_s),)
+            stiffness = self.masses_kg / step_s**2
+            self.flight = (
+                Potential(stiffness_n_m=stiffness, force_n=np.zeros_like(flown), towards_m=flown),
+            )
 
     def commit(self, positions: FloatArray) -> None:
         """Accept ``positions`` [m] as the end of the step that was begun."""
         self.velocities_m_s = (positions - self._positions) / self._step_s
         self._positions = positions.copy()
-
-
-def inertia(masses_kg: FloatArray, *, flown_m: FloatArray, step_s: float) -> Potential:
-    """Return what pulls the nodes to where they would fly in one step.
-
-    Args:
-        masses_kg: Lumped nodal masses, shape [node_count].
-        flown_m: x_hat, where each node would be without forces, shape [node_count, 3].
-        step_s: dt.
-    """
-    return Potential(
-        stiffness_n_m=masses_kg / step_s**2, force_n=np.zeros_like(flown_m), towards_m=flown_m
-    )

@@ -16,8 +16,8 @@ from sim.solve.dynamics.weight_and_inertia import (
     INERTIA,
     STANDARD_M_S2,
     WEIGHT,
+    Inertia,
     Shares,
-    inertia,
     nodal_masses,
     weight,
 )
@@ -100,8 +100,10 @@ def test_gradient_and_diagonal_are_derivatives(kind: str) -> None:
     rng = np.random.default_rng(2)
     moved = model.nodes + rng.normal(scale=1e-4, size=model.nodes.shape)
     motion = rng.normal(scale=1e-5, size=model.nodes.shape)
-    flight = inertia(nodal_masses(model, DENSITY, INERTIA), flown_m=model.nodes + 1e-5, step_s=1e-4)
-    potential = flight if kind == "inertia" else weight(model, DENSITY)
+    memory = Inertia(model, DENSITY)
+    memory.forget(model.nodes + 1e-5)
+    memory.begin_step(1e-4)
+    potential = memory.flight[0] if kind == "inertia" else weight(model, DENSITY)
     rise = (potential.energy(moved + motion) - potential.energy(moved - motion)) / 2.0
     assert rise == pytest.approx(float(np.sum(potential.gradient(moved) * motion)), rel=1e-9)
     change = (potential.gradient(moved + motion) - potential.gradient(moved - motion)) / 2.0
