@@ -25,9 +25,10 @@ import numpy as np
 import warp as wp
 
 from sim.arrays import FloatArray, IntArray
-from sim.device import Device
-from sim.material import relaxation_kernels as kernels
+from sim.device import Device, on_host
+from sim.material.elasticity import stress_kernel
 from sim.material.laws.tangent import Law
+from sim.mesh.discretisation import Discretisation
 from sim.scene.material import RelaxationTerm
 from tacauchy_rig.errors import ConfigError
 
@@ -77,25 +78,26 @@ def prony_series(
 
 
 class Relaxation:
-    """What the points of a model remember; its arrays live where the model's do.
+    """What the points of a model remember, on the host; the model's arrays have what a step needs.
 
-    Until ``begin_step`` the gel answers with its slow modulus and remembers nothing.
+    Until ``begin_step`` the gel answers with its slow modulus and remembers nothing. The history H
+    is one tensor a quadrature point, constant over a step; of a law that is not objective, which is
+    linear in F - 1, it is too: its energy is H : (F - 1).
 
     Args:
         gel: The model's ``GelArrays``, of which ``stiffening`` and ``history`` are kept.
-        positions: The nodes when nothing was remembered [m], shape [node_count, 3].
+        pad: At rest, when nothing was remembered.
     """
 
     def __init__(
-        self, law: Law, gel: Any, series: PronySeries, positions: FloatArray, device: Device
+        self, law: Law, gel: Any, series: PronySeries, pad: Discretisation, device: Device
     ) -> None:
-        self.series, self._gel, self._device = series, gel, device
-        self._advance = kernels.advance_kernel(law)
-        self._points = tuple(gel.weights.shape)
-        self._stress = device.zeros(self._points, wp.mat33d)
-        self._branches = device.zeros((len(series.times_s), *self._points), wp.mat33d)
-        self._ratios = device.array(series.ratios, wp.float64)
-        self.forget(positions)
+        self.series, self._gel, self._pad = series, gel, pad
+        self._law, self._device = law, device
+        self._ratios = series.ratios[..., None, None, None]
+        self._stress = np.zeros((*gel.weights.shape, 3, 3))
+        self._branches = np.zeros((len(series.times_s), *self._stress.shape))
+        self.forget(pad.nodes)
 
     def forget(self, positions: FloatArray) -> None:
         """Take the gel to have been held at ``positions`` [m] for ever."""
@@ -108,14 +110,26 @@ class Relaxation:
         spent = step_s / self.series.times_s
         gains = np.divide(-np.expm1(-spent), spent, out=np.ones_like(spent), where=spent > 0.0)
         self._set_step(np.exp(-spent), gains)
-        inputs = [self._keeps, self._gains, self._ratios, self._stress, self._branches]
-        self._device.launch(kernels.recall, self._points, inputs, [self._gel.history])
+        kept = self._keeps * self._branches - self._gains * self._stress
+        self._gel.history.assign((self._ratios * kept).sum(axis=0))
 
     def commit(self, positions: FloatArray) -> None:
         """Accept ``positions`` [m] as the end of the step that was begun."""
-        inputs = [self._gel, self._keeps, self._gains, self._device.array(positions, wp.vec3d)]
-        self._device.launch(self._advance, self._points, inputs, [self._stress, self._branches])
+        stress = self._slow_stress(positions)
+        self._branches = self._keeps * self._branches + self._gains * (stress - self._stress)
+        self._stress = stress
+
+    def _slow_stress(self, positions: FloatArray) -> FloatArray:
+        """Return the law's S [Pa]; P of a law that is not objective."""
+        at = self._device.array(positions[None], wp.vec3d)
+        out = self._device.empty((1, *self._gel.weights.shape), wp.mat33d)
+        kernel = stress_kernel(self._law, remembers=False)
+        self._device.launch(kernel, out.shape, [self._gel, at], [out])
+        F = self._pad.deformation(positions)
+        inverse = np.linalg.inv(F)
+        P = np.linalg.det(F)[..., None, None] * on_host(out)[0] @ np.swapaxes(inverse, 2, 3)
+        return np.asarray(inverse @ P if self._law.is_objective else P)
 
     def _set_step(self, keeps: FloatArray, gains: FloatArray) -> None:
-        self._keeps, self._gains = (self._device.array(each, wp.float64) for each in (keeps, gains))
+        self._keeps, self._gains = (each[:, None, None, None, None] for each in (keeps, gains))
         self._gel.stiffening.assign(1.0 + gains @ self.series.ratios)

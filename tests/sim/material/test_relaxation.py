@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sim.arrays import FloatArray
+from sim.device import on_host
 from sim.material.laws.tangent import law
 from sim.material.relaxation import PronySeries, prony_series
 from sim.mesh.elements import ElementOrder
@@ -206,6 +207,59 @@ def test_forgetting_leaves_the_slow_law() -> None:
     assert np.allclose(
         gel.gel.gradient(positions), slow.gel.gradient(positions), rtol=1e-9, atol=1e-12
     )
+
+
+@pytest.mark.parametrize("name", [LawName.STABLE_NEO_HOOKEAN, LawName.LINEAR])
+def test_a_branch_gains_by_the_stress_and_forgets_its_share(name: LawName) -> None:
+    """Step after step h <- keep h + gain (S_new - S_old), S of the law at the step's end.
+
+    A step begins with H = sum of r (keep h - gain S), for branches of unlike stiffness.
+    """
+    gel, slow = model(name), model(name, terms=())
+    assert gel.relaxation is not None
+    times = np.array([term.time_s for term in TERMS])
+    ratios = np.array([term.share for term in TERMS]) / LEFT
+    before, branches = np.zeros((3, 3)), np.zeros((2, 3, 3))
+    for stretch, step_s in ((1.1, 0.05), (1.3, 0.3), (0.8, 1.0)):
+        F = np.diag([stretch, 1.0, 1.0])
+        keeps = np.exp(-step_s / times)[:, None, None]
+        gains = (1.0 - keeps) * times[:, None, None] / step_s
+        gel.relaxation.begin_step(step_s)
+        brought = np.tensordot(ratios, keeps * branches - gains * before, 1)
+        gel.relaxation.commit(gel.nodes @ F.T)
+        now = second_stress(slow, F)
+        now = now if gel.law.is_objective else F @ now
+        branches = keeps * branches + gains * (now - before)
+        before, size = now, np.abs(now).max()
+        for found, wanted in (
+            (on_host(gel.gel._arrays.history), brought),
+            (gel.relaxation._stress, now),
+            (np.moveaxis(gel.relaxation._branches, 0, 2), branches),
+        ):
+            np.testing.assert_allclose(
+                found, np.broadcast_to(wanted, found.shape), atol=1e-9 * size
+            )
+
+
+@pytest.mark.parametrize(
+    ("duration_s", "is_lossy"), [(1e-6, False), (0.1, True), (0.6, True), (1e5, False)]
+)
+def test_a_cycle_gives_back_no_more_than_it_took(duration_s: float, is_lossy: bool) -> None:
+    """Squeezed and let go: work is lost at the pace of the term, none far from it, and none won."""
+    gel = model(LawName.STABLE_NEO_HOOKEAN, terms=(RelaxationTerm(share=0.4, time_s=0.1),))
+    assert gel.relaxation is not None
+    here, force, work, most = gel.nodes, np.zeros_like(gel.nodes), 0.0, 0.0
+    steps = 80
+    for phase in np.arange(1, steps + 1) * np.pi / steps:
+        there = gel.nodes * np.array([1.0, 1.0, 1.0 - 0.1 * np.sin(phase) ** 2])
+        gel.relaxation.begin_step(duration_s / steps)
+        now = gel.gel.gradient(there)
+        work += float(np.sum(0.5 * (force + now) * (there - here)))
+        most = max(most, work)
+        gel.relaxation.commit(there)
+        here, force = there, now
+    assert most > 0.0
+    assert work > 0.02 * most if is_lossy else abs(work) < 1e-3 * most
 
 
 def test_layers_relax_by_their_own_series() -> None:
