@@ -10,8 +10,7 @@ import numpy as np
 
 from sim.arrays import FloatArray
 from sim.effects.mesh_choice import has_brick, mesh_depth
-from sim.mesh.bisection import bisected
-from sim.mesh.brick import brick_mesh
+from sim.mesh.bisection import bisected, brick_mesh
 from sim.mesh.fitted import with_rim_fitted, with_top_fitted
 from sim.mesh.footprint import Footprint, footprint, sizing_field
 from sim.mesh.store import mesh_key, stored_mesh

@@ -1,4 +1,7 @@
-"""Refines tetrahedra by halving longest edges until a sizing field is met.
+"""Regular meshes of a box, and tetrahedra refined by halving longest edges to a sizing field.
+
+The regular ones are of cells of six tetrahedra around a diagonal (Kuhn): halving the longest edges
+of such cells gives three shapes of tetrahedra and no others.
 
 An edge is halved when it is the longest of every tetrahedron around it, so that the mesh stays
 conforming; where it is not, the longer edges of those tetrahedra are halved first (Rivara 1997).
@@ -7,20 +10,51 @@ The same mesh and field give the same result on every machine.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
-from sim.mesh.tet_mesh import TetMesh
+from sim.mesh.symmetry import MirrorSymmetry
+from sim.mesh.tet_mesh import TetMesh, oriented
+from sim.scene.pad import BoxPad
 from tacauchy_rig.errors import ConfigError
 
 _EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
 # An edge of 3/2 becomes two of 3/4: lengths are the target's on average, by and large.
 _TOO_LONG = 1.5
 _TETS_MAX = 400_000
+
+
+def brick_mesh(pad: BoxPad, *, spacing_m: float, symmetry: MirrorSymmetry) -> TetMesh:
+    """Mesh a box, or the part that stands for the whole, by cells of at most ``spacing_m`` [m]."""
+    half_x, half_y = pad.half_extents()
+    ends = (
+        (0.0 if symmetry.mirror_x else -half_x, half_x),
+        (0.0 if symmetry.mirror_y else -half_y, half_y),
+        (0.0, 1.0),
+    )
+    sizes = np.ptp(ends, axis=1) * (1.0, 1.0, pad.height_m)
+    cells = tuple(math.ceil(size / spacing_m) for size in sizes)
+    axes = [np.linspace(*end, count + 1) for end, count in zip(ends, cells, strict=True)]
+    vertices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    vertices[:, 2] *= pad.height_at(vertices[:, 0], vertices[:, 1])
+    name = f"{cells[0]}x{cells[1]}x{cells[2]} cells"
+    tets = kuhn_tets(cells)
+    return oriented(TetMesh(vertices=vertices, tets=tets, name=name, symmetry=symmetry))
+
+
+def kuhn_tets(cells: tuple[int, ...]) -> IntArray:
+    """Return the tetrahedra of a grid of cells, shape [6 cell_count, 4], the last axis fastest."""
+    strides = np.array([(cells[1] + 1) * (cells[2] + 1), cells[2] + 1, 1])
+    corners = np.stack(np.meshgrid(*[np.arange(n) for n in cells], indexing="ij"), axis=-1)
+    first = corners.reshape(-1, 3) @ strides
+    ways = [np.append(0, np.cumsum(strides[list(order)])) for order in permutations(range(3))]
+    return np.concatenate([first[:, None] + way for way in ways]).astype(np.int32)
 
 
 def bisected(mesh: TetMesh, size_at: Callable[[FloatArray], FloatArray]) -> TetMesh:

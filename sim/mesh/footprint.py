@@ -18,7 +18,7 @@ import scipy.spatial
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
-from sim.scene.pad import Pad
+from sim.scene.pad import Pad, covers
 from sim.scene.tilted_indenter import TurnedIndenter
 from tacauchy_rig.errors import ConfigError
 
@@ -180,7 +180,7 @@ class _Press:
         self, x: FloatArray, y: FloatArray
     ) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
         """Return which points lie on the pad, the pad's top and the indenter's underside."""
-        on_pad = self.pad.covers(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
+        on_pad = covers(self.pad, np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
         top = np.where(on_pad, self.pad.height_at(x, y), 0.0)
         return on_pad, top, self.indenter.lower_surface(x - self.centre[0], y - self.centre[1])
 

@@ -91,10 +91,6 @@ class BoxPad:
         half = np.array(self.half_extents())
         return np.asarray((half - np.abs(points)).min(axis=1))
 
-    def covers(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Return which points [count, 2] lie on the pad, its outline included."""
-        return np.asarray(self.distance_to_outline(points) >= -_ON_OUTLINE_M)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscPad:
@@ -127,10 +123,6 @@ class DiscPad:
     def distance_to_outline(self, points: FloatArray) -> FloatArray:
         """Return how far inside points [count, 2] lie [m]; negative outside."""
         return np.asarray(self.radius_m - np.linalg.norm(points, axis=1))
-
-    def covers(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Return which points [count, 2] lie on the pad, its outline included."""
-        return np.asarray(self.distance_to_outline(points) >= -_ON_OUTLINE_M)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,13 +157,16 @@ class SurfacePad:
         x, y, _ = 0.5 * np.ptp(self.surface.vertices, axis=0)
         return float(x), float(y)
 
-    def covers(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Return which points [count, 2] have gel above or below them."""
-        return np.isfinite(self.height_at(points[:, 0], points[:, 1]))
-
 
 ParametricPad = BoxPad | DiscPad
 Pad = ParametricPad | SurfacePad
+
+
+def covers(pad: Pad, points: FloatArray) -> NDArray[np.bool_]:
+    """Return which points [count, 2] lie on a pad, its outline included."""
+    if isinstance(pad, SurfacePad):
+        return np.isfinite(pad.height_at(points[:, 0], points[:, 1]))
+    return np.asarray(pad.distance_to_outline(points) >= -_ON_OUTLINE_M)
 
 
 def read_surface_pad(path: Path, *, unit: MeshUnit) -> SurfacePad:

@@ -7,7 +7,7 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions, Grip
 from sim.material.laws.tangent import law
-from sim.mesh.brick import kuhn_tets
+from sim.mesh.bisection import kuhn_tets
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
