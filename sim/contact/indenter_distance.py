@@ -89,9 +89,7 @@ def poses_at(tips: FloatArray, rotations: FloatArray, device: Device) -> Any:
         tips: In the pad's frame [m], shape [environment_count, 3].
         rotations: Indenter frame to pad frame, shape [environment_count, 3, 3].
     """
-    return filled(
-        Poses, tips=device.array(tips, wp.vec3d), rotations=device.array(rotations, wp.mat33d)
-    )
+    return device.tables(Poses, {"tips": tips, "rotations": rotations})
 
 
 @wp.func

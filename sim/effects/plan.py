@@ -124,7 +124,8 @@ def _judged(scene: Scene, plan: EffectPlan, effect: Effect, saved: float) -> Eff
     except RigError as error:
         return _with(plan, effect, reason=f"on, as a coarse press failed: {error.message}")
     plan = replace(plan, tried_s=plan.tried_s + spent)
-    return _weighed(plan, effect, costs, f"tried on edges {_edges(rungs)} times as long")
+    edges = " and ".join(f"{1.0 / ratio:g}" for ratio in rungs)
+    return _weighed(plan, effect, costs, f"tried on edges {edges} times as long")
 
 
 def _why_needed(scene: Scene, plan: EffectPlan) -> str:
@@ -196,7 +197,3 @@ def _with(
         for row in plan.effects
     )
     return replace(plan, effects=rows)
-
-
-def _edges(rungs: tuple[float, ...]) -> str:
-    return " and ".join(f"{1.0 / ratio:g}" for ratio in rungs)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from sim.arrays import FloatArray
-from sim.device import Device, filled
+from sim.device import Device
 from sim.solve.descent_state import Pull
 
 
@@ -47,19 +46,15 @@ class Potential:
 def pull_of(potentials: Sequence[Potential], device: Device) -> Any:
     """Return the sum of energies for the kernels; one of them at most is stiff."""
     if not potentials:
-        nothing = device.zeros(1, wp.float64)
-        return filled(Pull, stiffness=nothing, towards=nothing, force=nothing, rest=nothing)
+        return device.zeroed(Pull, (1,))
     (stiff,) = [each for each in potentials if each.stiffness_n_m.any()] or potentials[:1]
     forced = [each for each in potentials if each.force_n.any()] or [stiff]
     (rest,) = {id(each.towards_m): each.towards_m for each in forced}.values()
-
-    def upload(values: FloatArray) -> Any:
-        return device.array(values.reshape(-1), wp.float64)
-
-    return filled(
-        Pull,
-        stiffness=upload(stiff.diagonal()),
-        towards=upload(stiff.towards_m),
-        force=upload(np.sum([each.force_n for each in forced], axis=0)),
-        rest=upload(rest),
-    )
+    force = np.sum([each.force_n for each in forced], axis=0)
+    parts = {
+        "stiffness": stiff.diagonal(),
+        "towards": stiff.towards_m,
+        "force": force,
+        "rest": rest,
+    }
+    return device.tables(Pull, {name: each.reshape(-1) for name, each in parts.items()})
