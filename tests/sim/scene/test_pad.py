@@ -15,7 +15,7 @@ from sim.effects.presets import build_model
 from sim.mesh.tetwild import pad_surface
 from sim.scene.indenter import Sphere
 from sim.scene.material import Layer, Material
-from sim.scene.pad import BoxPad, read_surface_pad, surface_pad
+from sim.scene.pad import BoxPad, covers, read_surface_pad, surface_pad
 from sim.scene.scene import Preset, Scene, Target
 from sim.scene.triangle_file import MeshUnit
 from sim.sensor.sensor import parse_sensor
@@ -52,7 +52,7 @@ def test_file_gives_the_shape(tmp_path: Path) -> None:
     x, y = np.meshgrid(np.linspace(-5.5e-3, 5.5e-3, 12), np.linspace(-4.5e-3, 4.5e-3, 12))
     np.testing.assert_allclose(pad.height_at(x, y), DOMED.height_at(x, y), atol=2e-6)
     plan = np.array([[0.0, 0.0], [5.9e-3, -4.9e-3], [6.1e-3, 0.0]])
-    assert pad.covers(plan).tolist() == [True, True, False]
+    assert covers(pad, plan).tolist() == [True, True, False]
     again = read_surface_pad(path, unit=MeshUnit.MILLIMETRE)
     assert pad == again
     assert repr(pad) == repr(again)
