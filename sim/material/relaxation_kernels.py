@@ -4,6 +4,10 @@ The history is one tensor H a quadrature point, constant over a time step. It ad
 1/2 H : (F^T F - 1) a unit of rest volume, whose derivative is F H. A law that is not objective is
 linear in F - 1, and so is its history: energy H : (F - 1), derivative H. All kernels launch over
 [element_count, point_count].
+
+S = F^-1 P has no limit as a point's volume goes to nothing, where P has one. Below a twentieth of
+the volume at rest it is cof(F)^T P over that, so that what is crushed or inside out on its way
+remembers something finite.
 """
 
 from __future__ import annotations
@@ -14,7 +18,10 @@ from typing import Any
 import warp as wp
 
 from sim.material.elasticity import GelArrays, deformation_gradient
-from sim.material.laws.tangent import Law
+from sim.material.laws.tangent import Law, cofactor
+
+# Volume ratio below which a point remembers no more than at it.
+_CRUSHED = wp.constant(wp.float64(0.05))
 
 
 @cache
@@ -38,7 +45,7 @@ def advance_kernel(law: Law) -> Any:
         F = deformation_gradient(gel, positions, e, q)
         S = law_stress(F, gel.parameters[0, e])
         if wp.static(objective):
-            S = wp.inverse(F) * S
+            S = wp.transpose(cofactor(F)) * S / wp.max(wp.determinant(F), _CRUSHED)
         for k in range(keeps.shape[0]):
             rise = (S - stress_out[e, q]) * gains[k]
             branches_out[k, e, q] = branches_out[k, e, q] * keeps[k] + rise
