@@ -62,22 +62,15 @@ def interface_traction(model: Model, positions: FloatArray) -> tuple[InterfaceTr
     labels = model.mesh.layers
     if labels is None:
         return ()
-    return tuple(_traction(model, positions, labels, layer) for layer in range(int(labels.max())))
-
-
-def _traction(
-    model: Model, positions: FloatArray, labels: IntArray, layer: int
-) -> InterfaceTraction:
-    below = labels <= layer
-    faces, under, over = _shared_faces(model.elements, below)
-    forces = nodal_forces(model, positions, below)[np.unique(faces)]
-    sides = (_stress_on_faces(model, positions, faces, each) for each in (under, over))
-    return InterfaceTraction(
-        below=below,
-        faces=faces,
-        force_n=-model.mesh.symmetry.whole_force(forces.sum(axis=0)),
-        element=on_sides(model, positions, faces, *sides),
-    )
+    found = []
+    for below in (labels <= layer for layer in range(int(labels.max()))):
+        faces, under, over = _shared_faces(model.elements, below)
+        forces = nodal_forces(model, positions, below)[np.unique(faces)]
+        sides = (_stress_on_faces(model, positions, faces, each) for each in (under, over))
+        element = on_sides(model, positions, faces, *sides)
+        whole_n = -model.mesh.symmetry.whole_force(forces.sum(axis=0))
+        found.append(InterfaceTraction(below=below, faces=faces, force_n=whole_n, element=element))
+    return tuple(found)
 
 
 def on_sides(

@@ -137,22 +137,21 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
         refuse_unknown(data)
         numbers = read_numbers(data)
         layers = _layers(data, numbers)
-        gel = {
-            "pad": _pad(data["pad"], numbers, folder or Path()),
-            "material": layers[-1].material if layers else _material(numbers, "material"),
-            "layers": layers,
-            "tetwild": tetwild_options_of(data.get("mesh", {}), origin="mesh"),
-        }
+        pad = _pad(data["pad"], numbers, folder or Path())
         camera, markers = _camera(data, numbers), _markers(data, numbers)
+        tetwild = tetwild_options_of(data.get("mesh", {}), origin="mesh")
         terms = read_relaxation(data.get("relaxation", []))
     return Sensor(
         name=str(data["name"]),
         title=str(data["title"]),
+        pad=pad,
+        material=layers[-1].material if layers else _material(numbers, "material"),
+        layers=layers,
         camera=camera,
         markers=markers,
         optics=parse_optics(data, origin),
+        tetwild=tetwild,
         numbers=numbers,
-        **gel,
     ).relaxing(terms)
 
 

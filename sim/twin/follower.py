@@ -99,13 +99,13 @@ class Follower:
         if not force_max_n:
             raise ConfigError("a twin's scene has no force for a target", remedy="give the largest")
         self._look = look or Look()
-        self._scene, self._sensor = twin_scene(scene), sensor
-        self._plan = plan_effects(self._scene)
-        self._path = path_for(self._scene, self._plan, device=self._look.device)
-        if len(self._path.model.elements) > TETS_MAX:
-            self._scene = replace(self._scene, refinement=COARSER)
+        self._sensor = sensor
+        for refinement in (REFINEMENT, COARSER):
+            self._scene = replace(twin_scene(scene), refinement=refinement)
             self._plan = plan_effects(self._scene)
             self._path = path_for(self._scene, self._plan, device=self._look.device)
+            if len(self._path.model.elements) <= TETS_MAX:
+                break
         self.view, self._blur_px = self._look.view(sensor)
         self._maps = SurfaceMaps(self._path.model, self.view.refined(_MAP_SHARE))
         self.worth: ForceWorth = force_worth(self._scene, self._path, force_max_n)
