@@ -64,14 +64,8 @@ class Sensor:
 
     def scene(self, indenter: Indenter, target: Target, **further: Any) -> Scene:
         """Return a press into this sensor; further fields of a scene overrule the sensor's own."""
-        own = {
-            "pad": self.pad,
-            "material": self.material,
-            "layers": self.layers,
-            "tetwild": self.tetwild,
-            "sensor": self.name,
-        }
-        return Scene(indenter=indenter, target=target, **{**own, **further})
+        own = {name: getattr(self, name) for name in ("pad", "material", "layers", "tetwild")}
+        return Scene(indenter=indenter, target=target, **{**own, "sensor": self.name, **further})
 
     def relaxing(self, terms: tuple[RelaxationTerm, ...]) -> Sensor:
         """Return the sensor with a gel, all of its layers, that relaxes by these terms."""

@@ -131,7 +131,8 @@ class Follower:
             geometry=self.view,
             blur_px=self._blur_px,
         )
-        self._untouched = self._drawn(self._path.unloaded, np.array([0.0, 0.0, 1.0]))
+        above = np.array([0.0, 0.0, 1.0])
+        self._untouched = self._drawn(self._path.unloaded, above, self._path.rotation)
 
     def follow(self, goal: Goal, *, maps: bool = True) -> TwinFrame:
         """Press on to a goal, or back to it, and show that; a press that fails shows the last.
@@ -206,14 +207,11 @@ class Follower:
             note=note,
         )
 
-    def _drawn(
-        self, nodes: FloatArray, tip: FloatArray, rotation: FloatArray | None = None
-    ) -> ImageArray:
+    def _drawn(self, nodes: FloatArray, tip: FloatArray, rotation: FloatArray) -> ImageArray:
         device = Device(self._path.model.device)
-        turned = self._path.rotation if rotation is None else rotation
         images = self._images.images(
             device.array(nodes[None], wp.vec3d),
             device.array(np.asarray(tip)[None], wp.vec3d),
-            device.array(np.asarray(turned)[None], wp.mat33d),
+            device.array(np.asarray(rotation)[None], wp.mat33d),
         )
         return np.array(images.numpy()[0])
