@@ -100,13 +100,13 @@ class Follower:
         if not force_max_n:
             raise ConfigError("a twin's scene has no force for a target", remedy="give the largest")
         self._look = look or Look()
-        self._scene, self._sensor = twin_scene(scene), sensor
-        self._plan = plan_effects(self._scene)
-        self._path = path_for(self._scene, self._plan)
-        if len(self._path.model.elements) > TETS_MAX:
-            self._scene = replace(self._scene, refinement=COARSER)
+        self._sensor = sensor
+        for refinement in (REFINEMENT, COARSER):
+            self._scene = replace(twin_scene(scene), refinement=refinement)
             self._plan = plan_effects(self._scene)
             self._path = path_for(self._scene, self._plan)
+            if len(self._path.model.elements) <= TETS_MAX:
+                break
         self._drawn_from = self._path.model.on(self._look.device)
         self.view, self._blur_px = self._look.view(sensor)
         self._maps = SurfaceMaps(self._path.model, self.view.refined(_MAP_SHARE))
@@ -133,7 +133,8 @@ class Follower:
             geometry=self.view,
             blur_px=self._blur_px,
         )
-        self._untouched = self._drawn(self._path.unloaded, np.array([0.0, 0.0, 1.0]))
+        above = np.array([0.0, 0.0, 1.0])
+        self._untouched = self._drawn(self._path.unloaded, above, self._path.rotation)
 
     def follow(self, goal: Goal, *, maps: bool = True) -> TwinFrame:
         """Press on to a goal, or back to it, and show that; a press that fails shows the last.
@@ -208,14 +209,11 @@ class Follower:
             note=note,
         )
 
-    def _drawn(
-        self, nodes: FloatArray, tip: FloatArray, rotation: FloatArray | None = None
-    ) -> ImageArray:
+    def _drawn(self, nodes: FloatArray, tip: FloatArray, rotation: FloatArray) -> ImageArray:
         device = Device(self._look.device)
-        turned = self._path.rotation if rotation is None else rotation
         images = self._images.images(
             device.array(nodes[None], wp.vec3d),
             device.array(np.asarray(tip)[None], wp.vec3d),
-            device.array(np.asarray(turned)[None], wp.mat33d),
+            device.array(np.asarray(rotation)[None], wp.mat33d),
         )
         return np.array(images.numpy()[0])

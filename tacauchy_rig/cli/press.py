@@ -196,8 +196,6 @@ def _show_interfaces(result: PressResult) -> None:
     """Say what goes through where layers meet; nothing for a gel of one material."""
     from sim.fields.interface import interface_traction
 
-    if result.point is None:
-        return
     found = interface_traction(result.model, result.point.state.positions)
     for number, interface in enumerate(found, start=1):
         gap = abs(interface.force_n[2] - result.force_n[2])
