@@ -27,6 +27,7 @@ DIMENSIONS = {
 }
 _PLAIN = {"camera": ("width", "height", "crop"), "markers": ("columns", "rows")}
 _OPTIONAL = {"pad.dome_radius_x", "pad.dome_radius_y"}
+_LISTS = {"lamps", "layers", "relaxation"}
 SURFACE_KEYS = ("surface", "unit", "source")
 
 
@@ -46,6 +47,12 @@ def refuse_unknown(data: dict[str, Any]) -> None:
         ConfigError: The message names the keys.
     """
     known = {"name", "title", "lamps", "layers", "optics", "mesh", "relaxation", *DIMENSIONS}
+    for key in data.keys() & known - {"name", "title"}:
+        is_list = key in _LISTS
+        entries = data[key] if is_list and isinstance(data[key], list) else [data[key]]
+        if is_list != isinstance(data[key], list) or not all(isinstance(e, dict) for e in entries):
+            form = f"[[{key}]], one a table" if is_list else f"[{key}]"
+            raise ConfigError(f"{key} is no table: {data[key]!r:.60}", remedy=f"write {form}")
     keys = [key for key in data if key not in known]
     for section, dimensions in DIMENSIONS.items():
         allowed = {*dimensions, *_PLAIN.get(section, ())}

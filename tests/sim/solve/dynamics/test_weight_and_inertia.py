@@ -95,7 +95,7 @@ def test_weight_sags_the_pad_as_a_column_does() -> None:
 
 
 def test_a_soft_skin_on_a_stiff_base_settles_under_its_weight() -> None:
-    """What rounding leaves is the stiff base's; held against the skin's modulus it never settled."""
+    """What rounding leaves is the stiff base's; beside the skin's modulus it never settled."""
     plain = disc(ElementOrder.P2)
     in_skin = plain.nodes[plain.elements[:, :4], 2].mean(axis=1) > 0.8 * PAD.height_m
     model = Model(
