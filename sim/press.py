@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -81,13 +81,11 @@ class PressResult:
     preset: str
     alternatives: tuple[Alternative, ...]
     model: Model = field(repr=False)
-    point: PathPoint | None = field(repr=False)
+    point: PathPoint = field(repr=False)
 
     def as_json(self) -> dict[str, Any]:
         """Return plain values for ``--json``, units in the keys."""
-        skipped = {"model", "point"}
-        names = [name for name in self.__dataclass_fields__ if name not in skipped]
-        plain = {name: getattr(self, name) for name in names}
+        plain = {each.name: getattr(self, each.name) for each in fields(self) if each.repr}
         return {**plain, "alternatives": [asdict(each) for each in self.alternatives]}
 
 
@@ -103,14 +101,13 @@ def press(
     started = time.perf_counter()
     plan = plan_effects(scene)
     path = path_for(scene, plan, model=model, device=device)
-    setup = time.perf_counter() - started
+    wall = {"setup": time.perf_counter() - started}
     point = follow(scene, path)
-    wall = {"setup": setup, "solve": path.counts.wall_s}
-    if not estimate_error:
-        return measure(scene, path, point, plan=plan, wall_s=wall)
-    started = time.perf_counter()
-    worth = estimated(scene, plan, outputs_of(path, point))
-    wall["estimate"] = time.perf_counter() - started
+    wall["solve"] = path.counts.wall_s
+    worth, started = NOT_ASKED, time.perf_counter()
+    if estimate_error:
+        worth = estimated(scene, plan, outputs_of(path, point))
+        wall["estimate"] = time.perf_counter() - started
     return measure(scene, path, point, plan=plan, wall_s=wall, worth=worth)
 
 

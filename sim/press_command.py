@@ -67,6 +67,8 @@ def scene_of(terms: SceneTerms) -> Scene:
     contact, friction = parse_contact(terms.contact)
     duration = _quantity(terms.duration, Dimension.TIME, "--duration")
     pad = known.pad if known is not None else parse_pad(terms.pad or "")
+    tetwild = known.tetwild if known is not None else TetWildOptions()
+    tolerance, others = _tolerances(terms.tolerance)
     scene = Scene(
         pad=pad,
         material=layers[-1].material,
@@ -86,13 +88,10 @@ def scene_of(terms: SceneTerms) -> Scene:
         effects=tuple(parse_switch(text) for text in terms.effect or ()),
         drive=terms.drive,
         preset=terms.preset or Preset.BALANCED,
-        tetwild=known.tetwild if known is not None else TetWildOptions(),
+        tetwild=tetwild if terms.mesh is None else parse_tetwild_options(terms.mesh),
+        output_tolerances=others,
         sensor=terms.sensor or "",
     )
-    if terms.mesh is not None:
-        scene = replace(scene, tetwild=parse_tetwild_options(terms.mesh))
-    tolerance, others = _tolerances(terms.tolerance)
-    scene = replace(scene, output_tolerances=others)
     if tolerance is None:
         return scene
     if terms.preset is None:
@@ -107,14 +106,13 @@ def _tolerances(text: str | None) -> tuple[Tolerance | None, tuple[tuple[Output,
         name, is_named, value = part.rpartition("=")
         if not is_named:
             force = parse_tolerance(value, field="--tolerance")
-            continue
-        known = {output.value: output for output in Output}
-        if name not in known:
+        elif name not in set(Output):
             raise ConfigError(
-                f'--tolerance: "{name}" is no output', remedy=f"choose from {', '.join(known)}"
+                f'--tolerance: "{name}" is no output', remedy=f"choose from {', '.join(Output)}"
             )
-        share = parse_quantity(value, dimension=Dimension.RATIO, field=f"--tolerance {name}")
-        others.append((known[name], share))
+        else:
+            share = parse_quantity(value, dimension=Dimension.RATIO, field=f"--tolerance {name}")
+            others.append((Output(name), share))
     return force, tuple(others)
 
 
@@ -122,14 +120,11 @@ def _target(terms: SceneTerms, pad: Pad) -> Target:
     """Read depth or force; neither may be negative, and no press goes through the gel."""
     depth = _quantity(terms.depth, Dimension.LENGTH, "--depth")
     force = _quantity(terms.force, Dimension.FORCE, "--force")
-    for option, text, value, positive in (
-        ("--depth", terms.depth, depth, "0.5mm"),
-        ("--force", terms.force, force, "1N"),
-    ):
+    for option, text, value in (("--depth", terms.depth, depth), ("--force", terms.force, force)):
         if value is not None and value < 0.0:
             raise ConfigError(
                 f"{option} {text} is negative",
-                remedy=f"pressing counts as positive: give for example {option} {positive}",
+                remedy=f"pressing counts as positive: give {option} {str(text).lstrip('- ')}",
             )
     if depth is not None and depth >= pad.height_m:
         raise ConfigError(
@@ -159,19 +154,16 @@ def _layers(sensor: Sensor | None, terms: SceneTerms) -> tuple[Layer, ...]:
 
 def _material(known: Material | None, terms: SceneTerms) -> Material:
     young = _quantity(terms.young, Dimension.PRESSURE, "--young")
+    given = {"young_pa": young, "poisson": terms.poisson}
+    stated: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     if known is not None:
-        return replace(
-            known,
-            young_pa=known.young_pa if young is None else young,
-            poisson=known.poisson if terms.poisson is None else terms.poisson,
-            law=terms.law,
-        )
-    if young is None or terms.poisson is None:
+        return replace(known, law=terms.law, **stated)
+    if len(stated) < len(given):
         raise ConfigError(
             "--pad has no material of its own",
             remedy="give --young and --poisson too, or --layer for every layer",
         )
-    return Material(young_pa=young, poisson=terms.poisson, law=terms.law)
+    return Material(law=terms.law, **stated)
 
 
 def _quantity(text: str | None, dimension: Dimension, field: str) -> float | None:

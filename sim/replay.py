@@ -54,19 +54,19 @@ def replay_scene(
         centre_m: Where its tip comes down [m].
         duration_s: Time from touch to dwell [s], for a gel that relaxes.
     """
-    target = Target(force_n=max([0.0, *forces_n]))
-    asked = {
-        "drive": drive,
-        "preset": preset,
-        "force_tolerance_n": tolerance_n,
-        "contact": ContactMode.FRICTION if friction else ContactMode.FRICTIONLESS,
-        "friction": friction,
-        "motion": Motion(tilt_rad=tilt_rad),
-        "centre_m": centre_m,
-        "duration_s": duration_s,
-        "outputs": frozenset(Output),
-    }
-    return sensor.scene(indenter, target, **asked)
+    return sensor.scene(
+        indenter,
+        Target(force_n=max([0.0, *forces_n])),
+        drive=drive,
+        preset=preset,
+        force_tolerance_n=tolerance_n,
+        contact=ContactMode.FRICTION if friction else ContactMode.FRICTIONLESS,
+        friction=friction,
+        motion=Motion(tilt_rad=tilt_rad),
+        centre_m=centre_m,
+        duration_s=duration_s,
+        outputs=frozenset(Output),
+    )
 
 
 def replay_forces(
@@ -146,23 +146,23 @@ class _Worth:
 
     def __init__(self, scene: Scene, plan: EffectPlan) -> None:
         self._scene, self._plan = scene, plan
-        self._failure: RigError | None = None
+        self._beside: CoarsePath | RigError
         try:
             self._beside = CoarsePath(*rung(scene, plan))
         except RigError as error:
-            self._failure = error
+            self._beside = error
 
     def of(self, path: LoadingPath, point: PathPoint) -> ErrorEstimate:
         """Push the other path with a point's force; forces do not fall from call to call."""
         if self._plan.is_on(Effect.VISCOELASTICITY):
             alone = replace(self._scene, target=Target(force_n=float(point.force_n[2])))
             return estimated(alone, self._plan, outputs_of(path, point))
+        if isinstance(self._beside, RigError):
+            return failed(self._beside)
         try:
-            if self._failure is not None:
-                raise self._failure
             coarse = self._beside.push(float(point.force_n[2]))
         except RigError as error:
-            self._failure = error
+            self._beside = error
             return failed(error)
         return estimate_from(self._scene, self._plan, outputs_of(path, point), coarse)
 

@@ -27,49 +27,33 @@ COARSE, FINER = 0.7, 1.0
 _NO_FORCE_N = 1e-5
 
 
-def coarse_forces(
-    scene: Scene,
-    depths_m: Sequence[float],
-    *,
-    contact_force_n: float = 0.0,
-    refinement: float = COARSE,
-) -> FloatArray:
-    """Press a scene's indenter coarsely to rising depths.
-
-    Args:
-        scene: Its own target does not count.
-        depths_m: Depths [m], shape [depth_count].
-        contact_force_n: Force from which they count [N]; 0 is first touch.
-        refinement: Every edge this many times shorter than preset fast's.
-
-    Returns:
-        F_z at each [N], shape [depth_count].
-
-    Raises:
-        RigError: It cannot be meshed or solved.
-    """
-    coarse = replace(
-        scene, preset=Preset.FAST, refinement=refinement, outputs=frozenset(), tolerance=None
-    )
-    return forces_at(coarse, depths_m, contact_force_n=contact_force_n)
-
-
 def forces_at(
     scene: Scene,
     depths_m: Sequence[float],
     *,
     contact_force_n: float = 0.0,
+    refinement: float | None = None,
     planned: bool = False,
     own_target: bool = False,
 ) -> FloatArray:
-    """Press a scene's indenter, as it is, to depths; the rest is as of ``coarse_forces``.
+    """Press a scene's indenter to depths [m], and return F_z at each [N], shape [depth_count].
 
     A gel that relaxes is pressed anew for each depth, in the scene's time.
 
     Args:
+        contact_force_n: Force from which depths count [N]; 0 is first touch.
+        refinement: Coarsely, every edge this many times shorter than preset fast's; None presses
+            on the scene's own mesh.
         planned: With the effects that its plan calls for; else with all that it has.
         own_target: On the mesh of the scene's own target; else of the largest depth.
+
+    Raises:
+        RigError: It cannot be meshed or solved.
     """
+    if refinement is not None:
+        scene = replace(
+            scene, preset=Preset.FAST, refinement=refinement, outputs=frozenset(), tolerance=None
+        )
     if not own_target:
         scene = replace(scene, target=Target(depth_m=max(depths_m)))
     plan = plan_effects(scene) if planned else everything(scene)

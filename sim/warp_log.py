@@ -19,9 +19,8 @@ class WarpLog:
     A record of a compiled module goes to ``sim.warp_log.compiled``, its seconds as ``compiled_s``.
     """
 
-    def debug(self, message: str) -> None:
-        """Pass on what helps to debug."""
-        logger.debug("%s", message)
+    debug = staticmethod(logger.debug)
+    error = staticmethod(logger.error)
 
     def info(self, message: str) -> None:
         """Tell of a module that was compiled; the rest is for debugging."""
@@ -36,7 +35,3 @@ class WarpLog:
         """Pass on a warning."""
         del category
         logger.warning("%s", message, stacklevel=stacklevel + 1)
-
-    def error(self, message: str) -> None:
-        """Pass on an error."""
-        logger.error("%s", message)

@@ -15,11 +15,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
-from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import ElementOrder
@@ -75,10 +73,12 @@ def unit(vectors: FloatArray) -> FloatArray:
 def surface_traction(model: Model, point: PathPoint) -> SurfaceTraction:
     """Recover the contact's traction at the nodes."""
     vectors = model.surface.area_vectors(point.state.positions)
-    normals = surface_normals(model, vectors)
+    normals = np.zeros(model.nodes.shape)
+    np.add.at(normals, model.faces, vectors.sum(axis=1)[:, None])
+    size = float(np.abs(model.mesh.vertices).max())
+    normals = unit(np.where(model.mesh.symmetry.on_plane(model.nodes, size), 0.0, normals))
     pressure, tangential = np.zeros(len(normals)), np.zeros(normals.shape)
-    samples = _samples(model, point, np.linalg.norm(vectors, axis=2))
-    for nodes, values in _fitted(samples, normals):
+    for nodes, values in _fitted(model, point, np.linalg.norm(vectors, axis=2), normals):
         found = np.maximum(values[:, 0], 0.0)
         pressure[nodes] = found
         along = values[:, 1:] * (found > 0.0)[:, None]
@@ -87,68 +87,32 @@ def surface_traction(model: Model, point: PathPoint) -> SurfaceTraction:
     return SurfaceTraction(pressure_pa=pressure, tangential_pa=tangential, normals=normals)
 
 
-def surface_normals(model: Model, vectors: FloatArray) -> FloatArray:
-    """Return the outward unit normal at every node of the surface, shape [node_count, 3].
+def _fitted(
+    model: Model, point: PathPoint, areas: FloatArray, normals: FloatArray
+) -> Iterator[tuple[IntArray, FloatArray]]:
+    """Yield touched nodes and what was fitted there, pressure and shear [Pa], a block at a time.
 
-    From normals times area at the contact points [m^2], shape [face_count, point_count, 3].
+    The contact points are those of the whole surface, mirrored where a part of it is modelled.
+
+    Args:
+        areas: Of the contact points, on the deformed surface [m^2], shape [face_count,
+            point_count].
+        normals: Of the surface at the model's nodes, shape [node_count, 3].
     """
-    normals = np.zeros(model.nodes.shape)
-    np.add.at(normals, model.faces, vectors.sum(axis=1)[:, None])
-    size = float(np.abs(model.mesh.vertices).max())
-    return unit(np.where(model.mesh.symmetry.on_plane(model.nodes, size), 0.0, normals))
-
-
-class _Samples(NamedTuple):
-    """The contact points of the whole surface, mirrored where a part of it is modelled.
-
-    Attributes:
-        points: Positions [m], shape [face_count, point_count, 3].
-        values: Pressure and tangential traction [Pa], shape [face_count, point_count, 4].
-        areas: On the deformed surface [m^2], shape [face_count, point_count].
-        touched: Shape [face_count, point_count].
-        faces: In the numbering of the whole surface, shape [face_count, node_count].
-        nodes: Of the model, that may be touched, and their numbers on the whole surface.
-    """
-
-    points: FloatArray
-    values: FloatArray
-    areas: FloatArray
-    touched: NDArray[np.bool_]
-    faces: IntArray
-    nodes: tuple[IntArray, IntArray]
-    positions: FloatArray
-    barycentric: FloatArray
-    degree: int
-
-
-def _samples(model: Model, point: PathPoint, areas: FloatArray) -> _Samples:
     contact, (_, normal_n, tangential_n) = point.equilibrium.contact, split_forces(point)
-    symmetry = model.mesh.symmetry
-    nodes, faces = np.unique(model.faces, return_inverse=True)
-    whole = WholeSurface(symmetry, model.nodes[nodes])
-    loads = np.concatenate([normal_n[..., None], tangential_n], axis=2)
-    values, signs = loads / areas[..., None], list(symmetry.signs())
-    return _Samples(
-        points=np.concatenate([contact.points * sign for sign in signs]),
-        values=np.concatenate([values * np.append(1.0, sign) for sign in signs]),
-        areas=np.tile(areas, (len(signs), 1)),
-        touched=np.tile(np.any(contact.forces != 0.0, axis=2), (len(signs), 1)),
-        faces=whole.copies(faces.reshape(model.faces.shape).astype(np.int32)),
-        nodes=(nodes, whole.numbers),
-        positions=point.state.positions[nodes],
-        barycentric=model.reference.face_points,
-        degree=2 if model.reference.order is ElementOrder.P2 else 1,
-    )
-
-
-def _fitted(samples: _Samples, normals: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
-    """Yield touched nodes of the model and what was fitted there, a block at a time."""
-    faces, size = samples.faces, int(samples.faces.max()) + 1
-    around, at_vertices = _incidence(faces, size), _incidence(faces[:, :3], size)
-    nodes, numbers = samples.nodes
-    own = around[numbers]
-    areas = samples.areas.sum(axis=1)
-    held = (own @ (samples.areas * samples.touched).sum(axis=1)) / (own @ areas)
+    nodes, local = np.unique(model.faces, return_inverse=True)
+    whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
+    faces = whole.copies(local.reshape(model.faces.shape).astype(np.int32))
+    loads = np.concatenate([normal_n[..., None], tangential_n], axis=2) / areas[..., None]
+    signs = list(model.mesh.symmetry.signs())
+    points = np.concatenate([contact.points * sign for sign in signs])
+    values = np.concatenate([loads * np.append(1.0, sign) for sign in signs])
+    areas = np.tile(areas, (len(signs), 1))
+    touched = np.tile(np.any(contact.forces != 0.0, axis=2), (len(signs), 1))
+    degree = 2 if model.reference.order is ElementOrder.P2 else 1
+    around, at_vertices = (_incidence(each, int(faces.max()) + 1) for each in (faces, faces[:, :3]))
+    own = around[whole.numbers]
+    held = (own @ (areas * touched).sum(axis=1)) / (own @ areas.sum(axis=1))
     chosen = np.flatnonzero(held > 0.0)
     for first in range(0, len(chosen), _BLOCK):
         block = chosen[first : first + _BLOCK]
@@ -156,12 +120,12 @@ def _fitted(samples: _Samples, normals: FloatArray) -> Iterator[tuple[IntArray, 
         patch = ((core @ at_vertices) > 0).tocoo()
         order = np.argsort(patch.row, kind="stable")
         row, face = patch.row[order], patch.col[order]
-        window = np.asarray(core.todense())[row[:, None], faces[face, :3]] @ samples.barycentric.T
-        told = np.where(samples.touched[face], 1.0, (1.0 - held[block])[row, None]) + _LEAST_WEIGHT
-        offsets = samples.points[face] - samples.positions[block][row, None]
+        corners = np.asarray(core.todense())[row[:, None], faces[face, :3]]
+        told = np.where(touched[face], 1.0, (1.0 - held[block])[row, None]) + _LEAST_WEIGHT
+        offsets = points[face] - point.state.positions[nodes[block]][row, None]
         flat = np.einsum("apx,aux->apu", offsets, _tangents(normals[nodes[block]])[row])
-        weights = samples.areas[face] * window * told
-        yield nodes[block], _at_origin(flat, samples.values[face], weights, row, samples.degree)
+        weights = areas[face] * (corners @ model.reference.face_points.T) * told
+        yield nodes[block], _at_origin(flat, values[face], weights, row, degree)
 
 
 def _incidence(faces: IntArray, size: int) -> scipy.sparse.csr_matrix:

@@ -62,22 +62,15 @@ def interface_traction(model: Model, positions: FloatArray) -> tuple[InterfaceTr
     labels = model.mesh.layers
     if labels is None:
         return ()
-    return tuple(_traction(model, positions, labels, layer) for layer in range(int(labels.max())))
-
-
-def _traction(
-    model: Model, positions: FloatArray, labels: IntArray, layer: int
-) -> InterfaceTraction:
-    below = labels <= layer
-    faces, under, over = _shared_faces(model.elements, below)
-    forces = nodal_forces(model, positions, below)[np.unique(faces)]
-    sides = (_stress_on_faces(model, positions, faces, each) for each in (under, over))
-    return InterfaceTraction(
-        below=below,
-        faces=faces,
-        force_n=-model.mesh.symmetry.whole_force(forces.sum(axis=0)),
-        element=on_sides(model, positions, faces, *sides),
-    )
+    found = []
+    for below in (labels <= layer for layer in range(int(labels.max()))):
+        faces, under, over = _shared_faces(model.elements, below)
+        forces = nodal_forces(model, positions, below)[np.unique(faces)]
+        sides = (_stress_on_faces(model, positions, faces, each) for each in (under, over))
+        element = on_sides(model, positions, faces, *sides)
+        whole_n = -model.mesh.symmetry.whole_force(forces.sum(axis=0))
+        found.append(InterfaceTraction(below=below, faces=faces, force_n=whole_n, element=element))
+    return tuple(found)
 
 
 def on_sides(
@@ -99,17 +92,14 @@ def _shared_faces(
     elements: IntArray, below: NDArray[np.bool_]
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Return the faces between two sets of elements and the element on either side of each."""
-    sides = []
+    sides, stride = [], int(elements.max()) + 1
     for side in (below, ~below):
         chosen = np.flatnonzero(side).astype(np.int32)
         faces, parents = boundary_faces(elements[chosen])
-        corners = np.sort(faces[:, :3], axis=1)
-        order = np.lexsort(corners.T)
-        sides.append((faces[order], chosen[parents[order]], corners[order]))
+        a, b, c = np.sort(faces[:, :3], axis=1).astype(np.int64).T
+        sides.append((faces, chosen[parents], (a * stride + b) * stride + c))
     (faces, under, low), (_, over, high) = sides
-    stride = int(elements.max()) + 1
-    keys = [(c[:, 0].astype(np.int64) * stride + c[:, 1]) * stride + c[:, 2] for c in (low, high)]
-    _, here, there = np.intersect1d(keys[0], keys[1], assume_unique=True, return_indices=True)
+    _, here, there = np.intersect1d(low, high, assume_unique=True, return_indices=True)
     return faces[here], under[here], over[there]
 
 

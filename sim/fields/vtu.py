@@ -43,10 +43,8 @@ def vtu(
     pyvista = importlib.import_module("pyvista")
     kind = getattr(pyvista.CellType, _CELLS[cells.shape[1]])
     grid = pyvista.UnstructuredGrid({kind: cells}, points)
-    for name, values in on_points.items():
-        grid.point_data[name] = values
-    for name, values in on_cells.items():
-        grid.cell_data[name] = values
+    grid.point_data.update(on_points)
+    grid.cell_data.update(on_cells)
     writer = importlib.import_module("vtkmodules.vtkIOXML").vtkXMLUnstructuredGridWriter()
     writer.SetInputData(grid)
     writer.SetDataModeToBinary()

@@ -99,7 +99,7 @@ class ElasticBody:
         self._slots = device.array(pad.pattern.slots(pad.elements), wp.int32)
         self.rounding_n = _rounding_force(pad, young_pa, poisson)
         self.relaxation = (
-            None if prony is None else Relaxation(law, self._arrays, prony, pad, device)
+            None if prony is None else Relaxation(law, self._arrays, prony, pad.nodes, device)
         )
 
     def energy(self, positions: FloatArray) -> tuple[float, float]:

@@ -12,12 +12,14 @@ import numpy as np
 import warp as wp
 
 from sim.device import FAST_KERNEL, start_warp
-from sim.material.laws.tangent import Law, Tangent, tangent_block
+from sim.material.laws.tangent import Law, Tangent, cofactor, tangent_block
 from sim.mesh.elements import ElementOrder, reference_element
 
 start_warp()
 
 
+# Volume ratio below which a point remembers no more than at it.
+_CRUSHED = wp.constant(wp.float64(0.05))
 # Rounding leaves so much of a gradient that is zero.
 _ZERO = 1e-14
 
@@ -142,6 +144,35 @@ def stress_kernel(law: Law, *, remembers: bool) -> Any:
         stress_out[b, e, q] = total
 
     return stress
+
+
+@cache
+def slow_stress_kernel(law: Law) -> Any:
+    """Build what gives the S = F^-1 P [Pa] that relaxation goes by; P of a law not objective.
+
+    S has no limit as a point's volume goes to nothing, where P has one. Below a twentieth of the
+    volume at rest it is cof(F)^T P over that, so that what is crushed or inside out on its way
+    remembers something finite. The kernel launches over [element_count, point_count].
+    """
+    law_stress, objective = law.stress, law.is_objective
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def slow_stress(
+        # Model:
+        gel: GelArrays,
+        # Data in:
+        positions: wp.array(dtype=wp.vec3d),
+        # Data out:
+        stress_out: wp.array2d(dtype=wp.mat33d),
+    ):
+        e, q = wp.tid()
+        F = deformation_gradient(gel, positions, e, q)
+        S = law_stress(F, gel.parameters[0, e])
+        if wp.static(objective):
+            S = wp.transpose(cofactor(F)) * S / wp.max(wp.determinant(F), _CRUSHED)
+        stress_out[e, q] = S
+
+    return slow_stress
 
 
 @wp.func

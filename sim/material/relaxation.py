@@ -26,9 +26,8 @@ import warp as wp
 
 from sim.arrays import FloatArray, IntArray
 from sim.device import Device, on_host
-from sim.material.elasticity import stress_kernel
+from sim.material.elasticity import slow_stress_kernel
 from sim.material.laws.tangent import Law
-from sim.mesh.discretisation import Discretisation
 from sim.scene.material import RelaxationTerm
 from tacauchy_rig.errors import ConfigError
 
@@ -86,18 +85,18 @@ class Relaxation:
 
     Args:
         gel: The model's ``GelArrays``, of which ``stiffening`` and ``history`` are kept.
-        pad: At rest, when nothing was remembered.
+        positions: The nodes when nothing was remembered [m], shape [node_count, 3].
     """
 
     def __init__(
-        self, law: Law, gel: Any, series: PronySeries, pad: Discretisation, device: Device
+        self, law: Law, gel: Any, series: PronySeries, positions: FloatArray, device: Device
     ) -> None:
-        self.series, self._gel, self._pad = series, gel, pad
-        self._law, self._device = law, device
+        self.series, self._gel, self._device = series, gel, device
+        self._slow_stress = slow_stress_kernel(law)
         self._ratios = series.ratios[..., None, None, None]
         self._stress = np.zeros((*gel.weights.shape, 3, 3))
         self._branches = np.zeros((len(series.times_s), *self._stress.shape))
-        self.forget(pad.nodes)
+        self.forget(positions)
 
     def forget(self, positions: FloatArray) -> None:
         """Take the gel to have been held at ``positions`` [m] for ever."""
@@ -115,20 +114,12 @@ class Relaxation:
 
     def commit(self, positions: FloatArray) -> None:
         """Accept ``positions`` [m] as the end of the step that was begun."""
-        stress = self._slow_stress(positions)
+        out = self._device.empty(self._gel.weights.shape, wp.mat33d)
+        inputs = [self._gel, self._device.array(positions, wp.vec3d)]
+        self._device.launch(self._slow_stress, out.shape, inputs, [out])
+        stress = on_host(out)
         self._branches = self._keeps * self._branches + self._gains * (stress - self._stress)
         self._stress = stress
-
-    def _slow_stress(self, positions: FloatArray) -> FloatArray:
-        """Return the law's S [Pa]; P of a law that is not objective."""
-        at = self._device.array(positions[None], wp.vec3d)
-        out = self._device.empty((1, *self._gel.weights.shape), wp.mat33d)
-        kernel = stress_kernel(self._law, remembers=False)
-        self._device.launch(kernel, out.shape, [self._gel, at], [out])
-        F = self._pad.deformation(positions)
-        inverse = np.linalg.inv(F)
-        P = np.linalg.det(F)[..., None, None] * on_host(out)[0] @ np.swapaxes(inverse, 2, 3)
-        return np.asarray(inverse @ P if self._law.is_objective else P)
 
     def _set_step(self, keeps: FloatArray, gains: FloatArray) -> None:
         self._keeps, self._gains = (each[:, None, None, None, None] for each in (keeps, gains))

@@ -57,15 +57,6 @@ class Discretisation:
         """Inverses of ``jacobians`` [1/m]."""
         return np.asarray(np.linalg.inv(self.jacobians), dtype=np.float64)
 
-    def deformation(self, positions: FloatArray) -> FloatArray:
-        """Return F = dx/dX at the quadrature points, shape [element_count, point_count, 3, 3].
-
-        Args:
-            positions: Nodes [m], shape [node_count, 3].
-        """
-        along = np.einsum("eni,qnj->eqij", positions[self.elements], self.reference.gradients)
-        return np.asarray(along @ self.inverse_jacobians[:, None])
-
     @property
     def face_areas(self) -> FloatArray:
         """Areas of the faces at rest [m^2], as if they were flat."""

@@ -11,8 +11,7 @@ from sim.device import Device
 from sim.fields.press_fields import top_surface
 from sim.optics.colour.nominal import nominal_model
 from sim.optics.colour.pixel_colours import ColourModel
-from sim.optics.height.height_map import TOUCHING_M, gap_left
-from sim.optics.height.surface_heights import SurfaceHeights
+from sim.optics.height.height_map import TOUCHING_M, SurfaceHeights, gap_left
 from sim.optics.markers.material_points import MaterialPoints
 from sim.optics.markers.point_kernel import see_points
 from sim.optics.markers.printed_markers import marker_places

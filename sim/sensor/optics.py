@@ -88,32 +88,29 @@ def parse_optics(data: dict[str, Any], origin: str) -> SensorOptics:
     Raises:
         ConfigError: No such renderer, or a key is unknown, missing or wrong.
     """
-    lamps = _lamps(data.get("lamps", []), origin)
     table = data.get("optics", {"kind": "photometric"})
     kind = str(table.get("kind", ""))
-    with naming(f"{origin}: optics.kind"):
-        renderer: Renderer = load(Kind.RENDERER, kind)
-    needed = {"kind", *renderer.needed}
-    allowed = needed | {*renderer.optional}
-    wrong = sorted((needed - set(table)) | (set(table) - allowed))
-    if wrong:
-        raise ConfigError(
-            f"{origin}: optics of kind {kind}: missing or unknown {', '.join(wrong)}",
-            remedy=f"give {', '.join(sorted(allowed))}",
-        )
-    return SensorOptics(
-        kind=kind,
-        renderer=renderer,
-        lamps=lamps,
-        shadows=_shadows(table, lamps, origin),
-        model=renderer.read(table, lamps, origin),
-    )
+    with naming(origin):
+        lamps = _lamps(data.get("lamps", []))
+        with naming("optics.kind"):
+            renderer: Renderer = load(Kind.RENDERER, kind)
+        needed = {"kind", *renderer.needed}
+        allowed = needed | {*renderer.optional}
+        wrong = sorted((needed - set(table)) | (set(table) - allowed))
+        if wrong:
+            raise ConfigError(
+                f"optics of kind {kind}: missing or unknown {', '.join(wrong)}",
+                remedy=f"give {', '.join(sorted(allowed))}",
+            )
+        shadows = _shadows(table, lamps)
+    model = renderer.read(table, lamps, origin)
+    return SensorOptics(kind=kind, renderer=renderer, lamps=lamps, shadows=shadows, model=model)
 
 
-def _shadows(table: dict[str, Any], lamps: tuple[Lamp, ...], origin: str) -> ShadowCaster | None:
+def _shadows(table: dict[str, Any], lamps: tuple[Lamp, ...]) -> ShadowCaster | None:
     if "shadow_softness" not in table:
         return None
-    name = f"{origin}: optics.shadow_softness"
+    name = "optics.shadow_softness"
     value = parse_quantity(str(table["shadow_softness"]), dimension=Dimension.LENGTH, field=name)
     if not value > 0.0 or not lamps:
         raise ConfigError(
@@ -123,10 +120,10 @@ def _shadows(table: dict[str, Any], lamps: tuple[Lamp, ...], origin: str) -> Sha
     return ShadowCaster(lamps=lamps, softness_m=value)
 
 
-def _lamps(entries: list[dict[str, Any]], origin: str) -> tuple[Lamp, ...]:
+def _lamps(entries: list[dict[str, Any]]) -> tuple[Lamp, ...]:
     found = []
     for number, entry in enumerate(entries, start=1):
-        name = f"{origin}: lamp {number}"
+        name = f"lamp {number}"
         if set(entry) != {"azimuth", "elevation", "colour", "source"}:
             raise ConfigError(
                 f"{name} needs azimuth, elevation, colour and source",

@@ -19,7 +19,7 @@ from sim.sensor.tables import (
     DIMENSIONS,
     MATERIAL,
     Measured,
-    read_counts,
+    read_count,
     read_number,
     read_numbers,
     read_relaxation,
@@ -27,7 +27,7 @@ from sim.sensor.tables import (
     surface_of,
 )
 from tacauchy_rig.errors import ConfigError, naming
-from tacauchy_rig.quantities import Dimension
+from tacauchy_rig.quantities import Dimension, parse_quantity
 from tacauchy_rig.registry import Kind, load, names, unknown
 
 
@@ -64,14 +64,8 @@ class Sensor:
 
     def scene(self, indenter: Indenter, target: Target, **further: Any) -> Scene:
         """Return a press into this sensor; further fields of a scene overrule the sensor's own."""
-        own = {
-            "pad": self.pad,
-            "material": self.material,
-            "layers": self.layers,
-            "tetwild": self.tetwild,
-            "sensor": self.name,
-        }
-        return Scene(indenter=indenter, target=target, **{**own, **further})
+        own = {name: getattr(self, name) for name in ("pad", "material", "layers", "tetwild")}
+        return Scene(indenter=indenter, target=target, **{**own, "sensor": self.name, **further})
 
     def relaxing(self, terms: tuple[RelaxationTerm, ...]) -> Sensor:
         """Return the sensor with a gel, all of its layers, that relaxes by these terms."""
@@ -133,31 +127,33 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{origin}: not TOML: {error}", remedy="correct the line") from error
-    refuse_unknown(data, origin)
-    numbers = read_numbers(data, origin)
-    counts = read_counts(data, origin)
-    layers = _layers(data, numbers, origin)
-    known = Sensor(
+    with naming(origin):
+        refuse_unknown(data)
+        numbers = read_numbers(data)
+        layers = _layers(data, numbers)
+        pad = _pad(data["pad"], numbers, folder or Path())
+        camera, markers = _camera(data, numbers), _markers(data, numbers)
+        tetwild = tetwild_options_of(data.get("mesh", {}), origin="mesh")
+        terms = read_relaxation(data.get("relaxation", []))
+    return Sensor(
         name=str(data["name"]),
         title=str(data["title"]),
-        pad=_pad(data["pad"], numbers, origin, folder or Path()),
+        pad=pad,
         material=layers[-1].material if layers else _material(numbers, "material"),
         layers=layers,
-        camera=_camera(numbers, counts, _crop(data["camera"], origin)),
-        markers=_markers(numbers, counts),
+        camera=camera,
+        markers=markers,
         optics=parse_optics(data, origin),
-        tetwild=tetwild_options_of(data.get("mesh", {}), origin=f"{origin}: mesh"),
+        tetwild=tetwild,
         numbers=numbers,
-    )
-    return known.relaxing(read_relaxation(data.get("relaxation", []), origin))
+    ).relaxing(terms)
 
 
-def _pad(section: dict[str, Any], numbers: dict[str, Measured], origin: str, folder: Path) -> Pad:
+def _pad(section: dict[str, Any], numbers: dict[str, Measured], folder: Path) -> Pad:
     if "surface" in section:
-        return surface_of(section, origin=origin, folder=folder)
+        return surface_of(section, folder)
     sizes = [name for name in DIMENSIONS["pad"] if f"pad.{name}" in numbers]
-    given = {f"{name}_m": numbers[f"pad.{name}"].value for name in sizes}
-    return BoxPad(**given)
+    return BoxPad(**{f"{name}_m": numbers[f"pad.{name}"].value for name in sizes})
 
 
 def _material(numbers: dict[str, Measured], name: str) -> Material:
@@ -165,7 +161,7 @@ def _material(numbers: dict[str, Measured], name: str) -> Material:
     return Material(young_pa=young, poisson=poisson)
 
 
-def _layers(data: dict[str, Any], numbers: dict[str, Measured], origin: str) -> tuple[Layer, ...]:
+def _layers(data: dict[str, Any], numbers: dict[str, Measured]) -> tuple[Layer, ...]:
     """Read the layers from the base upwards and note their numbers."""
     wanted = {"share": Dimension.RATIO, **MATERIAL}
     layers = []
@@ -173,24 +169,24 @@ def _layers(data: dict[str, Any], numbers: dict[str, Measured], origin: str) -> 
         name = f"layers.{index}"
         if set(entry) != set(wanted):
             raise ConfigError(
-                f"{origin}: {name} has {', '.join(entry) or 'nothing'}",
+                f"{name} has {', '.join(entry) or 'nothing'}",
                 remedy=f"give {', '.join(wanted)}, no more and no less",
             )
         for key, dimension in wanted.items():
-            numbers[f"{name}.{key}"] = read_number(entry[key], f"{origin}: {name}.{key}", dimension)
+            numbers[f"{name}.{key}"] = read_number(entry[key], f"{name}.{key}", dimension)
         share = numbers[f"{name}.share"].value
         layers.append(Layer(share=share, material=_material(numbers, name)))
-    with naming(origin):
-        interface_shares(layers)
+    interface_shares(layers)
     return tuple(layers)
 
 
-def _camera(numbers: dict[str, Measured], counts: dict[str, int], crop: float) -> CameraGeometry:
+def _camera(data: dict[str, Any], numbers: dict[str, Measured]) -> CameraGeometry:
     """Return the pixels after the crop; ``centre`` is what of the pad is in the image's middle."""
-    width, height = counts["camera.width"], counts["camera.height"]
+    width, height = (read_count(data, "camera", key) for key in ("width", "height"))
     pixel_x, pixel_y, centre_x, centre_y = (
         numbers[f"camera.{name}"].value for name in ("pixel_x", "pixel_y", "centre_x", "centre_y")
     )
+    crop = str(data["camera"].get("crop", 0.0))
     return CameraGeometry(
         width=width,
         height=height,
@@ -198,26 +194,16 @@ def _camera(numbers: dict[str, Measured], counts: dict[str, int], crop: float) -
         scale_y_m=pixel_y,
         centre_x_px=0.5 * (width - 1) - centre_x / pixel_x,
         centre_y_px=0.5 * (height - 1) - centre_y / pixel_y,
-        crop_fraction=crop,
+        crop_fraction=parse_quantity(crop, dimension=Dimension.RATIO, field="camera.crop"),
     )
 
 
-def _crop(section: dict[str, Any], origin: str) -> float:
-    value = section.get("crop", 0.0)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < 0.5:
-        raise ConfigError(
-            f"{origin}: camera.crop is {value!r}",
-            remedy="give the part of the frame cut off at each border, such as 0.15; 0 is none",
-        )
-    return float(value)
-
-
-def _markers(numbers: dict[str, Measured], counts: dict[str, int]) -> MarkerGrid | None:
-    if "markers.columns" not in counts:
+def _markers(data: dict[str, Any], numbers: dict[str, Measured]) -> MarkerGrid | None:
+    if "markers" not in data:
         return None
     return MarkerGrid(
-        columns=counts["markers.columns"],
-        rows=counts["markers.rows"],
+        columns=read_count(data, "markers", "columns"),
+        rows=read_count(data, "markers", "rows"),
         pitch_m=(numbers["markers.pitch_x"].value, numbers["markers.pitch_y"].value),
         radius_m=numbers["markers.radius"].value,
     )

@@ -46,7 +46,8 @@ class Look:
         colours: Colour of a surface.
         geometry: Where the pixels of a whole image look.
         blur_px: Standard deviation of the camera's blur, in pixels of the whole image.
-        device: Of the kernels: ``cpu`` or ``cuda:0``.
+        device: Where they are drawn: ``cpu`` or ``cuda:0``. One press is too small for a GPU, and
+            is solved on a processor.
     """
 
     width_px: int = 160
@@ -99,13 +100,14 @@ class Follower:
         if not force_max_n:
             raise ConfigError("a twin's scene has no force for a target", remedy="give the largest")
         self._look = look or Look()
-        self._scene, self._sensor = twin_scene(scene), sensor
-        self._plan = plan_effects(self._scene)
-        self._path = path_for(self._scene, self._plan, device=self._look.device)
-        if len(self._path.model.elements) > TETS_MAX:
-            self._scene = replace(self._scene, refinement=COARSER)
+        self._sensor = sensor
+        for refinement in (REFINEMENT, COARSER):
+            self._scene = replace(twin_scene(scene), refinement=refinement)
             self._plan = plan_effects(self._scene)
-            self._path = path_for(self._scene, self._plan, device=self._look.device)
+            self._path = path_for(self._scene, self._plan)
+            if len(self._path.model.elements) <= TETS_MAX:
+                break
+        self._drawn_from = self._path.model.on(self._look.device)
         self.view, self._blur_px = self._look.view(sensor)
         self._maps = SurfaceMaps(self._path.model, self.view.refined(_MAP_SHARE))
         self.worth: ForceWorth = force_worth(self._scene, self._path, force_max_n)
@@ -122,7 +124,7 @@ class Follower:
             background: RGB, uint8, of the size of ``view``; None is evenly grey.
         """
         self._images = SurfaceImages(
-            self._path.model,
+            self._drawn_from,
             self._scene.indenter,
             self._sensor,
             count=1,
@@ -131,7 +133,8 @@ class Follower:
             geometry=self.view,
             blur_px=self._blur_px,
         )
-        self._untouched = self._drawn(self._path.unloaded, np.array([0.0, 0.0, 1.0]))
+        above = np.array([0.0, 0.0, 1.0])
+        self._untouched = self._drawn(self._path.unloaded, above, self._path.rotation)
 
     def follow(self, goal: Goal, *, maps: bool = True) -> TwinFrame:
         """Press on to a goal, or back to it, and show that; a press that fails shows the last.
@@ -206,14 +209,11 @@ class Follower:
             note=note,
         )
 
-    def _drawn(
-        self, nodes: FloatArray, tip: FloatArray, rotation: FloatArray | None = None
-    ) -> ImageArray:
-        device = Device(self._path.model.device)
-        turned = self._path.rotation if rotation is None else rotation
+    def _drawn(self, nodes: FloatArray, tip: FloatArray, rotation: FloatArray) -> ImageArray:
+        device = Device(self._look.device)
         images = self._images.images(
             device.array(nodes[None], wp.vec3d),
             device.array(np.asarray(tip)[None], wp.vec3d),
-            device.array(np.asarray(turned)[None], wp.mat33d),
+            device.array(np.asarray(rotation)[None], wp.mat33d),
         )
         return np.array(images.numpy()[0])

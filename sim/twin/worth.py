@@ -53,10 +53,10 @@ def force_worth(scene: Scene, path: LoadingPath, force_max_n: float) -> ForceWor
     """
     fast = replace(scene, refinement=1.0)
     plan = plan_effects(fast)
-    relative, basis = [], ""
+    forces, relative, basis = [share * force_max_n for share in _SHARES], [], ""
     try:
         finer, coarser = path_for(fast, plan), CoarsePath(*rung(fast, plan))
-        for force in (share * force_max_n for share in _SHARES):
+        for force in forces:
             aimed = replace(fast, target=Target(force_n=force))
             own, found = (outputs_of(each, each.push(force)) for each in (path, finer))
             worth = estimate_from(aimed, plan, found, coarser.push(force))
@@ -67,9 +67,6 @@ def force_worth(scene: Scene, path: LoadingPath, force_max_n: float) -> ForceWor
             relative.append(apart + worth.force)
             basis = f"{apart:.2%} off preset fast; of that {worth.basis}"
     except RigError as error:
-        return ForceWorth(
-            forces_n=(), relative=(), basis=f"the press on shorter edges failed: {error.message}"
-        )
-    return ForceWorth(
-        forces_n=[share * force_max_n for share in _SHARES], relative=relative, basis=basis
-    )
+        basis = f"the press on shorter edges failed: {error.message}"
+        return ForceWorth(forces_n=(), relative=(), basis=basis)
+    return ForceWorth(forces_n=forces, relative=relative, basis=basis)

@@ -172,6 +172,12 @@ def _show(scene: Scene, result: PressResult) -> None:
     apart = result.algorithms_apart_relative
     say(f"fields     {apart:.1%} between tractions from sigma n and from contact")
     say(f"gap        {result.gap_min_m * 1e6:.3f} um at least, det F {result.min_jacobian:.3f}")
+    if result.min_jacobian <= 0.0:
+        complain(
+            f"warning: the gel is inside out somewhere (det F {result.min_jacobian:.3f}); fields "
+            "there mean nothing, and F_z may be further off than stated. Press less deep, give the "
+            "indenter a fillet, or take a finer --preset."
+        )
     say(f"mesh       {result.element}, {result.tet_count} tetrahedra, {result.node_count} nodes")
     off = [row["name"] for row in result.effects if not row["on"]]
     say(f"left out   {', '.join(off)}; `tacauchy-rig plan` with the same options says why")
@@ -190,8 +196,6 @@ def _show_interfaces(result: PressResult) -> None:
     """Say what goes through where layers meet; nothing for a gel of one material."""
     from sim.fields.interface import interface_traction
 
-    if result.point is None:
-        return
     found = interface_traction(result.model, result.point.state.positions)
     for number, interface in enumerate(found, start=1):
         gap = abs(interface.force_n[2] - result.force_n[2])

@@ -9,7 +9,7 @@ import numpy as np
 
 from reports.arrays import FloatArray
 from sim.scene.terms import parse_indenter
-from sim.sensitivity import coarse_forces
+from sim.sensitivity import COARSE, forces_at
 from tacauchy_rig.config.uncertainty import stated_uncertainty
 from tacauchy_rig.errors import RigError
 from tacauchy_rig.gel_fit.fit import MU, NU, Data, GelFit, fit_gel
@@ -122,7 +122,7 @@ def next_presses(data: Data, fit: GelFit) -> list[NextPress]:
         tool = replace(inputs, indenter=parse_indenter(text))
         try:
             base, other, rougher = (
-                coarse_forces(each.scene([1.0]), depths)
+                forces_at(each.scene([1.0]), depths, refinement=COARSE)
                 for each in (
                     tool,
                     gel_of(tool, float(NU[nu]) + _STEPS[0], tool.friction),

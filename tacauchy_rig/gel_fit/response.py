@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from reports.arrays import FloatArray
 from sim.scene.scene import Preset
-from sim.sensitivity import FINER, coarse_forces, forces_at
+from sim.sensitivity import FINER, forces_at
 from tacauchy_rig.gel_fit.presses import IndenterPresses
 from tacauchy_rig.loop.inputs import ReplayInputs
 from tacauchy_rig.loop.uncertainty import force_inputs
@@ -110,11 +110,11 @@ def _pressed(
     node: tuple[float, float], *, inputs: ReplayInputs, depths_m: Sequence[float]
 ) -> FloatArray:
     scene = gel_of(inputs, *node).scene([1.0])
-    return coarse_forces(scene, depths_m, refinement=FINER)
+    return forces_at(scene, depths_m, refinement=FINER)
 
 
 def _too_stiff(inputs: ReplayInputs, depths_m: FloatArray) -> tuple[FloatArray, float]:
     scene = replace(inputs, preset=Preset.BALANCED).scene([1.0])
     fine = forces_at(replace(scene, outputs=frozenset()), depths_m.tolist())
-    ratio = fine / coarse_forces(inputs.scene([1.0]), depths_m.tolist(), refinement=FINER)
+    ratio = fine / forces_at(inputs.scene([1.0]), depths_m.tolist(), refinement=FINER)
     return ratio, max(_LEFT_LEAST, _LEFT_SHARE * float(np.abs(ratio - 1.0).mean()))

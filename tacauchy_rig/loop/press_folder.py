@@ -22,7 +22,6 @@ from sim.press import PressResult
 from sim.scene.scene import Scene
 from sim.sensor.camera_geometry import ImageArray
 from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.figure_style import FRAMED_STYLE, PAGE_IN, save_figure
 from tacauchy_rig.loop.optics import nominal_optics
 from tacauchy_rig.loop.rendering import image_of
@@ -41,11 +40,9 @@ def write_press(folder: Path, scene: Scene, result: PressResult) -> list[Path]:
         The files.
 
     Raises:
-        ConfigError: The press kept no equilibrium, or the sensor's file names no lamps.
+        ConfigError: The sensor's file names no lamps.
         RecordError: A file cannot be written.
     """
-    if result.point is None:
-        raise ConfigError("nothing was pressed, so there is nothing to write", remedy="press")
     path = path_for(scene, plan_effects(scene), model=result.model)
     fields = trial_fields(path, result.point)
     seen, kept = None, ReplayFields(fields=fields.arrays, surface_vtu=fields.surface_vtu)

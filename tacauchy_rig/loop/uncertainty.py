@@ -18,7 +18,7 @@ from sim.leaning import can_lean
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 from sim.scene.pad import BoxPad, SurfacePad
 from sim.scene.scene import Scene
-from sim.sensitivity import COARSE, FINER, coarse_forces
+from sim.sensitivity import COARSE, FINER, forces_at
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.config.uncertainty import Stated, stated_uncertainty
 from tacauchy_rig.errors import ConfigError, RigError
@@ -95,7 +95,7 @@ def force_inputs(
         scene = replace(scene, indenter=rounded_rim(scene.indenter))
         known = scene, refinement
         if known not in pressed_before:
-            pressed_before[known] = coarse_forces(
+            pressed_before[known] = forces_at(
                 scene, tried_m.tolist(), contact_force_n=contact_n, refinement=refinement
             )
         return pressed_before[known]

@@ -67,7 +67,7 @@ def press_with_twin(
 
     Args:
         unit_of: Makes the emulated unit of a sensor.
-        device: Of the twin's kernels.
+        device: Where the twin's images are drawn.
 
     Raises:
         RigError: The run does not begin.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 
 import numpy as np
@@ -21,6 +21,7 @@ from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.press_image import press_image, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
+from sim.sensor.camera_geometry import ImageArray
 from tacauchy_rig.side_by_side import side_by_side
 
 _NUDGES = 2
@@ -40,8 +41,7 @@ def render_presses(
         for _ in range(_NUDGES):
             circle = calibration.scene.nudged(placed, calibration.model)
             placed = _lit(press, circle, calibration)
-        there = _rendered(press, placed, calibration)
-        nudged.append(replace(there, as_labelled=labelled[-1].rendered))
+        nudged.append(_rendered(press, placed, calibration))
     return labelled, nudged
 
 
@@ -69,14 +69,14 @@ def cross_validate(
     folds: int = 7,
     jobs: int = 1,
     on_fold: Callable[[int], None] = lambda _: None,
-) -> tuple[CheckScores, list[RenderedPress], Calibration]:
+) -> tuple[CheckScores, list[RenderedPress], list[RenderedPress], Calibration]:
     """Fit on all folds but one and score that one, for each; press i is in fold i modulo folds.
 
     ``on_fold`` is told the number of each fold that is done, from 0; the last is of all presses.
 
     Returns:
-        Scores over all presses, each press as rendered by the model that had not seen it
-        (nudged circle), in fold order, and the calibration from all presses.
+        Scores over all presses, each press as rendered by the model that had not seen it, in fold
+        order, as labelled and with nudged circles, and the calibration from all presses.
     """
     labelled, nudged = [], []
     held_out = [presses[fold::folds] for fold in range(folds)]
@@ -88,7 +88,7 @@ def cross_validate(
         labelled += as_labelled
         nudged += as_nudged
         on_fold(fold)
-    return check_scores(labelled, nudged, scene), nudged, calibration
+    return check_scores(labelled, nudged, scene), labelled, nudged, calibration
 
 
 def _fitted(
@@ -125,12 +125,15 @@ class RenderedPress(PlacedPress):
     Attributes:
         rendered: [grey levels], shape [height, width, 3].
         seconds: That this took, by the formula in NumPy [s].
-        as_labelled: Of a nudged circle the rendering with the labelled one, likewise.
     """
 
     rendered: FloatArray
-    seconds: float = 0.0
-    as_labelled: FloatArray | None = None
+    seconds: float
+
+    @property
+    def image(self) -> ImageArray:
+        """The rendering in the no-contact frame's light, RGB, uint8; nothing of its own frame."""
+        return np.clip(np.rint(self.rendered), 0.0, 255.0).astype(np.uint8)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

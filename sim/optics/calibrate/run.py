@@ -9,14 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from sim.optics.calibrate.checks import SlopeCoverage, check_after, check_coverage, slope_coverage
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.cross_validation import (
     CheckScores,
     RenderedPress,
-    as_seen,
     check_scores,
     cross_validate,
     held_out_errors,
@@ -29,7 +26,6 @@ from sim.optics.calibrate.presses.gel_profile import DEPTHS_M
 from sim.optics.calibrate.presses.scene import PressScene, pressed_scene
 from sim.optics.calibrate.sensor_fit import BLUR_PX, calibrate_presses
 from sim.optics.calibrate.shadow_fit import SHADOWS
-from sim.sensor.camera_geometry import ImageArray
 from tacauchy_rig import __version__
 from tacauchy_rig.errors import RecordError
 
@@ -58,31 +54,18 @@ class OpticsResult:
     files: list[Path]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOutImage:
-    """A press as a model that had not seen it renders it: nothing of its own frame is used.
-
-    Attributes:
-        image: With the circle as labelled or found, in the no-contact frame's light.
-        seconds: That it took [s].
-    """
-
-    name: str
-    image: ImageArray
-    seconds: float
-
-
 def calibrate_and_check(
     request: OpticsRequest,
     *,
     on_step: OnStep = lambda *_: None,
-    on_held_out: Callable[[Sequence[HeldOutImage]], None] = lambda _: None,
+    on_held_out: Callable[[Sequence[RenderedPress]], None] = lambda _: None,
 ) -> OpticsResult:
     """Read, refuse or warn, cross-validate, fit, check, and write the calibration and its figures.
 
     Args:
         on_step: Told of each step.
-        on_held_out: Given every press as rendered, in the order of their table.
+        on_held_out: Given every press as a model that had not seen it renders it where it was
+            labelled or found, in the order of their table.
 
     Raises:
         ConfigError: A file is missing or damaged, or the presses cannot be calibrated from.
@@ -113,10 +96,11 @@ def calibrate_and_check(
     )
     presses, warnings = find_presses(read, scene, ball_radius_m=0.5 * request.ball_diameter_m)
     fit = partial(calibrate_presses, scene=scene, shadows=request.sensor.optics.shadows)
-    scores, held_out, calibration = cross_validate(
+    scores, labelled, held_out, calibration = cross_validate(
         presses, scene, fit=fit, folds=folds, jobs=request.jobs, on_fold=fitted
     )
-    on_held_out(_images(presses, held_out, scene))
+    place = {press.name: number for number, press in enumerate(presses)}
+    on_held_out(sorted(labelled, key=lambda item: place[item.press.name]))
     coverage = slope_coverage(calibration.circles, calibration.scene)
     warnings += check_after(scores, held_out, scene) + check_coverage(coverage)
     others = render_presses(read.check, calibration)
@@ -131,19 +115,6 @@ def calibrate_and_check(
         provenance=provenance,
         files=files,
     )
-
-
-def _images(
-    presses: Sequence[BallPress], held_out: Sequence[RenderedPress], scene: PressScene
-) -> list[HeldOutImage]:
-    by_name = {item.press.name: item for item in held_out}
-    found = []
-    for item in (by_name[press.name] for press in presses):
-        if item.as_labelled is not None:
-            levels = as_seen(item.as_labelled, np.zeros_like(item.light), scene)
-            image = levels.astype(np.uint8)
-            found.append(HeldOutImage(name=item.press.name, image=image, seconds=item.seconds))
-    return found
 
 
 def _provenance(

@@ -86,8 +86,4 @@ def _read(_table: Mapping[str, Any], lamps: tuple[Lamp, ...], _origin: str) -> C
     return nominal_photometric(lamps) if lamps else None
 
 
-PHOTOMETRIC = Renderer(
-    read=_read,
-    optional=("shadow_softness", "source"),
-    exponents=BALL_EXPONENTS,
-)
+PHOTOMETRIC = Renderer(read=_read, optional=("shadow_softness", "source"), exponents=BALL_EXPONENTS)

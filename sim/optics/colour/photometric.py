@@ -112,7 +112,7 @@ class PhotometricModel:
         inputs = [
             self._colours(position[1, :: layout.geometry.width], layout),
             columns[0],
-            layout.array(lamp_planes(self.terms, position, layout), layout.block),
+            lamp_planes(self.terms, position, layout),
             layout.pixel_rows(self.gain(light)),
         ]
         return PixelColours(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -111,15 +112,13 @@ def softened(cosine: RealArray, softness: float) -> RealArray:
     return np.asarray(cosine.dtype.type(0.5) * (cosine + np.sqrt(cosine * cosine + bend)))
 
 
-def lamp_planes(terms: ShadingTerms | None, position: RealArray, layout: PixelBlocks) -> RealArray:
-    """Return each lamp's direction and light on level gel, shape [4 lamp_count blocks, lanes]."""
+def lamp_planes(terms: ShadingTerms | None, position: RealArray, layout: PixelBlocks) -> Any:
+    """Return each lamp's direction and light on level gel in blocks, shape [4 lamp_count rows]."""
     if terms is None or not terms.lamps:
-        return np.zeros((0, layout.lanes), dtype=np.float32)
+        return layout.array(np.zeros((0, layout.lanes)), layout.block)
     place = np.stack([position[0], position[1] * np.float32(terms.aspect)])
     lamps = [lamp.seen_from(place, softness=terms.softness) for lamp in terms.lamps]
-    rows = np.concatenate(lamps).reshape(-1, layout.geometry.width)
-    short = -layout.geometry.width % layout.lanes
-    return np.pad(rows, ((0, 0), (0, short)), mode="edge").reshape(-1, layout.lanes)
+    return layout.pixel_rows(np.concatenate(lamps).reshape(1, -1, layout.geometry.width))[0]
 
 
 def lamp_weights(

@@ -153,16 +153,11 @@ def _face_node(k: int):
 
 
 @wp.func
-def _tangents(
-    nodes: wp.array2d(dtype=wp.vec3d),
-    faces: wp.array2d(dtype=wp.int32),
-    env: int,
-    f: int,
-    k: int,
-):
+def _tangents(canvas: Canvas, faces: wp.array2d(dtype=wp.int32), env: int, f: int, k: int):
     """Return the derivatives of a quadratic face along its edges 01 and 02, at its node ``k``."""
     at = _face_node(k)
     one, four = wp.float64(1.0), wp.float64(4.0)
+    nodes = canvas.nodes
     first = (one - four * at[0]) * nodes[env, faces[f, 0]]
     b, c = nodes[env, faces[f, 1]], nodes[env, faces[f, 2]]
     ab, bc, ca = nodes[env, faces[f, 3]], nodes[env, faces[f, 4]], nodes[env, faces[f, 5]]
@@ -179,7 +174,7 @@ def mark_steep(gel: Gel, canvas: Canvas):
     env, f = wp.tid()
     steep = 0
     for k in range(6):
-        along, across = _tangents(canvas.nodes, gel.faces, env, f, k)
+        along, across = _tangents(canvas, gel.faces, env, f, k)
         normal = wp.cross(along, across)
         if wp.sqrt(normal[0] * normal[0] + normal[1] * normal[1]) > _STEEP_SLOPE * normal[2]:
             steep = 1
@@ -300,7 +295,7 @@ def add_slopes(gel: Gel, canvas: Canvas):
         node = gel.parts[part, k]
         if pressed and (canvas.states[env, node] & FREE) > 0:
             continue
-        s, t = _tangents(canvas.nodes, gel.parts, env, part, k)
+        s, t = _tangents(canvas, gel.parts, env, part, k)
         area = s[0] * t[1] - s[1] * t[0]
         weighed = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.abs(area))
         if wp.abs(area) > _FLAT_M2:

@@ -74,11 +74,8 @@ def dark_markers(image: NDArray[np.uint8], *, radius_px: float) -> FloatArray:
     share = 1.0 - image / np.maximum(around, 1.0)
     smooth = ndimage.gaussian_filter(share, 0.5 * radius_px)
     peak = smooth == ndimage.maximum_filter(smooth, size=window)
-    rows, columns = np.nonzero(peak & (smooth > _FAINTEST))
-    found = [
-        _centre(share, float(column), float(row), radius_px)
-        for row, column in zip(rows, columns, strict=True)
-    ]
+    places = np.argwhere(peak & (smooth > _FAINTEST)).astype(np.float64).tolist()
+    found = [_centre(share, column, row, radius_px) for row, column in places]
     return np.array([centre for centre in found if centre is not None]).reshape(-1, 2)
 
 

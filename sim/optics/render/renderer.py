@@ -274,8 +274,6 @@ def gaussian_weights(sigma_px: float) -> Float32Array:
 
     The pixel itself is in the middle; a standard deviation of 0 px leaves it alone.
     """
-    if not sigma_px > 0.0:
-        return np.ones(1, dtype=np.float32)
     size = round(2.0 * _REACH * sigma_px + 1.0) | 1
     return np.asarray(cv2.getGaussianKernel(size, sigma_px, cv2.CV_32F)[:, 0], dtype=np.float32)
 

@@ -112,8 +112,6 @@ def _laminate_press(*, ratio: float, share: float, radius_m: float, measured_as:
 
 
 def _residual_relative(result: PressResult) -> float:
-    if result.point is None:
-        return float("nan")
     return result.point.equilibrium.residual_n / result.force_n[2]
 
 

@@ -19,12 +19,12 @@ from sim.effects.scene_path import follow, path_for
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.optics.height.height_map import height_maps
-from sim.optics.height.underside_kernel import indenter_height
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.objects.shapes import chisel
+from sim.studies.underside import indenter_height
 from sim.studies.verification.prose import stated
 from tacauchy_rig.tables import Cell, Table, table_of_rows
 

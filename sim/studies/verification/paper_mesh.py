@@ -62,8 +62,6 @@ def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.F
     rows: list[dict[str, Cell]] = []
     for preset in presets:
         result = press(replace(_SCENE, preset=preset))
-        if result.point is None:
-            continue
         model = result.model
         extract = partial(surface_stress, model, result.point.state.positions)
         times = times_of(extract, most=_REPEATS, least=_REPEATS, budget_s=0.0)

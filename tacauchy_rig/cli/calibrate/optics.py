@@ -16,8 +16,8 @@ from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
 if TYPE_CHECKING:
-    from sim.optics.calibrate.cross_validation import PressScores
-    from sim.optics.calibrate.run import HeldOutImage, OpticsResult
+    from sim.optics.calibrate.cross_validation import PressScores, RenderedPress
+    from sim.optics.calibrate.run import OpticsResult
 
 
 def optics(
@@ -116,7 +116,7 @@ def optics(
 
 
 def _write_outputs(
-    folder: Path | None, images: Sequence[HeldOutImage], *, folds: int, is_run: bool
+    folder: Path | None, images: Sequence[RenderedPress], *, folds: int, is_run: bool
 ) -> None:
     """Write presses held out as a simulator's outputs.
 
@@ -138,7 +138,7 @@ def _write_outputs(
         "circle, as drawn or as found in its image.",
     )
     presses = {
-        int(Path(each.name).stem) if is_run else k: PressOutput(image=each.image)
+        int(Path(each.press.name).stem) if is_run else k: PressOutput(image=each.image)
         for k, each in enumerate(images, start=1)
     }
     write_outputs(folder, Outputs(simulator=simulator, presses=presses))

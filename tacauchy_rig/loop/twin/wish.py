@@ -36,7 +36,7 @@ class Seen:
 
 
 def twin_wish(follows: Follows, *, device: str = "cpu") -> ViewerWish:
-    """Return what the supervisor starts; its kernels run on a device of Warp."""
+    """Return what the supervisor starts; its images are drawn on a device of Warp."""
     options = {FOLLOWS: follows.value, DEVICE: device}
     return ViewerWish(name=NAME, module=MODULE, options=options)
 
@@ -49,7 +49,7 @@ def twin_of(
     Args:
         config: Of the run.
         optics: How images are made; None takes the configured calibration, or the nominal lamps.
-        device: Of the kernels.
+        device: Where images are drawn.
 
     Raises:
         ConfigError: There is no such sensor or indenter, or nothing to render with.

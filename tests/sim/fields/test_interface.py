@@ -124,7 +124,6 @@ def test_9dtact_carries_the_press_through_its_interface() -> None:
         abs(coarse[BELOW]), abs(coarse[ABOVE])
     )
     result = press(scene)
-    assert result.point is not None
     (interface,) = interface_traction(result.model, result.point.state.positions)
     assert interface.force_n[2] == pytest.approx(result.force_n[2], rel=1e-6)
 

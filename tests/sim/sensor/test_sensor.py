@@ -44,6 +44,17 @@ def test_sensor_file_of_ones_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "line", ["pad = 3", "layers = 3", "layers = [3]", 'optics = "x"', "relaxation = { share = 1 }"]
+)
+def test_a_section_that_is_no_table_is_refused(line: str) -> None:
+    """The message names the file and the key."""
+    key, _ = line.split(" = ", 1)
+    with pytest.raises(ConfigError, match=f"mine.toml: {key} is no table") as caught:
+        parse_sensor(f'name = "x"\ntitle = "y"\n{line}\n', origin="mine.toml")
+    assert key in str(caught.value.remedy)
+
+
+@pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("[pad]", "[pads]", "unknown pads"),

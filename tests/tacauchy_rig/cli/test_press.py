@@ -25,6 +25,17 @@ def test_printed_law_warns_of_its_stress_at_rest() -> None:
     assert "force" in done.stdout
 
 
+def test_gel_that_is_inside_out_is_told() -> None:
+    """A bonded rim half way through a compressible pad crushes the elements at its edge."""
+    bonded = ["--indenter", "cylinder:diameter=3mm,fillet=0.1mm", "--contact", "bonded"]
+    deep = [*bonded, "--depth", "1mm", "--preset", "fast", "--no-estimate-error"]
+    done = CliRunner().invoke(app, ["press", *DISC[:-1], "0.3", *deep])
+    assert done.exit_code == 0
+    assert "inside out somewhere (det F -" in done.stderr
+    usual = CliRunner().invoke(app, ["press", *DISC, *PRESS, "--no-estimate-error"])
+    assert "inside out" not in usual.stderr
+
+
 def test_every_output_has_an_error_unless_that_is_refused(tmp_path: Path) -> None:
     """A bonded press is pressed again on longer edges."""
     bonded = ["press", *DISC, *PRESS, "--contact", "bonded"]

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sim.sensitivity import FINER, coarse_forces
+from sim.sensitivity import FINER, forces_at
 from tacauchy_rig.gel_check import (
     BALL,
     DEPTHS_M,
@@ -35,7 +35,7 @@ def test_between_its_nodes_a_response_is_what_a_press_gives() -> None:
     presses = presses_of(1, PUNCH)
     area = _response(PUNCH).at(np.array([0.468]), np.array([0.2]), DEPTHS_M)[0, 0]
     scene = gel_of(presses.inputs, 0.468, 0.2).scene([1.0])
-    pressed = coarse_forces(scene, DEPTHS_M.tolist(), refinement=FINER)
+    pressed = forces_at(scene, DEPTHS_M.tolist(), refinement=FINER)
     young_pa = presses.inputs.sensor.material.young_pa
     np.testing.assert_allclose(young_pa * area, pressed, rtol=0.005)
 

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from sim.arrays import FloatArray, IntArray
 from sim.scene.indenter import Cylinder, mesh_indenter
-from sim.sensitivity import coarse_forces
+from sim.sensitivity import forces_at
 from tacauchy_rig.config.load import load_config
 from tacauchy_rig.loop.inputs import inputs_of
 from tacauchy_rig.loop.uncertainty import _quick, force_inputs, variations
@@ -88,7 +88,7 @@ def test_depths_count_from_the_contact_force() -> None:
     config = load_config(overrides=(*BALL, *SMOOTH)).config
     scene = inputs_of(config).scene([2.0])
     at_touch, later = (
-        coarse_forces(scene, [3e-4], contact_force_n=force_n, refinement=0.5)[0]
+        forces_at(scene, [3e-4], contact_force_n=force_n, refinement=0.5)[0]
         for force_n in (0.0, 0.05)
     )
     assert later > at_touch + 0.05

@@ -30,6 +30,7 @@ from sim.sensor.sensor import Sensor
 PixelIndices = NDArray[np.intp]
 
 BEYOND_RIM = 1.15
+_STRIDE = 4  # of the pixels along rows and columns that are used for fitting
 _FAR_FRACTION = 0.7
 _SKIRT_RADII = 2.3
 _OUTLIER_LEVELS = 15.0
@@ -63,7 +64,6 @@ class PressScene:
         rest_slope: dz/d(column) and dz/d(row) of the unloaded gel [1], shape [2, height, width];
             None is level gel.
         lamp_count: Near lamps that the model may have; with none it is a polynomial alone.
-        stride: Every how many pixels along rows and columns are used for fitting.
     """
 
     geometry: CameraGeometry
@@ -73,7 +73,6 @@ class PressScene:
     masked: NDArray[np.bool_] | None = None
     rest_slope: FloatArray | None = None
     lamp_count: int = 0
-    stride: int = 4
 
     @property
     def aspect(self) -> float:
@@ -139,7 +138,7 @@ class PressScene:
 
     def pixels_around(self, circle: Circle) -> tuple[PixelIndices, PixelIndices]:
         """Return rows and columns of the fitting lattice in contact and skirt."""
-        rows, columns = self._lattice(self.stride)
+        rows, columns = self._lattice(_STRIDE)
         near = circle.distance(columns, rows) < _SKIRT_RADII * circle.radius_px
         near &= self.bare[rows, columns]
         return rows[near], columns[near]
@@ -160,7 +159,7 @@ class PressScene:
         In the form of ``light_at``. A model explains the skirt; without one, the farthest pixels
         are taken to be level.
         """
-        rows, columns = self._lattice(self.stride)
+        rows, columns = self._lattice(_STRIDE)
         distance = circle.distance(columns, rows)
         edge = np.quantile(distance, _FAR_FRACTION) if model is None else 0.0
         outside = distance > max(float(edge), BEYOND_RIM * circle.radius_px)

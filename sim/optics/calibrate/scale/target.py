@@ -5,7 +5,7 @@ ChArUco boards, ArUco grids and grids of dots: ``charuco:columns=8,rows=6,square
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -48,47 +48,12 @@ class TargetPoints:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ScaleTarget(ABC):
-    """A flat target of known size."""
+class _BoardTarget:
+    """A board of ArUco markers, as OpenCV knows it."""
 
     columns: int
     rows: int
-
-    @abstractmethod
-    def find(self, image: GreyArray) -> TargetPoints:
-        """Return the points that a grey image shows; none where it shows no target."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BoardTarget(ScaleTarget):
-    """A board of ArUco markers, as OpenCV knows it."""
-
     dictionary: str = "4X4_50"
-
-    @abstractmethod
-    def board(self) -> cv2.aruco.Board:
-        """Return OpenCV's description of the board, in metres."""
-
-    @abstractmethod
-    def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, int]:
-        """Return corners as OpenCV finds them, their numbers, and how many there should be."""
-
-    def find(self, image: GreyArray) -> TargetPoints:
-        """Return the board's points that a grey image shows."""
-        board = self.board()
-        # The detectors want markers of more pixels than a 320 x 240 image gives.
-        factor = _ENLARGE if max(image.shape) < _SMALLEST_IMAGE_PX else 1
-        large = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
-        corners, found, wanted = self.detected(board, np.asarray(large, dtype=np.uint8))
-        known, pixels = (None, None) if found is None else board.matchImagePoints(corners, found)
-        if known is None or pixels is None:
-            known, pixels = np.empty((0, 3)), np.empty((0, 2))
-        middle = 0.5 * np.array(board.getRightBottomCorner()[:2])
-        return TargetPoints(
-            positions_m=known.reshape(-1, 3)[:, :2].astype(np.float64) - middle,
-            pixels=(pixels.reshape(-1, 2).astype(np.float64) + 0.5) / factor - 0.5,
-            wanted=wanted,
-        )
 
     def _markers(self) -> cv2.aruco.Dictionary:
         number = getattr(cv2.aruco, f"DICT_{self.dictionary.upper()}", None)
@@ -101,7 +66,7 @@ class BoardTarget(ScaleTarget):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CharucoTarget(BoardTarget):
+class CharucoTarget(_BoardTarget):
     """Chessboard with ArUco markers in its white squares; its inner corners are found."""
 
     square_m: float
@@ -120,14 +85,15 @@ class CharucoTarget(BoardTarget):
         size = (self.columns, self.rows)
         return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, self._markers())
 
-    def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, int]:
-        """Find the inner corners of the chessboard."""
-        corners, found, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
-        return corners, found, (self.columns - 1) * (self.rows - 1)
+    def find(self, image: GreyArray) -> TargetPoints:
+        """Return the inner corners that a grey image shows; none where it shows no target."""
+        detector = cv2.aruco.CharucoDetector(board := self.board())
+        wanted = (self.columns - 1) * (self.rows - 1)
+        return _board_points(board, detector.detectBoard, image, wanted=wanted)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ArucoTarget(BoardTarget):
+class ArucoTarget(_BoardTarget):
     """Grid of ArUco markers, numbered along the rows; the corners of every marker are found."""
 
     marker_m: float
@@ -138,19 +104,40 @@ class ArucoTarget(BoardTarget):
         size = (self.columns, self.rows)
         return cv2.aruco.GridBoard(size, self.marker_m, self.gap_m, self._markers())
 
-    def detected(self, board: Any, image: GreyArray) -> tuple[Any, Any, int]:
-        """Find the four corners of every marker."""
+    def find(self, image: GreyArray) -> TargetPoints:
+        """Return the markers' corners that a grey image shows; none where it shows no target."""
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-        detector = cv2.aruco.ArucoDetector(board.getDictionary(), parameters)
-        corners, found, _ = detector.detectMarkers(image)
-        return corners, found, 4 * self.columns * self.rows
+        detector = cv2.aruco.ArucoDetector((board := self.board()).getDictionary(), parameters)
+        wanted = 4 * self.columns * self.rows
+        return _board_points(board, detector.detectMarkers, image, wanted=wanted)
+
+
+def _board_points(
+    board: cv2.aruco.Board, detect: Callable[[Any], Sequence[Any]], image: GreyArray, *, wanted: int
+) -> TargetPoints:
+    """Return a board's points where OpenCV detects corners and their numbers."""
+    # The detectors want markers of more pixels than a 320 x 240 image gives.
+    factor = _ENLARGE if max(image.shape) < _SMALLEST_IMAGE_PX else 1
+    large = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+    corners, found, *_ = detect(large)
+    known, pixels = (None, None) if found is None else board.matchImagePoints(corners, found)
+    if known is None or pixels is None:
+        known, pixels = np.empty((0, 3)), np.empty((0, 2))
+    middle = 0.5 * np.array(board.getRightBottomCorner()[:2])
+    return TargetPoints(
+        positions_m=known.reshape(-1, 3)[:, :2].astype(np.float64) - middle,
+        pixels=(pixels.reshape(-1, 2).astype(np.float64) + 0.5) / factor - 0.5,
+        wanted=wanted,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DotTarget(ScaleTarget):
+class DotTarget:
     """Regular grid of dots; which way round it lies is taken to be the nearest to the image's."""
 
+    columns: int
+    rows: int
     pitch_m: float
 
     def find(self, image: GreyArray) -> TargetPoints:
@@ -192,6 +179,14 @@ class DotTarget(ScaleTarget):
         return np.empty((0, 2)) if beside.any() else pixels
 
 
+ScaleTarget = CharucoTarget | ArucoTarget | DotTarget
+_KINDS: dict[str, type[ScaleTarget]] = {
+    "charuco": CharucoTarget,
+    "aruco": ArucoTarget,
+    "dots": DotTarget,
+}
+
+
 def find_target(target: ScaleTarget, image: GreyArray, *, name: str) -> TargetPoints:
     """Find a target in a grey image as it is, or mirrored, as a camera sees it through a mirror.
 
@@ -211,13 +206,6 @@ def find_target(target: ScaleTarget, image: GreyArray, *, name: str) -> TargetPo
             "target lies flat, whole in the image and in focus",
         )
     return found
-
-
-_KINDS: dict[str, type[ScaleTarget]] = {
-    "charuco": CharucoTarget,
-    "aruco": ArucoTarget,
-    "dots": DotTarget,
-}
 
 
 def parse_target(text: str) -> ScaleTarget:

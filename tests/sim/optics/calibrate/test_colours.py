@@ -60,7 +60,9 @@ def _fit(scene: PressScene) -> Callable[[Sequence[BallPress]], Calibration]:
 def test_held_out_colours_are_recovered_to_within_the_noise() -> None:
     """Good labels, steady light: held-out error is the noise of the pixels alone."""
     scene = press_scene()
-    scores, rendered, _ = cross_validate(presses(12, noise=1.0)[0], scene, fit=_fit(scene), folds=3)
+    scores, _, rendered, _ = cross_validate(
+        presses(12, noise=1.0)[0], scene, fit=_fit(scene), folds=3
+    )
     raw = scores.as_labelled_frames_as_they_came
     noise_mae = np.sqrt(2 / np.pi) * np.hypot(1.0, np.sqrt(2 / 12))
     assert raw.mae < 1.25 * noise_mae
@@ -118,7 +120,7 @@ def test_no_contact_floor_is_the_score_of_the_no_contact_frame() -> None:
         )
         for i in range(4)
     ]
-    scores, _, _ = cross_validate(noisy, scene, fit=_fit(scene), folds=2)
+    scores, _, _, _ = cross_validate(noisy, scene, fit=_fit(scene), folds=2)
     raw = scores.as_labelled_frames_as_they_came
     assert raw.ssim_crop == pytest.approx(raw.ssim_crop_no_contact, abs=0.03)
     assert raw.mae == pytest.approx(raw.mae_no_contact, rel=0.05)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sim.contact.state import ContactOptions
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
@@ -91,6 +92,24 @@ def test_weight_sags_the_pad_as_a_column_does() -> None:
     expected = DENSITY * STANDARD_M_S2 * PAD.height_m**2 / (2.0 * modulus)
     assert PAD.height_m - positions[middle, 2] == pytest.approx(expected, rel=0.15)
     assert expected / PAD.height_m == pytest.approx(2e-5, rel=0.1)
+
+
+def test_a_soft_skin_on_a_stiff_base_settles_under_its_weight() -> None:
+    """What rounding leaves is the stiff base's; beside the skin's modulus it never settled."""
+    plain = disc(ElementOrder.P2)
+    in_skin = plain.nodes[plain.elements[:, :4], 2].mean(axis=1) > 0.8 * PAD.height_m
+    model = Model(
+        plain.mesh,
+        order=ElementOrder.P2,
+        law=law(LawName.STABLE_NEO_HOOKEAN),
+        young_pa=np.where(in_skin, 1e-3, 1.0) * YOUNG_PA,
+        poisson=0.49,
+        contact_options=ContactOptions(distance_m=40e-6, friction=0.8),
+    )
+    positions = unloaded_positions(
+        model, options=SolverOptions(), potentials=[weight(model, DENSITY)]
+    )
+    assert 0.0 < PAD.height_m - positions[:, 2].max() < 0.01 * PAD.height_m
 
 
 @pytest.mark.parametrize("kind", ["weight", "inertia"])
