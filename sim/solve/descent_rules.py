@@ -122,6 +122,8 @@ def _ends(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d):
     scale = d.scale[b]
     is_last = d.recorded[b] - 1 >= d.steps_max[b]
     settled = d.grip_change[b] <= wp.max(_GRIP_CHANGE, _GRIP_PER_RESIDUAL * d.relative[b])
+    if scale == wp.float64(0.0):
+        settled = wp.bool(True)  # what touches nothing has no pressure to take over
     # Parts that lean the same way add up to more along z than their norm says.
     if last <= asked and wp.abs(d.vertical[b]) <= asked and settled:
         d.status[b] = Status.DONE

@@ -44,7 +44,7 @@ from sim.solve.stiffness_factor import StiffnessFactor
 from sim.solve.untangle import TANGLED_SHARE, inverted_share, untangle
 from tacauchy_rig.errors import ConvergenceError
 
-# A residual that is always enough, over E H^2 with the stiffest layer's E and the pad's height H.
+# A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1.5e-11
 # Shares of d_hat below which the barrier is a parabola, tried one after the other.
 EXTENSIONS = (0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
@@ -57,8 +57,7 @@ class SolverOptions:
     Attributes:
         residual_relative: Residual norm over the contact force's norm.
         residual_floor_n: Residual norm that is always enough [N], as is the rounding's; None is
-            1.5e-11 E H^2 with the stiffest layer's E and the pad's height H: as the problem and its
-            rounding do.
+            1.5e-11 E H^2 with the pad's height H, so that it scales with the problem.
         iteration_max: Most steps for one form of the barrier, which is relaxed where gel stays too
             near; each form begins to count anew.
     """
@@ -216,7 +215,7 @@ class EquilibriumSolver:
     def _set_limits(self, load_n: float | None, options: SolverOptions) -> None:
         model, floor = self.model, options.residual_floor_n
         if floor is None:
-            floor = _FLOOR_SHARE * float(model.materials[0].max()) * model.height_m**2
+            floor = _FLOOR_SHARE * model.young_pa * model.height_m**2
         self.factor.held = load_n is None
         self._descents.set(
             pushed=int(load_n is not None),
