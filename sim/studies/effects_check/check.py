@@ -6,8 +6,8 @@ import math
 import statistics
 import time
 import tomllib
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from importlib import resources
 from typing import Any
 
@@ -21,6 +21,7 @@ from sim.error.estimate import estimated
 from sim.press_command import scene_from
 from sim.scene.material import RelaxationTerm
 from sim.scene.scene import Effect, Output, Scene, Target
+from tacauchy_rig.errors import ConfigError
 
 _TOUCH_M = 5e-6
 # Kernels are the same on any mesh: they are loaded on a coarse one.
@@ -28,7 +29,8 @@ _TOUCH_REFINEMENT = 0.5
 # What errors are judged by: everything on and edges so many times shorter, and what that tends
 # to where an error falls with the edge length to the power of two.
 _FINER = 1.5
-_LEFT = _FINER**2 / (_FINER**2 - 1.0)
+# A size that is none; it keeps a quotient finite.
+_NOTHING = 1e-300
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,27 +66,33 @@ class EffectCheck:
     """A scene under its plan and with everything on.
 
     Attributes:
+        name: Of the scene; ``shows`` says what sets it apart.
         added: What was off and is on in the full press.
-        differences: Of each output that is asked for.
+        tolerances: Of each output that is asked for.
+        expected: What the plan said that each of them changes by.
+        differences: What each changed by.
         errors: Of each output what the press states, and what finer meshes tell; empty where
             that was not asked.
         planned_s: Processor time of planning, meshing, pressing and estimating errors [s].
+        tried_s: What of it went into trying effects [s].
         full_s: The same with everything on and nothing planned [s].
     """
 
-    case: EffectCase
-    plan: EffectPlan
+    name: str
+    shows: str
     added: tuple[Effect, ...]
+    tolerances: dict[Output, float]
+    expected: dict[Output, float]
     differences: dict[Output, float]
     errors: dict[Output, tuple[float, float]]
     planned_s: float
+    tried_s: float
     full_s: float
 
     @property
     def shares(self) -> dict[Output, float]:
         """Difference over tolerance of each output that is asked for; above 1 is a miss."""
-        allowed = self.plan.tolerances
-        return {output: found / allowed[output] for output, found in self.differences.items()}
+        return {each: found / self.tolerances[each] for each, found in self.differences.items()}
 
     @property
     def worst(self) -> tuple[Output, float]:
@@ -103,20 +111,26 @@ class EffectCheck:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain values for ``--json``."""
-        return {
-            "name": self.case.name,
-            "shows": self.case.shows,
-            "passed": self.passed,
-            "tolerances": {each.value: share for each, share in self.plan.tolerances.items()},
-            "expected": {each.value: self.plan.left_out(each) for each in self.differences},
-            "differences": {each.value: found for each, found in self.differences.items()},
-            "errors": {each.value: found for each, found in self.errors.items()},
-            "planned_s": self.planned_s,
-            "tried_s": self.plan.tried_s,
-            "full_s": self.full_s,
-            "added": [effect.value for effect in self.added],
-            "effects": self.plan.as_json(),
-        }
+        return {**asdict(self), "passed": self.passed}
+
+    @classmethod
+    def from_json(cls, row: Mapping[str, Any]) -> EffectCheck:
+        """Return what ``as_json`` gave.
+
+        Raises:
+            ConfigError: The row is not one of these.
+        """
+        try:
+            values: dict[str, Any] = {each.name: row[each.name] for each in fields(cls)}
+            for name in ("tolerances", "expected", "differences", "errors"):
+                values[name] = {Output(key): value for key, value in values[name].items()}
+            values["errors"] = {key: tuple(pair) for key, pair in values["errors"].items()}
+            values["added"] = tuple(Effect(each) for each in values["added"])
+            return cls(**values)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise ConfigError(
+                f"no scene of effects-check: {error!r}", remedy="give what --json wrote"
+            ) from error
 
 
 def check_effects(case: EffectCase, *, errors: bool = False) -> EffectCheck:
@@ -145,23 +159,42 @@ def check_effects(case: EffectCase, *, errors: bool = False) -> EffectCheck:
     full = _pressed(scene, full_plan)
     estimated(scene, full_plan, full)
     full_s = time.process_time() - started
-    found, finer = planned.differences(full), {}
+    found, true = planned.differences(full), {}
     if errors:
         # What inertia changes is told by the press with everything on, at a fraction of the time.
         inertia = (Effect.INERTIA, plan.is_on(Effect.INERTIA))
         shorter = replace(
             scene, refinement=_FINER * scene.refinement, effects=(*scene.effects, inertia)
         )
-        finer = planned.changes(_pressed(shorter, everything(shorter)))
+        true = _true_errors(planned, full, _pressed(shorter, everything(shorter)))
     return EffectCheck(
-        case=case,
-        plan=plan,
+        name=case.name,
+        shows=case.shows,
         added=tuple(e for e, on in full_plan.switches if on and not plan.is_on(e)),
+        tolerances=dict(plan.tolerances),
+        expected={output: plan.left_out(output) for output in plan.tolerances},
         differences={output: found[output] for output in plan.tolerances},
-        errors={each: (stated[each], _LEFT * finer[each]) for each in stated if each in finer},
+        errors={each: (stated[each], true[each]) for each in stated if each in true},
         planned_s=planned_s,
+        tried_s=plan.tried_s,
         full_s=full_s,
     )
+
+
+def _true_errors(
+    planned: PressOutputs, full: PressOutputs, finer: PressOutputs
+) -> dict[Output, float]:
+    """Return how far a press is from what everything on tends to where edges go to zero.
+
+    Only the mesh's part is extrapolated: what is left out differs by as much on every mesh.
+    """
+    errors = {}
+    for output, size in planned.sizes.items():
+        coarse, fine = full.sizes[output], finer.sizes[output]
+        limit = fine + (fine - coarse) / (_FINER**2 - 1.0)
+        scale = 1.0 if output is Output.SHEAR else max(abs(limit), _NOTHING)
+        errors[output] = abs(size - limit) / scale
+    return errors
 
 
 def kept_by_output(checks: Sequence[EffectCheck]) -> dict[Output, tuple[int, int, float]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from bisect import insort
 from collections.abc import Iterator, Sequence
@@ -17,7 +18,7 @@ import typer
 from sim.scene.scene import Effect
 from tacauchy_rig.cli.options import Jobs, JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json, write_text
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.errors import ConfigError, naming
 from tacauchy_rig.quantities import Dimension, parse_quantity
 
 if TYPE_CHECKING:
@@ -43,6 +44,14 @@ def effects_check(
     errors: Annotated[
         bool, typer.Option("--errors", help="Judge stated errors too, by a finer mesh.")
     ] = False,
+    found_before: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--found",
+            metavar="FILE",
+            help="JSON of an earlier run: its scenes are not pressed again; may be repeated.",
+        ),
+    ] = None,
     jobs: Jobs = 1,
     json_file: JsonFile = None,
 ) -> None:
@@ -53,23 +62,30 @@ def effects_check(
         for case in chosen:
             say(f"{case.name:22} {case.shows}")
         return
-    checks: list[EffectCheck] = []
+    checks = _found(found_before or [], chosen)
     failed: dict[str, str] = {}
+    known = {check.name for check in checks}
+    open_cases = [case for case in chosen if case.name not in known]
+    place = {case.name: number for number, case in enumerate(chosen)}
     command = f"tacauchy-rig effects-check{f' --random {random} --seed {seed}' * bool(random)}"
     command += "".join(f" --only {shlex.quote(name)}" for name in only or []) + " --errors" * errors
-    for case, found in _checked(chosen, errors=errors, limit_s=limit_s, jobs=jobs):
+    command += " --found FILE" * len(found_before or []) + f" --limit {limit}"
+
+    def write() -> None:
+        if out is not None and checks:
+            write_text(out, _page(checks, failed, f"{command} --out {out}"))
+        rows = [check.as_json() for check in checks]
+        write_json(json_file, {"scenes": rows, "not_pressed": failed})
+
+    write()
+    for case, found in _checked(open_cases, errors=errors, limit_s=limit_s, jobs=jobs):
         if isinstance(found, str):
             failed[case.name] = f"{' '.join(found.split())} ({case.shows})"
             complain(f"{case.name:22} not pressed: {found}")
         else:
-            insort(checks, found, key=lambda check: chosen.index(check.case))
+            insort(checks, found, key=lambda check: place[check.name])
             say(_line(found))
-        # After every scene, so that Ctrl-C leaves what was found until then.
-        if out is not None and checks:
-            write_text(out, _page(checks, failed, f"{command} --limit {limit} --out {out}"))
-        write_json(
-            json_file, {"scenes": [check.as_json() for check in checks], "not_pressed": failed}
-        )
+        write()  # After every scene, so that Ctrl-C leaves what was found until then.
     _summarise(checks, failed)
     raise typer.Exit(0 if all(check.passed for check in checks) else 1)
 
@@ -101,6 +117,31 @@ def _checked(
         yield from ((futures[each], each.result()) for each in as_completed(futures))
 
 
+def _found(files: Sequence[Path], cases: Sequence[EffectCase]) -> list[EffectCheck]:
+    """Return what was found before of these cases, in their order; the last file counts."""
+    from sim.studies.effects_check.check import EffectCheck
+
+    rows: dict[str, EffectCheck] = {}
+    for file in files:
+        try:
+            scenes = json.loads(file.read_text(encoding="utf-8"))["scenes"]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise ConfigError(
+                f"--found {file}: {error!r}", remedy="give what --json wrote"
+            ) from error
+        with naming(f"--found {file}"):
+            rows |= {check.name: check for check in map(EffectCheck.from_json, scenes)}
+    strangers = [
+        case.name for case in cases if case.name in rows and rows[case.name].shows != case.shows
+    ]
+    if strangers:
+        raise ConfigError(
+            f"--found: {', '.join(strangers)} is another scene there",
+            remedy="give the same --random and --seed",
+        )
+    return [rows[case.name] for case in cases if case.name in rows]
+
+
 def _chosen(cases: Sequence[EffectCase], names: Sequence[str]) -> list[EffectCase]:
     known = {case.name: case for case in cases}
     unknown = [name for name in names if name not in known]
@@ -130,7 +171,7 @@ def _line(check: EffectCheck) -> str:
     verdict = "ok" if check.passed else "MISSED"
     output, share = check.worst
     return (
-        f"{check.case.name:22} {verdict:6} {output.value} {check.differences[output]:9.2e}, "
+        f"{check.name:22} {verdict:6} {output.value} {check.differences[output]:9.2e}, "
         f"{share:.0%} of what is allowed, {check.time_ratio:5.1f} times the time with "
         f"{_names(check.added)} on"
     )

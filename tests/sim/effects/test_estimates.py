@@ -8,7 +8,7 @@ import pytest
 
 from sim.effects import estimates
 from sim.scene.indenter import Cylinder, Indenter, Sphere
-from sim.scene.material import Material
+from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Scene, Target
 
@@ -68,4 +68,18 @@ def test_a_deep_sharp_rim_has_several_equilibria(
     indenter = Cylinder(diameter_m=5e-3, fillet_m=fillet_m)
     target = Target(depth_m=share * SCENE.pad.height_m)
     scene = replace(SCENE, indenter=indenter, target=target)
+    assert estimates.has_several_equilibria(scene) is several
+
+
+@pytest.mark.parametrize(("skin_pa", "several"), [(0.1e6, True), (1e6, False)])
+def test_a_sharp_rim_folds_a_softer_skin_sooner(skin_pa: float, several: bool) -> None:
+    """A skin of a tenth of the gel is folded at an eighth of it; a stiffer one is not."""
+    skin = Layer(share=0.1, material=replace(GEL, young_pa=skin_pa))
+    scene = replace(
+        SCENE,
+        material=skin.material,
+        layers=(Layer(share=0.9, material=GEL), skin),
+        indenter=Cylinder(diameter_m=5e-3),
+        target=Target(depth_m=0.125 * SCENE.pad.height_m),
+    )
     assert estimates.has_several_equilibria(scene) is several

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import pytest
@@ -13,11 +14,13 @@ from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene, Target
 from sim.studies.effects_check.check import (
     EFFECT_CASES,
     EffectCase,
+    EffectCheck,
     check_effects,
     kept_by_output,
     time_saved,
 )
 from sim.studies.effects_check.drawn import described, drawn_scene
+from tacauchy_rig.errors import ConfigError
 
 SMALL = Scene(
     pad=DiscPad(radius_m=6e-3, height_m=3e-3),
@@ -44,10 +47,28 @@ def test_a_scene_is_held_against_everything() -> None:
     assert set(check.differences) == {Output.FORCE, Output.DEPTH, Output.PRESSURE}
     assert {Effect.FRICTION, Effect.GRAVITY, Effect.INERTIA} <= set(check.added)
     assert check.passed
-    assert 0.0 < check.differences[Output.DEPTH] <= check.plan.left_out(Output.DEPTH)
+    assert 0.0 < check.differences[Output.DEPTH] <= check.expected[Output.DEPTH]
     assert kept_by_output([check])[Output.DEPTH][:2] == (1, 1)
     assert time_saved([check]) == pytest.approx(1.0 - check.planned_s / check.full_s)
-    assert check.as_json()["tried_s"] == check.plan.tried_s > 0.0
+    assert check.tried_s > 0.0
+    again = replace(check, errors={Output.FORCE: (0.02, 0.01)})
+    assert EffectCheck.from_json(json.loads(json.dumps(again.as_json()))) == again
+
+
+def test_what_is_no_check_is_refused() -> None:
+    """A file of another command is told from one of these."""
+    with pytest.raises(ConfigError, match="no scene of effects-check"):
+        EffectCheck.from_json({"name": "0"})
+
+
+def test_what_is_left_out_is_not_extrapolated() -> None:
+    """Shear of a press without friction is off by all of it, and not by more on finer meshes."""
+    bare = replace(SMALL, friction=0.2, tolerance=0.2)
+    check = check_effects(EffectCase(name="small", shows="a ball", scene=bare), errors=True)
+    assert Effect.FRICTION in check.added
+    stated, found = check.errors[Output.SHEAR]
+    assert 0.0 < found < 0.2
+    assert stated > 0.0
 
 
 def test_drawn_scenes_are_the_seeds_own() -> None:

@@ -77,3 +77,24 @@ def test_what_is_done_is_kept_though_another_goes_on(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     rows = [line.split(" | ")[0] for line in page.read_text(encoding="utf-8").splitlines()]
     assert rows.index("| by force") < rows.index("| shallow")
+
+
+def test_what_was_found_before_is_not_pressed_again(tmp_path: Path) -> None:
+    """A run that was cut, or parted over machines, goes on; another seed's file is refused."""
+    first, page, both = (tmp_path / name for name in ("a.json", "all.md", "both.json"))
+    drawn = ["effects-check", "--random", "40", "--only", "37"]
+    CliRunner().invoke(app, [*drawn, "--seed", "1", "--json", str(first)])
+    again = [*drawn, "--found", str(first), "--out", str(page), "--json", str(both)]
+    done = CliRunner().invoke(app, [*again, "--seed", "1", "--limit", "1 ms"])
+    assert done.exit_code == 0, done.output
+    assert "not pressed" not in done.stdout
+    assert "All outputs were kept in 1 of 1 scenes" in page.read_text(encoding="utf-8")
+    assert (
+        json.loads(both.read_text("utf-8"))["scenes"]
+        == json.loads(first.read_text("utf-8"))["scenes"]
+    )
+    other = CliRunner().invoke(app, [*again, "--seed", "2"])
+    assert "37 is another scene there" in str(other.exception)
+    page.write_text("{}", encoding="utf-8")
+    broken = CliRunner().invoke(app, [*drawn, "--seed", "1", "--found", str(page)])
+    assert f"--found {page}" in str(broken.exception)
