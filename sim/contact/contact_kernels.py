@@ -167,7 +167,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     ):
         # ``start`` is what was held before the step; of a free point, where it was.
         b, f, q = wp.tid()
-        if wanted[b] == 1:
+        if wanted[b] > 0:
             x = surface_point(surface, positions[b], f, q)
             here = posed(body, poses, b)
             distance, n = signed_distance(here, x)
@@ -186,6 +186,9 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
                 load = (wp.transpose(here.rotation) * n) * wp.max(-slope, _TINY_PA)
             change_out[b, f, q] = surface.areas[f, q] * wp.length(load - grip.loads[b, f, q])
             limit_out[b, f, q] = surface.areas[f, q] * wp.length(load)
+            if wanted[b] == 2:
+                load = (load + grip.loads[b, f, q]) * wp.float64(0.5)
+                held = (held + grip.held[b, f, q]) * wp.float64(0.5)
             grip.held[b, f, q] = held
             grip.anchors[b, f, q] = anchor
             grip.loads[b, f, q] = load

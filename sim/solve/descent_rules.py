@@ -46,6 +46,9 @@ _GRIP_AGAIN = wp.constant(wp.float64(0.2))
 # The friction limit, summed over the points, may still change by this over itself.
 _GRIP_CHANGE = wp.constant(wp.float64(1e-4))
 _GRIP_PER_RESIDUAL = wp.constant(wp.float64(10.0))
+# After so many steps points that go on and off in turn are taken to cycle: half of what they change
+# by is taken over then.
+_CYCLES_AFTER = wp.constant(100)
 # Steps with less curvature are not learnt from: s . y over |s| |y|, which rounding would decide.
 _CURVATURE_MIN = wp.constant(wp.float64(1e-12))
 # A change of a gap, or a force, that is none; it keeps quotients finite.
@@ -171,7 +174,7 @@ def _looks(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.flo
             if residual <= wp.max(due, _asked(d, b)):
                 d.act[b] = Act.HOLD
                 d.mode[b] = Mode.HELD
-                d.holding[b] = 1
+                d.holding[b] = wp.where(d.recorded[b] > _CYCLES_AFTER, 2, 1)
                 return
     note_residual(d.residuals[b], residual)
     d.recorded[b] = d.recorded[b] + 1

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import warp as wp
 
 from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions, State
+from sim.device import Device
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter, Plane, Sphere
 from sim.solve.model import Model
@@ -105,3 +107,25 @@ def test_a_point_that_left_is_let_go(model: Model) -> None:
     assert state.grip is not None
     assert not state.grip.held.any()
     assert not rubbing(model, Plane(), state, 3.0 * SLIP_M * WAY).any()
+
+
+def test_half_of_a_change_is_taken_over_where_points_cycle(model: Model) -> None:
+    """Pressure and share held lie halfway between what was lagged and what is there."""
+    surface, indenter = model.surface, Plane()
+    state = gripped(model, indenter)
+    lagged = state.grip
+    state.tip = state.tip - [0.0, 0.0, 0.3 * BARRIER_M]
+    device = Device("cpu")
+    grip, start = surface.grip_arrays(lagged), surface.grip_arrays(lagged)
+    inputs = [*surface._model(indenter, state), device.array([2], wp.int32)]
+    room = [surface._points(wp.float64) for _ in range(2)]
+    places = [*inputs, *surface._at(state.positions, state), start, grip]
+    device.launch(surface.kernels(indenter).hold, (1, *surface.areas.shape), places, room)
+    halved = surface.grip_of(grip)
+    surface.refresh_grip(indenter, state)
+    assert lagged is not None
+    assert halved is not None
+    assert state.grip is not None
+    assert np.abs(state.grip.loads - lagged.loads).max() > 0.0
+    assert np.allclose(halved.loads, 0.5 * (lagged.loads + state.grip.loads), rtol=1e-12)
+    assert np.allclose(halved.held, 0.5 * (lagged.held + state.grip.held), rtol=1e-12)

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from sim.contact.state import ContactForces, State
+from sim.effects.plan import plan_effects
+from sim.effects.scene_path import follow, path_for
 from sim.solve.equilibrium import Equilibrium
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.stepping import predicted_state
+from sim.studies.effects_check.drawn import drawn_scene
 
 _NONE = np.zeros((0, 1, 3))
 
@@ -58,3 +61,12 @@ def test_points_too_close_together_count_once() -> None:
     depths = [1.0, 1.0 + 1e-13]
     found = predicted_state([point(depth) for depth in depths], depths, at=1.5, step=0.5)
     np.testing.assert_allclose(found.positions, point(1.0).state.positions, rtol=1e-9)
+
+
+@pytest.mark.slow
+def test_points_that_go_on_and_off_in_turn_come_to_rest() -> None:
+    """A drawn punch slides on a stiff skin, 22 um deep: its lagged pressure cycled for ever."""
+    scene = drawn_scene(61124, 154)
+    found = follow(scene, path_for(scene, plan_effects(scene)))
+    assert found.depth_m == pytest.approx(scene.target.depth_m, rel=1e-9)
+    assert found.force_n[0] < -0.9 * scene.friction * found.force_n[2]
