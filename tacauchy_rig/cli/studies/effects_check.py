@@ -25,6 +25,17 @@ if TYPE_CHECKING:
     from sim.studies.effects_check.check import EffectCase, EffectCheck
 
 
+_Found = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--found",
+        metavar="FILE",
+        help="JSON of an earlier run, whose scenes are not pressed again, unless --only names one "
+        "that it could not press; may be repeated.",
+    ),
+]
+
+
 def effects_check(
     only: Annotated[
         list[str] | None,
@@ -44,14 +55,7 @@ def effects_check(
     errors: Annotated[
         bool, typer.Option("--errors", help="Judge stated errors too, by a finer mesh.")
     ] = False,
-    found_before: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--found",
-            metavar="FILE",
-            help="JSON of an earlier run: its scenes are not pressed again; may be repeated.",
-        ),
-    ] = None,
+    found_before: _Found = None,
     jobs: Jobs = 1,
     json_file: JsonFile = None,
 ) -> None:
@@ -62,9 +66,8 @@ def effects_check(
         for case in chosen:
             say(f"{case.name:22} {case.shows}")
         return
-    checks = _found(found_before or [], chosen)
-    failed: dict[str, str] = {}
-    known = {check.name for check in checks}
+    checks, failed = _found(found_before or [], chosen)
+    known = {check.name for check in checks} | (set() if only else failed.keys())
     open_cases = [case for case in chosen if case.name not in known]
     place = {case.name: number for number, case in enumerate(chosen)}
     command = f"tacauchy-rig effects-check{f' --random {random} --seed {seed}' * bool(random)}"
@@ -83,6 +86,7 @@ def effects_check(
             failed[case.name] = f"{' '.join(found.split())} ({case.shows})"
             complain(f"{case.name:22} not pressed: {found}")
         else:
+            failed.pop(case.name, None)
             insort(checks, found, key=lambda check: place[check.name])
             say(_line(found))
         write()  # After every scene, so that Ctrl-C leaves what was found until then.
@@ -117,29 +121,40 @@ def _checked(
         yield from ((futures[each], each.result()) for each in as_completed(futures))
 
 
-def _found(files: Sequence[Path], cases: Sequence[EffectCase]) -> list[EffectCheck]:
-    """Return what was found before of these cases, in their order; the last file counts."""
+def _found(
+    files: Sequence[Path], cases: Sequence[EffectCase]
+) -> tuple[list[EffectCheck], dict[str, str]]:
+    """Return what was found before of these cases, in their order, and why some were not pressed.
+
+    Of a case in several files the last counts.
+    """
     from sim.studies.effects_check.check import EffectCheck
 
     rows: dict[str, EffectCheck] = {}
+    reasons: dict[str, str] = {}
     for file in files:
         try:
-            scenes = json.loads(file.read_text(encoding="utf-8"))["scenes"]
+            data = json.loads(file.read_text(encoding="utf-8"))
+            scenes, not_pressed = data["scenes"], dict(data["not_pressed"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ConfigError(
                 f"--found {file}: {error!r}", remedy="give what --json wrote"
             ) from error
         with naming(f"--found {file}"):
             rows |= {check.name: check for check in map(EffectCheck.from_json, scenes)}
-    strangers = [
-        case.name for case in cases if case.name in rows and rows[case.name].shows != case.shows
+        reasons |= not_pressed
+    known = [(case, rows[case.name]) for case in cases if case.name in rows]
+    strangers = [case.name for case, row in known if row.shows != case.shows]
+    strangers += [
+        case.name for case in cases if case.shows not in reasons.get(case.name, case.shows)
     ]
     if strangers:
         raise ConfigError(
             f"--found: {', '.join(strangers)} is another scene there",
             remedy="give the same --random and --seed",
         )
-    return [rows[case.name] for case in cases if case.name in rows]
+    left = {case.name for case in cases} - rows.keys()
+    return [row for _, row in known], {name: reasons[name] for name in reasons if name in left}
 
 
 def _chosen(cases: Sequence[EffectCase], names: Sequence[str]) -> list[EffectCase]:

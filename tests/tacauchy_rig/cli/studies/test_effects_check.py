@@ -98,3 +98,18 @@ def test_what_was_found_before_is_not_pressed_again(tmp_path: Path) -> None:
     page.write_text("{}", encoding="utf-8")
     broken = CliRunner().invoke(app, [*drawn, "--seed", "1", "--found", str(page)])
     assert f"--found {page}" in str(broken.exception)
+
+
+def test_what_could_not_be_pressed_is_named_again(tmp_path: Path) -> None:
+    """Its reason goes on to the next page; named by ``--only`` it is pressed once more."""
+    cut, both = tmp_path / "cut.json", tmp_path / "both.json"
+    drawn = ["effects-check", "--random", "40", "--seed", "1"]
+    CliRunner().invoke(app, [*drawn, "--only", "37", "--limit", "1 ms", "--json", str(cut)])
+    before = json.loads(cut.read_text("utf-8"))
+    assert list(before["not_pressed"]) == ["37"]
+    again = [*drawn, "--only", "37", "--found", str(cut), "--json", str(both)]
+    done = CliRunner().invoke(app, again)
+    assert done.exit_code == 0, done.output
+    after = json.loads(both.read_text("utf-8"))
+    assert [scene["name"] for scene in after["scenes"]] == ["37"]
+    assert after["not_pressed"] == {}
