@@ -58,12 +58,14 @@ class SolverOptions:
         residual_relative: Residual norm over the contact force's norm.
         residual_floor_n: Residual norm that is always enough [N], as is the rounding's; None is
             1.5e-11 E H^2 with the pad's height H, so that it scales with the problem.
+        load_relative: The same where a load is asked for, which is met as closely.
         iteration_max: Most steps for one form of the barrier, which is relaxed where gel stays too
             near; each form begins to count anew.
     """
 
     residual_relative: float = 1e-8
     residual_floor_n: float | None = None
+    load_relative: float = 1e-7
     iteration_max: int = 600
 
 

@@ -180,9 +180,9 @@ class Follower:
     def _begin_anew(self) -> None:
         model = self._path.model
         self._path = path_for(self._scene, self._plan, model=model)
+        loosened = LOOSENED * self._path.options.residual_relative
         self._path.options = replace(
-            self._path.options,
-            residual_relative=LOOSENED * self._path.options.residual_relative,
+            self._path.options, residual_relative=loosened, load_relative=loosened
         )
 
     def _shown(

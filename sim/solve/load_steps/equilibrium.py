@@ -13,8 +13,6 @@ from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, SolverOptions
 # Residual over the contact force that will do on the way to another point, which is extrapolated
 # from points in passing and the better the closer they are.
 _PASSING = 1e-4
-# A load that is asked for is met as closely.
-_LOAD_MET = 1e-7
 # Of F_z: what it changes by less tells no stiffness; in passing it is met to a tenth of that.
 _TELLS_STIFFNESS = 1e-3
 
@@ -88,7 +86,8 @@ class Settling:
         """
         model, wanted = self.solver.model, options.residual_relative
         if load_n is not None:
-            load_n, wanted = load_n / model.mesh.symmetry.copies, min(wanted, _LOAD_MET)
+            load_n = load_n / model.mesh.symmetry.copies
+            wanted = min(wanted, options.load_relative)
         options = replace(options, residual_relative=_PASSING if passing else wanted)
         found = self.solver.settle(state, load_n=load_n, options=options)
         if model.contact_options.bonded:

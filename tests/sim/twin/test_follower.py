@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim.effects.scene_path import path_for
 from sim.press import press
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder
@@ -55,6 +56,19 @@ def test_a_replay_on_the_fine_mesh_lies_within_the_error_that_is_stated(
     fine = press(replace(SCENE, preset=Preset.BALANCED, target=Target(depth_m=frame.depth_m)))
     assert frame.force_error_n is not None
     assert abs(fine.force_n[2] - 1.5) < frame.force_error_n
+
+
+def test_a_followed_force_is_balanced_no_closer_than_a_twin_needs(follower: Follower) -> None:
+    """To 1e-5 of it, in fewer steps than a press to a force takes, at the same depth."""
+    close = path_for(follower._scene, follower._plan, model=follower._path.model)
+    spent = np.zeros(2)
+    for force in 0.5 + 0.05 * np.arange(12):
+        exact, loose = close.push(force), follower._pressed(Goal(stamp_s=0.0, force_n=force))
+        spent += [each.equilibrium.iterations for each in (exact, loose)]
+        assert exact.equilibrium.residual_n < 1e-7 * force
+        assert loose.equilibrium.residual_n < 1e-5 * force
+        assert loose.depth_m == pytest.approx(exact.depth_m, rel=1e-4)
+    assert spent[1] < spent[0]
 
 
 def test_unloading_leads_back(follower: Follower) -> None:
