@@ -71,7 +71,7 @@ def has_several_equilibria(scene: Scene) -> bool:
     if not scene.has_sharp_rim:
         return False
     folded_m, layers = scene.pad.height_m, scene.layers
-    if layers and layers[-1].material.young_pa < layers[-2].material.young_pa:
+    if len(layers) > 1 and layers[-1].material.young_pa < layers[-2].material.young_pa:
         folded_m *= layers[-1].share
     return expected_depth(scene) > _FOLDS_FROM * folded_m
 
