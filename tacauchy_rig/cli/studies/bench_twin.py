@@ -5,17 +5,20 @@ from __future__ import annotations
 from dataclasses import asdict
 from fnmatch import fnmatch
 from pathlib import Path
+from typing import Any
 
 from tacauchy_rig.cli.emulation import emulated_unit
 from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
 from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.page import criteria_page
 from tacauchy_rig.page_check.measures import twin_reaction_table, twin_reactions
-from tacauchy_rig.twin_bench.beside_runs import press_with_twin, twin_table
+from tacauchy_rig.tables import Table
+from tacauchy_rig.twin_bench.beside_runs import TwinRow, press_with_twin, twin_table
 from tacauchy_rig.twin_bench.scenes import SCENES
 from tacauchy_rig.versions import machine, versions
 
 GUARD_PAIRS = 20
+RATES_WANTED_HZ = {"twin": 10.0, "twin_gpu": 30.0}
 RUNS = Path("runs", "twin-bench").resolve()
 _NOTE = (
     "Each row is a run of two presses on emulated devices with a page, and a twin that follows the "
@@ -33,30 +36,34 @@ def bench_twin(*, out: Path, only: str, device: str, json_file: Path | None) -> 
     if not wanted:
         names = "; ".join(scene.name for scene in SCENES)
         raise ConfigError(f"--only {only}: no scene of the twin", remedy=f"one of: {names}")
-    rows = []
-    for scene in wanted:
-        complain(f"  {scene.name}")
-        rows.append(press_with_twin(scene, RUNS / "presses", unit_of=emulated_unit, device=device))
-    complain("  the guard with a twin and without")
-    pairs = twin_reactions(RUNS / "guard", GUARD_PAIRS, complain)
-    tables = [twin_table(rows), twin_reaction_table(pairs)]
-    for table in tables:
-        show_table(table)
-    facts = {
-        "rows": [asdict(row) for row in rows],
-        "guard_with_ms": pairs.one_ms,
-        "guard_without_ms": pairs.other_ms,
-        "machine": machine(),
-        "versions": versions(),
-    }
-    write_json(out / "twin.json", facts)
-    write_json(json_file, facts)
+    rows: list[TwinRow] = []
+    tables: list[Table] = []
+    facts: dict[str, Any] = {"machine": machine(), "versions": versions()}
+    name = "twin" if device == "cpu" else "twin_gpu"
     words = ["tacauchy-rig bench --part twin"]
     words += [f'--only "{only}"'] if only else []
     words += [f"--device {device}"] if device != "cpu" else []
-    page = criteria_page(
-        tables, title="How a twin keeps up", note=_NOTE, command=" ".join([*words, f"--out {out}"])
-    )
-    write_text(out / "twin.md", page)
-    for name in ("twin.json", "twin.md"):
-        say(str(out / name))
+    command = " ".join([*words, f"--out {out}"])
+
+    def write() -> None:
+        for file in (out / f"{name}.json", json_file):
+            write_json(file, facts)
+        page = criteria_page(tables, title="How a twin keeps up", note=_NOTE, command=command)
+        write_text(out / f"{name}.md", page)
+
+    for scene in wanted:
+        complain(f"  {scene.name}")
+        rows.append(press_with_twin(scene, RUNS / "presses", unit_of=emulated_unit, device=device))
+        facts["rows"] = [asdict(row) for row in rows]
+        tables = [twin_table(rows, rate_wanted_hz=RATES_WANTED_HZ[name])]
+        write()  # After every scene, so that Ctrl-C leaves what was found until then.
+    if device == "cpu":  # Where images are drawn elsewhere, the guard has only less beside it.
+        complain("  the guard with a twin and without")
+        pairs = twin_reactions(RUNS / "guard", GUARD_PAIRS, complain)
+        facts |= {"guard_with_ms": pairs.one_ms, "guard_without_ms": pairs.other_ms}
+        tables.append(twin_reaction_table(pairs))
+        write()
+    for table in tables:
+        show_table(table)
+    for kind in ("json", "md"):
+        say(str(out / f"{name}.{kind}"))

@@ -31,13 +31,14 @@ def test_rates_are_of_frames_with_contact_and_without_the_pause_between_presses(
     assert row.rate_hz == pytest.approx(16.0)
     assert (row.lag_median_ms, row.processor_median_ms) == (50.0, 20.0)
     assert row.error_relative == pytest.approx(0.1)
-    assert row.keeps_up
+    assert row.keeps_up(16.0 - 1e-6)
+    assert not row.keeps_up(17.0)
 
 
 def test_what_is_slow_late_or_lossy_does_not_keep_up() -> None:
     """Each alone misses the criterion, and so does a twin that was never ready."""
     good = row_of("ball", [_line(k / 16) for k in range(9)], [], busy=0.5)
-    assert twin_table([good]).passed
+    assert twin_table([good], rate_wanted_hz=10.0).passed
     for change in ({"rate_hz": 9.0}, {"lag_median_ms": 250.0}, {"lost_images": 1}):
-        assert not twin_table([good, replace(good, **change)]).passed
-    assert not row_of("ball", [], [], busy=0.5).keeps_up
+        assert not twin_table([good, replace(good, **change)], rate_wanted_hz=10.0).passed
+    assert not row_of("ball", [], [], busy=0.5).keeps_up(10.0)
