@@ -11,7 +11,6 @@ import numpy as np
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.presses.ball_press import BallPress, read_ball_presses, read_rgb
 from sim.optics.calibrate.presses.scene import pressed_scene
-from sim.optics.calibrate.run import HEIGHT, SCALE_X, SCALE_Y, WIDTH
 from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale, read_positions
 from sim.optics.calibrate.sensor_fit import BLUR_PX, calibrate_presses
 from sim.optics.calibrate.shadow_fit import SHADOWS, read_shadows
@@ -23,6 +22,7 @@ from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import ShadowCaster
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.loop.calibrating.run import HEIGHT, SCALE_X, SCALE_Y, WIDTH
 
 CIRCLES, POSITIONS, NO_CONTACT = "circles.csv", "positions.csv", "no_contact.png"
 _SCALES_APART = 0.05  # of each other: a calibration's and the sensor file's

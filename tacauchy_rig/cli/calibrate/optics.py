@@ -17,7 +17,7 @@ from tacauchy_rig.quantities import Dimension, parse_quantity
 
 if TYPE_CHECKING:
     from sim.optics.calibrate.cross_validation import PressScores, RenderedPress
-    from sim.optics.calibrate.run import OpticsResult
+    from tacauchy_rig.loop.calibrating.run import OpticsResult
 
 
 def optics(
@@ -74,8 +74,8 @@ def optics(
     json_file: JsonFile = None,
 ) -> None:
     """Fit the optics to ball presses, cross-validate, and write a calibration file."""
-    from sim.optics.calibrate.run import calibrate_and_check
-    from tacauchy_rig.loop.calibration import keep_optics, request_of
+    from tacauchy_rig.loop.calibrating.of_run import keep_optics, request_of
+    from tacauchy_rig.loop.calibrating.run import calibrate_and_check
     from tacauchy_rig.loop.opening import open_run
     from tacauchy_rig.plain_layout.writing import check_empty
 

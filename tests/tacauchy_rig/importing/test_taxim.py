@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.input import read_input
 from sim.scene.scene import Preset
 from tacauchy_rig.calibrated import CalibratedOptics, HeldOutPress, ImageAgreement
 from tacauchy_rig.errors import RigError
 from tacauchy_rig.importing.importer import import_run
-from tacauchy_rig.loop.calibration import request_of
+from tacauchy_rig.loop.calibrating.input import read_input
+from tacauchy_rig.loop.calibrating.of_run import request_of
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.report import report_run
 from tacauchy_rig.rgb import encode_png

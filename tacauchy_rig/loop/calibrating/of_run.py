@@ -13,12 +13,12 @@ import numpy as np
 
 from reports.evidence.attempt import AttemptReading, RunReading, median_image
 from sim.optics.calibrate.cross_validation import PressScores, crop_side
-from sim.optics.calibrate.input import OpticsRequest
-from sim.optics.calibrate.run import OpticsResult
 from sim.scene.indenter import Sphere
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.calibrated import CalibratedOptics, HeldOutPress, ImageAgreement
 from tacauchy_rig.errors import ConfigError, RecordError
+from tacauchy_rig.loop.calibrating.input import OpticsRequest
+from tacauchy_rig.loop.calibrating.run import OpticsResult
 from tacauchy_rig.loop.optics import CIRCLES, NO_CONTACT
 from tacauchy_rig.loop.settings import indenter_of, sensor_of
 from tacauchy_rig.rgb import encode_png

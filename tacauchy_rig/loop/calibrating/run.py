@@ -19,8 +19,6 @@ from sim.optics.calibrate.cross_validation import (
     held_out_errors,
     render_presses,
 )
-from sim.optics.calibrate.figures import draw_coverage, draw_presses, write_renderings
-from sim.optics.calibrate.input import OpticsRequest, find_presses, read_input
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.gel_profile import DEPTHS_M
 from sim.optics.calibrate.presses.scene import PressScene, pressed_scene
@@ -28,6 +26,8 @@ from sim.optics.calibrate.sensor_fit import BLUR_PX, calibrate_presses
 from sim.optics.calibrate.shadow_fit import SHADOWS
 from tacauchy_rig import __version__
 from tacauchy_rig.errors import RecordError
+from tacauchy_rig.loop.calibrating.figures import draw_coverage, draw_presses, write_renderings
+from tacauchy_rig.loop.calibrating.input import OpticsRequest, find_presses, read_input
 
 WIDTH, HEIGHT = "width_px", "height_px"  # names in a calibration's provenance
 SCALE_X, SCALE_Y = "scale_x_m_px", "scale_y_m_px"
