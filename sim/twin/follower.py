@@ -27,7 +27,7 @@ REFINEMENT, COARSER = 0.7, 0.5
 """Edges of a twin are 1 / 0.7 times as long as those of preset fast, for a third of its time, and
 twice as long where that still leaves too many."""
 TETS_MAX = 500
-"""Of these a frame takes a tenth of a second."""
+"""All of ``bench --part twin`` have fewer: at most 24 ms of a core a frame, in the median."""
 LOOSENED = 10.0
 """A twin's forces balance so many times less closely than a replay's: to 1e-5 of the contact's."""
 # Less is noise of the cell, and no contact.

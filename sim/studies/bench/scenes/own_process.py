@@ -142,6 +142,8 @@ def _answer(scene: BenchScene, order: Order, counts: Sequence[int]) -> tuple[str
     own = Path(worker.__file__)
     theirs = order.checkout / own.relative_to(OWN)
     limit_s = order.limit_s * max(1, len(counts))
+    # Packages may lie elsewhere, but ours come from the checkout.
+    places = [str(order.checkout), *filter(None, [os.environ.get("PYTHONPATH")])]
     asked = {
         "stated": scene.stated,
         "tolerance": order.tolerance,
@@ -160,7 +162,7 @@ def _answer(scene: BenchScene, order: Order, counts: Sequence[int]) -> tuple[str
             # -P: modules beside the file are no packages of their own.
             [sys.executable, "-P", str(theirs if theirs.exists() else own)],
             input=json.dumps(asked),
-            env=os.environ | dict.fromkeys(_THREADS, "1") | {"PYTHONPATH": str(order.checkout)},
+            env=os.environ | dict.fromkeys(_THREADS, "1") | {"PYTHONPATH": os.pathsep.join(places)},
             capture_output=True,
             text=True,
             check=False,
