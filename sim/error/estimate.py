@@ -27,7 +27,7 @@ from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
 from tacauchy_rig.errors import RigError
 
 # (slope, rest, share): force, pressure and markers from 94 drawn presses on preset fast, image from
-# 166, shear from 178 that grip, against what edges two thirds as long tend to; finer ones from 34
+# 166, shear from 251 that grip, against what edges two thirds as long tend to; finer ones from 34
 # (docs/sim.md). Pressure on finer ones is a fifth wider than that: it was short in more than one of
 # ten of 29 other presses.
 _Rule = dict[Output, tuple[float, float, float]]
@@ -35,14 +35,14 @@ _FORCES: _Rule = {Output.FORCE: (0.1, 0.04, 0.0), Output.DEPTH: (0.4, 0.02, 0.0)
 _UNDER_BALL: _Rule = {
     **_FORCES,
     Output.PRESSURE: (0.2, 0.08, 0.1),
-    Output.SHEAR: (0.4, 0.015, 0.2),
+    Output.SHEAR: (0.37, 0.014, 0.185),
     Output.IMAGE: (0.3, 0.025, 0.0),
     Output.MARKERS: (0.1, 0.07, 0.4),
 }
 _UNDER_RIM: _Rule = {
     **_FORCES,
     Output.PRESSURE: (0.5, 0.31, 0.0),
-    Output.SHEAR: (0.8, 0.003, 0.4),
+    Output.SHEAR: (0.75, 0.003, 0.37),
     Output.IMAGE: (0.2, 0.02, 1.0),
     Output.MARKERS: (0.4, 0.05, 0.0),
 }
