@@ -87,12 +87,13 @@ def test_an_error_arrives_as_it_was_raised(jobs: int) -> None:
 
 
 _LONG = """
-import os, time
-from pathlib import Path
+import signal
 from tests.tacauchy_rig.test_side_by_side import _stay
 from tacauchy_rig.side_by_side import side_by_side
 
 if __name__ == "__main__":
+    # A shell's background process, and what it begins, are born deaf to Ctrl-C.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     list(side_by_side(_stay, {names!r}, jobs=2))
 """
 
