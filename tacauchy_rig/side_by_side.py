@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor
@@ -93,6 +94,8 @@ def begin_beside_others(line: Connection | None = None) -> None:
     Args:
         line: End, too, when its other end is closed.
     """
+    # Ctrl-C reaches all of a terminal's processes, and this one would only say where it waited.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     take_one_thread(solver_too=True)
     parent = multiprocessing.parent_process()
     if parent is not None:
