@@ -28,6 +28,9 @@ from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 
 _PERCENTILE = 0.95
+# Faces of another mesh that a face takes its traction from, and a distance that is none.
+_NEAREST = 3
+_SAME_PLACE_M = 1e-9
 # Cosine to z above which a face of the pad at rest is of its top.
 _TOP_COSINE = 0.5
 
@@ -38,7 +41,9 @@ class PressOutputs:
 
     Attributes:
         force_n: On the indenter [N], shape [3].
-        areas_m2: Areas at rest of the surface's faces, each with its mirror images, shape [n].
+        copies: Mirror images that its planes of symmetry make of the gel, itself among them.
+        centres_m: Of the surface's faces at rest, shape [n, 3].
+        areas_m2: Their areas at rest, each with its mirror images, shape [n].
         pressure_pa: On each, the mean over its points, shape [n].
         shear_pa: Tangential traction on each, likewise, shape [n, 3].
         top_m2: The same of the top's faces, shape [m].
@@ -50,6 +55,8 @@ class PressOutputs:
     force_n: FloatArray
     stiffness_n_m: float
     depth_m: float
+    copies: int
+    centres_m: FloatArray
     areas_m2: FloatArray
     pressure_pa: FloatArray
     shear_pa: FloatArray
@@ -104,6 +111,27 @@ class PressOutputs:
             for output in Output
         }
 
+    def shear_change(self, other: PressOutputs) -> float:
+        """Return how far the shear is from that of a press on another mesh.
+
+        The L2 norm of the difference of the tangential tractions over that of the other's pressure,
+        on the faces of the one that models the smaller part of the gel, else on the other's: each
+        of them takes the first mesh's traction from the nearest faces, by the inverse square of the
+        distance.
+
+        Returns:
+            The share; 0 where the other is not touched.
+        """
+        from scipy.spatial import KDTree  # noqa: PLC0415 - a press without estimate does not need it
+
+        there, here = (self, other) if other.copies >= self.copies else (other, self)
+        apart_m, nearest = KDTree(there.centres_m).query(here.centres_m, k=_NEAREST)
+        weights = 1.0 / np.maximum(apart_m, _SAME_PLACE_M) ** 2
+        weights /= weights.sum(axis=1, keepdims=True)
+        shear = (there.shear_pa[nearest] * weights[..., None]).sum(axis=1)
+        pressure = _norm(other.pressure_pa[:, None], other.areas_m2)
+        return _share(_norm(shear - here.shear_pa, here.areas_m2), pressure)
+
     def _pressure_p95(self) -> float:
         touched = self.pressure_pa > 0.0
         if not touched.any():
@@ -128,6 +156,8 @@ def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
         force_n=point.force_n,
         stiffness_n_m=point.stiffness_n_m,
         depth_m=point.depth_m,
+        copies=copies,
+        centres_m=before[corners].mean(axis=1),
         areas_m2=copies * 0.5 * sizes,
         pressure_pa=pressing_n.sum(axis=1) / areas,
         shear_pa=tangential_n.sum(axis=1) / areas[:, None],

@@ -9,9 +9,10 @@ extrapolation sees:
     error = slope |d| + rest / refinement^2 + share x
 
 with three numbers for each output, laid so that nine drawn presses in ten err by less. x is d_hat
-over the depth, for the barrier; for shear its own size over the pressure's, for what slides in part
-depends on where it slides, times the share of mu that is left: where all slides nothing depends on
-a mesh, and without friction there is no shear. A rim cuts edges otherwise than a ball does.
+over the depth, for the barrier. Of shear d is the change of its field, not of its size, times the
+share of mu that is left: what slides in part depends on where it slides, where all slides nothing
+depends on a mesh, and without friction there is no shear. A rim cuts edges otherwise than a ball
+does.
 """
 
 from __future__ import annotations
@@ -27,22 +28,24 @@ from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
 from tacauchy_rig.errors import RigError
 
 # (slope, rest, share): force, pressure and markers from 94 drawn presses on preset fast, image from
-# 166, shear from 251 that grip, against what edges two thirds as long tend to; finer ones from 34
+# 166, shear from 315 that grip, against what edges two thirds as long tend to; finer ones from 34
 # (docs/sim.md). Pressure on finer ones is a fifth wider than that: it was short in more than one of
 # ten of 29 other presses.
 _Rule = dict[Output, tuple[float, float, float]]
-_FORCES: _Rule = {Output.FORCE: (0.1, 0.04, 0.0), Output.DEPTH: (0.4, 0.02, 0.0)}
+_EITHER: _Rule = {
+    Output.FORCE: (0.1, 0.04, 0.0),
+    Output.DEPTH: (0.4, 0.02, 0.0),
+    Output.SHEAR: (0.54, 0.002, 0.0),
+}
 _UNDER_BALL: _Rule = {
-    **_FORCES,
+    **_EITHER,
     Output.PRESSURE: (0.2, 0.08, 0.1),
-    Output.SHEAR: (0.37, 0.014, 0.185),
     Output.IMAGE: (0.3, 0.025, 0.0),
     Output.MARKERS: (0.1, 0.07, 0.4),
 }
 _UNDER_RIM: _Rule = {
-    **_FORCES,
+    **_EITHER,
     Output.PRESSURE: (0.5, 0.31, 0.0),
-    Output.SHEAR: (0.75, 0.003, 0.37),
     Output.IMAGE: (0.2, 0.02, 1.0),
     Output.MARKERS: (0.4, 0.05, 0.0),
 }
@@ -50,7 +53,7 @@ _FINER: _Rule = {
     Output.FORCE: (0.2, 0.004, 0.0),
     Output.DEPTH: (0.4, 0.003, 0.0),
     Output.PRESSURE: (1.25, 0.025, 0.0),
-    Output.SHEAR: (0.4, 0.005, 0.12),
+    Output.SHEAR: (0.28, 0.002, 0.0),
     Output.IMAGE: (0.6, 0.011, 0.0),
     Output.MARKERS: (0.6, 0.006, 0.0),
 }
@@ -117,14 +120,11 @@ def estimate_from(
     if not found.force_n[2] > 0.0:
         return ErrorEstimate(relative={}, basis="there is no force to be wrong about")
     changes = coarse.outputs.changes(found)
+    changes[Output.SHEAR] = coarse.outputs.shear_change(found) * _grip_left(scene, found)
     rule, refinement = _rule(scene, plan)
     gap = scene.contact_distance_m / max(found.depth_m, scene.contact_distance_m)
-    scale = {**dict.fromkeys(rule, gap), Output.SHEAR: _may_shift(scene, found)}
     relative = {
-        output: slope * changes[output]
-        + rest / refinement**2
-        + share * scale[output]
-        + plan.left_out(output)
+        output: slope * changes[output] + rest / refinement**2 + share * gap + plan.left_out(output)
         for output, (slope, rest, share) in rule.items()
     }
     if scene.contact is ContactMode.FRICTIONLESS:
@@ -157,9 +157,8 @@ def _rule(scene: Scene, plan: EffectPlan) -> tuple[_Rule, float]:
     return _UNDER_BALL if is_ball else _UNDER_RIM, scene.refinement
 
 
-def _may_shift(scene: Scene, found: PressOutputs) -> float:
-    """Return how much shear depends on where the contact slides, over the pressure."""
-    shear = found.sizes[Output.SHEAR]
+def _grip_left(scene: Scene, found: PressOutputs) -> float:
+    """Return the share of mu that the shear leaves; all of it where nothing slides."""
     if scene.contact is not ContactMode.FRICTION or not scene.friction:
-        return shear
-    return shear * max(0.0, 1.0 - shear / scene.friction)
+        return 1.0
+    return max(0.0, 1.0 - found.sizes[Output.SHEAR] / scene.friction)

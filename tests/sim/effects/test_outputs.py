@@ -77,6 +77,25 @@ def test_pressure_under_a_fillet_is_no_shear() -> None:
     assert free.sizes[Output.SHEAR] < 1e-9
 
 
+def test_shear_of_another_mesh_is_compared_face_by_face(rough: PressOutputs) -> None:
+    """Turned round it is twice itself off, though its size is the same; two meshes differ somewhat."""
+    assert rough.shear_change(rough) == pytest.approx(0.0, abs=1e-9)
+    back = replace(rough, shear_pa=-rough.shear_pa)
+    assert back.shear_change(rough) == pytest.approx(2.0 * rough.sizes[Output.SHEAR])
+    assert back.changes(rough)[Output.SHEAR] == pytest.approx(0.0, abs=1e-12)
+    finer = found(replace(SCENE, refinement=1.0))
+    assert 0.0 < rough.shear_change(finer) < 0.2
+
+
+def test_a_quarter_is_compared_with_the_whole_on_the_quarter(rough: PressOutputs) -> None:
+    """The whole pad has places that a quarter does not model."""
+    whole = found(replace(SCENE, effects=(*SCENE.effects, (Effect.SYMMETRY, False))))
+    assert (rough.copies, whole.copies) == (4, 1)
+    ways = rough.shear_change(whole), whole.shear_change(rough)
+    assert ways[0] == pytest.approx(ways[1], rel=0.05)
+    assert max(ways) < rough.sizes[Output.SHEAR]
+
+
 def test_what_slides_under_a_load_keeps_its_stiffness() -> None:
     """It sinks while the force stays: the force of a ball grows with the depth's 1.5th power."""
     pushed = replace(
