@@ -79,6 +79,11 @@ class PressOutputs:
             Output.MARKERS: _norm(self.motion_m, self.top_m2),
         }
 
+    @property
+    def touched_count(self) -> int:
+        """Touched faces of the whole gel, mirror images among them; one where nothing touches."""
+        return max(1, self.copies * int(np.count_nonzero(self.pressure_pa)))
+
     def differences(self, other: PressOutputs) -> dict[Output, float]:
         """Return how far each output is from that of another press on the same mesh."""
         carried, others = (float(each.pressure_pa @ each.areas_m2) for each in (self, other))

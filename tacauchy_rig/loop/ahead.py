@@ -1,7 +1,8 @@
 """What a replay takes longest for, while its run is still recorded, by a process beside.
 
 How the gel goes to the largest force depends on nothing that is measured but its modulus, and a
-stiffer gel goes on from there (``sim/walk.py``); optics know nothing of the presses. The process is
+stiffer gel goes on from there (``sim/walk.py``); so it is with what a lean does to it
+(``foreseen.py``). Optics know nothing of the presses. The process is
 the last to be served, and works beside the replay too.
 """
 
@@ -17,6 +18,7 @@ from sim.sensor.sensor import Sensor
 from sim.walk import Walk
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RigError
+from tacauchy_rig.loop.foreseen import Foreseen, foresee
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
 from tacauchy_rig.loop.parts import Part
 from tacauchy_rig.loop.pressing import Pressed, press_parts, walk_ahead
@@ -63,8 +65,13 @@ class Ahead(Beside):
     """One that has begun while the run was recorded."""
 
     def __init__(self, other: Executor, optics: Callable[[], Seen], config: RigConfig) -> None:
+        self._foreseen = other.submit(_foresee, config)
         other.submit(_walk, config)
         super().__init__(other, optics)
+
+    def foreseen(self) -> Foreseen | None:
+        """Return what the replay asks of the configuration alone; None where that failed."""
+        return self._foreseen.result()
 
     def press(self, parts: Sequence[Part], *, on_progress: Say = say_nothing) -> list[Pressed]:
         """Press there, on from where it went."""
@@ -103,8 +110,15 @@ def _seen(given: str, sensor: Sensor, calibrate: Calibrate | None) -> Seen:
     return optics_of(given, sensor, calibrate=calibrate, on_progress=said.append), said
 
 
-def _walk(config: RigConfig) -> None:
+def _foresee(config: RigConfig) -> Foreseen | None:
     os.nice(_NICE)
+    try:
+        return foresee(config)
+    except RigError:
+        return None  # asked of again, it says so
+
+
+def _walk(config: RigConfig) -> None:
     try:
         walk = walk_ahead(config)
     except RigError:

@@ -18,7 +18,9 @@ from reports.scores.contact import contact_footprint, contact_region, image_chan
 from reports.scores.correction import register_changes
 from sim.effects.plan import output_tolerances, plan_effects
 from sim.leaning import can_lean, lean_costs, press_leaning, restoring_moments
+from sim.scene.scene import Scene
 from sim.sensor.camera_geometry import CameraGeometry
+from sim.walk import History
 from tacauchy_rig.config.devices import RobotModel
 from tacauchy_rig.config.model import ModulusSource, PoseSource, RigConfig
 from tacauchy_rig.errors import RigError
@@ -62,18 +64,57 @@ class Dwell:
     wrench: tuple[FloatArray, FloatArray] | None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Restoring:
+    """How a gel answers a lean, as coarse presses tell.
+
+    Attributes:
+        forces_n: Rising [N], shape [force_count].
+        moments_nm: Against a lean of one radian at each [N m], likewise.
+        history: (depth [m], force [N]) at each.
+    """
+
+    forces_n: FloatArray
+    moments_nm: FloatArray
+    history: History
+
+    def covers(self, forces_n: FloatArray) -> bool:
+        """Return whether it was pressed from below to above these forces [N]."""
+        return bool(self.forces_n[0] <= forces_n.min() and forces_n.max() <= self.forces_n[-1])
+
+
+def restoring_of(scene: Scene, forces_n: Sequence[float]) -> Restoring | None:
+    """Press coarsely with a lean to rising forces [N]; nothing can lean where a ball presses.
+
+    Raises:
+        RigError: It cannot be meshed or solved.
+    """
+    if not can_lean(scene):
+        return None
+    moments_nm, pressed = restoring_moments(scene, forces_n, _TRIED_RAD)
+    return Restoring(forces_n=np.array(forces_n), moments_nm=moments_nm, history=pressed.history)
+
+
 def dwells_of(attempts: Sequence[AttemptReading]) -> list[Dwell]:
     """Return what the cell felt in each trial."""
     return [Dwell(record=each.record, wrench=each.dwell_wrench) for each in attempts]
 
 
 def with_found_lean(
-    dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
+    dwells: Sequence[Dwell],
+    inputs: ReplayInputs,
+    config: RigConfig,
+    *,
+    foreseen: Restoring | None = None,
 ) -> FoundMounting:
-    """Return how a run is replayed with the lean that its moments tell, where that is asked for."""
+    """Return how a run is replayed with the lean that its moments tell, where that is asked for.
+
+    Args:
+        foreseen: How the gel answers a lean, if that is known; else it is pressed.
+    """
     if config.replay.pose is not PoseSource.FOUND:
         return FoundMounting(inputs=inputs)
-    fit, why = lean_of(dwells, inputs, config)
+    fit, why = lean_of(dwells, inputs, config, foreseen=foreseen)
     mounting = inputs.mounting
     if fit is None:
         values = tuple(_unknown(f"lean towards {axis}", "rad", why) for axis in "xy")
@@ -103,7 +144,11 @@ def with_found_lean(
 
 
 def lean_of(
-    dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
+    dwells: Sequence[Dwell],
+    inputs: ReplayInputs,
+    config: RigConfig,
+    *,
+    foreseen: Restoring | None = None,
 ) -> tuple[LeanFit | None, str]:
     """Return what moments tell, and how; None and the reason where they tell nothing."""
     known = sorted(
@@ -112,26 +157,26 @@ def lean_of(
     )
     forces_n = np.array([record.force_measured_n for record, _ in known])
     scene = inputs.scene(forces_n.tolist())
-    if not can_lean(scene):
-        return None, "a ball looks alike from all sides"
     if len(known) < TRIALS_MIN:
         return None, f"{len(known)} trials tell no lean: {TRIALS_MIN} do"
     if not config.force_sensor.is_stand_in and config.force_sensor.to_tip is None:
         return None, "force_sensor.to_tip is not stated, so nobody knows what moments refer to"
     try:
-        restoring, pressed = restoring_moments(scene, forces_n.tolist(), _TRIED_RAD)
+        covered = foreseen is not None and foreseen.covers(forces_n)
+        restoring = foreseen if covered else restoring_of(scene, forces_n.tolist())
     except RigError as error:
         return None, f"no coarse press with a lean: {error.message}"
+    if restoring is None:
+        return None, "a ball looks alike from all sides"
     factor = 1.0
     if tells_modulus(config):
-        curve = merge_histories([pressed.history])
+        curve = merge_histories([restoring.history])
         contact_n = config.protocol.contact_force
         told = fit_modulus([([r for r, _ in known], curve)], contact_force_n=contact_n)
         factor = 1.0 if told is None else told.factor
     moments, errors = _about_tip(np.array([w for _, w in known]), config)
-    fit = fit_lean(
-        forces_n, moments, errors, factor * np.interp(forces_n / factor, forces_n, restoring)
-    )
+    against = np.interp(forces_n / factor, restoring.forces_n, restoring.moments_nm)
+    fit = fit_lean(forces_n, moments, errors, factor * against)
     size, most = float(np.linalg.norm(fit.lean_rad)), config.workspace.max_tilt
     if size > most:
         return None, (

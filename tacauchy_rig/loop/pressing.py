@@ -21,6 +21,7 @@ from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.loop.mounting import (
     FoundMounting,
+    Restoring,
     dwells_of,
     leaned,
     tells_modulus,
@@ -43,9 +44,16 @@ def measured_depths(run: RunReading) -> list[float]:
 
 
 def mounted(
-    run: RunReading, inputs: ReplayInputs, *, on_progress: Say = say_nothing
+    run: RunReading,
+    inputs: ReplayInputs,
+    *,
+    on_progress: Say = say_nothing,
+    foreseen: Restoring | None = None,
 ) -> FoundMounting:
     """Return how a run is replayed in its own time, and with the lean that its moments tell.
+
+    Args:
+        foreseen: How the gel answers a lean, if that is known.
 
     Raises:
         RecordError: No trial has a measured force.
@@ -56,7 +64,8 @@ def mounted(
     known = [seconds for seconds in lasted if seconds is not None]
     if known:
         inputs = replace(inputs, duration_s=median(known))
-    found = with_found_lean(dwells_of(attempts), inputs, run.store.config)
+    config = run.store.config
+    found = with_found_lean(dwells_of(attempts), inputs, config, foreseen=foreseen)
     for row in found.effects:
         on_progress(f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}")
     return found

@@ -64,12 +64,17 @@ def replay_run(
         ConvergenceError: A force cannot be reached.
     """
     store, config = run.store, run.store.config
-    parts = parts_of(run, tolerance=tolerance)
+    foreseen = None if ahead is None else ahead.foreseen()
+    restoring = None if foreseen is None else foreseen.restoring
+    parts = parts_of(run, tolerance=tolerance, foreseen=foreseen)
     sensor = parts[0].inputs.sensor
     check_optics(config, sensor)
     parts = _with_presses(run, parts)
     with _company(ahead, optics_told(config, sensor, calibrate)) as company:
-        mountings = [mounted(each.run, each.inputs, on_progress=on_progress) for each in parts]
+        mountings = [
+            mounted(each.run, each.inputs, on_progress=on_progress, foreseen=restoring)
+            for each in parts
+        ]
         parts = [
             replace(part, inputs=found.inputs) for part, found in zip(parts, mountings, strict=True)
         ]

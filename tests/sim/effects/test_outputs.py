@@ -78,7 +78,7 @@ def test_pressure_under_a_fillet_is_no_shear() -> None:
 
 
 def test_shear_of_another_mesh_is_compared_face_by_face(rough: PressOutputs) -> None:
-    """Turned round it is twice itself off, though its size is the same; two meshes differ somewhat."""
+    """Turned round it is twice itself off, though its size is the same; a finer one's is near."""
     assert rough.shear_change(rough) == pytest.approx(0.0, abs=1e-9)
     back = replace(rough, shear_pa=-rough.shear_pa)
     assert back.shear_change(rough) == pytest.approx(2.0 * rough.sizes[Output.SHEAR])

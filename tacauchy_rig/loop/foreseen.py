@@ -1,0 +1,54 @@
+"""What a replay asks of a configuration alone: it can be told while the run is recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sim.effects.plan import plan_effects
+from sim.walk import goes_its_own_way
+from tacauchy_rig.config.model import PoseSource, RigConfig
+from tacauchy_rig.errors import RigError
+from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
+from tacauchy_rig.loop.mounting import Restoring, restoring_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Foreseen:
+    """What is known before any force is measured.
+
+    Attributes:
+        stated: What the configuration says of its replay.
+        settled: The same with the preset that ``auto`` is for the forces that are to be pressed.
+        restoring: How the gel answers a lean; None where nothing asks for one, or where times that
+            are not measured yet change it.
+    """
+
+    stated: ReplayInputs
+    settled: ReplayInputs
+    restoring: Restoring | None = None
+
+    def settles(self, stated: ReplayInputs) -> bool:
+        """Return whether ``settled`` is of these inputs."""
+        return self.stated == stated
+
+
+def foresee(config: RigConfig) -> Foreseen:
+    """Return what is known before any force is measured.
+
+    Raises:
+        ConfigError: A configured name does not exist.
+    """
+    stated, targets_n = inputs_of(config), config.protocol.force_targets
+    settled = stated.settled(targets_n)
+    if config.replay.pose is not PoseSource.FOUND:
+        return Foreseen(stated=stated, settled=settled)
+    allowed_n = config.protocol.force_tolerance
+    ends_n = {min(targets_n) - allowed_n, max(targets_n) + allowed_n}
+    forces_n = sorted(force_n for force_n in {*targets_n, *ends_n} if force_n > 0.0)
+    try:
+        scene = settled.scene(forces_n)
+        waits = goes_its_own_way(plan_effects(scene))
+        restoring = None if waits else restoring_of(scene, forces_n)
+    except RigError:
+        restoring = None  # tried again with what was measured, it says why
+    return Foreseen(stated=stated, settled=settled, restoring=restoring)
