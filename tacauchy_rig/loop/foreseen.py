@@ -17,19 +17,22 @@ class Foreseen:
     """What is known before any force is measured.
 
     Attributes:
-        stated: What the configuration says of its replay.
-        settled: The same with the preset that ``auto`` is for the forces that are to be pressed.
+        config: It.
+        settled: Its replay, with the preset that ``auto`` is for the forces that are to be pressed.
         restoring: How the gel answers a lean; None where nothing asks for one, or where times that
             are not measured yet change it.
     """
 
-    stated: ReplayInputs
+    config: RigConfig
     settled: ReplayInputs
     restoring: Restoring | None = None
 
-    def settles(self, stated: ReplayInputs) -> bool:
-        """Return whether ``settled`` is of these inputs."""
-        return self.stated == stated
+    def settles(self, config: RigConfig) -> bool:
+        """Return whether ``settled`` is what another configuration is replayed with, too."""
+        return all(
+            getattr(self.config, table) == getattr(config, table)
+            for table in ("sensor", "replay", "protocol")
+        )
 
 
 def foresee(config: RigConfig) -> Foreseen:
@@ -38,10 +41,10 @@ def foresee(config: RigConfig) -> Foreseen:
     Raises:
         ConfigError: A configured name does not exist.
     """
-    stated, targets_n = inputs_of(config), config.protocol.force_targets
-    settled = stated.settled(targets_n)
+    targets_n = config.protocol.force_targets
+    settled = inputs_of(config).settled(targets_n)
     if config.replay.pose is not PoseSource.FOUND:
-        return Foreseen(stated=stated, settled=settled)
+        return Foreseen(config=config, settled=settled)
     allowed_n = config.protocol.force_tolerance
     ends_n = {min(targets_n) - allowed_n, max(targets_n) + allowed_n}
     forces_n = sorted(force_n for force_n in {*targets_n, *ends_n} if force_n > 0.0)
@@ -51,4 +54,4 @@ def foresee(config: RigConfig) -> Foreseen:
         restoring = None if waits else restoring_of(scene, forces_n)
     except RigError:
         restoring = None  # tried again with what was measured, it says why
-    return Foreseen(stated=stated, settled=settled, restoring=restoring)
+    return Foreseen(config=config, settled=settled, restoring=restoring)

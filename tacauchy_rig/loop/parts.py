@@ -123,7 +123,7 @@ def _inputs(
     if tolerance is not None:
         return replace(inputs, tolerance=tolerance, is_auto=False)
     if not config.is_imported:  # what is pressed ahead of measuring knows the targets alone
-        if foreseen is not None and foreseen.settles(inputs):
+        if foreseen is not None and foreseen.settles(config):
             return foreseen.settled
         return inputs.settled(config.protocol.force_targets)
     known = [record.force_measured_n for record in run.records.values() if record is not None]

@@ -10,10 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from reports.evidence.attempt import RunReading
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop import ahead
+from tacauchy_rig.loop.inputs import ReplayInputs
+from tacauchy_rig.loop.mounting import restoring_of
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.optics import OpticalCalibration, Say, nominal_optics
 from tacauchy_rig.loop.parts import Part, parts_of
@@ -31,7 +34,7 @@ def _config(*more: str) -> LoadedConfig:
 
 
 @pytest.fixture(scope="module")
-def parts(tmp_path_factory: pytest.TempPathFactory) -> list[Part]:
+def run(tmp_path_factory: pytest.TempPathFactory) -> RunReading:
     """Two presses with forces and depths."""
     store = RunStore.create(
         tmp_path_factory.mktemp("ahead"),
@@ -51,7 +54,13 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> list[Part]:
             depth_measured_m=depth_m,
         )
         store.save_result(record)
-    return parts_of(open_run(store.paths.root))
+    return open_run(store.paths.root)
+
+
+@pytest.fixture(scope="module")
+def parts(run: RunReading) -> list[Part]:
+    """The same as one part."""
+    return parts_of(run)
 
 
 @pytest.fixture(scope="module")
@@ -123,6 +132,29 @@ def _if_there(path: Path, sensor: Sensor, say: Say) -> OpticalCalibration:
         raise RecordError(f"{path} is not there")
     say("it is there")
     return nominal_optics(sensor)
+
+
+def test_what_the_configuration_tells_is_told_before(
+    run: RunReading, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The inputs and the answer to a lean that would be found, and none is found twice."""
+    (part,) = parts_of(run)
+    with ahead.going_ahead(part.config, None) as company:
+        assert company is not None
+        foreseen = company.foreseen()
+    assert foreseen is not None
+    restoring = foreseen.restoring
+    assert restoring is not None
+    found = restoring_of(part.inputs.scene([1.5]), restoring.forces_n.tolist())
+    assert found is not None
+    np.testing.assert_allclose(restoring.moments_nm, found.moments_nm, rtol=0.02)
+    assert restoring.covers(np.array([force_n for force_n, _ in PRESSED]))
+    assert not restoring.covers(np.array([2.0]))
+    monkeypatch.setattr(ReplayInputs, "settled", lambda *_: pytest.fail("twice"))
+    (early,) = parts_of(run, foreseen=foreseen)
+    assert early.inputs.scene([1.5]).refinement == part.inputs.scene([1.5]).refinement
+    other = _config("sensor.name=digit").config
+    assert not foreseen.settles(other)
 
 
 def test_nobody_goes_ahead_on_one_processor(
