@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Collection, Sequence
 from copy import copy
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -215,6 +215,10 @@ class RunReading:
         self.geometry = geometry
         self.records = {index: store.counting(index) for index in store.trial_indices()}
         self._attempts: dict[int, AttemptReading] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave what was read to the process that read it."""
+        return {**self.__dict__, "_attempts": {}}
 
     def of(self, trials: Collection[int]) -> RunReading:
         """Return some of its trials; what was read of them is shared."""

@@ -19,6 +19,8 @@ from sim.walk import Walk
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import RigError
 from tacauchy_rig.loop.foreseen import Foreseen, foresee
+from tacauchy_rig.loop.inputs import ReplayInputs
+from tacauchy_rig.loop.mounting import Dwell, FoundMounting, with_found_lean
 from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
 from tacauchy_rig.loop.parts import Part
 from tacauchy_rig.loop.pressing import Pressed, press_parts, walk_ahead
@@ -31,6 +33,10 @@ _walks: list[Walk] = []
 
 Seen = tuple[OpticalCalibration, list[str]]
 """How images are rendered, and what was said of it."""
+
+
+def _nothing() -> None:
+    """Have nothing else to do."""
 
 
 class Beside:
@@ -56,9 +62,27 @@ class Beside:
         except RigError:
             return self.other.submit(self._optics).result()
 
-    def press(self, parts: Sequence[Part], *, on_progress: Say = say_nothing) -> list[Pressed]:
-        """Press the parts of a run as ``press_parts`` does; here, while optics are told there."""
-        return press_parts(parts, on_progress=on_progress)
+    def find_lean(
+        self, dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
+    ) -> FoundMounting:
+        """Find a run's lean as ``with_found_lean`` does."""
+        return with_found_lean(dwells, inputs, config)
+
+    def press(
+        self,
+        parts: Sequence[Part],
+        *,
+        on_progress: Say = say_nothing,
+        meanwhile: Callable[[], None] = _nothing,
+    ) -> list[Pressed]:
+        """Press the parts of a run as ``press_parts`` does; here, while optics are told there.
+
+        Args:
+            meanwhile: What else is to be done here before they are drawn.
+        """
+        pressed = press_parts(parts, on_progress=on_progress)
+        meanwhile()
+        return pressed
 
 
 class Ahead(Beside):
@@ -73,9 +97,25 @@ class Ahead(Beside):
         """Return what the replay asks of the configuration alone; None where that failed."""
         return self._foreseen.result()
 
-    def press(self, parts: Sequence[Part], *, on_progress: Say = say_nothing) -> list[Pressed]:
+    def find_lean(
+        self, dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
+    ) -> FoundMounting:
+        """Find it there, where coarse presses were made."""
+        foreseen = self.foreseen()
+        find = partial(with_found_lean, foreseen=None if foreseen is None else foreseen.restoring)
+        return self.other.submit(find, dwells, inputs, config).result()
+
+    def press(
+        self,
+        parts: Sequence[Part],
+        *,
+        on_progress: Say = say_nothing,
+        meanwhile: Callable[[], None] = _nothing,
+    ) -> list[Pressed]:
         """Press there, on from where it went."""
-        pressed, said = self.other.submit(_press, parts).result()
+        found = self.other.submit(_press, parts)
+        meanwhile()
+        pressed, said = found.result()
         for line in said:
             on_progress(line)
         return pressed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from statistics import median
 
@@ -21,7 +21,6 @@ from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.loop.mounting import (
     FoundMounting,
-    Restoring,
     dwells_of,
     leaned,
     tells_modulus,
@@ -48,12 +47,12 @@ def mounted(
     inputs: ReplayInputs,
     *,
     on_progress: Say = say_nothing,
-    foreseen: Restoring | None = None,
+    find: Callable[..., FoundMounting] = with_found_lean,
 ) -> FoundMounting:
     """Return how a run is replayed in its own time, and with the lean that its moments tell.
 
     Args:
-        foreseen: How the gel answers a lean, if that is known.
+        find: Finds it as ``with_found_lean`` does.
 
     Raises:
         RecordError: No trial has a measured force.
@@ -64,8 +63,7 @@ def mounted(
     known = [seconds for seconds in lasted if seconds is not None]
     if known:
         inputs = replace(inputs, duration_s=median(known))
-    config = run.store.config
-    found = with_found_lean(dwells_of(attempts), inputs, config, foreseen=foreseen)
+    found = find(dwells_of(attempts), inputs, run.store.config)
     for row in found.effects:
         on_progress(f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}")
     return found

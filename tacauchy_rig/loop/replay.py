@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 
 from reports.arrays import ColorImage
 from reports.evidence.attempt import RunReading
@@ -13,6 +14,7 @@ from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.config.model import PoseSource
+from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop.ahead import Ahead, Beside, Seen, optics_told
 from tacauchy_rig.loop.image_causes import SplitPart, split_images
 from tacauchy_rig.loop.mounting import find_offset, offset_of
@@ -65,20 +67,21 @@ def replay_run(
     """
     store, config = run.store, run.store.config
     foreseen = None if ahead is None else ahead.foreseen()
-    restoring = None if foreseen is None else foreseen.restoring
     parts = parts_of(run, tolerance=tolerance, foreseen=foreseen)
     sensor = parts[0].inputs.sensor
     check_optics(config, sensor)
     parts = _with_presses(run, parts)
     with _company(ahead, optics_told(config, sensor, calibrate)) as company:
         mountings = [
-            mounted(each.run, each.inputs, on_progress=on_progress, foreseen=restoring)
+            mounted(each.run, each.inputs, on_progress=on_progress, find=company.find_lean)
             for each in parts
         ]
         parts = [
             replace(part, inputs=found.inputs) for part, found in zip(parts, mountings, strict=True)
         ]
-        pressed = company.press(parts, on_progress=on_progress)
+        pressed = company.press(
+            parts, on_progress=on_progress, meanwhile=partial(_read_frames, run)
+        )
         optics, said = company.seen()
         for line in said:
             on_progress(line)
@@ -126,6 +129,13 @@ def _company(ahead: Ahead | None, optics: Callable[[], Seen]) -> Iterator[Beside
         return
     with beside() as other:
         yield Beside(other, optics)
+
+
+def _read_frames(run: RunReading) -> None:
+    """Read the frames that images are rendered over and held against."""
+    for attempt in measured_attempts(run):
+        with suppress(RecordError):  # asked for again, it says so
+            _ = attempt.reference, attempt.images
 
 
 def _with_presses(run: RunReading, parts: Sequence[Part]) -> list[Part]:
