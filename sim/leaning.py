@@ -13,7 +13,7 @@ from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.plan import output_tolerances, plan_effects
 from sim.effects.scene_path import path_for
 from sim.press import contact_measures
-from sim.scene.indenter import Sphere
+from sim.scene.indenter import Indenter, Sphere
 from sim.scene.scene import Effect, Motion, Output, Preset, Scene
 
 # Half a second each for six forces. The finer one's moments come out 13 % higher than preset
@@ -38,9 +38,9 @@ class LeaningPress:
     outputs: PressOutputs
 
 
-def can_lean(scene: Scene) -> bool:
+def can_lean(indenter: Indenter) -> bool:
     """Return whether a lean changes anything: a ball looks alike from all sides."""
-    return not isinstance(scene.indenter, Sphere)
+    return not isinstance(indenter, Sphere)
 
 
 def press_leaning(

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sim.effects.plan import plan_effects
+from sim.leaning import can_lean
 from sim.walk import goes_its_own_way
 from tacauchy_rig.config.model import PoseSource, RigConfig
 from tacauchy_rig.errors import RigError
 from tacauchy_rig.loop.inputs import ReplayInputs, inputs_of
-from tacauchy_rig.loop.mounting import Restoring, restoring_of
+from tacauchy_rig.loop.mounting import Restoring, restoring_of, tried_forces
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,17 +42,13 @@ def foresee(config: RigConfig) -> Foreseen:
     Raises:
         ConfigError: A configured name does not exist.
     """
-    targets_n = config.protocol.force_targets
-    settled = inputs_of(config).settled(targets_n)
-    if config.replay.pose is not PoseSource.FOUND:
+    settled = inputs_of(config).settled(config.protocol.force_targets)
+    if config.replay.pose is not PoseSource.FOUND or not can_lean(settled.indenter):
         return Foreseen(config=config, settled=settled)
-    allowed_n = config.protocol.force_tolerance
-    ends_n = {min(targets_n) - allowed_n, max(targets_n) + allowed_n}
-    forces_n = sorted(force_n for force_n in {*targets_n, *ends_n} if force_n > 0.0)
+    forces_n = tried_forces(config)
     try:
-        scene = settled.scene(forces_n)
-        waits = goes_its_own_way(plan_effects(scene))
-        restoring = None if waits else restoring_of(scene, forces_n)
+        waits = goes_its_own_way(plan_effects(settled.scene(forces_n)))
+        restoring = None if waits else restoring_of(settled, forces_n)
     except RigError:
         restoring = None  # tried again with what was measured, it says why
     return Foreseen(config=config, settled=settled, restoring=restoring)

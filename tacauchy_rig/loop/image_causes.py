@@ -178,7 +178,7 @@ class _Again:
         by_force = _apart(self._seen(more), self._seen(less), 1.0 / (_MORE - 1.0 / _MORE))
         yield from self._of_force(by_force)
         yield from self._of_material(by_force, base)
-        if can_lean(self.inputs.scene(forces_n)):
+        if can_lean(self.inputs.indenter):
             yield from self._of_tilt()
         change = {press.index: base[press.index] - press.bare for press in self.presses}
         yield from self._of_light(change)

@@ -18,7 +18,6 @@ from reports.scores.contact import contact_footprint, contact_region, image_chan
 from reports.scores.correction import register_changes
 from sim.effects.plan import output_tolerances, plan_effects
 from sim.leaning import can_lean, lean_costs, press_leaning, restoring_moments
-from sim.scene.scene import Scene
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.walk import History
 from tacauchy_rig.config.devices import RobotModel
@@ -78,20 +77,24 @@ class Restoring:
     moments_nm: FloatArray
     history: History
 
-    def covers(self, forces_n: FloatArray) -> bool:
-        """Return whether it was pressed from below to above these forces [N]."""
-        return bool(self.forces_n[0] <= forces_n.min() and forces_n.max() <= self.forces_n[-1])
+
+def tried_forces(config: RigConfig) -> list[float]:
+    """Return where the answer to a lean is pressed [N]: from below to above what may be measured.
+
+    They are known before anything is measured, so that it can be told then.
+    """
+    targets_n, allowed_n = config.protocol.force_targets, config.protocol.force_tolerance
+    ends_n = {min(targets_n) - allowed_n, max(targets_n) + allowed_n}
+    return sorted(force_n for force_n in {*targets_n, *ends_n} if force_n > 0.0)
 
 
-def restoring_of(scene: Scene, forces_n: Sequence[float]) -> Restoring | None:
-    """Press coarsely with a lean to rising forces [N]; nothing can lean where a ball presses.
+def restoring_of(inputs: ReplayInputs, forces_n: Sequence[float]) -> Restoring:
+    """Press coarsely with a lean to rising forces [N].
 
     Raises:
         RigError: It cannot be meshed or solved.
     """
-    if not can_lean(scene):
-        return None
-    moments_nm, pressed = restoring_moments(scene, forces_n, _TRIED_RAD)
+    moments_nm, pressed = restoring_moments(inputs.scene(forces_n), forces_n, _TRIED_RAD)
     return Restoring(forces_n=np.array(forces_n), moments_nm=moments_nm, history=pressed.history)
 
 
@@ -156,18 +159,19 @@ def lean_of(
         key=lambda pair: pair[0].force_measured_n or 0.0,
     )
     forces_n = np.array([record.force_measured_n for record, _ in known])
-    scene = inputs.scene(forces_n.tolist())
+    if not can_lean(inputs.indenter):
+        return None, "a ball looks alike from all sides"
     if len(known) < TRIALS_MIN:
         return None, f"{len(known)} trials tell no lean: {TRIALS_MIN} do"
     if not config.force_sensor.is_stand_in and config.force_sensor.to_tip is None:
         return None, "force_sensor.to_tip is not stated, so nobody knows what moments refer to"
+    tried_n = np.array(tried_forces(config))
+    if config.is_imported or forces_n[0] < tried_n[0] or tried_n[-1] < forces_n[-1]:
+        tried_n, foreseen = forces_n, None
     try:
-        covered = foreseen is not None and foreseen.covers(forces_n)
-        restoring = foreseen if covered else restoring_of(scene, forces_n.tolist())
+        restoring = foreseen or restoring_of(inputs, tried_n.tolist())
     except RigError as error:
         return None, f"no coarse press with a lean: {error.message}"
-    if restoring is None:
-        return None, "a ball looks alike from all sides"
     factor = 1.0
     if tells_modulus(config):
         curve = merge_histories([restoring.history])

@@ -262,7 +262,7 @@ def _of_mounting(
 ) -> Iterator[Variation]:
     mounting = inputs.mounting
     (lean_x, lean_y), (x, y) = mounting.lean_rad, mounting.offset_m
-    if can_lean(inputs.scene([1.0])):
+    if can_lean(inputs.indenter):
         yield Variation(
             name="tilt of the indenter",
             value=math.hypot(lean_x, lean_y),

@@ -52,5 +52,5 @@ def test_a_greater_lean_costs_more(scene: Scene) -> None:
 
 def test_a_ball_has_no_lean() -> None:
     """It looks alike from all sides."""
-    ball = replay_scene(load_sensor("gelsight-mini"), Sphere(diameter_m=8e-3), [3.0])
-    assert not can_lean(ball)
+    assert not can_lean(Sphere(diameter_m=8e-3))
+    assert can_lean(Cylinder(diameter_m=5e-3))

@@ -16,7 +16,7 @@ from tacauchy_rig.config.load import LoadedConfig, default_text, load_config
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop import ahead
 from tacauchy_rig.loop.inputs import ReplayInputs
-from tacauchy_rig.loop.mounting import restoring_of
+from tacauchy_rig.loop.mounting import restoring_of, tried_forces
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.optics import OpticalCalibration, Say, nominal_optics
 from tacauchy_rig.loop.parts import Part, parts_of
@@ -145,11 +145,9 @@ def test_what_the_configuration_tells_is_told_before(
     assert foreseen is not None
     restoring = foreseen.restoring
     assert restoring is not None
-    found = restoring_of(part.inputs.scene([1.5]), restoring.forces_n.tolist())
-    assert found is not None
-    np.testing.assert_allclose(restoring.moments_nm, found.moments_nm, rtol=0.02)
-    assert restoring.covers(np.array([force_n for force_n, _ in PRESSED]))
-    assert not restoring.covers(np.array([2.0]))
+    found = restoring_of(part.inputs, tried_forces(part.config))
+    np.testing.assert_array_equal(restoring.moments_nm, found.moments_nm)
+    assert restoring.forces_n[0] < PRESSED[0][0] < PRESSED[-1][0] < restoring.forces_n[-1]
     monkeypatch.setattr(ReplayInputs, "settled", lambda *_: pytest.fail("twice"))
     (early,) = parts_of(run, foreseen=foreseen)
     assert early.inputs.scene([1.5]).refinement == part.inputs.scene([1.5]).refinement
