@@ -125,10 +125,11 @@ def estimate_from(
         changes[Output.SHEAR] = each * _grip_left(scene, found)
     rule, refinement = _rule(scene, plan)
     gap = scene.contact_distance_m / max(found.depth_m, scene.contact_distance_m)
-    relative = {
-        output: slope * changes[output] + rest / refinement**2 + share * gap + plan.left_out(output)
-        for output, (slope, rest, share) in rule.items()
-    }
+    relative = {}
+    for output in Output:
+        slope, rest, share = rule[output]
+        of_the_mesh = slope * changes[output] + rest / refinement**2 + share * gap
+        relative[output] = of_the_mesh + plan.left_out(output)
     if scene.contact is ContactMode.FRICTIONLESS:
         relative[Output.SHEAR] = 0.0
     if scene.target.force_n is None:

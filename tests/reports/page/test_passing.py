@@ -19,6 +19,8 @@ from reports.page.passing import MOST_PRESSES
 from reports.page.writing import ReportPaths, write_report
 
 STATES, HEIGHT, WIDTH = 8, 120, 160
+MANY = MOST_PRESSES + 2
+"""Presses, of which not all have a slider."""
 GROWTH_MOST = 5_000_000
 """Bytes: twelve presses whose images are nothing but noise."""
 A4_INSIDE_PX = (703, 1016)
@@ -65,7 +67,7 @@ def risen(evidence: RunEvidence, tmp_path_factory: pytest.TempPathFactory) -> Re
 @pytest.fixture(scope="module")
 def many(evidence: RunEvidence, tmp_path_factory: pytest.TempPathFactory) -> ReportPaths:
     """More presses than have a slider."""
-    report = compare(with_passing(evidence, count=2 * MOST_PRESSES))
+    report = compare(with_passing(evidence, count=MANY))
     return write_report(report, tmp_path_factory.mktemp("many"))
 
 
@@ -147,7 +149,7 @@ def test_the_file_stays_small(risen: ReportPaths, many: ReportPaths, written: Re
     """Twelve presses have a slider, however many there are, even if all images are noise."""
     page = many.html.read_text("utf-8")
     assert page.count('<section class="passing"') == MOST_PRESSES
-    assert f"{MOST_PRESSES} of {2 * MOST_PRESSES} presses" in page
+    assert f"{MOST_PRESSES} of {MANY} presses" in page
     pictures = re.findall(r"data:image/jpeg;base64,[^\"]*", page)
     assert sum(map(len, pictures)) < GROWTH_MOST
     assert risen.html.stat().st_size - written.html.stat().st_size < GROWTH_MOST / 2
