@@ -28,9 +28,9 @@ def draw_pressure(report: ValidationReport) -> Figure:
             pressure = profile.on_x_pa if name == "x" else profile.on_y_pa
             axes.plot(profile.along_m * _MM, pressure * _KPA, color=color, label=force_title(trial))
         axes.set_xlabel(f"${name}$ from the tip (mm)")
-        axes.set_ylim(bottom=0.0)
         axes.grid(visible=True)
         letter(axes, "(a)" if name == "x" else "(b)")
+    panels[0].set_ylim(bottom=0.0)  # of both, once all lines are there to be seen
     panels[0].set_ylabel("Contact pressure (kPa)")
     panels[1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure

@@ -22,3 +22,5 @@ def test_trials_without_pressure_have_no_line(report: ValidationReport) -> None:
     assert [len(axes.lines) for axes in (on_x, on_y)] == [2, 2]
     np.testing.assert_allclose(on_y.lines[0].get_ydata(), 200.0)
     np.testing.assert_allclose(on_x.lines[0].get_xdata(), along * 1e3)
+    assert on_y.get_ylim()[0] == 0.0
+    assert on_y.get_ylim()[1] > 200.0
