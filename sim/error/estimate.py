@@ -120,7 +120,7 @@ def estimate_from(
     if not found.force_n[2] > 0.0:
         return ErrorEstimate(relative={}, basis="there is no force to be wrong about")
     changes = coarse.outputs.changes(found)
-    if plan.is_on(Effect.LOCKING_FREE_ELEMENT):
+    if plan.is_on(Effect.LOCKING_FREE_ELEMENT):  # those that lock err alike in all faces
         each = coarse.outputs.shear_change(found) / math.sqrt(found.touched_count)
         changes[Output.SHEAR] = each * _grip_left(scene, found)
     rule, refinement = _rule(scene, plan)

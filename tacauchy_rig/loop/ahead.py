@@ -2,8 +2,8 @@
 
 How the gel goes to the largest force depends on nothing that is measured but its modulus, and a
 stiffer gel goes on from there (``sim/walk.py``); so it is with what a lean does to it
-(``foreseen.py``). Optics know nothing of the presses. The process is
-the last to be served, and works beside the replay too.
+(``foreseen.py``). Optics know nothing of the presses. The process is the last to be served, and
+works beside the replay too.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tacauchy_rig.errors import RigError
 from tacauchy_rig.loop.foreseen import Foreseen, foresee
 from tacauchy_rig.loop.inputs import ReplayInputs
 from tacauchy_rig.loop.mounting import Dwell, FoundMounting, with_found_lean
-from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of, say_nothing
+from tacauchy_rig.loop.optics import Calibrate, OpticalCalibration, Say, optics_of
 from tacauchy_rig.loop.parts import Part
 from tacauchy_rig.loop.pressing import Pressed, press_parts, walk_ahead
 from tacauchy_rig.loop.settings import sensor_of
@@ -33,10 +33,6 @@ _walks: list[Walk] = []
 
 Seen = tuple[OpticalCalibration, list[str]]
 """How images are rendered, and what was said of it."""
-
-
-def _nothing() -> None:
-    """Have nothing else to do."""
 
 
 class Beside:
@@ -68,21 +64,14 @@ class Beside:
         """Find a run's lean as ``with_found_lean`` does."""
         return with_found_lean(dwells, inputs, config)
 
-    def press(
-        self,
-        parts: Sequence[Part],
-        *,
-        on_progress: Say = say_nothing,
-        meanwhile: Callable[[], None] = _nothing,
-    ) -> list[Pressed]:
+    def pressing(self, parts: Sequence[Part], on_progress: Say) -> Callable[[], list[Pressed]]:
         """Press the parts of a run as ``press_parts`` does; here, while optics are told there.
 
-        Args:
-            meanwhile: What else is to be done here before they are drawn.
+        Returns:
+            What gives the presses, when they are asked for.
         """
         pressed = press_parts(parts, on_progress=on_progress)
-        meanwhile()
-        return pressed
+        return lambda: pressed
 
 
 class Ahead(Beside):
@@ -105,20 +94,17 @@ class Ahead(Beside):
         find = partial(with_found_lean, foreseen=None if foreseen is None else foreseen.restoring)
         return self.other.submit(find, dwells, inputs, config).result()
 
-    def press(
-        self,
-        parts: Sequence[Part],
-        *,
-        on_progress: Say = say_nothing,
-        meanwhile: Callable[[], None] = _nothing,
-    ) -> list[Pressed]:
-        """Press there, on from where it went."""
-        found = self.other.submit(_press, parts)
-        meanwhile()
-        pressed, said = found.result()
-        for line in said:
-            on_progress(line)
-        return pressed
+    def pressing(self, parts: Sequence[Part], on_progress: Say) -> Callable[[], list[Pressed]]:
+        """Begin to press there, on from where it went; this process is free meanwhile."""
+        begun = self.other.submit(_press, parts)
+
+        def found() -> list[Pressed]:
+            pressed, said = begun.result()
+            for line in said:
+                on_progress(line)
+            return pressed
+
+        return found
 
 
 @contextmanager

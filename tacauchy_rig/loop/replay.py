@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from functools import partial
 
 from reports.arrays import ColorImage
 from reports.evidence.attempt import RunReading
@@ -79,22 +78,13 @@ def replay_run(
         parts = [
             replace(part, inputs=found.inputs) for part, found in zip(parts, mountings, strict=True)
         ]
-        pressed = company.press(
-            parts, on_progress=on_progress, meanwhile=partial(_read_frames, run)
-        )
+        pressing = company.pressing(parts, on_progress)
+        _read_frames(run)
+        pressed = pressing()
         optics, said = company.seen()
         for line in said:
             on_progress(line)
-        rendered = _rendered(parts, pressed, optics)
-        places: tuple[FoundValue, ...] = ()
-        if config.replay.pose is PoseSource.FOUND:
-            places, parts, again = _where_seen(parts, rendered, optics, on_progress)
-            if again is not None:
-                pressed, rendered = again
-        rendered = [
-            _with_passed(part, each, fields, optics)
-            for part, each, (_, fields) in zip(parts, rendered, pressed, strict=True)
-        ]
+        places, parts, rendered = _drawn(parts, pressed, optics, on_progress)
         on_progress("trying what uncertain inputs change of the force")
         values = [(*found.values, *places) for found in mountings]
         tried = [
@@ -150,6 +140,27 @@ def _with_presses(run: RunReading, parts: Sequence[Part]) -> list[Part]:
         for part in parts
         if any(record and is_measured(record, run) for record in part.run.records.values())
     ]
+
+
+def _drawn(
+    parts: list[Part], pressed: list[Pressed], optics: OpticalCalibration, on_progress: Say
+) -> tuple[tuple[FoundValue, ...], list[Part], list[Rendered]]:
+    """Render what was pressed, again where images show the contact if that is asked for.
+
+    Returns:
+        What was found of the place, the parts that were pressed at last, and what is seen of each.
+    """
+    rendered = _rendered(parts, pressed, optics)
+    places: tuple[FoundValue, ...] = ()
+    if parts[0].run.store.config.replay.pose is PoseSource.FOUND:
+        places, parts, again = _where_seen(parts, rendered, optics, on_progress)
+        if again is not None:
+            pressed, rendered = again
+    passed = [
+        _with_passed(part, each, fields, optics)
+        for part, each, (_, fields) in zip(parts, rendered, pressed, strict=True)
+    ]
+    return places, parts, passed
 
 
 def _rendered(

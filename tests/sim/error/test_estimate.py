@@ -100,7 +100,7 @@ def test_a_press_lies_within_its_estimate(scene: Scene) -> None:
     said = estimated(scene, plan, own)
     changes = own.changes(fine)
     asked = Output.FORCE if scene.target.force_n is None else Output.DEPTH
-    for output in (asked, Output.IMAGE, Output.MARKERS):
+    for output in (asked, Output.IMAGE, Output.MARKERS, Output.SHEAR):
         assert changes[output] <= said.relative[output] < 0.6, output
 
 

@@ -106,7 +106,7 @@ def test_the_process_beside_presses_the_same(parts: list[Part], alone: Pressed) 
     said: list[str] = []
     with ahead.going_ahead(parts[0].config, None) as company:
         assert company is not None
-        (pressed,) = company.press(parts, on_progress=said.append)
+        (pressed,) = company.pressing(parts, said.append)()
         optics, told = company.seen()
     _alike(pressed, alone)
     assert any("times the stated modulus" in line for line in said)
