@@ -43,6 +43,9 @@ from tacauchy_rig.errors import ConfigError
 _AHEAD = 1
 # A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1e-9
+# Steps that an environment remembers: twice as many save no evaluation under an inverse that was
+# made so near, and are read anew in every step.
+_REMEMBERED = 8
 
 
 class Batch:
@@ -83,6 +86,7 @@ class Batch:
             count=self.count,
             gel=self._gel,
             surface=surface,
+            memory=_REMEMBERED,
             young_share=model.young_pa / young_pa,
             keeps=True,
         )
