@@ -39,6 +39,10 @@ class Frames:
                 self._launch()
             self._graph = capture.graph
 
+    def launch_singly(self) -> None:
+        """Launch one by one from now on, so that each can be timed."""
+        self._graph = None
+
     def begin(self) -> None:
         """Put all environments before the first frame."""
         self._batch.trail.frame.zero_()

@@ -6,7 +6,7 @@ on the device; an environment runs until it is done or asks the host for somethi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -225,19 +225,6 @@ class Descents:
                 array[b : b + 1].assign(np.ascontiguousarray(values)[None])
             else:
                 array.numpy()[b] = values
-
-    @property
-    def launches(self) -> dict[str, Callable[[], None]]:
-        """The launches of a step in their order, by what they do."""
-        found = {
-            "gel": self._strain.launch,
-            "contact": self._touch.launch,
-            "judge": self._judge.launch,
-            "prepare": self._prepare.launch,
-            "inverse": self._invert,
-            "turn": self._turn.launch,
-        }
-        return found if self._hold is None else {**found, "hold": self._hold.launch}
 
     def clear(self) -> None:
         """Set the sums of the forces to zero, for an evaluation that begins anew."""

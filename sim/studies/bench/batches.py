@@ -16,13 +16,20 @@ from sim.optics.surface_images import SurfaceImages
 from sim.scene.scene import Scene
 from sim.scene.tilted_indenter import tilted
 from sim.sensor.sensor import load_sensor
-from sim.solve.descent_state import Act, Mode, Status
-from sim.solve.descents import Descents
 from sim.solve.model import Model
 
-_LAUNCHES = 50
-# Steps that are remembered while launches are timed.
-_REMEMBERED = 8
+_REPEATS = 50
+# What a kernel with a word in its name does in a step; others begin and end the frames.
+_PARTS = {
+    "element": "gel",
+    "touch": "contact",
+    "judge": "judge",
+    "prepare": "prepare",
+    "product": "inverse",
+    "turn": "turn",
+    "hold": "hold",
+}
+_REST = "rest"
 _BALANCE = 1e-5
 # The pilot goes a little further than they do, and in none of their gels.
 _PILOTS_WAY = 1.05
@@ -32,41 +39,38 @@ _PRESSES = 3
 _SPREAD, _POISSON_SPREAD = 0.1, 0.01
 
 
-def batch_parts(batch: Batch, *, repeats: int = _LAUNCHES) -> dict[str, float]:
-    """Time the launches of a step of the descents, all environments taking it, and of stress [s].
+def batch_parts(
+    batch: Batch, chosen: Sequence[tuple[Environment, Course]], *, wall_s: float
+) -> dict[str, float]:
+    """Time what a step of a press takes, and the stress of all environments once [s].
 
-    It is taken where the batch stands, so that what touches there is pressed; the batch is reset.
+    On a GPU the environments are pressed once more, launch by launch, each timed by the device;
+    kernels that wait for the host between are not beside each other as in a recorded step. On a
+    processor nothing but the stress is timed.
+
+    Args:
+        wall_s: Of the press as it is, for what a whole step takes.
     """
-    parts = {"stress": _time_of(batch.stress.launch, device=batch.device, repeats=repeats)}
-    blocks = batch.together.blocks
-    one_serves = np.arange(len(blocks)) * batch.together.width < batch.count
-    blocks.assign(np.where(one_serves, 0, -1).astype(np.int32))
-    for name, launch in batch.descents.launches.items():
-        _pretend_to_step(batch.descents)
-        parts[name] = _time_of(launch, device=batch.device, repeats=repeats)
-    batch.reset()
-    return parts
+    parts = {"stress": _time_of(batch.stress.launch, device=batch.device)}
+    if batch.device == "cpu":
+        return parts
+    courses = [course for _, course in chosen]
+    batch.prepare(courses[0].frame_count).launch_singly()
+    wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
+    batch.press(courses)
+    times = [(_part_of(each.name), 1e-3 * each.elapsed) for each in wp.timing_end()]
+    steps = sum(name == "judge" for name, _ in times)
+    for part in dict.fromkeys((*_PARTS.values(), _REST)):
+        if taken := sum(spent for name, spent in times if name == part):
+            parts[part] = taken / steps
+    return parts | {"whole step": wall_s / steps}
 
 
-def _pretend_to_step(descents: Descents) -> None:
-    """Have all environments about to take a step."""
-    descents.set(
-        status=Status.RUNNING,
-        mode=Mode.TRY,
-        act=Act.SOLVE,
-        wanted=1,
-        strained=1,
-        takes=1,
-        learns=1,
-        holding=1,
-    )
-    memory = descents.memory
-    memory.counts.fill_(_REMEMBERED)
-    memory.next.fill_(_REMEMBERED)
-    memory.table.fill_(1.0)
+def _part_of(kernel: str) -> str:
+    return next((part for word, part in _PARTS.items() if word in kernel), _REST)
 
 
-def _time_of(launch: Callable[[], None], *, device: str, repeats: int) -> float:
+def _time_of(launch: Callable[[], None], *, device: str, repeats: int = _REPEATS) -> float:
     """Return the mean time of a launch [s]; on a GPU from one graph of them all."""
     launch()
     if device == "cpu":

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim.batch.batch import Batch
-from sim.batch.environment import BatchResult
+from sim.batch.environment import BatchResult, Course, Environment
 from sim.batch.pilot import batch_model
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
@@ -47,22 +47,24 @@ def press_side_by_side(
     pilot = pilot_for(scene, model, course)
     for count in counts:
         spent = time.process_time()
+        chosen = spread(scene, course, count)
         batch, results = pressed(
             pilot,
-            spread(scene, course, count),
+            chosen,
             seen_by=scene.sensor if images else "",
             device=device,
         )
         cpu_s = (time.process_time() - spent) / len(results)
         pressed_s = sum(result.wall_s for result in results)
         setup_s = time.perf_counter() - started - pressed_s
-        yield _judged(scene, batch, results, setup_s=setup_s, cpu_s=cpu_s)
+        yield _judged(scene, batch, chosen, results, setup_s=setup_s, cpu_s=cpu_s)
         started = time.perf_counter()
 
 
 def _judged(
     scene: Scene,
     batch: Batch,
+    chosen: Sequence[tuple[Environment, Course]],
     results: Sequence[BatchResult],
     *,
     setup_s: float,
@@ -91,5 +93,5 @@ def _judged(
         depth_m=float(depths[-1]),
         stiffness_n_m=float((forces[last] - forces[last - 1]) / (depths[last] - depths[last - 1])),
         balance=float(np.abs(found.imbalance[-1]).max()),
-        parts_s=batch_parts(batch),
+        parts_s=batch_parts(batch, chosen, wall_s=found.wall_s),
     )

@@ -53,6 +53,22 @@ def test_a_batch_is_seen_in_every_frame_and_its_launches_are_timed(scene: Scene)
     # Once to compile and once to record the frame, before any press.
     assert images.call_count == markers.call_count == 2 + _FRAMES * len(seen)
     np.testing.assert_allclose(seen[0].force_n, unseen[0].force_n, rtol=1e-6, atol=1e-9)
-    parts = batch_parts(batch)
-    assert list(parts) == ["stress", "gel", "contact", "judge", "prepare", "inverse", "turn"]
+    parts = batch_parts(batch, chosen, wall_s=seen[0].wall_s)
+    assert list(parts) == ["stress"]
+    assert parts["stress"] > 0.0
+
+
+@pytest.mark.gpu
+def test_launches_of_a_press_are_timed(scene: Scene) -> None:
+    """Each in the press as it is; together they take no less than its steps."""
+    course = course_of(scene, frame_count=_FRAMES)
+    chosen = spread(scene, course, _COUNT)
+    pilot = pilot_for(scene, batch_model(scene, refinement=0.7), course)
+    batch, found = pressed(pilot, chosen, device="cuda:0")
+    parts = batch_parts(batch, chosen, wall_s=min(each.wall_s for each in found))
+    names = ["stress", "gel", "contact", "judge", "prepare", "inverse", "turn", "rest"]
+    assert list(parts) == [*names, "whole step"]
+    assert parts.pop("stress") > 0.0
+    step_s = parts.pop("whole step")
     assert min(parts.values()) > 0.0
+    assert sum(parts.values()) > 0.5 * step_s
