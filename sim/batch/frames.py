@@ -135,7 +135,8 @@ class Frames:
         at = [descents.surface, descents.body, batch.trail.stage, descents.poses]
         at.append(descents.positions)
         if batch.model.contact_options.bonded:
-            held = [descents.grip_start, descents.grip, *descents.hold_room]
+            held = [descents.grip_start, descents.grip]
+            held += [*descents.contact_room[:2], *descents.hold_room]
             return self._device.record(made.hold, shape, [*at, *held], [])
         return self._device.record(made.drag, shape, [*at, descents.grip], [])
 

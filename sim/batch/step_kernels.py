@@ -285,7 +285,6 @@ def begin(
         d.status[b] = Status.RUNNING
         d.mode[b] = Mode.BEGIN
         d.wanted[b] = 1
-        d.strained[b] = 1
         d.rough[b] = 1
         d.steps[b] = 0
         d.since[b] = 0

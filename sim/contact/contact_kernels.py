@@ -15,7 +15,13 @@ from typing import Any
 import warp as wp
 
 from sim.contact.barrier import TouchedSurface, normal_contact, surface_point
-from sim.contact.friction import GripArrays, grip_offset, share_held, tangential_contact
+from sim.contact.friction import (
+    GripArrays,
+    grip_offset,
+    held_back,
+    share_held,
+    tangential_contact,
+)
 from sim.contact.indenter_distance import (
     MeshBody,
     Poses,
@@ -39,8 +45,8 @@ class ContactKernels:
         touch: Energies [J] and gaps [m]; adds forces [N] to the nodes.
         force: Position and gap [m] of every point, force on the indenter [N] and its stiffness
             [N/m].
-        hold: Holds points that touch and frees the others; takes over their pressure, and tells
-            its change and size [N].
+        hold: Holds points that touch and frees the others; takes over their pressure, corrects
+            what ``touch`` gave, and tells the pressure's change and size [N].
         drag: Lets anchors of sliding points follow.
     """
 
@@ -48,6 +54,22 @@ class ContactKernels:
     force: Any
     hold: Any
     drag: Any
+
+
+@wp.func
+def add_traction(
+    surface: TouchedSurface,
+    b: wp.int32,
+    f: wp.int32,
+    q: wp.int32,
+    traction: wp.vec3d,
+    nodes: wp.array2d(dtype=wp.vec3d),
+):
+    """Add what a point's traction [Pa] is to its face's nodes [N]."""
+    if wp.dot(traction, traction) > wp.float64(0.0):
+        force = traction * surface.areas[f, q]
+        for k in range(surface.faces.shape[1]):
+            wp.atomic_add(nodes, b, surface.faces[f, k], force * surface.values[q, k])
 
 
 @cache
@@ -81,21 +103,12 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
                 density, slope, _change = normal_contact(surface, b, distance / surface.distance)
                 v = n * slope
             if wp.static(grips):
-                held = grip.held[b, f, q]
-                if held > wp.float64(0.0):
-                    load = grip.loads[b, f, q]
-                    u = grip_offset(here, held, load, grip.anchors[b, f, q], x)
-                    more, across, _along = tangential_contact(
-                        surface, b, wp.length(load), wp.length(u)
-                    )
-                    density += more / held
-                    v += u * across
+                more, along = held_back(surface, here, grip, b, f, q, x)
+                density += more
+                v += along
             energy_out[b, f, q] = surface.areas[f, q] * density
             gap_out[b, f, q] = distance
-            if wp.dot(v, v) > wp.float64(0.0):
-                v = v * surface.areas[f, q]
-                for k in range(surface.faces.shape[1]):
-                    wp.atomic_add(nodes_out, b, surface.faces[f, k], v * surface.values[q, k])
+            add_traction(surface, b, f, q, v, nodes_out)
 
     @wp.kernel(**FAST_KERNEL)
     def force(
@@ -161,6 +174,8 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         start: GripArrays,
         # Data in and out:
         grip: GripArrays,
+        nodes: wp.array2d(dtype=wp.vec3d),
+        energy: wp.array3d(dtype=wp.float64),
         # Data out:
         change_out: wp.array3d(dtype=wp.float64),
         limit_out: wp.array3d(dtype=wp.float64),
@@ -171,6 +186,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             x = surface_point(surface, positions[b], f, q)
             here = posed(body, poses, b)
             distance, n = signed_distance(here, x)
+            before, pulled = held_back(surface, here, grip, b, f, q, x)
             held = wp.float64(0.0)
             anchor = start.anchors[b, f, q]
             load = wp.vec3d()
@@ -192,6 +208,9 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             grip.held[b, f, q] = held
             grip.anchors[b, f, q] = anchor
             grip.loads[b, f, q] = load
+            density, pull = held_back(surface, here, grip, b, f, q, x)
+            energy[b, f, q] += surface.areas[f, q] * (density - before)
+            add_traction(surface, b, f, q, pull - pulled, nodes)
 
     @wp.kernel(**FAST_KERNEL)
     def drag(

@@ -135,7 +135,8 @@ class ContactSurface:
     def refresh_grip(self, indenter: Indenter, state: State) -> None:
         """Hold the points that touch, free the others, and take over pressure and normal."""
         if state.grip is not None:
-            lists = [self.grip_arrays(state.grip)], [self._points(wp.float64) for _ in range(2)]
+            room = [*self.room(1)[:2], *(self._points(wp.float64) for _ in range(2))]
+            lists = [self.grip_arrays(state.grip)], room
             self._regrip(self.kernels(indenter).hold, indenter, state, *lists)
 
     def drag_anchors(self, indenter: Indenter, state: State) -> None:

@@ -91,3 +91,26 @@ def tangential_contact(surface: TouchedSurface, b: wp.int32, load: wp.float64, l
             along = wp.float64(0.0)
             density = strength * surface.slip * (y - third)
     return density, across, along
+
+
+@wp.func
+def held_back(
+    surface: TouchedSurface,
+    body: Any,
+    grip: GripArrays,
+    b: wp.int32,
+    f: wp.int32,
+    q: wp.int32,
+    x: wp.vec3d,
+):
+    """Return energy [J/m^2] and its gradient [Pa] of what a point of an environment holds on to."""
+    density = wp.float64(0.0)
+    along = wp.vec3d()
+    held = grip.held[b, f, q]
+    if held > wp.float64(0.0):
+        load = grip.loads[b, f, q]
+        u = grip_offset(body, held, load, grip.anchors[b, f, q], x)
+        whole, across, _stiffness = tangential_contact(surface, b, wp.length(load), wp.length(u))
+        density = whole / held
+        along = u * across
+    return density, along

@@ -50,20 +50,23 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         # Data in and out:
         d: Descent,
         memory: Memory,
+        again: wp.bool,
         # Data out:
         busy_out: wp.array(dtype=wp.int32),
     ):
+        # ``again`` looks once more at what is held anew.
         b, thread = wp.tid()
-        if b == 0 and thread == 0:
+        runs = d.status[b] == Status.RUNNING
+        if again:
+            runs = d.holding[b] > 0
+        elif thread == 0:
             busy_out[0] = 0
-        if thread == 0:
             d.act[b] = Act.NOTHING
             d.wanted[b] = 0
-            d.strained[b] = 0
             d.holding[b] = 0
             d.takes[b] = 0
             d.learns[b] = 0
-        if d.status[b] == Status.RUNNING:
+        if runs:
             mode = d.mode[b]
             looks = mode < Mode.GO  # it begins, tries or is held anew
             push = d.push[b]
@@ -96,7 +99,10 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
                     elif d.pushed[b] == 1:
                         g = d.load[b] - push[2]
                         sums[Sum.ENERGY] += d.load[b] * evaluated.tips[b][2]
-                    memory.trial[b, row] = g
+                    if mode == Mode.HELD:
+                        memory.renewed[b, row] = g
+                    else:
+                        memory.trial[b, row] = g
                     change = g - memory.gradient[b, row]
                     sums[Sum.AHEAD] += g * memory.direction[b, row]
                     sums[Sum.SQUARE] += g * g
@@ -144,6 +150,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         b, thread = wp.tid()
         act = d.act[b]
         learns = d.learns[b] == 1
+        held = d.holding[b] > 0
         dof_count = dofs.shape[0]
         length = memory.table.shape[1]
         if d.takes[b] == 1:
@@ -177,14 +184,16 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
                 count = memory.counts[b]
                 products_with(memory.steps, memory.gradient, count, b, memory.products)
                 note_products(memory, b, fraction, s_y)
+            if held:
+                for row in range(thread, dof_count + 1, wp.block_dim()):
+                    memory.gradient[b, row] = memory.renewed[b, row]
         if act != Act.NOTHING and act != Act.BACK:
             for i in range(thread, evaluated.elastic.shape[1], wp.block_dim()):
-                if act != Act.HOLD:
-                    evaluated.elastic[b, i] = wp.float64(0.0)
+                evaluated.elastic[b, i] = wp.float64(0.0)
                 evaluated.contact[b, i] = wp.float64(0.0)
         if act == Act.SOLVE:
             count = memory.counts[b]
-            if not learns:
+            if held or not learns:
                 wait_for_all()
                 products_with(memory.steps, memory.gradient, count, b, memory.products)
             first_loop(memory, b)
@@ -257,11 +266,10 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
                 d.mode[b] = Mode.TRY
                 if not falls:
                     d.wanted[b] = 0
-                    d.strained[b] = 0
                     finds_no_way(d, memory, b)
         if act == Act.BACK:
             fraction = wp.float64(0.0)
-        if act != Act.NOTHING and act != Act.HOLD:
+        if act != Act.NOTHING:
             for row in range(thread, dof_count + 1, wp.block_dim()):
                 x = memory.start[b, row] + fraction * memory.direction[b, row]
                 if row < dof_count:

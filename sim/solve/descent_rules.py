@@ -172,7 +172,6 @@ def _looks(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.flo
             if d.mode[b] == Mode.BEGIN:
                 due = wp.float64(0.0)  # what a start overlaps is no pressure
             if residual <= wp.max(due, _asked(d, b)):
-                d.act[b] = Act.HOLD
                 d.mode[b] = Mode.HELD
                 d.holding[b] = wp.where(d.recorded[b] > _CYCLES_AFTER, 2, 1)
                 return
@@ -257,8 +256,9 @@ def decide(
         if d.status[b] == Status.DONE and d.gap_min[b] < d.gap_least[b]:
             d.status[b] = Status.TOO_NEAR
     else:
-        d.evaluations[b] = d.evaluations[b] + 1
         accepted = wp.bool(True)
+        if mode != Mode.HELD:
+            d.evaluations[b] = d.evaluations[b] + 1
         if mode == Mode.TRY:
             accepted = _tries(d, memory, b, limits, sums, mins[2])
         else:
@@ -278,5 +278,3 @@ def decide(
                 _looks(d, b, limits, push, grip)
     if d.status[b] == Status.RUNNING and d.act[b] != Act.NOTHING:
         d.wanted[b] = 1
-        if d.act[b] != Act.HOLD:
-            d.strained[b] = 1

@@ -28,7 +28,7 @@ class Mode(IntEnum):
 
     BEGIN = 0  # the start
     TRY = 1  # a step
-    HELD = 2  # the same state, held anew
+    HELD = 2  # no more than what points that are held anew change
     GO = 3  # nothing: a factor was given
     RECHECK = 4  # nothing: the rounding was given
 
@@ -41,7 +41,6 @@ class Act(IntEnum):
     LOWER = 2  # the indenter, which touches nothing
     SHORTEN = 3
     BACK = 4  # to where the step began
-    HOLD = 5
 
 
 @wp.struct
@@ -75,9 +74,8 @@ class Descent:
         status: It runs, is done or asks.
         mode: What is evaluated.
         act: What is done next.
-        wanted: 1 where contact is to be evaluated; ``strained`` where the gel is, which stays as it
-            is where points are held anew.
-        holding: 1 where points are held anew.
+        wanted: 1 where the forces are to be evaluated.
+        holding: 1 where points are held anew, with the mean of before and now where it is 2.
         learns: 1 where the step that was accepted is remembered; ``takes`` where any is accepted.
         pushed: 1 where the indenter is pushed with ``load`` [N], and its height is an unknown.
         touches: 1 where the factored gel holds the indenter.
@@ -110,7 +108,6 @@ class Descent:
     mode: wp.array(dtype=wp.int32)
     act: wp.array(dtype=wp.int32)
     wanted: wp.array(dtype=wp.int32)
-    strained: wp.array(dtype=wp.int32)
     holding: wp.array(dtype=wp.int32)
     takes: wp.array(dtype=wp.int32)
     learns: wp.array(dtype=wp.int32)

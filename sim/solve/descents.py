@@ -150,7 +150,7 @@ class Descents:
     def renew_gel(self) -> None:
         """Take over what a relaxing gel remembers from now on."""
         self._strain = self.model.gel.recorded(
-            self.state.strained, self.positions, self.gel_room, gel=self._gel
+            self.state.wanted, self.positions, self.gel_room, gel=self._gel
         )
 
     def evaluate(self) -> None:
@@ -169,11 +169,12 @@ class Descents:
         """Have every environment that runs do its next thing."""
         self.evaluate()
         self._judge.launch()
+        if self._hold is not None and (self._device.is_gpu or self.get("holding").any()):
+            self._hold.launch()
+            self._judge_again.launch()
         self._prepare.launch()
         self._invert()
         self._turn.launch()
-        if self._hold is not None and (self._device.is_gpu or self.get("holding").any()):
-            self._hold.launch()
 
     def get(self, name: str) -> NDArray[Any]:
         """Return one of the environments' numbers, shape [environment_count]."""
@@ -194,7 +195,6 @@ class Descents:
             status=Status.RUNNING,
             mode=Mode.BEGIN,
             wanted=1,
-            strained=1,
             steps=0,
             since=0,
             recorded=0,
@@ -244,7 +244,7 @@ class Descents:
         shapes: dict[str, tuple[int, ...]] = {"gaps": (count, points), "counts": (count,)}
         shapes |= {"next": (count,), "table": (count, memory, memory)}
         shapes |= dict.fromkeys(("steps", "changes"), (count, memory, rows))
-        shapes |= dict.fromkeys(("start", "gradient", "trial", "direction"), (count, rows))
+        shapes |= dict.fromkeys(("start", "gradient", "trial", "renewed", "direction"), (count, rows))
         self.memory = device.zeroed(Memory, (count, memory), **shapes)
         inverse = self._inverse
         wide = max(rows, inverse.row_count)
@@ -272,8 +272,11 @@ class Descents:
             )
 
         own = [self.state, self.memory]
-        self._judge = recorded(
-            judge, [self._limits, self._dofs, self._pull, evaluated, *own, self.busy]
+        self._judge, self._judge_again = (
+            recorded(
+                judge, [self._limits, self._dofs, self._pull, evaluated, *own, again, self.busy]
+            )
+            for again in (False, True)
         )
         asks = [self.state, evaluated, self.memory, self._sources]
         self._prepare = recorded(prepare, [self._dofs, scaled, *asks])
@@ -295,7 +298,8 @@ class Descents:
         if not self._limits.lags:
             return touch, None
         held = [self.state.holding, self.poses, self.positions, self.grip_start, self.grip]
-        return touch, device.record(made.hold, shape, [self.surface, body, *held], self.hold_room)
+        room = [*self.contact_room[:2], *self.hold_room]
+        return touch, device.record(made.hold, shape, [self.surface, body, *held], room)
 
     def _evaluated(self) -> Any:
         """Name what an evaluation gives, nodal vectors as flat ones."""

@@ -250,7 +250,7 @@ class EquilibriumSolver:
             if status == Status.ASKS_START:
                 self._look_at_start(state)
                 self._upload(state, grip_start)
-                descents.set(checked=1, mode=Mode.BEGIN, wanted=1, strained=1)
+                descents.set(checked=1, mode=Mode.BEGIN, wanted=1)
             elif status == Status.ASKS_ROUNDING:
                 rounding = self.model.rounding_n(self._contact(state))
                 descents.set(rounding=rounding, mode=Mode.RECHECK)

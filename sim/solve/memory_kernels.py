@@ -123,6 +123,7 @@ class Memory:
         start: Where the step began: coordinates [m].
         gradient: There [N].
         trial: Gradient where the step is tried [N].
+        renewed: Gradient there once points are held anew [N].
         direction: Of the step [m].
         gaps: Of every contact point where the step began [m].
         steps: s [m], shape [..., row_count].
@@ -140,6 +141,7 @@ class Memory:
     start: wp.array2d(dtype=wp.float64)
     gradient: wp.array2d(dtype=wp.float64)
     trial: wp.array2d(dtype=wp.float64)
+    renewed: wp.array2d(dtype=wp.float64)
     direction: wp.array2d(dtype=wp.float64)
     gaps: wp.array2d(dtype=wp.float64)
     steps: wp.array3d(dtype=wp.float32)

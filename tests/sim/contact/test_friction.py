@@ -118,7 +118,7 @@ def test_half_of_a_change_is_taken_over_where_points_cycle(model: Model) -> None
     device = Device("cpu")
     grip, start = surface.grip_arrays(lagged), surface.grip_arrays(lagged)
     inputs = [*surface._model(indenter, state), device.array([2], wp.int32)]
-    room = [surface._points(wp.float64) for _ in range(2)]
+    room = [*surface.room(1)[:2], *(surface._points(wp.float64) for _ in range(2))]
     places = [*inputs, *surface._at(state.positions, state), start, grip]
     device.launch(surface.kernels(indenter).hold, (1, *surface.areas.shape), places, room)
     halved = surface.grip_of(grip)

@@ -119,7 +119,7 @@ def _evaluated(
     """Return the gel's and contact's gradients [N], energy [J] and gaps [m] that descents find."""
     descents = solver._descents
     solver._upload(state, state.grip)
-    descents.set(wanted=1, strained=1)
+    descents.set(wanted=1)
     descents.evaluate()
     elastic, energies, _ratios = (on_host(each)[0] for each in descents.gel_room)
     contact, touched, gaps = (on_host(each)[0] for each in descents.contact_room)
