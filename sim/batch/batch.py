@@ -78,6 +78,7 @@ class Batch:
         self.device, self._device = device, Device(device)
         self.model = model = pilot.model.on(device)
         self._gel, surface, young_pa = self._own_materials()
+        self._young_shares = model.young_pa / young_pa
         self.inverse = inverses_for(pilot, self._device, count=self.count)
         self.descents = Descents(
             model,
@@ -87,7 +88,7 @@ class Batch:
             gel=self._gel,
             surface=surface,
             memory=_REMEMBERED,
-            young_share=model.young_pa / young_pa,
+            young_share=self._young_shares,
             keeps=True,
         )
         self._tips_m, self._rotations = pilot.starts(self.environments)
@@ -108,7 +109,6 @@ class Batch:
         for array, value in (
             (trail.features, np.zeros((2, 4))),
             (trail.heights, self._tips_m[chosen, 2:]),
-            (trail.stand, np.zeros((), dtype=trail.stand.numpy().dtype)),
             (trail.last, model.nodes),
             (trail.older, model.nodes),
         ):
@@ -248,10 +248,12 @@ class Batch:
             counts=(len(states),),
             first=(len(states),),
             blocks=inverse.blocks.shape,
+            filled=inverse.blocks.shape,
             slowest=(1,),
             lowest=(1,),
         )
-        self.together.blocks, self.together.width = inverse.blocks, inverse.width
+        for name in ("blocks", "filled", "width"):
+            setattr(self.together, name, getattr(inverse, name))
         self.together.ahead = _AHEAD
         inverse.which = self.together.which
         way = {
@@ -315,6 +317,7 @@ class Batch:
             metres=wp.vec2d(metres_n, metres_rad),
             copies=float(symmetry.copies),
             pushed=self.pilot.is_pushed,
+            shares=device.array(self._young_shares, wp.float64),
             guided=device.array([int(each.is_guided) for each in self.environments], wp.int32),
         )
 

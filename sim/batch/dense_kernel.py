@@ -26,6 +26,8 @@ _PRODUCT = """
     const int first_column = block / row_blocks * TILE_COLUMNS;
     const int rows_before = 16 * ROW_TILES * row_warp;
     const int columns_before = 8 * COLUMN_TILES * column_warp;
+    // What columns have nothing in them is not read.
+    const int tiles = (filled.data[block / row_blocks] - columns_before + 7) / 8;
     const uint4* packed = (const uint4*)matrices.data + lane;
     packed += (size_t)(matrix * (rows / 16) + (first_row + rows_before) / 16) * steps * 64;
     const uint4* vectors = (const uint4*)right.data + member;
@@ -41,7 +43,8 @@ _PRODUCT = """
     for (int s = part; s < steps; s += DEPTH_WARPS) {
         uint4 a[2][ROW_TILES], b[COLUMN_TILES];
         #pragma unroll
-        for (int j = 0; j < COLUMN_TILES; ++j) b[j] = vectors[(size_t)j * rows + 4 * s];
+        for (int j = 0; j < COLUMN_TILES; ++j)
+            if (j / TOGETHER * TOGETHER < tiles) b[j] = vectors[(size_t)j * rows + 4 * s];
         #pragma unroll
         for (int h = 0; h < 2; ++h)
             #pragma unroll
@@ -51,6 +54,7 @@ _PRODUCT = """
         for (int h = 0; h < 2; ++h)
             #pragma unroll
             for (int j = 0; j < COLUMN_TILES; ++j)
+                if (j / TOGETHER * TOGETHER < tiles)
                 #pragma unroll
                 for (int i = 0; i < ROW_TILES; ++i) {
                     float* c = sum[i][j];
@@ -140,6 +144,7 @@ def product_kernel(chosen: Tiling) -> Any:
         ("TILE_COLUMNS", chosen.columns),
         ("SHARED", (chosen.rows + 4) * chosen.columns if is_shared else 1),
         ("UNROLLED", 2),
+        ("TOGETHER", __import__("os").environ.get("TOGETHER", "2")),
     ):
         snippet = re.sub(rf"\b{name}\b", str(value), snippet)
     threads = chosen.threads
@@ -148,6 +153,7 @@ def product_kernel(chosen: Tiling) -> Any:
     def block_product(
         matrices: wp.array(dtype=wp.float16),
         which: wp.array(dtype=wp.int32),
+        filled: wp.array(dtype=wp.int32),
         right: wp.array2d(dtype=wp.float16),
         row_blocks: wp.int32,
         block: wp.int32,
@@ -158,11 +164,12 @@ def product_kernel(chosen: Tiling) -> Any:
     def product(
         matrices: wp.array(dtype=wp.float16),
         which: wp.array(dtype=wp.int32),
+        filled: wp.array(dtype=wp.int32),
         right: wp.array2d(dtype=wp.float16),
         row_blocks: wp.int32,
         product_out: wp.array2d(dtype=wp.float32),
     ):
         block = wp.tid() // wp.static(threads)
-        block_product(matrices, which, right, row_blocks, block, product_out)
+        block_product(matrices, which, filled, right, row_blocks, block, product_out)
 
     return product

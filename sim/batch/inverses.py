@@ -86,6 +86,7 @@ class FactoredInverses:
     Attributes:
         which: The one that serves an environment, shape [environment_count].
         blocks: None; every environment keeps its column, which is a ``width`` of 0.
+        filled: Likewise.
     """
 
     kind, scaled, unit, width = wp.float64, False, 1.0, 0
@@ -94,6 +95,7 @@ class FactoredInverses:
         self.row_count, self.column_count = pilot.model.pattern.dof_count + 1, count
         self.which: Any = wp.zeros(count, dtype=wp.int32, device="cpu")
         self.blocks: Any = wp.zeros(0, dtype=wp.int32, device="cpu")
+        self.filled: Any = wp.zeros(0, dtype=wp.int32, device="cpu")
         self._factors = [
             _factored(stiffness, pilot.model.pattern, pushed=pilot.is_pushed)
             for stiffness in pilot.states
@@ -135,6 +137,7 @@ class DenseProduct:
         width: Vectors of a block, which are multiplied with one matrix.
         blocks: That of every block, -1 for none, shape [block_count]; there are enough of them for
             vectors that go with unlike matrices.
+        filled: How many columns of a block have something in them, likewise.
         unit: What the product must be multiplied with: float16 holds nothing above 65,504.
     """
 
@@ -154,6 +157,7 @@ class DenseProduct:
         blocks = np.full(full + min(count, matrix_count) - 1, -1, dtype=np.int32)
         blocks[:full] = 0
         self.blocks: Any = device.array(blocks, wp.int32)
+        self.filled: Any = device.array(np.full(len(blocks), self.width, np.int32), wp.int32)
         self.column_count = len(blocks) * self.width
         self.which: Any = None
         self._device = device
@@ -172,7 +176,7 @@ class DenseProduct:
         wp.launch(
             product_kernel(chosen),
             dim=blocks * chosen.threads,
-            inputs=[self._matrices, self.blocks, sources, row_blocks],
+            inputs=[self._matrices, self.blocks, self.filled, sources, row_blocks],
             outputs=[found],
             block_dim=chosen.threads,
             device=self._device.name,

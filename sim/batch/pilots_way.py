@@ -9,6 +9,10 @@ import warp as wp
 
 # A length that is none; it keeps quotients finite.
 _NOTHING = wp.constant(wp.float64(1e-300))
+# Two steps go the same way if the cosine between them is at least this.
+_SAME_WAY = wp.constant(wp.float64(0.9))
+# Farther than any way [m].
+_FAR = wp.constant(wp.float64(1e3))
 
 
 @wp.struct
@@ -33,38 +37,59 @@ class Stand:
     Attributes:
         state: The former, 0 for the untouched gel.
         share: Of the way.
-        beside: How far the way is [m].
-        nearest: The pilot's state that is nearest, 0 for the first that is kept.
     """
 
     state: wp.int32
     share: wp.float64
-    beside: wp.float64
-    nearest: wp.int32
 
 
 @wp.func
-def stand_of(guide: Guide, feature: wp.vec4d) -> Stand:
-    """Return the place on the pilot's way that is nearest to a feature."""
-    found = Stand()
-    found.beside = wp.float64(1e300)
-    best = wp.float64(1e300)
+def stands_of(guide: Guide, before: wp.vec4d, after: wp.vec4d):
+    """Return the places on the pilot's way that are nearest to where a step begins and ends.
+
+    They are where the pilot went in the step's direction; where it never did, both are the first.
+
+    Returns:
+        The two, and the pilot's state nearest to the end, 0 for the first that is kept.
+    """
+    began = Stand()
+    ends = Stand()
+    nearest = wp.int32(0)
+    step = after - before
+    least = wp.vec3d(wp.float64(1e300), wp.float64(1e300), wp.float64(1e300))
     for k in range(guide.stands.shape[0] - 1):
-        before = guide.stands[k]
-        stand = guide.stands[k + 1]
-        along = stand - before
-        apart = wp.length_sq(stand - feature)
-        if apart < best:
-            best = apart
-            found.nearest = k
-        share = wp.dot(feature - before, along) / wp.max(wp.dot(along, along), _NOTHING)
-        share = wp.clamp(share, wp.float64(0.0), wp.float64(1.0))
-        beside = wp.length(before + along * share - feature)
-        if beside <= found.beside:
-            found.state = k
-            found.share = share
-            found.beside = beside
-    return found
+        start = guide.stands[k]
+        along = guide.stands[k + 1] - start
+        square = wp.max(wp.dot(along, along), _NOTHING)
+        is_along = wp.dot(along, step) >= _SAME_WAY * wp.sqrt(square) * wp.length(step)
+        first = wp.clamp(wp.dot(before - start, along) / square, wp.float64(0.0), wp.float64(1.0))
+        last = wp.clamp(wp.dot(after - start, along) / square, wp.float64(0.0), wp.float64(1.0))
+        apart = wp.vec3d(
+            wp.length(start + along * first - before),
+            wp.length(start + along * last - after),
+            wp.length(start + along - after),
+        )
+        if not is_along:
+            apart += wp.vec3d(_FAR, _FAR, _FAR)
+        if apart[0] < least[0] and is_along:
+            least[0] = apart[0]
+            began.state = k
+            began.share = first
+        if apart[1] < least[1] and is_along:
+            least[1] = apart[1]
+            ends.state = k
+            ends.share = last
+        if apart[2] < least[2]:
+            least[2] = apart[2]
+            nearest = k
+    return began, ends, nearest
+
+
+@wp.func
+def place_of(guide: Guide, stand: Stand) -> wp.vec4d:
+    """Return where on the course a place is, every component in metres."""
+    before = guide.stands[stand.state]
+    return before + (guide.stands[stand.state + 1] - before) * stand.share
 
 
 @wp.func

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from sim.batch.pilots_way import Guide, Stand, depth_at, motion_at, stand_of
+from sim.batch.pilots_way import Guide, Stand, depth_at, motion_at, place_of, stands_of
 from sim.contact.friction import GripArrays
 from sim.contact.indenter_distance import Poses
 from sim.solve.descent_state import Descent, Mode, Status
@@ -22,7 +22,7 @@ _SAME_WAY = wp.constant(wp.float64(0.9))
 # and if it is so many times as long at most.
 _LONGER = wp.constant(wp.float64(3.0))
 _NOTHING = wp.constant(wp.float64(1e-300))
-# A step goes the pilot's way if it is beside it by no more than this share of its length.
+# A step goes the pilot's way if it is unlike the pilot's by no more than this share of its length.
 _BESIDE = wp.constant(wp.float64(0.5))
 _NEVER = wp.constant(2**30)
 
@@ -45,7 +45,8 @@ class Way:
         until: The frame to go to at most, shape [1].
         metres: Depth for a newton [m/N], way for a radian [m].
         copies: Of the modelled part in the whole pad.
-        pushed: The force is given.
+        pushed: The force is given, and counts
+        shares: as E that the pilot's gel has over their own, shape [environment_count].
         guided: 1 where the indenter comes down where the pilot's did, shape [environment_count].
     """
 
@@ -56,6 +57,7 @@ class Way:
     metres: wp.vec2d
     copies: wp.float64
     pushed: wp.bool
+    shares: wp.array(dtype=wp.float64)
     guided: wp.array(dtype=wp.int32)
 
 
@@ -71,6 +73,7 @@ class Trail:
         follows: 1 where the step goes the pilot's way, from
         stand: where it is nearest to the last state, to
         goal: where it is nearest to the next.
+        nearest: The pilot's state that is nearest to the next, 0 for the first that is kept.
         features: Of the last two states, newest first, shape [..., 2]: along x and y, depth or
             load, turn; each in metres.
         heights: Of the indenter's tip in them [m], shape [..., 2].
@@ -84,6 +87,7 @@ class Trail:
     follows: wp.array(dtype=wp.int32)
     stand: wp.array(dtype=Stand)
     goal: wp.array(dtype=Stand)
+    nearest: wp.array(dtype=wp.int32)
     features: wp.array2d(dtype=wp.vec4d)
     heights: wp.array2d(dtype=wp.float64)
     last: wp.array2d(dtype=wp.vec3d)
@@ -103,6 +107,7 @@ class Together:
         counts: Environments that an inverse serves, shape [state_count].
         first: Their first column, likewise.
         blocks: Inverse of every block of columns, -1 for none, shape [block_count].
+        filled: Columns of a block that have something in them, likewise.
         width: Columns of a block; 0 where every environment keeps its own column.
         slowest: Frames that the slowest environment has behind it, shape [1].
         lowest: The first of the inverses that are needed, likewise.
@@ -114,6 +119,7 @@ class Together:
     counts: wp.array(dtype=wp.int32)
     first: wp.array(dtype=wp.int32)
     blocks: wp.array(dtype=wp.int32)
+    filled: wp.array(dtype=wp.int32)
     width: wp.int32
     slowest: wp.array(dtype=wp.int32)
     lowest: wp.array(dtype=wp.int32)
@@ -147,7 +153,7 @@ def feature_of(way: Way, trail: Trail, b: wp.int32) -> wp.vec4d:
     goal = way.course[trail.frame[b], b]
     along = goal[0]
     if way.pushed:
-        along = along * way.metres[0]
+        along = along * way.metres[0] * way.shares[b]
     return wp.vec4d(goal[1], goal[2], along, goal[3] * way.metres[1])
 
 
@@ -174,6 +180,8 @@ def share_out(together: Together):
     together.first[k] = before * together.width
     for block in range(before, before + own):
         together.blocks[block] = k
+        left = together.counts[k] - together.width * (block - before)
+        together.filled[block] = wp.min(left, together.width)
     for block in range(whole + k, together.blocks.shape[0], together.counts.shape[0]):
         together.blocks[block] = -1
     if k == 0:
@@ -214,10 +222,13 @@ def look(
     if b < trail.active.shape[0]:  # noqa: SIM102 - device code evaluates both
         if _goes_on(way, trail, b):
             if trail.stage[b] < STARTS:
-                trail.goal[b] = stand_of(guide, feature_of(way, trail, b))
-            goal = trail.goal[b]
+                ahead = feature_of(way, trail, b)
+                began, ends, nearest = stands_of(guide, trail.features[b, 0], ahead)
+                trail.stand[b] = began
+                trail.goal[b] = ends
+                trail.nearest[b] = nearest
             wp.atomic_min(together.slowest, 0, trail.frame[b])
-            wp.atomic_min(together.lowest, 0, goal.nearest)
+            wp.atomic_min(together.lowest, 0, trail.nearest[b])
 
 
 @wp.kernel(enable_backward=False)
@@ -247,8 +258,7 @@ def begin(
         trail.stage[b] = GOES
     if stage == LANDS:
         trail.stage[b] = WAITS
-    goal_stand = trail.goal[b]
-    near = goal_stand.nearest <= together.lowest[0] + together.ahead
+    near = trail.nearest[b] <= together.lowest[0] + together.ahead
     if trail.frame[b] <= together.slowest[0]:
         near = wp.bool(True)
     if stage < STARTS and near and _goes_on(way, trail, b):
@@ -257,9 +267,11 @@ def begin(
         ahead = feature_of(way, trail, b)
         share = wp.float64(0.0)
         stand = trail.stand[b]
-        together.which[b] = goal_stand.nearest
-        beside = wp.max(stand.beside, goal_stand.beside)
-        away = beside > _BESIDE * wp.length(ahead - trail.features[b, 0])
+        goal_stand = trail.goal[b]
+        together.which[b] = trail.nearest[b]
+        step = ahead - trail.features[b, 0]
+        pilots = place_of(guide, goal_stand) - place_of(guide, stand)
+        away = wp.length(pilots - step) > _BESIDE * wp.length(step)
         follows = straight[0] == 0 and way.guided[b] == 1 and not away
         if straight[0] == 0 and not follows:
             share = share_of(trail, b, ahead)
@@ -383,7 +395,6 @@ def land(
             trail.features[b, 0] = feature_of(way, trail, b)
             trail.heights[b, 1] = trail.heights[b, 0]
             trail.heights[b, 0] = poses.tips[b][2]
-            trail.stand[b] = trail.goal[b]
             trail.frame[b] = at + 1
             trail.stage[b] = LANDS
         else:

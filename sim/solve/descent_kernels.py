@@ -29,6 +29,22 @@ from sim.solve.memory_kernels import (
 )
 
 
+@wp.func
+def with_gradient(
+    sums: Sums, g: wp.float64, memory: Memory, b: wp.int32, row: wp.int32, mode: wp.int32
+):
+    """Note an unknown's part of the gradient [N], and return the sums with it."""
+    if mode == Mode.HELD:
+        memory.renewed[b, row] = g
+    else:
+        memory.trial[b, row] = g
+    change = g - memory.gradient[b, row]
+    sums[Sum.AHEAD] += g * memory.direction[b, row]
+    sums[Sum.SQUARE] += g * g
+    sums[Sum.CHANGE] += change * change
+    return sums
+
+
 @cache
 def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any, Any]:
     """Build judge, prepare and turn; each launches over [environment_count, threads of a block].
@@ -72,66 +88,55 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
             push = d.push[b]
             dof_count = dofs.shape[0]
             sums = Sums()
-            ratio = wp.float64(FAR)
-            nearest = wp.float64(FAR)
-            allowed = wp.float64(1.0)
+            # The smallest volume ratio, gap, and share of the step that overlap allows.
+            least = wp.vec3d(wp.float64(FAR), wp.float64(FAR), wp.float64(1.0))
             if looks:
-                push = wp.vec3d()
                 for n in range(thread, evaluated.contact.shape[1] / 3, wp.block_dim()):
                     for k in range(3):
-                        push[k] += evaluated.contact[b, 3 * n + k]
-                pushes = wp.tile_sum(wp.tile(push, preserve_type=True))
-                push = pushes[0]
-                for row in range(thread, dof_count + 1, wp.block_dim()):
-                    g = wp.float64(0.0)
-                    if row < dof_count:
-                        dof = dofs[row]
-                        g = evaluated.elastic[b, dof] + evaluated.contact[b, dof]
-                        if wp.static(pulls):
-                            x = evaluated.positions[b, dof]
-                            away = x - pull.towards[dof]
-                            drawn = pull.stiffness[dof] * away
-                            g += drawn - pull.force[dof]
-                            sums[Sum.ENERGY] += wp.float64(0.5) * drawn * away
-                            sums[Sum.ENERGY] -= pull.force[dof] * (x - pull.rest[dof])
-                        if dof % 3 == 2:
-                            sums[Sum.VERTICAL] += g
-                    elif d.pushed[b] == 1:
-                        g = d.load[b] - push[2]
-                        sums[Sum.ENERGY] += d.load[b] * evaluated.tips[b][2]
-                    if mode == Mode.HELD:
-                        memory.renewed[b, row] = g
-                    else:
-                        memory.trial[b, row] = g
-                    change = g - memory.gradient[b, row]
-                    sums[Sum.AHEAD] += g * memory.direction[b, row]
-                    sums[Sum.SQUARE] += g * g
-                    sums[Sum.CHANGE] += change * change
+                        sums[Sum.PUSH + k] += evaluated.contact[b, 3 * n + k]
+                for row in range(thread, dof_count, wp.block_dim()):
+                    dof = dofs[row]
+                    g = evaluated.elastic[b, dof] + evaluated.contact[b, dof]
+                    if wp.static(pulls):
+                        x = evaluated.positions[b, dof]
+                        away = x - pull.towards[dof]
+                        drawn = pull.stiffness[dof] * away
+                        g += drawn - pull.force[dof]
+                        sums[Sum.ENERGY] += wp.float64(0.5) * drawn * away
+                        sums[Sum.ENERGY] -= pull.force[dof] * (x - pull.rest[dof])
+                    if dof % 3 == 2:
+                        sums[Sum.VERTICAL] += g
+                    sums = with_gradient(sums, g, memory, b, row, mode)
                 for e in range(thread, evaluated.energies.shape[1], wp.block_dim()):
                     sums[Sum.ENERGY] += evaluated.energies[b, e]
-                    ratio = wp.min(ratio, evaluated.ratios[b, e])
+                    least[0] = wp.min(least[0], evaluated.ratios[b, e])
                 for p in range(thread, evaluated.gaps.shape[1], wp.block_dim()):
                     sums[Sum.ENERGY] += evaluated.touched[b, p]
                     there = evaluated.gaps[b, p]
-                    nearest = wp.min(nearest, there)
+                    least[1] = wp.min(least[1], there)
                     if mode == Mode.TRY:
                         before = memory.gaps[b, p]
                         floor = wp.min(before, wp.float64(0.0)) - limits.overlap
                         if there < floor:
                             fall = wp.max(before - there, NOTHING_AT_ALL)
-                            allowed = wp.min(allowed, wp.min(CUT, (before - floor) / fall))
+                            least[2] = wp.min(least[2], wp.min(CUT, (before - floor) / fall))
                     if wp.static(grips):  # noqa: SIM102 - decided when it is compiled
                         if mode == Mode.HELD:
                             sums[Sum.GRIP] += evaluated.grip_change[b, p]
                             sums[Sum.LIMIT] += evaluated.grip_limit[b, p]
             all_sums = wp.tile_sum(wp.tile(sums, preserve_type=True))
-            ratios = wp.tile_min(wp.tile(ratio))
-            gaps = wp.tile_min(wp.tile(nearest))
-            fractions = wp.tile_min(wp.tile(allowed))
+            all_least = wp.tile_reduce(wp.min, wp.tile(least, preserve_type=True))
             total = all_sums[0]
-            mins = wp.vec3d(ratios[0], gaps[0], fractions[0])
+            mins = all_least[0]
             if thread == 0:
-                d.push[b] = push
+                if looks:
+                    push = wp.vec3d(total[Sum.PUSH], total[Sum.PUSH + 1], total[Sum.PUSH + 2])
+                    d.push[b] = push
+                    g = wp.float64(0.0)
+                    if d.pushed[b] == 1:
+                        g = d.load[b] - push[2]
+                        total[Sum.ENERGY] += d.load[b] * evaluated.tips[b][2]
+                    total = with_gradient(total, g, memory, b, dof_count, mode)
                 decide(d, memory, b, limits, total, mins, push)
 
     @wp.kernel(**made)

@@ -42,7 +42,7 @@ _ROUNDING_OF_SCALE = wp.constant(wp.float64(4.5 * KERNEL_EPSILON))
 # Lagged pressure is taken over where the residual is below this share of the contact force, and of
 # the residual when it was taken over last.
 _GRIP_FROM = wp.constant(wp.float64(0.1))
-_GRIP_AGAIN = wp.constant(wp.float64(0.2))
+_GRIP_AGAIN = wp.constant(wp.float64(0.9))
 # The friction limit, summed over the points, may still change by this over itself.
 _GRIP_CHANGE = wp.constant(wp.float64(1e-4))
 _GRIP_PER_RESIDUAL = wp.constant(wp.float64(10.0))
@@ -66,9 +66,10 @@ class Sum(IntEnum):
     VERTICAL = 4  # of the gradient along z [N]
     GRIP = 5  # change of the friction limit [N]
     LIMIT = 6  # the friction limit [N]
+    PUSH = 7  # x, y and z of the force on the indenter [N]
 
 
-Sums = wp.types.vector(len(Sum), wp.float64)
+Sums = wp.types.vector(len(Sum) + 2, wp.float64)
 
 
 @wp.func

@@ -244,7 +244,8 @@ class Descents:
         shapes: dict[str, tuple[int, ...]] = {"gaps": (count, points), "counts": (count,)}
         shapes |= {"next": (count,), "table": (count, memory, memory)}
         shapes |= dict.fromkeys(("steps", "changes"), (count, memory, rows))
-        shapes |= dict.fromkeys(("start", "gradient", "trial", "renewed", "direction"), (count, rows))
+        gradients = ("gradient", "trial", "renewed")
+        shapes |= dict.fromkeys((*gradients, "start", "direction"), (count, rows))
         self.memory = device.zeroed(Memory, (count, memory), **shapes)
         inverse = self._inverse
         wide = max(rows, inverse.row_count)

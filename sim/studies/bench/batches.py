@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -13,6 +14,7 @@ from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, BatchResult, Course, Environment
 from sim.batch.pilot import Pilot
 from sim.optics.surface_images import SurfaceImages
+from sim.scene.material import Material
 from sim.scene.scene import Scene
 from sim.scene.tilted_indenter import tilted
 from sim.sensor.sensor import load_sensor
@@ -31,8 +33,6 @@ _PARTS = {
 }
 _REST = "rest"
 _BALANCE = 1e-5
-# The pilot goes a little further than they do, and in none of their gels.
-_PILOTS_WAY = 1.05
 _PRESSES = 3
 # The environments after the first differ by up to so much in modulus and Poisson's ratio, and are
 # pressed so much less deep.
@@ -135,12 +135,28 @@ def spread(scene: Scene, course: Course, count: int) -> list[tuple[Environment, 
     return found
 
 
+def amid(scene: Scene) -> Scene:
+    """Return a scene with a gel for the pilot of those that ``spread`` gives.
+
+    Its Poisson's ratio is in their middle, by what it makes of the bulk modulus; it is as soft as
+    the softest of them, so that its indenter touches as much as any.
+    """
+
+    def amidst(material: Material) -> Material:
+        left = 1.0 - 2.0 * material.poisson
+        middle = math.sqrt(left * (left + 2.0 * _POISSON_SPREAD))
+        return replace(material, poisson=0.5 * (1.0 - middle))
+
+    layers = tuple(replace(each, material=amidst(each.material)) for each in scene.layers)
+    return replace(scene, material=amidst(scene.material), layers=layers)
+
+
 def pilot_for(scene: Scene, model: Model, course: Course) -> Pilot:
-    """Return a pilot that keeps every frame."""
+    """Return a pilot that keeps every frame, and goes as far as any that ``spread`` gives."""
     return Pilot(
         model,
         scene.indenter,
-        scaled(course, _PILOTS_WAY),
+        course,
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         count=course.frame_count,

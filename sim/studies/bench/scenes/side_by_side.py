@@ -14,7 +14,14 @@ from sim.batch.pilot import batch_model
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.scene.scene import Scene
-from sim.studies.bench.batches import batch_parts, course_of, pilot_for, pressed, spread
+from sim.studies.bench.batches import (
+    amid,
+    batch_parts,
+    course_of,
+    pilot_for,
+    pressed,
+    spread,
+)
 from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress, pressing_frames
 from tacauchy_rig.errors import ConvergenceError
 
@@ -42,7 +49,8 @@ def press_side_by_side(
     started = time.perf_counter()
     if own_mesh:
         scene = replace(scene, refinement=1.0)
-    model = batch_model(scene) if own_mesh else path_for(scene, plan_effects(scene)).model
+    middle = amid(scene)
+    model = batch_model(middle) if own_mesh else path_for(middle, plan_effects(middle)).model
     course = course_of(scene, frame_count=FRAME_COUNT)
     pilot = pilot_for(scene, model, course)
     for count in counts:
