@@ -30,7 +30,7 @@ from sim.batch.environment import (
 from sim.batch.frames import Frames
 from sim.batch.inverses import inverses_for
 from sim.batch.pilot import Pilot
-from sim.batch.pilots_way import Guide
+from sim.batch.pilots_way import Guide, Stand
 from sim.device import Device, filled, on_host
 from sim.fields.stress import StressProjection
 from sim.material.elastic_body import element_constants
@@ -319,6 +319,9 @@ class Batch:
             pushed=self.pilot.is_pushed,
             shares=device.array(self._young_shares, wp.float64),
             guided=device.array([int(each.is_guided) for each in self.environments], wp.int32),
+            stands=device.zeros(course.shape, Stand),
+            goals=device.zeros(course.shape, Stand),
+            nearest=device.zeros(course.shape, wp.int32),
         )
 
     @property

@@ -15,19 +15,21 @@ import warp as wp
 # factors agree: a lane takes eight neighbouring terms of a vector, and the matrix is packed so that
 # its lane's parts of the two fragments that go with them are a uint4 each.
 _PRODUCT = """
-    const int matrix = which.data[block / row_blocks];
+    const int share = block % DEPTH_BLOCKS, row_block = block / DEPTH_BLOCKS % row_blocks;
+    const int column_block = block / DEPTH_BLOCKS / row_blocks;
+    const int matrix = which.data[column_block];
     if (matrix < 0) return;
     const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5;
     const int group = lane >> 2, member = lane & 3;
     const int row_warp = warp % ROW_WARPS, column_warp = warp / ROW_WARPS % COLUMN_WARPS;
     const int part = warp / (ROW_WARPS * COLUMN_WARPS);
     const int rows = right.shape[1], steps = rows / 32;
-    const int first_row = block % row_blocks * TILE_ROWS;
-    const int first_column = block / row_blocks * TILE_COLUMNS;
+    const int first_row = row_block * TILE_ROWS;
+    const int first_column = column_block * TILE_COLUMNS;
     const int rows_before = 16 * ROW_TILES * row_warp;
     const int columns_before = 8 * COLUMN_TILES * column_warp;
     // What columns have nothing in them is not read.
-    const int tiles = (filled.data[block / row_blocks] - columns_before + 7) / 8;
+    const int tiles = (filled.data[column_block] - columns_before + 7) / 8;
     const uint4* packed = (const uint4*)matrices.data + lane;
     packed += (size_t)(matrix * (rows / 16) + (first_row + rows_before) / 16) * steps * 64;
     const uint4* vectors = (const uint4*)right.data + member;
@@ -40,11 +42,11 @@ _PRODUCT = """
             #pragma unroll
             for (int k = 0; k < 4; ++k) sum[i][j][k] = 0.f;
     #pragma unroll UNROLLED
-    for (int s = part; s < steps; s += DEPTH_WARPS) {
+    for (int s = part + DEPTH_WARPS * share; s < steps; s += DEPTH_WARPS * DEPTH_BLOCKS) {
         uint4 a[2][ROW_TILES], b[COLUMN_TILES];
         #pragma unroll
         for (int j = 0; j < COLUMN_TILES; ++j)
-            if (j / TOGETHER * TOGETHER < tiles) b[j] = vectors[(size_t)j * rows + 4 * s];
+            if (j < tiles) b[j] = vectors[(size_t)j * rows + 4 * s];
         #pragma unroll
         for (int h = 0; h < 2; ++h)
             #pragma unroll
@@ -54,7 +56,7 @@ _PRODUCT = """
         for (int h = 0; h < 2; ++h)
             #pragma unroll
             for (int j = 0; j < COLUMN_TILES; ++j)
-                if (j / TOGETHER * TOGETHER < tiles)
+                if (j < tiles)
                 #pragma unroll
                 for (int i = 0; i < ROW_TILES; ++i) {
                     float* c = sum[i][j];
@@ -66,7 +68,7 @@ _PRODUCT = """
                 }
     }
     __shared__ float total[SHARED];
-    float* out_at = out.data + (size_t)first_column * rows + first_row;
+    float* out_at = out.data + (size_t)(share * right.shape[0] + first_column) * rows + first_row;
     for (int round = 0; round < DEPTH_WARPS; ++round) {
         if (part == round) {
             #pragma unroll
@@ -105,6 +107,7 @@ class Tiling:
         row_warps: Warps beside each other along the rows.
         column_warps: Warps beside each other along the columns.
         depth_warps: Warps that share the terms of a sum.
+        depth_blocks: Blocks that do; each gives a part of the product.
     """
 
     row_tiles: int
@@ -112,6 +115,7 @@ class Tiling:
     row_warps: int = 1
     column_warps: int = 1
     depth_warps: int = 1
+    depth_blocks: int = 1
 
     @property
     def rows(self) -> int:
@@ -140,11 +144,11 @@ def product_kernel(chosen: Tiling) -> Any:
         ("ROW_WARPS", chosen.row_warps),
         ("COLUMN_WARPS", chosen.column_warps),
         ("DEPTH_WARPS", chosen.depth_warps),
+        ("DEPTH_BLOCKS", chosen.depth_blocks),
         ("TILE_ROWS", chosen.rows),
         ("TILE_COLUMNS", chosen.columns),
         ("SHARED", (chosen.rows + 4) * chosen.columns if is_shared else 1),
         ("UNROLLED", 2),
-        ("TOGETHER", __import__("os").environ.get("TOGETHER", "2")),
     ):
         snippet = re.sub(rf"\b{name}\b", str(value), snippet)
     threads = chosen.threads

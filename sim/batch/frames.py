@@ -31,7 +31,7 @@ class Frames:
         self.course = self._device.zeros((frame_count, batch.count), wp.vec4d)
         self.found = self._device.zeroed(kernels.Found, (frame_count, batch.count))
         self._until = self._device.zeros(1, wp.int32)
-        self._starts, self._lands = self._recorded()
+        self._lay, self._starts, self._lands = self._recorded()
         self._graph: Any = None
         self._launch()
         if self._device.is_gpu:
@@ -75,6 +75,7 @@ class Frames:
     def _launch(self) -> None:
         busy = self._batch.descents.busy
         busy.zero_()
+        self._lay.launch()
         _launched(self._starts)
         wp.capture_while(busy, while_body=self._iterate)
         if not self.paced:
@@ -91,8 +92,8 @@ class Frames:
         _launched(self._lands)
         _launched(self._starts)
 
-    def _recorded(self) -> tuple[list[Any], list[Any]]:
-        """Record what comes before and after an environment's descent."""
+    def _recorded(self) -> tuple[Any, list[Any], list[Any]]:
+        """Record what comes before all, and before and after an environment's descent."""
         batch, descents, record = self._batch, self._batch.descents, self._device.record
         trail, state, count = batch.trail, descents.state, (batch.count,)
         way = batch.way(self.course, self._until)
@@ -102,7 +103,7 @@ class Frames:
         options, nodes = batch.model.contact_options, tuple(descents.positions.shape)
         begun = [trail, descents.poses, state, descents.memory]
         starts = [
-            record(kernels.look, (most,), [batch.guide, way, trail, together], []),
+            record(kernels.look, (most,), [way, trail, together], []),
             record(
                 kernels.begin,
                 count,
@@ -113,7 +114,7 @@ class Frames:
             record(
                 kernels.predict,
                 nodes,
-                [batch.guide, together, trail],
+                [batch.guide, way, together, trail],
                 [state.slot, descents.positions, *nodal],
             ),
         ]
@@ -124,7 +125,8 @@ class Frames:
             starts.append(self._copied(kernels.STARTS, start, grip))
             lands += [self._taken(), self._copied(kernels.LANDS, grip, start)]
         lands.append(record(kernels.remember, nodes, [descents.positions], [trail]))
-        return starts, lands
+        lay = record(kernels.lay, self.course.shape, [batch.guide, trail, way], [])
+        return lay, starts, lands
 
     def _taken(self) -> Any:
         """Let what touches hold on, where it is bonded, or anchors follow what slid."""

@@ -48,6 +48,9 @@ class Way:
         pushed: The force is given, and counts
         shares: as E that the pilot's gel has over their own, shape [environment_count].
         guided: 1 where the indenter comes down where the pilot's did, shape [environment_count].
+        stands: Where on the pilot's way a frame begins, as ``course`` has its shape, and
+        goals: where it ends.
+        nearest: The pilot's state that is nearest to its end, 0 for the first that is kept.
     """
 
     tips: wp.array(dtype=wp.vec3d)
@@ -59,6 +62,9 @@ class Way:
     pushed: wp.bool
     shares: wp.array(dtype=wp.float64)
     guided: wp.array(dtype=wp.int32)
+    stands: wp.array2d(dtype=Stand)
+    goals: wp.array2d(dtype=Stand)
+    nearest: wp.array2d(dtype=wp.int32)
 
 
 @wp.struct
@@ -70,10 +76,7 @@ class Trail:
         stage: Where it is between two frames.
         frame: Frames that it has behind it.
         share: Of the last step's way: so far the next one's start is beyond the last state.
-        follows: 1 where the step goes the pilot's way, from
-        stand: where it is nearest to the last state, to
-        goal: where it is nearest to the next.
-        nearest: The pilot's state that is nearest to the next, 0 for the first that is kept.
+        follows: 1 where the step goes the pilot's way.
         features: Of the last two states, newest first, shape [..., 2]: along x and y, depth or
             load, turn; each in metres.
         heights: Of the indenter's tip in them [m], shape [..., 2].
@@ -85,9 +88,6 @@ class Trail:
     frame: wp.array(dtype=wp.int32)
     share: wp.array(dtype=wp.float64)
     follows: wp.array(dtype=wp.int32)
-    stand: wp.array(dtype=Stand)
-    goal: wp.array(dtype=Stand)
-    nearest: wp.array(dtype=wp.int32)
     features: wp.array2d(dtype=wp.vec4d)
     heights: wp.array2d(dtype=wp.float64)
     last: wp.array2d(dtype=wp.vec3d)
@@ -148,13 +148,33 @@ class Found:
 
 
 @wp.func
-def feature_of(way: Way, trail: Trail, b: wp.int32) -> wp.vec4d:
-    """Return where an environment goes, every component in metres."""
-    goal = way.course[trail.frame[b], b]
+def feature_at(way: Way, frame: wp.int32, b: wp.int32) -> wp.vec4d:
+    """Return where an environment goes in a frame, every component in metres."""
+    goal = way.course[frame, b]
     along = goal[0]
     if way.pushed:
         along = along * way.metres[0] * way.shares[b]
     return wp.vec4d(goal[1], goal[2], along, goal[3] * way.metres[1])
+
+
+@wp.kernel(enable_backward=False)
+def lay(
+    # Model:
+    guide: Guide,
+    # Data in:
+    trail: Trail,
+    # Data in and out:
+    way: Way,
+):
+    """Find the frames' places on the pilot's way; launches as ``course`` has its shape."""
+    frame, b = wp.tid()
+    before = trail.features[b, 0]
+    if frame > 0:
+        before = feature_at(way, frame - 1, b)
+    began, ends, nearest = stands_of(guide, before, feature_at(way, frame, b))
+    way.stands[frame, b] = began
+    way.goals[frame, b] = ends
+    way.nearest[frame, b] = nearest
 
 
 @wp.func
@@ -204,12 +224,10 @@ def share_of(trail: Trail, b: wp.int32, goal: wp.vec4d) -> wp.float64:
 
 @wp.kernel(enable_backward=False)
 def look(
-    # Model:
-    guide: Guide,
     # Data in:
     way: Way,
-    # Data in and out:
     trail: Trail,
+    # Data in and out:
     together: Together,
 ):
     """Find the slowest that goes on, and the first inverse that is needed.
@@ -221,14 +239,9 @@ def look(
         together.counts[b] = 0
     if b < trail.active.shape[0]:  # noqa: SIM102 - device code evaluates both
         if _goes_on(way, trail, b):
-            if trail.stage[b] < STARTS:
-                ahead = feature_of(way, trail, b)
-                began, ends, nearest = stands_of(guide, trail.features[b, 0], ahead)
-                trail.stand[b] = began
-                trail.goal[b] = ends
-                trail.nearest[b] = nearest
-            wp.atomic_min(together.slowest, 0, trail.frame[b])
-            wp.atomic_min(together.lowest, 0, trail.nearest[b])
+            at = trail.frame[b]
+            wp.atomic_min(together.slowest, 0, at)
+            wp.atomic_min(together.lowest, 0, way.nearest[at, b])
 
 
 @wp.kernel(enable_backward=False)
@@ -258,17 +271,18 @@ def begin(
         trail.stage[b] = GOES
     if stage == LANDS:
         trail.stage[b] = WAITS
-    near = trail.nearest[b] <= together.lowest[0] + together.ahead
-    if trail.frame[b] <= together.slowest[0]:
-        near = wp.bool(True)
-    if stage < STARTS and near and _goes_on(way, trail, b):
+    at = trail.frame[b]
+    starts = stage < STARTS and _goes_on(way, trail, b)
+    if starts and at > together.slowest[0]:
+        starts = way.nearest[at, b] <= together.lowest[0] + together.ahead
+    if starts:
         trail.stage[b] = STARTS
         busy_out[0] = 1
-        ahead = feature_of(way, trail, b)
+        ahead = feature_at(way, at, b)
         share = wp.float64(0.0)
-        stand = trail.stand[b]
-        goal_stand = trail.goal[b]
-        together.which[b] = trail.nearest[b]
+        stand = way.stands[at, b]
+        goal_stand = way.goals[at, b]
+        together.which[b] = way.nearest[at, b]
         step = ahead - trail.features[b, 0]
         pilots = place_of(guide, goal_stand) - place_of(guide, stand)
         away = wp.length(pilots - step) > _BESIDE * wp.length(step)
@@ -277,7 +291,7 @@ def begin(
             share = share_of(trail, b, ahead)
         trail.follows[b] = wp.where(follows, 1, 0)
         trail.share[b] = share
-        goal = way.course[trail.frame[b], b]
+        goal = way.course[at, b]
         tip = way.tips[b] + wp.vec3d(goal[1], goal[2], wp.float64(0.0))
         height = tip[2] - goal[0]
         if way.pushed:
@@ -312,6 +326,7 @@ def predict(
     # Model:
     guide: Guide,
     # Data in:
+    way: Way,
     together: Together,
     trail: Trail,
     # Data out:
@@ -328,7 +343,8 @@ def predict(
         last = trail.last[b, n]
         x = last + (last - trail.older[b, n]) * trail.share[b]
         if trail.follows[b] == 1:
-            x += motion_at(guide, trail.goal[b], n) - motion_at(guide, trail.stand[b], n)
+            at = trail.frame[b]
+            x += motion_at(guide, way.goals[at, b], n) - motion_at(guide, way.stands[at, b], n)
         positions_out[b, n] = x
         elastic_out[b, n] = wp.vec3d()
         contact_out[b, n] = wp.vec3d()
@@ -392,7 +408,7 @@ def land(
             found.imbalance[at, b] = d.vertical[b] / load
             found.gap[at, b] = d.gap_min[b]
             trail.features[b, 1] = trail.features[b, 0]
-            trail.features[b, 0] = feature_of(way, trail, b)
+            trail.features[b, 0] = feature_at(way, at, b)
             trail.heights[b, 1] = trail.heights[b, 0]
             trail.heights[b, 0] = poses.tips[b][2]
             trail.frame[b] = at + 1

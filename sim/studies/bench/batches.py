@@ -59,7 +59,7 @@ def batch_parts(
     wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
     batch.press(courses)
     times = [(_part_of(each.name), 1e-3 * each.elapsed) for each in wp.timing_end()]
-    steps = sum(name == "judge" for name, _ in times)
+    steps = sum(name == "prepare" for name, _ in times)
     for part in dict.fromkeys((*_PARTS.values(), _REST)):
         if taken := sum(spent for name, spent in times if name == part):
             parts[part] = taken / steps

@@ -90,7 +90,7 @@ def test_paddings_are_what_blocks_divide(count: int) -> None:
 @pytest.mark.gpu
 @pytest.mark.parametrize("columns", [1, 8, 32, 64, 256, 320])
 def test_product(columns: int) -> None:
-    """Every block's product with its matrix is NumPy's to float16; one without rests."""
+    """What is filled of a block is NumPy's product to float16; a block without a matrix rests."""
     rng = np.random.default_rng(2)
     matrices = 1e5 * rng.standard_normal((2, 300, 300)).astype(np.float32)
     matrices += np.swapaxes(matrices, 1, 2)
@@ -98,14 +98,17 @@ def test_product(columns: int) -> None:
     product = DenseProduct(matrices, count=columns, device=on)
     serving = np.arange(len(product.blocks)) % 3 - 1
     product.blocks.assign(serving.astype(np.int32))
+    filled = 1 + np.arange(len(serving)) % product.width
+    product.filled.assign(filled.astype(np.int32))
     right = np.zeros((product.column_count, product.row_count), dtype=np.float16)
     right[:, :300] = rng.standard_normal((len(right), 300))
     scale = np.abs(right[:, :300].astype(np.float64) @ matrices[1]).max()
-    out = on.zeros(right.shape, wp.float32)
+    out = on.zeros((product.parts * len(right), product.row_count), wp.float32)
     product.apply(None, on.array(right, wp.float16), out)
     for block, matrix in enumerate(serving):
-        within = slice(block * product.width, (block + 1) * product.width)
+        within = slice(block * product.width, block * product.width + filled[block])
         wanted = right[within, :300].astype(np.float64) @ matrices[matrix]
         wanted *= matrix >= 0
-        error = np.abs(product.unit * out.numpy()[within, :300] - wanted).max()
+        found = out.numpy().reshape(product.parts, *right.shape).sum(axis=0)
+        error = np.abs(product.unit * found[within, :300] - wanted).max()
         assert error <= 2e-3 * scale
