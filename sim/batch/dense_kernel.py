@@ -15,8 +15,7 @@ import warp as wp
 # factors agree: a lane takes eight neighbouring terms of a vector, and the matrix is packed so that
 # its lane's parts of the two fragments that go with them are a uint4 each.
 _PRODUCT = """
-    const int share = block % DEPTH_BLOCKS, row_block = block / DEPTH_BLOCKS % row_blocks;
-    const int column_block = block / DEPTH_BLOCKS / row_blocks;
+    const int row_block = block % row_blocks, column_block = block / row_blocks;
     const int matrix = which.data[column_block];
     if (matrix < 0) return;
     const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5;
@@ -42,7 +41,7 @@ _PRODUCT = """
             #pragma unroll
             for (int k = 0; k < 4; ++k) sum[i][j][k] = 0.f;
     #pragma unroll UNROLLED
-    for (int s = part + DEPTH_WARPS * share; s < steps; s += DEPTH_WARPS * DEPTH_BLOCKS) {
+    for (int s = part; s < steps; s += DEPTH_WARPS) {
         uint4 a[2][ROW_TILES], b[COLUMN_TILES];
         #pragma unroll
         for (int j = 0; j < COLUMN_TILES; ++j)
@@ -68,7 +67,7 @@ _PRODUCT = """
                 }
     }
     __shared__ float total[SHARED];
-    float* out_at = out.data + (size_t)(share * right.shape[0] + first_column) * rows + first_row;
+    float* out_at = out.data + (size_t)first_column * rows + first_row;
     for (int round = 0; round < DEPTH_WARPS; ++round) {
         if (part == round) {
             #pragma unroll
@@ -107,7 +106,6 @@ class Tiling:
         row_warps: Warps beside each other along the rows.
         column_warps: Warps beside each other along the columns.
         depth_warps: Warps that share the terms of a sum.
-        depth_blocks: Blocks that do; each gives a part of the product.
     """
 
     row_tiles: int
@@ -115,7 +113,6 @@ class Tiling:
     row_warps: int = 1
     column_warps: int = 1
     depth_warps: int = 1
-    depth_blocks: int = 1
 
     @property
     def rows(self) -> int:
@@ -144,7 +141,6 @@ def product_kernel(chosen: Tiling) -> Any:
         ("ROW_WARPS", chosen.row_warps),
         ("COLUMN_WARPS", chosen.column_warps),
         ("DEPTH_WARPS", chosen.depth_warps),
-        ("DEPTH_BLOCKS", chosen.depth_blocks),
         ("TILE_ROWS", chosen.rows),
         ("TILE_COLUMNS", chosen.columns),
         ("SHARED", (chosen.rows + 4) * chosen.columns if is_shared else 1),

@@ -33,9 +33,7 @@ _ROW_PADDING = 288
 # Few columns need many blocks that read the matrix, many need blocks that use what they read often.
 _TILINGS = {
     8: Tiling(row_tiles=1, column_tiles=1, depth_warps=8),
-    64: Tiling(
-        row_tiles=3, column_tiles=8, depth_warps=4, depth_blocks=int(os.environ.get("SPLITS", "2"))
-    ),
+    64: Tiling(row_tiles=3, column_tiles=8, depth_warps=4),
     256: Tiling(row_tiles=3, column_tiles=8, column_warps=2, depth_warps=4),
 }
 _LARGEST = Tiling(row_tiles=3, column_tiles=4, row_warps=3, column_warps=4)
@@ -91,7 +89,7 @@ class FactoredInverses:
         filled: Likewise.
     """
 
-    kind, scaled, unit, width, parts = wp.float64, False, 1.0, 0, 1
+    kind, scaled, unit, width = wp.float64, False, 1.0, 0
 
     def __init__(self, pilot: Pilot, *, count: int) -> None:
         self.row_count, self.column_count = pilot.model.pattern.dof_count + 1, count
@@ -140,7 +138,6 @@ class DenseProduct:
         blocks: That of every block, -1 for none, shape [block_count]; there are enough of them for
             vectors that go with unlike matrices.
         filled: How many columns of a block have something in them, likewise.
-        parts: Of the product, which add up to it.
         unit: What the product must be multiplied with: float16 holds nothing above 65,504.
     """
 
@@ -149,7 +146,7 @@ class DenseProduct:
     def __init__(self, matrices: NDArray[np.float32], *, count: int, device: Device) -> None:
         matrix_count, rows, _ = matrices.shape
         self._tiling = tiling(count)
-        self.width, self.parts = self._tiling.columns, self._tiling.depth_blocks
+        self.width = self._tiling.columns
         # At least a row more than there are: what is fixed reads it.
         self.row_count = padded_rows(rows + 1)
         self.unit = float(np.abs(matrices).max())
@@ -171,11 +168,11 @@ class DenseProduct:
 
         Args:
             sources: Float16, shape [column_count, row_count].
-            found: Float32, ``parts`` of the product below each other, each of that shape.
+            found: Float32, the same shape.
         """
         chosen = self._tiling
         row_blocks = self.row_count // chosen.rows
-        blocks = row_blocks * len(self.blocks) * chosen.depth_blocks
+        blocks = row_blocks * len(self.blocks)
         wp.launch(
             product_kernel(chosen),
             dim=blocks * chosen.threads,

@@ -217,7 +217,6 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         limits: Limits,
         dofs: wp.array(dtype=wp.int32),
         scaled: wp.bool,
-        parts: wp.int32,
         units: wp.array(dtype=wp.float64),
         # Data in:
         found: wp.array2d(dtype=Any),
@@ -228,12 +227,10 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         evaluated: Evaluated,
         busy_out: wp.array(dtype=wp.int32),
     ):
-        # The inverse's answer is the sum of the parts in ``found`` times ``units``, and times the
-        # residual if ``scaled``.
+        # The inverse's answer is ``found`` times ``units``, and times the residual if ``scaled``.
         b, thread = wp.tid()
         act = d.act[b]
         dof_count = dofs.shape[0]
-        column_count = found.shape[0] / parts
         fraction = d.fraction[b]
         if act == Act.SOLVE or act == Act.LOWER:
             fraction = wp.float64(1.0)
@@ -244,9 +241,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
             for row in range(thread, dof_count + 1, wp.block_dim()):
                 r = wp.float64(0.0)
                 if act == Act.SOLVE:
-                    for piece in range(parts):
-                        r += wp.float64(found[piece * column_count + d.slot[b], row])
-                    r *= scale
+                    r = scale * wp.float64(found[d.slot[b], row])
                 elif row == dof_count:
                     r = -wp.sign(memory.gradient[b, row]) * limits.tip_step
                 if row == dof_count and d.pushed[b] == 0:

@@ -46,7 +46,6 @@ class Inverse(Protocol):
         scaled: It wants what it takes in units of the residual.
         unit: What it gives must be multiplied with this.
         column_count: Vectors that it takes at once.
-        parts: Of what it gives, which add up to it.
     """
 
     kind: Any
@@ -54,7 +53,6 @@ class Inverse(Protocol):
     scaled: bool
     unit: float
     column_count: int
-    parts: int
 
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:
         """Set ``found`` to the inverse times ``sources``, shape [column_count, row_count].
@@ -252,8 +250,9 @@ class Descents:
         inverse = self._inverse
         wide = max(rows, inverse.row_count)
         self._sources = device.zeros((inverse.column_count, wide), inverse.kind)
-        shape = (inverse.parts * inverse.column_count, wide)
-        self._found = device.zeros(shape, wp.float32 if inverse.scaled else wp.float64)
+        self._found = device.zeros(
+            self._sources.shape, wp.float32 if inverse.scaled else wp.float64
+        )
 
     def _record(self, *, pulls: bool) -> None:
         """Record the launches, which are then made again and again."""
@@ -262,7 +261,7 @@ class Descents:
         threads = (_THREADS_OF_FEW if self.count <= _FEW else _THREADS) if device.is_gpu else 1
         grips = model.contact_options.is_tangential
         judge, prepare, turn = descent_kernels(grips=grips, pulls=pulls, threads=threads)
-        scaled, units, parts = self._inverse.scaled, self._units, self._inverse.parts
+        scaled, units = self._inverse.scaled, self._units
 
         def recorded(kernel: Any, inputs: list[Any]) -> Any:
             return wp.launch(
@@ -284,7 +283,7 @@ class Descents:
         asks = [self.state, evaluated, self.memory, self._sources]
         self._prepare = recorded(prepare, [self._dofs, scaled, *asks])
         found = [self._found, *own, evaluated, self.busy]
-        self._turn = recorded(turn, [self._limits, self._dofs, scaled, parts, units, *found])
+        self._turn = recorded(turn, [self._limits, self._dofs, scaled, units, *found])
         self.renew_gel()
         self._touch, self._hold = self._contact_launches(surface)
 

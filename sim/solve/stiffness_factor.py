@@ -47,7 +47,7 @@ class StiffnessFactor:
         held: The indenter is; else its height is the last unknown.
     """
 
-    kind, scaled, unit, column_count, parts = wp.float64, False, 1.0, 1, 1
+    kind, scaled, unit, column_count = wp.float64, False, 1.0, 1
 
     def __init__(
         self, model: Model, indenter: Indenter, potentials: Sequence[Potential] = ()
