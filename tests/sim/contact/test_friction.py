@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import warp as wp
@@ -129,3 +131,34 @@ def test_half_of_a_change_is_taken_over_where_points_cycle(model: Model) -> None
     assert np.abs(state.grip.loads - lagged.loads).max() > 0.0
     assert np.allclose(halved.loads, 0.5 * (lagged.loads + state.grip.loads), rtol=1e-12)
     assert np.allclose(halved.held, 0.5 * (lagged.held + state.grip.held), rtol=1e-12)
+
+
+def test_points_held_anew_leave_what_an_evaluation_would_find(model: Model) -> None:
+    """Nodal forces and energies once a pressure is taken over, without evaluating all again."""
+    surface, indenter = model.surface, Plane()
+    state = gripped(model, indenter)
+    start = surface.grip_arrays(state.grip)
+    state.tip = state.tip - [0.0, 0.0, 0.3 * BARRIER_M]
+    state.positions = state.positions + 0.4 * SLIP_M * WAY
+    device, shape = Device("cpu"), (1, *surface.areas.shape)
+    inputs = [*surface._model(indenter, state), device.array([1], wp.int32)]
+    poses, at = surface._at(state.positions, state)
+
+    def touched(grip: Any) -> tuple[Any, ...]:
+        room = surface.room(1)
+        device.launch(
+            surface.kernels(indenter).touch, shape, [*inputs, poses, grip, at], list(room)
+        )
+        return room
+
+    grip = surface.grip_arrays(state.grip)
+    before = touched(grip)
+    forces, energies = (each.numpy().copy() for each in before[:2])
+    changes = [surface._points(wp.float64) for _ in range(2)]
+    held = [*inputs, poses, at, start, grip]
+    device.launch(surface.kernels(indenter).hold, shape, held, [*before[:2], *changes])
+    anew = touched(grip)
+    for was, corrected, wanted in zip((forces, energies), before, anew, strict=False):
+        size = np.abs(wanted.numpy()).max()
+        assert np.abs(wanted.numpy() - was).max() > 1e-2 * size
+        np.testing.assert_allclose(corrected.numpy(), wanted.numpy(), atol=1e-12 * size)

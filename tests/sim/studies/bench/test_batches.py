@@ -13,7 +13,14 @@ from sim.optics.surface_images import SurfaceImages
 from sim.scene.indenter import Sphere
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
-from sim.studies.bench.batches import batch_parts, course_of, pilot_for, pressed, spread
+from sim.studies.bench.batches import (
+    amid,
+    batch_parts,
+    course_of,
+    pilot_for,
+    pressed,
+    spread,
+)
 
 _DEPTH_M, _FRAMES, _COUNT = 0.1e-3, 2, 3
 
@@ -37,6 +44,16 @@ def test_environments_differ_but_the_first(scene: Scene) -> None:
     assert len(set(young)) == len(set(depths)) == 5
     assert all(1.0 <= other / young[0] <= 1.1 for other in young)
     assert all(0.9 <= other / depths[0] <= 1.0 for other in depths)
+
+
+def test_the_pilots_gel_is_amid_theirs(scene: Scene) -> None:
+    """As soft as the softest, and no bulk modulus further from its own than the other way."""
+    course = Course(depths_m=np.array([1e-3]))
+    theirs = [each.materials[0] for each, _ in spread(scene, course, 200) if each.materials]
+    own = amid(scene).material
+    assert own.young_pa == min(each.young_pa for each in theirs)
+    left = [(1.0 - 2.0 * each.poisson) / (1.0 - 2.0 * own.poisson) for each in theirs]
+    assert min(left) * max(left) == pytest.approx(1.0, rel=0.02)
 
 
 def test_a_batch_is_seen_in_every_frame_and_its_launches_are_timed(scene: Scene) -> None:
