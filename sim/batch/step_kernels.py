@@ -22,7 +22,8 @@ _SAME_WAY = wp.constant(wp.float64(0.9))
 # and if it is so many times as long at most.
 _LONGER = wp.constant(wp.float64(3.0))
 _NOTHING = wp.constant(wp.float64(1e-300))
-# A step goes the pilot's way if it is unlike the pilot's by no more than this share of its length.
+# A step goes the pilot's way if it is unlike the pilot's by no more than this share of its length,
+# and leads no further beside it than this share of the way from first touch.
 _BESIDE = wp.constant(wp.float64(0.5))
 _NEVER = wp.constant(2**30)
 
@@ -285,7 +286,9 @@ def begin(
         together.which[b] = way.nearest[at, b]
         step = ahead - trail.features[b, 0]
         pilots = place_of(guide, goal_stand) - place_of(guide, stand)
+        beside = wp.length(place_of(guide, goal_stand) - ahead)
         away = wp.length(pilots - step) > _BESIDE * wp.length(step)
+        away = away or beside > _BESIDE * wp.length(ahead)
         follows = straight[0] == 0 and way.guided[b] == 1 and not away
         if straight[0] == 0 and not follows:
             share = share_of(trail, b, ahead)

@@ -117,6 +117,18 @@ def test_an_indenter_beside_the_pilots_place() -> None:
     assert found.force_n[-1, 0, 0] == pytest.approx(-found.force_n[-1, 1, 0], rel=5e-2)
 
 
+def test_a_step_far_beside_the_pilots_way_does_not_start_with_its_motion() -> None:
+    """Neither the way there, which the pilot never went, nor a press where it never was."""
+    model = batch_model(_BALL, refinement=0.5, symmetric=False)
+    course = Course(depths_m=np.array([0.1e-3, 0.2e-3, 0.3e-3]))
+    batch = Batch(Pilot(model, _BALL.indenter, course, count=3), [Environment()], options=_EXACT)
+    follows = []
+    for depth_m, x_m in ((0.1e-3, 0.0), (0.1e-3, 0.5e-3), (0.2e-3, 0.5e-3)):
+        assert batch.step(depths_m=np.array([depth_m]), shifts_m=np.array([[x_m, 0.0]])).all()
+        follows.append(int(batch.trail.follows.numpy()[0]))
+    assert follows == [1, 0, 0]
+
+
 def test_who_need_not_wait_finds_the_same(pilot: Pilot, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each at its own pace, environments arrive where they do in step with each other."""
     shares = np.linspace(0.7, 1.0, 5)
