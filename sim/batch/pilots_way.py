@@ -10,7 +10,7 @@ import warp as wp
 # A length that is none; it keeps quotients finite.
 _NOTHING = wp.constant(wp.float64(1e-300))
 # Two steps go the same way if the cosine between them is at least this.
-_SAME_WAY = wp.constant(wp.float64(0.9))
+SAME_WAY = wp.constant(wp.float64(0.9))
 # Farther than any way [m].
 _FAR = wp.constant(wp.float64(1e3))
 
@@ -61,7 +61,7 @@ def stands_of(guide: Guide, before: wp.vec4d, after: wp.vec4d):
         start = guide.stands[k]
         along = guide.stands[k + 1] - start
         square = wp.max(wp.dot(along, along), _NOTHING)
-        is_along = wp.dot(along, step) >= _SAME_WAY * wp.sqrt(square) * wp.length(step)
+        is_along = wp.dot(along, step) >= SAME_WAY * wp.sqrt(square) * wp.length(step)
         first = wp.clamp(wp.dot(before - start, along) / square, wp.float64(0.0), wp.float64(1.0))
         last = wp.clamp(wp.dot(after - start, along) / square, wp.float64(0.0), wp.float64(1.0))
         apart = wp.vec3d(
@@ -70,12 +70,12 @@ def stands_of(guide: Guide, before: wp.vec4d, after: wp.vec4d):
             wp.length(start + along - after),
         )
         if not is_along:
-            apart += wp.vec3d(_FAR, _FAR, _FAR)
-        if apart[0] < least[0] and is_along:
+            apart[2] += _FAR
+        if is_along and apart[0] < least[0]:
             least[0] = apart[0]
             began.state = k
             began.share = first
-        if apart[1] < least[1] and is_along:
+        if is_along and apart[1] < least[1]:
             least[1] = apart[1]
             ends.state = k
             ends.share = last

@@ -11,15 +11,21 @@ from __future__ import annotations
 
 import warp as wp
 
-from sim.batch.pilots_way import Guide, Stand, depth_at, motion_at, place_of, stands_of
+from sim.batch.pilots_way import (
+    SAME_WAY,
+    Guide,
+    Stand,
+    depth_at,
+    motion_at,
+    place_of,
+    stands_of,
+)
 from sim.contact.friction import GripArrays
 from sim.contact.indenter_distance import Poses
 from sim.solve.descent_state import Descent, Mode, Status
 from sim.solve.memory_kernels import Memory
 
-# A step goes the same way as the one before if the cosine between them is above this,
-_SAME_WAY = wp.constant(wp.float64(0.9))
-# and if it is so many times as long at most.
+# A step goes the same way as the one before if it is so many times as long at most.
 _LONGER = wp.constant(wp.float64(3.0))
 _NOTHING = wp.constant(wp.float64(1e-300))
 # A step goes the pilot's way if it is unlike the pilot's by no more than this share of its length,
@@ -218,7 +224,7 @@ def share_of(trail: Trail, b: wp.int32, goal: wp.vec4d) -> wp.float64:
     step = wp.length(ahead)
     last = wp.length(behind)
     share = wp.float64(0.0)
-    if step <= _LONGER * last and wp.dot(ahead, behind) > _SAME_WAY * step * last:
+    if step <= _LONGER * last and wp.dot(ahead, behind) > SAME_WAY * step * last:
         share = step / last
     return share
 
