@@ -256,13 +256,18 @@ class Batch:
             setattr(self.together, name, getattr(inverse, name))
         self.together.ahead = _AHEAD
         inverse.which = self.together.which
-        way = {
-            "stands": np.stack([each.stand_m for each in states]),
-            "motions": np.stack([each.motion_m for each in states]),
-            "depths": np.array([each.depth_m for each in states]),
-        }
-        untouched = {name: np.concatenate([0.0 * each[:1], each]) for name, each in way.items()}
-        self.guide = device.tables(Guide, untouched)
+        way = self.pilot.way
+        self.guide = device.tables(
+            Guide,
+            {
+                "stands": np.concatenate([np.zeros((1, 4)), self.pilot.stands_m]),
+                "motions": np.stack([0.0 * way[0].motion_m, *(each.motion_m for each in way)]),
+                "depths": np.array([0.0, *(each.depth_m for each in way)]),
+                "states": np.array([-1, *(each.state for each in way)]),
+                "before": np.array([0, *(each.before for each in way)]),
+                "frames": np.array([each.frame for each in states]),
+            },
+        )
         self.floor_n = _FLOOR_SHARE * model.young_pa * model.height_m**2
         self._at = np.zeros((count, 4))
         self._extension = np.zeros(count, dtype=np.intp)

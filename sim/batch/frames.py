@@ -31,7 +31,7 @@ class Frames:
         self.course = self._device.zeros((frame_count, batch.count), wp.vec4d)
         self.found = self._device.zeroed(kernels.Found, (frame_count, batch.count))
         self._until = self._device.zeros(1, wp.int32)
-        self._lay, self._starts, self._lands = self._recorded()
+        self._before, self._starts, self._lands = self._recorded()
         self._graph: Any = None
         self._launch()
         if self._device.is_gpu:
@@ -75,7 +75,7 @@ class Frames:
     def _launch(self) -> None:
         busy = self._batch.descents.busy
         busy.zero_()
-        self._lay.launch()
+        _launched(self._before)
         _launched(self._starts)
         wp.capture_while(busy, while_body=self._iterate)
         if not self.paced:
@@ -92,7 +92,7 @@ class Frames:
         _launched(self._lands)
         _launched(self._starts)
 
-    def _recorded(self) -> tuple[Any, list[Any], list[Any]]:
+    def _recorded(self) -> tuple[list[Any], list[Any], list[Any]]:
         """Record what comes before all, and before and after an environment's descent."""
         batch, descents, record = self._batch, self._batch.descents, self._device.record
         trail, state, count = batch.trail, descents.state, (batch.count,)
@@ -103,7 +103,7 @@ class Frames:
         options, nodes = batch.model.contact_options, tuple(descents.positions.shape)
         begun = [trail, descents.poses, state, descents.memory]
         starts = [
-            record(kernels.look, (most,), [way, trail, together], []),
+            record(kernels.look, (most,), [batch.guide, way, trail, together], []),
             record(
                 kernels.begin,
                 count,
@@ -120,13 +120,14 @@ class Frames:
         ]
         noted = [batch.floor_n, way, descents.poses, state, trail]
         lands = [record(kernels.land, count, noted, [self.found])]
+        before = [record(kernels.lay, self.course.shape, [batch.guide, trail, way], [])]
         if options.is_tangential:
             grip, start = descents.grip, descents.grip_start
-            starts.append(self._copied(kernels.STARTS, start, grip))
-            lands += [self._taken(), self._copied(kernels.LANDS, grip, start)]
+            # One that did not arrive may have left other grips than it began with.
+            before.append(self._copied(trail.active, 1, start, grip))
+            lands += [self._taken(), self._copied(trail.stage, kernels.LANDS, grip, start)]
         lands.append(record(kernels.remember, nodes, [descents.positions], [trail]))
-        lay = record(kernels.lay, self.course.shape, [batch.guide, trail, way], [])
-        return lay, starts, lands
+        return before, starts, lands
 
     def _taken(self) -> Any:
         """Let what touches hold on, where it is bonded, or anchors follow what slid."""
@@ -142,8 +143,8 @@ class Frames:
             return self._device.record(made.hold, shape, [*at, *held], [])
         return self._device.record(made.drag, shape, [*at, descents.grip], [])
 
-    def _copied(self, stage: int, given: Any, out: Any) -> Any:
-        inputs = [self._batch.trail.stage, stage, given]
+    def _copied(self, wanted: Any, goal: int, given: Any, out: Any) -> Any:
+        inputs = [wanted, goal, given]
         return self._device.record(kernels.copy_grip, tuple(given.held.shape), inputs, [out])
 
 

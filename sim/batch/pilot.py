@@ -26,6 +26,9 @@ from tacauchy_rig.errors import ConfigError
 BARRIER_SHARE = 0.01
 # What only preconditions need not be in balance more exactly.
 _RESIDUAL = 1e-4
+# Places on the way from one kept state to the next. Environments start on the straight lines
+# between them, and what those are off by costs evaluations.
+_PLACES = 4
 
 
 def batch_model(scene: Scene, *, refinement: float = 1.0, symmetric: bool = True) -> Model:
@@ -49,24 +52,39 @@ def batch_model(scene: Scene, *, refinement: float = 1.0, symmetric: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where the pilot came by.
+
+    Attributes:
+        before: Place that it came from, the first is 1; 0 for the untouched gel.
+        goal: What it went to, as ``goals_of`` has it, shape [4].
+        motion_m: Of the nodes from the untouched gel [m], shape [node_count, 3].
+        depth_m: Of the indenter [m].
+        state: The one that is kept there, or -1.
+    """
+
+    before: int
+    goal: FloatArray
+    motion_m: FloatArray
+    depth_m: float
+    state: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PilotState:
-    """One state, and its semidefinite stiffness [N/m].
+    """The semidefinite stiffness of one state [N/m].
 
     Attributes:
         data: CSR values of the upper triangle.
         border: Column of the indenter's height, shape [unknown_count].
         corner: Its diagonal entry.
-        stand_m: Where on the course it is, as ``step_kernels`` has features [m], shape [4].
-        motion_m: Of the nodes from the untouched gel [m], shape [node_count, 3].
-        depth_m: Of the indenter [m].
+        frame: Its number among those of the course.
     """
 
     data: FloatArray
     border: FloatArray
     corner: float
-    stand_m: FloatArray
-    motion_m: FloatArray
-    depth_m: float
+    frame: int
 
 
 @dataclass(slots=True)
@@ -78,10 +96,13 @@ class Pilot:
         course: Where it goes; in frames between two that are kept it need not be.
         centre_m: Where it comes down, x and y [m].
         count: Frames whose state is kept, at most, evenly over the course.
+        shares: Of depth or force, at which what moves along the surface does so once more: who is
+            pressed less hard slides sooner, and wants other inverses.
 
     Attributes:
         touch_m: Height of the indenter's tip at first touch [m].
         metres: Depth for a newton [m/N], and way of a contact's edge for a radian [m].
+        way: Where it came by.
         states: Of those frames.
         dense: Their inverses [m/N], shape [state_count, size, size], once a GPU has had them made.
 
@@ -95,8 +116,10 @@ class Pilot:
     centre_m: tuple[float, float] = (0.0, 0.0)
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
     count: int = 8
+    shares: Sequence[float] = ()
     touch_m: float = field(init=False)
     metres: tuple[float, float] = field(init=False)
+    way: list[Place] = field(init=False)
     states: list[PilotState] = field(init=False)
     dense: NDArray[np.float32] | None = field(init=False, default=None, repr=False)
     setup_s: float = field(init=False)
@@ -115,11 +138,11 @@ class Pilot:
             options=SolverOptions(residual_relative=_RESIDUAL),
         )
         self.touch_m = path.touch_m
-        points = list(self._points(path))
-        deepest = points[-1][1]
+        self.way, self.states = [], []
+        goals = self._goals()
+        deepest = self._travel(path, goals)[len(goals) - 1]
         force = max(float(deepest.force_n[2]), 1e-300)
         self.metres = deepest.depth_m / force, deepest.contact_radius_m
-        self.states = [self._state(frame, point) for frame, point in points]
         self.setup_s = time.perf_counter() - started
 
     @property
@@ -147,33 +170,69 @@ class Pilot:
             rotations.append(rotation)
         return np.array(tips), np.array(rotations)
 
-    def _points(self, path: LoadingPath) -> Iterator[tuple[int, PathPoint]]:
-        """Go the course, and yield the frames that are kept."""
+    @property
+    def stands_m(self) -> FloatArray:
+        """Where on the course its places are, as ``step_kernels`` has features, shape [n, 4]."""
+        along, x, y, turn = np.array([each.goal for each in self.way]).T
+        metres = self.metres[0] if self.is_pushed else 1.0
+        return np.column_stack([x, y, metres * along, self.metres[1] * turn])
+
+    def _goals(self) -> FloatArray:
+        """Return where to go on the course, some places for every state that is kept."""
         course, frames = self.course, self.course.frame_count
-        kept = np.unique(np.linspace(0, frames, self.count + 1).round().astype(int)[1:] - 1)
-        before = np.zeros(4)
-        for frame in kept[kept >= 0]:
-            stand = course.goals[frame]
-            if stand[0] != before[0]:
+        kept = np.unique(np.linspace(0, frames, self.count + 1).round())
+        parts = np.linspace(0.0, len(kept) - 1.0, _PLACES * (len(kept) - 1) + 1)[1:]
+        times = np.interp(parts, np.arange(len(kept)), kept)
+        ways = np.concatenate([np.zeros((1, 4)), course.goals]).T
+        return np.column_stack([np.interp(times, np.arange(frames + 1), way) for way in ways])
+
+    def _legs(self, goals: FloatArray) -> Iterator[tuple[int, FloatArray, int]]:
+        """Yield places to come from, goals, and the number of each among those of the course."""
+        yield from ((number, goal, number) for number, goal in enumerate(goals))
+        moving, count = int(np.argmax(goals[:, 1:].any(axis=1))), len(goals)
+        for share in self.shares if moving else ():
+            less = goals[moving - 1 :] * [share, 1.0, 1.0, 1.0]
+            # From the last place that is pressed less; where it branches no state is kept.
+            yield max(1, int(np.searchsorted(goals[:moving, 0], less[0, 0]))), less[0], 0
+            for number, goal in enumerate(less[1:], start=moving):
+                count += 1
+                yield count, goal, number
+            count += 1
+
+    def _travel(self, path: LoadingPath, goals: FloatArray) -> list[PathPoint]:
+        """Go to one place after the other, and note each."""
+        points: list[PathPoint] = []
+        for before, goal, number in self._legs(goals):
+            origin = self.way[before - 1].goal if before else np.zeros(4)
+            point = points[before - 1] if before else None
+            if point is None or goal[0] != origin[0]:
                 go = path.push if self.is_pushed else path.advance
-                point = go(float(stand[0]))
-            if np.any(stand[1:] != before[1:]):
-                x, y, turn = (float(each) for each in stand[1:] - before[1:])
+                point = go(float(goal[0]), start=point)
+            if np.any(goal[1:] != origin[1:]):
+                x, y, turn = (float(each) for each in goal[1:] - origin[1:])
                 hold = Hold.FORCE if self.is_pushed else Hold.DEPTH
                 point = path.carry(shift_m=(x, y), twist_rad=turn, hold=hold)
-            before = stand
-            yield int(frame), point
+            points.append(point)
+            is_kept = number % _PLACES == _PLACES - 1
+            self.way.append(
+                Place(
+                    before=before,
+                    goal=goal,
+                    motion_m=point.state.positions - self.model.nodes,
+                    depth_m=point.depth_m,
+                    state=len(self.states) if is_kept else -1,
+                )
+            )
+            if is_kept:
+                self.states.append(self._state(point, frame=number // _PLACES))
+        return points
 
-    def _state(self, frame: int, point: PathPoint) -> PilotState:
+    def _state(self, point: PathPoint, *, frame: int) -> PilotState:
         model, state = self.model, point.state
         contact = point.equilibrium.touch(curved=False)
-        along, x, y, turn = self.course.goals[frame]
-        along *= self.metres[0] if self.is_pushed else 1.0
         return PilotState(
             data=model.hessian_data(state.positions, contact.stiffness, projected=True),
             border=model.pattern.unknowns(model.surface.scatter(-contact.stiffness[..., 2])),
             corner=float(contact.stiffness[..., 2, 2].sum()),
-            stand_m=np.array([x, y, along, turn * self.metres[1]]),
-            motion_m=state.positions - model.nodes,
-            depth_m=point.depth_m,
+            frame=frame,
         )

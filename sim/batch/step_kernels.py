@@ -57,7 +57,7 @@ class Way:
         guided: 1 where the indenter comes down where the pilot's did, shape [environment_count].
         stands: Where on the pilot's way a frame begins, as ``course`` has its shape, and
         goals: where it ends.
-        nearest: The pilot's state that is nearest to its end, 0 for the first that is kept.
+        nearest: The kept state of the pilot that is nearest to its end.
     """
 
     tips: wp.array(dtype=wp.vec3d)
@@ -117,8 +117,8 @@ class Together:
         filled: Columns of a block that have something in them, likewise.
         width: Columns of a block; 0 where every environment keeps its own column.
         slowest: Frames that the slowest environment has behind it, shape [1].
-        lowest: The first of the inverses that are needed, likewise.
-        ahead: Who is not the slowest needs an inverse that is so many after it at most.
+        lowest: The first of the pilot's frames whose inverses are needed, likewise.
+        ahead: Who is not the slowest needs an inverse that is so many frames after it at most.
     """
 
     which: wp.array(dtype=wp.int32)
@@ -173,7 +173,7 @@ def lay(
     # Data in and out:
     way: Way,
 ):
-    """Find the frames' places on the pilot's way; launches as ``course`` has its shape."""
+    """Find the frames' points of the pilot's way; launches as ``course`` has its shape."""
     frame, b = wp.tid()
     before = trail.features[b, 0]
     if frame > 0:
@@ -231,6 +231,8 @@ def share_of(trail: Trail, b: wp.int32, goal: wp.vec4d) -> wp.float64:
 
 @wp.kernel(enable_backward=False)
 def look(
+    # Model:
+    guide: Guide,
     # Data in:
     way: Way,
     trail: Trail,
@@ -248,7 +250,7 @@ def look(
         if _goes_on(way, trail, b):
             at = trail.frame[b]
             wp.atomic_min(together.slowest, 0, at)
-            wp.atomic_min(together.lowest, 0, way.nearest[at, b])
+            wp.atomic_min(together.lowest, 0, guide.frames[way.nearest[at, b]])
 
 
 @wp.kernel(enable_backward=False)
@@ -281,7 +283,7 @@ def begin(
     at = trail.frame[b]
     starts = stage < STARTS and _goes_on(way, trail, b)
     if starts and at > together.slowest[0]:
-        starts = way.nearest[at, b] <= together.lowest[0] + together.ahead
+        starts = guide.frames[way.nearest[at, b]] <= together.lowest[0] + together.ahead
     if starts:
         trail.stage[b] = STARTS
         busy_out[0] = 1

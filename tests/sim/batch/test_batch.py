@@ -129,6 +129,24 @@ def test_a_step_far_beside_the_pilots_way_does_not_start_with_its_motion() -> No
     assert follows == [1, 0, 0]
 
 
+def test_a_pilot_that_slides_at_less_force_too() -> None:
+    """Its branch leaves the way down early enough, and who slides there finds the same."""
+    scene = replace(_BALL, target=Target(force_n=0.2), friction=0.5)
+    model = batch_model(scene, refinement=0.5, symmetric=False)
+    down, beside = np.minimum(1.0, [0.5, 1.0, 1.0, 1.0]), np.array([0.0, 0.0, 0.05e-3, 0.1e-3])
+    course = Course(loads_n=0.2 * down, shifts_m=np.column_stack([beside, 0.0 * beside]))
+    found = []
+    for shares in ((), (0.8,)):
+        pilot = Pilot(model, scene.indenter, course, count=4, shares=shares)
+        batch = Batch(pilot, [Environment()], options=_EXACT)
+        found.append(batch.press(replace(course, loads_n=0.16 * down)).force_n[:, 0])
+    assert found[1] == pytest.approx(found[0], rel=1e-4, abs=1e-6)
+    branch = next(each for each in pilot.way if each.goal[0] == pytest.approx(0.16))
+    assert pilot.way[branch.before - 1].goal[0] < 0.16
+    assert [each.frame for each in pilot.states] == [0, 1, 2, 3, 2, 3]
+    assert pilot.way[-1].goal == pytest.approx([0.16, 0.1e-3, 0.0, 0.0])
+
+
 def test_who_need_not_wait_finds_the_same(pilot: Pilot, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each at its own pace, environments arrive where they do in step with each other."""
     shares = np.linspace(0.7, 1.0, 5)

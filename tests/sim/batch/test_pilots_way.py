@@ -10,8 +10,10 @@ from sim.batch.pilots_way import Guide, stands_of
 from sim.device import Device
 
 _CPU = Device("cpu")
-# Down in two parts, then along x in two.
-_WAY = np.array([[0, 0, 0, 0], [0, 0, 1, 0], [0, 0, 2, 0], [1, 0, 2, 0], [2, 0, 2, 0]], dtype=float)
+# Down in two parts, then along x in two; once more along x from half way down the second.
+_WAY = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 2], [1, 0, 2], [2, 0, 2], [0, 0, 1.5], [1, 0, 1.5]])
+_BEFORE = [0, 0, 1, 2, 3, 1, 5]
+_STATES = [-1, 0, 1, 2, 3, -1, 4]
 
 
 @wp.kernel(enable_backward=False)
@@ -23,18 +25,20 @@ def _find(
     nearest_out: wp.array(dtype=wp.int32),
 ):
     began, ends, nearest = stands_of(guide, before, after)
-    places_out[0] = wp.float64(began.state) + began.share
-    places_out[1] = wp.float64(ends.state) + ends.share
+    places_out[0] = wp.float64(began.place - 1) + began.share
+    places_out[1] = wp.float64(ends.place - 1) + ends.share
     nearest_out[0] = nearest
 
 
 def found(before: list[float], after: list[float]) -> tuple[list[float], int]:
     """Return where a step begins and ends, in parts of the way, and the state near its end."""
-    count = len(_WAY)
     tables = {
-        "stands": 1e-3 * _WAY,
-        "motions": np.zeros((count, 1, 3)),
+        "stands": 1e-3 * np.column_stack([_WAY, np.zeros(len(_WAY))]),
+        "motions": np.zeros((len(_WAY), 1, 3)),
         "depths": 1e-3 * _WAY[:, 2],
+        "states": np.array(_STATES),
+        "before": np.array(_BEFORE),
+        "frames": np.arange(max(_STATES) + 1),
     }
     places, nearest = _CPU.zeros(2, wp.float64), _CPU.zeros(1, wp.int32)
     ends = [wp.vec4d(*(1e-3 * np.array(each))) for each in (before, after)]
@@ -54,8 +58,11 @@ def found(before: list[float], after: list[float]) -> tuple[list[float], int]:
         ([0, 0, 0, 0], [0, 0, 0.9, 0], [0.0, 0.9], 0),
         ([0, 0, 0.9, 0], [0, 0, 1.8, 0], [0.9, 1.8], 1),
         # Less deep than the pilot, the corner is cut: the step is the pilot's after it.
-        ([0, 0, 1.6, 0], [0.3, 0, 1.6, 0], [2.0, 2.3], 2),
-        ([0, 0, 1.6, 0], [0.9, 0, 1.6, 0], [2.0, 2.9], 2),
+        ([0, 0, 1.9, 0], [0.3, 0, 1.9, 0], [2.0, 2.3], 2),
+        ([0, 0, 1.9, 0], [0.9, 0, 1.9, 0], [2.0, 2.9], 2),
+        # Nearer to the branch; where it leaves, no state is kept.
+        ([0, 0, 1.4, 0], [0.3, 0, 1.4, 0], [5.0, 5.3], 4),
+        ([0, 0, 1.1, 0], [0, 0, 1.6, 0], [1.1, 1.6], 1),
         # From corner to corner.
         ([0, 0, 1, 0], [0, 0, 2, 0], [1.0, 2.0], 1),
         ([0, 0, 2, 0], [1, 0, 2, 0], [2.0, 3.0], 2),
