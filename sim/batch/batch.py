@@ -248,11 +248,10 @@ class Batch:
             counts=(len(states),),
             first=(len(states),),
             blocks=inverse.blocks.shape,
-            filled=inverse.blocks.shape,
             slowest=(1,),
             lowest=(1,),
         )
-        for name in ("blocks", "filled", "width"):
+        for name in ("blocks", "width"):
             setattr(self.together, name, getattr(inverse, name))
         self.together.ahead = _AHEAD
         inverse.which = self.together.which

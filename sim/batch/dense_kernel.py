@@ -27,8 +27,6 @@ _PRODUCT = """
     const int first_column = column_block * TILE_COLUMNS;
     const int rows_before = 16 * ROW_TILES * row_warp;
     const int columns_before = 8 * COLUMN_TILES * column_warp;
-    // What columns have nothing in them is not read.
-    const int tiles = (filled.data[column_block] - columns_before + 7) / 8;
     const uint4* packed = (const uint4*)matrices.data + lane;
     packed += (size_t)(matrix * (rows / 16) + (first_row + rows_before) / 16) * steps * 64;
     const uint4* vectors = (const uint4*)right.data + member;
@@ -44,8 +42,7 @@ _PRODUCT = """
     for (int s = part; s < steps; s += DEPTH_WARPS) {
         uint4 a[2][ROW_TILES], b[COLUMN_TILES];
         #pragma unroll
-        for (int j = 0; j < COLUMN_TILES; ++j)
-            if (j < tiles) b[j] = vectors[(size_t)j * rows + 4 * s];
+        for (int j = 0; j < COLUMN_TILES; ++j) b[j] = vectors[(size_t)j * rows + 4 * s];
         #pragma unroll
         for (int h = 0; h < 2; ++h)
             #pragma unroll
@@ -55,7 +52,6 @@ _PRODUCT = """
         for (int h = 0; h < 2; ++h)
             #pragma unroll
             for (int j = 0; j < COLUMN_TILES; ++j)
-                if (j < tiles)
                 #pragma unroll
                 for (int i = 0; i < ROW_TILES; ++i) {
                     float* c = sum[i][j];
@@ -153,7 +149,6 @@ def product_kernel(chosen: Tiling) -> Any:
     def block_product(
         matrices: wp.array(dtype=wp.float16),
         which: wp.array(dtype=wp.int32),
-        filled: wp.array(dtype=wp.int32),
         right: wp.array2d(dtype=wp.float16),
         row_blocks: wp.int32,
         block: wp.int32,
@@ -164,12 +159,11 @@ def product_kernel(chosen: Tiling) -> Any:
     def product(
         matrices: wp.array(dtype=wp.float16),
         which: wp.array(dtype=wp.int32),
-        filled: wp.array(dtype=wp.int32),
         right: wp.array2d(dtype=wp.float16),
         row_blocks: wp.int32,
         product_out: wp.array2d(dtype=wp.float32),
     ):
         block = wp.tid() // wp.static(threads)
-        block_product(matrices, which, filled, right, row_blocks, block, product_out)
+        block_product(matrices, which, right, row_blocks, block, product_out)
 
     return product

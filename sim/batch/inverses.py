@@ -9,6 +9,7 @@ for so few columns; here each warp feeds them from a matrix that was laid out fo
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -33,7 +34,7 @@ _ROW_PADDING = 288
 # Few columns need many blocks that read the matrix, many need blocks that use what they read often.
 _TILINGS = {
     8: Tiling(row_tiles=1, column_tiles=1, depth_warps=8),
-    64: Tiling(row_tiles=3, column_tiles=8, depth_warps=4),
+    64: Tiling(row_tiles=3, column_tiles=4, depth_warps=4),
     256: Tiling(row_tiles=3, column_tiles=8, column_warps=2, depth_warps=4),
 }
 _LARGEST = Tiling(row_tiles=3, column_tiles=4, row_warps=3, column_warps=4)
@@ -55,12 +56,16 @@ def inverses_for(pilot: Pilot, device: Device, *, count: int) -> FactoredInverse
             remedy="use preset fast, or press one by one",
         )
     if pilot.dense is None:
-        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-            dense = list(
-                threads.map(lambda each: dense_inverse(each, pattern, pushed=pushed), pilot.states)
-            )
-        pilot.dense = np.stack(dense)
+        pilot.dense = np.stack(
+            in_threads(lambda each: dense_inverse(each, pattern, pushed=pushed), pilot.states)
+        )
     return DenseProduct(pilot.dense, count=count, device=device)
+
+
+def in_threads(function: Callable[[Any], Any], given: Iterable[Any]) -> list[Any]:
+    """Return what a function makes of each that is given, on all processors."""
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+        return list(threads.map(function, given))
 
 
 def dense_inverse(
@@ -86,7 +91,6 @@ class FactoredInverses:
     Attributes:
         which: The one that serves an environment, shape [environment_count].
         blocks: None; every environment keeps its column, which is a ``width`` of 0.
-        filled: Likewise.
     """
 
     kind, scaled, unit, width = wp.float64, False, 1.0, 0
@@ -95,7 +99,6 @@ class FactoredInverses:
         self.row_count, self.column_count = pilot.model.pattern.dof_count + 1, count
         self.which: Any = wp.zeros(count, dtype=wp.int32, device="cpu")
         self.blocks: Any = wp.zeros(0, dtype=wp.int32, device="cpu")
-        self.filled: Any = wp.zeros(0, dtype=wp.int32, device="cpu")
         self._factors = [
             _factored(stiffness, pilot.model.pattern, pushed=pilot.is_pushed)
             for stiffness in pilot.states
@@ -137,7 +140,6 @@ class DenseProduct:
         width: Vectors of a block, which are multiplied with one matrix.
         blocks: That of every block, -1 for none, shape [block_count]; there are enough of them for
             vectors that go with unlike matrices.
-        filled: How many columns of a block have something in them, likewise.
         unit: What the product must be multiplied with: float16 holds nothing above 65,504.
     """
 
@@ -149,19 +151,22 @@ class DenseProduct:
         self.width = self._tiling.columns
         # At least a row more than there are: what is fixed reads it.
         self.row_count = padded_rows(rows + 1)
-        self.unit = float(np.abs(matrices).max())
-        padded = np.zeros((matrix_count, self.row_count, self.row_count), dtype=np.float16)
-        padded[:, :rows, :rows] = matrices / self.unit
+        self.unit = float(max(in_threads(lambda each: np.abs(each).max(), matrices)))
+
+        def half(matrix: NDArray[np.float32]) -> NDArray[np.float16]:
+            padded = np.zeros((self.row_count, self.row_count), dtype=np.float16)
+            padded[:rows, :rows] = matrix / self.unit
+            return packed(padded).reshape(-1)
+
         full = -(-count // self.width)
         # Each matrix leaves at most one block that is not full.
         blocks = np.full(full + min(count, matrix_count) - 1, -1, dtype=np.int32)
         blocks[:full] = 0
         self.blocks: Any = device.array(blocks, wp.int32)
-        self.filled: Any = device.array(np.full(len(blocks), self.width, np.int32), wp.int32)
         self.column_count = len(blocks) * self.width
         self.which: Any = None
         self._device = device
-        self._matrices = device.array(packed(padded).reshape(-1), wp.float16)
+        self._matrices = device.array(np.concatenate(in_threads(half, matrices)), wp.float16)
 
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:  # noqa: ARG002
         """Set ``found`` to the products of the matrices with ``sources``, over ``unit``.
@@ -176,18 +181,18 @@ class DenseProduct:
         wp.launch(
             product_kernel(chosen),
             dim=blocks * chosen.threads,
-            inputs=[self._matrices, self.blocks, self.filled, sources, row_blocks],
+            inputs=[self._matrices, self.blocks, sources, row_blocks],
             outputs=[found],
             block_dim=chosen.threads,
             device=self._device.name,
         )
 
 
-def packed(matrices: NDArray[np.float16]) -> NDArray[np.float16]:
-    """Order matrices as the lanes of a warp take them: [matrix, row tile, step, half, 32, 8]."""
-    count, rows, _ = matrices.shape
-    tiles = matrices.reshape(count, rows // 16, 2, 8, rows // 32, 4, 2, 2, 2)
-    # [matrix, tile, upper or lower, group, step, member, half, low or high, odd] becomes
-    # [matrix, tile, step, half, group, member, low or high, upper or lower, odd].
-    ordered = tiles.transpose(0, 1, 4, 6, 3, 5, 7, 2, 8)
-    return np.ascontiguousarray(ordered).reshape(count, rows // 16, rows // 32, 2, 32, 8)
+def packed(matrix: NDArray[np.float16]) -> NDArray[np.float16]:
+    """Order a matrix as the lanes of a warp take it: [row tile, step, half, 32, 8]."""
+    rows = len(matrix)
+    tiles = matrix.reshape(rows // 16, 2, 8, rows // 32, 4, 2, 2, 2)
+    # [tile, upper or lower, group, step, member, half, low or high, odd] becomes
+    # [tile, step, half, group, member, low or high, upper or lower, odd].
+    ordered = tiles.transpose(0, 3, 5, 2, 4, 6, 1, 7)
+    return np.ascontiguousarray(ordered).reshape(rows // 16, rows // 32, 2, 32, 8)

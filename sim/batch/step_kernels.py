@@ -114,7 +114,6 @@ class Together:
         counts: Environments that an inverse serves, shape [state_count].
         first: Their first column, likewise.
         blocks: Inverse of every block of columns, -1 for none, shape [block_count].
-        filled: Columns of a block that have something in them, likewise.
         width: Columns of a block; 0 where every environment keeps its own column.
         slowest: Frames that the slowest environment has behind it, shape [1].
         lowest: The first of the pilot's frames whose inverses are needed, likewise.
@@ -126,7 +125,6 @@ class Together:
     counts: wp.array(dtype=wp.int32)
     first: wp.array(dtype=wp.int32)
     blocks: wp.array(dtype=wp.int32)
-    filled: wp.array(dtype=wp.int32)
     width: wp.int32
     slowest: wp.array(dtype=wp.int32)
     lowest: wp.array(dtype=wp.int32)
@@ -207,8 +205,6 @@ def share_out(together: Together):
     together.first[k] = before * together.width
     for block in range(before, before + own):
         together.blocks[block] = k
-        left = together.counts[k] - together.width * (block - before)
-        together.filled[block] = wp.min(left, together.width)
     for block in range(whole + k, together.blocks.shape[0], together.counts.shape[0]):
         together.blocks[block] = -1
     if k == 0:
