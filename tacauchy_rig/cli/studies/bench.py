@@ -44,6 +44,14 @@ _Only = Annotated[
         "--only", metavar="PATTERN", help="Of the scenes, and the twin's: those named so."
     ),
 ]
+_Drawn = Annotated[
+    int | None,
+    typer.Option(
+        "--drawn",
+        metavar="SEED",
+        help="Of the scenes: a dozen that are drawn at random instead of the table's.",
+    ),
+]
 _Tolerances = Annotated[
     list[str] | None,
     typer.Option(
@@ -122,6 +130,7 @@ def bench(
     parts: _Parts = None,
     peer: _Peer = None,
     only: _Only = "",
+    drawn: _Drawn = None,
     tolerances: _Tolerances = None,
     device: _Device = "cpu",
     environments: _Environments = None,
@@ -141,6 +150,7 @@ def bench(
 
         asked = ScenesAsked(
             only=only,
+            drawn=drawn,
             tolerances=tuple(tolerances or ("5%",)),
             device=device,
             peer=peer,

@@ -34,6 +34,7 @@ class ScenesAsked:
     """The command's options, by their names; ``limit_s`` is ``--limit``."""
 
     only: str
+    drawn: int | None
     tolerances: tuple[str, ...]
     device: str
     peer: Peer | None
@@ -69,6 +70,7 @@ class ScenesAsked:
         """Return the command that asks for this."""
         words = ["tacauchy-rig", "bench", "--part", "scenes"]
         words += ["--only", self.only] if self.only else []
+        words += ["--drawn", str(self.drawn)] if self.drawn is not None else []
         for name, values in (("tolerance", self.tolerances), ("environments", self.environments)):
             words += [word for value in values for word in (f"--{name}", str(value))]
         words += ["--device", self.device] if self.device != Order().device else []
@@ -88,7 +90,7 @@ def bench_scenes(asked: ScenesAsked, *, out: Path, json_file: Path | None) -> No
         ConfigError: There is no such scene, tolerance or commit, or options do not fit together.
         RecordError: A file cannot be written.
     """
-    scenes = select_scenes(asked.only)
+    scenes = select_scenes(asked.only, asked.drawn)
     for text in asked.tolerances:
         parse_tolerance(text, field="--tolerance")
     if (asked.images or asked.own_mesh) and (asked.peer or not asked.environments):
@@ -130,7 +132,7 @@ def bench_scenes(asked: ScenesAsked, *, out: Path, json_file: Path | None) -> No
 
 def _measured(asked: ScenesAsked, scenes: Sequence[BenchScene], out: Path) -> SceneBench:
     file = asked.against or out / REFERENCE_FILE
-    references = read_references(file, all_scenes())
+    references = read_references(file, (*all_scenes(), *scenes))
     if asked.reference:
         complain("references")
         command = asked.command(out)

@@ -6,7 +6,7 @@ import pytest
 
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import ContactMode
-from sim.studies.bench.scenes.catalogue import all_scenes, select_scenes
+from sim.studies.bench.scenes.catalogue import all_scenes, drawn_scenes, select_scenes
 from sim.studies.bench.scenes.press import stated_scene
 from tacauchy_rig.errors import ConfigError
 
@@ -34,3 +34,16 @@ def test_a_pattern_chooses_scenes() -> None:
     with pytest.raises(ConfigError, match="no such scene") as refused:
         select_scenes("cube")
     assert "ball, sliding" in str(refused.value)
+
+
+def test_drawn_scenes_can_be_built_and_are_a_seeds_own() -> None:
+    """Their names tell what they are, and choose among them; another seed draws others."""
+    for drawn in drawn_scenes(5):
+        scene = stated_scene(drawn.stated)
+        assert ("friction" in drawn.name) == (scene.contact is ContactMode.FRICTION)
+        assert ("sliding" in drawn.name) == any(scene.motion.shift_m)
+        assert ("pushed" in drawn.name) == (scene.target.force_n is not None)
+    assert drawn_scenes(5) == drawn_scenes(5) != drawn_scenes(6)
+    assert [each.name for each in select_scenes("ball", drawn=5)] == [
+        each.name for each in drawn_scenes(5) if each.name.startswith("ball")
+    ]
