@@ -117,12 +117,11 @@ class Device:
         wp.launch(kernel, dim=shape, inputs=inputs, outputs=outputs, device=self.name)
 
     def record(
-        self, kernel: Any, shape: tuple[int, ...], inputs: list[Any], outputs: list[Any]
+        self, kernel: Any, shape: tuple[int, ...], inputs: list[Any], threads: int = 256
     ) -> Any:
         """Return a launch over a shape that can be made again and again at little cost."""
-        return wp.launch(
-            kernel, dim=shape, inputs=inputs, outputs=outputs, device=self.name, record_cmd=True
-        )
+        at = self.name
+        return wp.launch(kernel, shape, inputs, device=at, record_cmd=True, block_dim=threads)
 
 
 def filled(structure: Any, **members: Any) -> Any:

@@ -248,20 +248,18 @@ class Batch:
             counts=(len(states),),
             first=(len(states),),
             blocks=inverse.blocks.shape,
-            slowest=(1,),
-            lowest=(1,),
         )
         for name in ("blocks", "width"):
             setattr(self.together, name, getattr(inverse, name))
         self.together.ahead = _AHEAD
         inverse.which = self.together.which
-        way = self.pilot.way
+        way, nodes = self.pilot.way, model.nodes
         self.guide = device.tables(
             Guide,
             {
                 "stands": np.concatenate([np.zeros((1, 4)), self.pilot.stands_m]),
-                "motions": np.stack([0.0 * way[0].motion_m, *(each.motion_m for each in way)]),
-                "depths": np.array([0.0, *(each.depth_m for each in way)]),
+                "motions": np.stack([nodes, *(each.point.state.positions for each in way)]) - nodes,
+                "depths": np.array([0.0, *(each.point.depth_m for each in way)]),
                 "states": np.array([-1, *(each.state for each in way)]),
                 "before": np.array([0, *(each.before for each in way)]),
                 "frames": np.array([each.frame for each in states]),

@@ -96,37 +96,26 @@ class Frames:
         """Record what comes before all, and before and after an environment's descent."""
         batch, descents, record = self._batch, self._batch.descents, self._device.record
         trail, state, count = batch.trail, descents.state, (batch.count,)
-        way = batch.way(self.course, self._until)
-        together = batch.together
-        most = max(batch.count, len(together.counts))
-        nodal = descents.gel_room[0], descents.contact_room[0]
+        way, threads = batch.way(self.course, self._until), descents.threads
         options, nodes = batch.model.contact_options, tuple(descents.positions.shape)
-        begun = [trail, descents.poses, state, descents.memory]
+        shared = [batch.guide, way, batch.together]
+        begun = [options.friction > 0.0, *shared, batch.straight, trail, descents.poses]
+        begun += [state, descents.memory, descents.busy]
+        put = [trail, state.slot, descents.positions]
+        put += [descents.gel_room[0], descents.contact_room[0]]
         starts = [
-            record(kernels.look, (most,), [batch.guide, way, trail, together], []),
-            record(
-                kernels.begin,
-                count,
-                [options.friction > 0.0, batch.guide, way, together, batch.straight, *begun],
-                [descents.busy],
-            ),
-            record(kernels.share_out, (len(together.counts),), [together], []),
-            record(
-                kernels.predict,
-                nodes,
-                [batch.guide, way, together, trail],
-                [state.slot, descents.positions, *nodal],
-            ),
+            record(kernels.begin, (1, threads), begun, threads),
+            record(kernels.predict, nodes, [*shared, *put]),
         ]
-        noted = [batch.floor_n, way, descents.poses, state, trail]
-        lands = [record(kernels.land, count, noted, [self.found])]
-        before = [record(kernels.lay, self.course.shape, [batch.guide, trail, way], [])]
+        noted = [batch.floor_n, way, descents.poses, state, trail, self.found]
+        lands = [record(kernels.land, count, noted)]
+        before = [record(kernels.lay, self.course.shape, [batch.guide, trail, way])]
         if options.is_tangential:
             grip, start = descents.grip, descents.grip_start
             # One that did not arrive may have left other grips than it began with.
             before.append(self._copied(trail.active, 1, start, grip))
             lands += [self._taken(), self._copied(trail.stage, kernels.LANDS, grip, start)]
-        lands.append(record(kernels.remember, nodes, [descents.positions], [trail]))
+        lands.append(record(kernels.remember, nodes, [descents.positions, trail]))
         return before, starts, lands
 
     def _taken(self) -> Any:
@@ -140,12 +129,12 @@ class Frames:
         if batch.model.contact_options.bonded:
             held = [descents.grip_start, descents.grip]
             held += [*descents.contact_room[:2], *descents.hold_room]
-            return self._device.record(made.hold, shape, [*at, *held], [])
-        return self._device.record(made.drag, shape, [*at, descents.grip], [])
+            return self._device.record(made.hold, shape, [*at, *held])
+        return self._device.record(made.drag, shape, [*at, descents.grip])
 
     def _copied(self, wanted: Any, goal: int, given: Any, out: Any) -> Any:
-        inputs = [wanted, goal, given]
-        return self._device.record(kernels.copy_grip, tuple(given.held.shape), inputs, [out])
+        inputs = [wanted, goal, given, out]
+        return self._device.record(kernels.copy_grip, tuple(given.held.shape), inputs)
 
 
 def _launched(recorded: list[Any]) -> None:

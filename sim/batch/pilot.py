@@ -58,15 +58,13 @@ class Place:
     Attributes:
         before: Place that it came from, the first is 1; 0 for the untouched gel.
         goal: What it went to, as ``goals_of`` has it, shape [4].
-        motion_m: Of the nodes from the untouched gel [m], shape [node_count, 3].
-        depth_m: Of the indenter [m].
+        point: What it found.
         state: The one that is kept there, or -1.
     """
 
     before: int
     goal: FloatArray
-    motion_m: FloatArray
-    depth_m: float
+    point: PathPoint
     state: int
 
 
@@ -140,7 +138,8 @@ class Pilot:
         self.touch_m = path.touch_m
         self.way, self.states = [], []
         goals = self._goals()
-        deepest = self._travel(path, goals)[len(goals) - 1]
+        self._travel(path, goals)
+        deepest = self.way[len(goals) - 1].point
         force = max(float(deepest.force_n[2]), 1e-300)
         self.metres = deepest.depth_m / force, deepest.contact_radius_m
         self.setup_s = time.perf_counter() - started
@@ -199,12 +198,11 @@ class Pilot:
                 yield count, goal, number
             count += 1
 
-    def _travel(self, path: LoadingPath, goals: FloatArray) -> list[PathPoint]:
+    def _travel(self, path: LoadingPath, goals: FloatArray) -> None:
         """Go to one place after the other, and note each."""
-        points: list[PathPoint] = []
         for before, goal, number in self._legs(goals):
-            origin = self.way[before - 1].goal if before else np.zeros(4)
-            point = points[before - 1] if before else None
+            begun = self.way[before - 1] if before else None
+            origin, point = (begun.goal, begun.point) if begun else (np.zeros(4), None)
             if point is None or goal[0] != origin[0]:
                 go = path.push if self.is_pushed else path.advance
                 point = go(float(goal[0]), start=point)
@@ -212,20 +210,11 @@ class Pilot:
                 x, y, turn = (float(each) for each in goal[1:] - origin[1:])
                 hold = Hold.FORCE if self.is_pushed else Hold.DEPTH
                 point = path.carry(shift_m=(x, y), twist_rad=turn, hold=hold)
-            points.append(point)
             is_kept = number % _PLACES == _PLACES - 1
-            self.way.append(
-                Place(
-                    before=before,
-                    goal=goal,
-                    motion_m=point.state.positions - self.model.nodes,
-                    depth_m=point.depth_m,
-                    state=len(self.states) if is_kept else -1,
-                )
-            )
+            state = len(self.states) if is_kept else -1
+            self.way.append(Place(before=before, goal=goal, point=point, state=state))
             if is_kept:
                 self.states.append(self._state(point, frame=number // _PLACES))
-        return points
 
     def _state(self, point: PathPoint, *, frame: int) -> PilotState:
         model, state = self.model, point.state

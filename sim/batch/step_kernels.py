@@ -23,7 +23,7 @@ from sim.batch.pilots_way import (
 from sim.contact.friction import GripArrays
 from sim.contact.indenter_distance import Poses
 from sim.solve.descent_state import Descent, Mode, Status
-from sim.solve.memory_kernels import Memory
+from sim.solve.memory_kernels import Memory, wait_for_all
 
 # A step goes the same way as the one before if it is so many times as long at most.
 _LONGER = wp.constant(wp.float64(3.0))
@@ -115,8 +115,6 @@ class Together:
         first: Their first column, likewise.
         blocks: Inverse of every block of columns, -1 for none, shape [block_count].
         width: Columns of a block; 0 where every environment keeps its own column.
-        slowest: Frames that the slowest environment has behind it, shape [1].
-        lowest: The first of the pilot's frames whose inverses are needed, likewise.
         ahead: Who is not the slowest needs an inverse that is so many frames after it at most.
     """
 
@@ -126,8 +124,6 @@ class Together:
     first: wp.array(dtype=wp.int32)
     blocks: wp.array(dtype=wp.int32)
     width: wp.int32
-    slowest: wp.array(dtype=wp.int32)
-    lowest: wp.array(dtype=wp.int32)
     ahead: wp.int32
 
 
@@ -187,10 +183,9 @@ def _goes_on(way: Way, trail: Trail, b: wp.int32) -> wp.bool:
     return trail.active[b] == 1 and trail.frame[b] < way.until[0]
 
 
-@wp.kernel(enable_backward=False)
-def share_out(together: Together):
-    """Give the inverses columns, one after the other; launches over them."""
-    k = wp.tid()
+@wp.func
+def share_out(together: Together, k: wp.int32):
+    """Give an inverse columns after those of the ones before it."""
     before = wp.int32(0)
     whole = wp.int32(0)
     own = wp.int32(0)
@@ -207,9 +202,6 @@ def share_out(together: Together):
         together.blocks[block] = k
     for block in range(whole + k, together.blocks.shape[0], together.counts.shape[0]):
         together.blocks[block] = -1
-    if k == 0:
-        together.slowest[0] = _NEVER
-        together.lowest[0] = _NEVER
 
 
 @wp.func
@@ -223,30 +215,6 @@ def share_of(trail: Trail, b: wp.int32, goal: wp.vec4d) -> wp.float64:
     if step <= _LONGER * last and wp.dot(ahead, behind) > SAME_WAY * step * last:
         share = step / last
     return share
-
-
-@wp.kernel(enable_backward=False)
-def look(
-    # Model:
-    guide: Guide,
-    # Data in:
-    way: Way,
-    trail: Trail,
-    # Data in and out:
-    together: Together,
-):
-    """Find the slowest that goes on, and the first inverse that is needed.
-
-    Launches over what is more, environments or inverses.
-    """
-    b = wp.tid()
-    if b < together.counts.shape[0]:
-        together.counts[b] = 0
-    if b < trail.active.shape[0]:  # noqa: SIM102 - device code evaluates both
-        if _goes_on(way, trail, b):
-            at = trail.frame[b]
-            wp.atomic_min(together.slowest, 0, at)
-            wp.atomic_min(together.lowest, 0, guide.frames[way.nearest[at, b]])
 
 
 @wp.kernel(enable_backward=False)
@@ -266,66 +234,82 @@ def begin(
     # Data out:
     busy_out: wp.array(dtype=wp.int32),
 ):
-    """Let every environment begin its step that goes on; launches over [environment_count].
+    """Let every environment begin its step that goes on; one block of threads has them all.
 
     Where ``straight`` is 1, from the last state as it is.
     """
-    b = wp.tid()
-    stage = trail.stage[b]
-    if stage == STARTS:
-        trail.stage[b] = GOES
-    if stage == LANDS:
-        trail.stage[b] = WAITS
-    at = trail.frame[b]
-    starts = stage < STARTS and _goes_on(way, trail, b)
-    if starts and at > together.slowest[0]:
-        starts = guide.frames[way.nearest[at, b]] <= together.lowest[0] + together.ahead
-    if starts:
-        trail.stage[b] = STARTS
-        busy_out[0] = 1
-        ahead = feature_at(way, at, b)
-        share = wp.float64(0.0)
-        stand = way.stands[at, b]
-        goal_stand = way.goals[at, b]
-        together.which[b] = way.nearest[at, b]
-        step = ahead - trail.features[b, 0]
-        pilots = place_of(guide, goal_stand) - place_of(guide, stand)
-        beside = wp.length(place_of(guide, goal_stand) - ahead)
-        away = wp.length(pilots - step) > _BESIDE * wp.length(step)
-        away = away or beside > _BESIDE * wp.length(ahead)
-        follows = straight[0] == 0 and way.guided[b] == 1 and not away
-        if straight[0] == 0 and not follows:
-            share = share_of(trail, b, ahead)
-        trail.follows[b] = wp.where(follows, 1, 0)
-        trail.share[b] = share
-        goal = way.course[at, b]
-        tip = way.tips[b] + wp.vec3d(goal[1], goal[2], wp.float64(0.0))
-        height = tip[2] - goal[0]
-        if way.pushed:
-            height = trail.heights[b, 0]
-            height += share * (height - trail.heights[b, 1])
-            if follows:
-                height -= depth_at(guide, goal_stand) - depth_at(guide, stand)
-            d.load[b] = goal[0] / way.copies
-        poses.tips[b] = wp.vec3d(tip[0], tip[1], height)
-        c = wp.cos(goal[3])
-        s = wp.sin(goal[3])
-        zero = wp.float64(0.0)
-        turn = wp.mat33d(c, -s, zero, s, c, zero, zero, zero, wp.float64(1.0))
-        poses.rotations[b] = turn * way.rotations[b]
-        memory.counts[b] = 0
-        memory.next[b] = 0
-        d.status[b] = Status.RUNNING
-        d.mode[b] = Mode.BEGIN
-        d.wanted[b] = 1
-        d.rough[b] = 1
-        d.steps[b] = 0
-        d.since[b] = 0
-        d.recorded[b] = 0
-        d.gripped_at[b] = wp.float64(1e300)
-        d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
-    if d.status[b] == Status.RUNNING:
-        together.rank[b] = wp.atomic_add(together.counts, together.which[b], 1)
+    _, thread = wp.tid()
+    count = trail.active.shape[0]
+    # What the slowest has behind it, and the first of the frames whose inverses are needed.
+    own = wp.vec2i(_NEVER, _NEVER)
+    for b in range(thread, count, wp.block_dim()):
+        if _goes_on(way, trail, b):
+            at = trail.frame[b]
+            own = wp.min(own, wp.vec2i(at, guide.frames[way.nearest[at, b]]))
+    for k in range(thread, together.counts.shape[0], wp.block_dim()):
+        together.counts[k] = 0
+    least = wp.tile_reduce(wp.min, wp.tile(own, preserve_type=True))
+    slowest = least[0]
+    wait_for_all()
+    for b in range(thread, count, wp.block_dim()):
+        stage = trail.stage[b]
+        if stage == STARTS:
+            trail.stage[b] = GOES
+        if stage == LANDS:
+            trail.stage[b] = WAITS
+        at = trail.frame[b]
+        starts = stage < STARTS and _goes_on(way, trail, b)
+        if starts and at > slowest[0]:
+            starts = guide.frames[way.nearest[at, b]] <= slowest[1] + together.ahead
+        if starts:
+            trail.stage[b] = STARTS
+            busy_out[0] = 1
+            ahead = feature_at(way, at, b)
+            share = wp.float64(0.0)
+            stand = way.stands[at, b]
+            goal_stand = way.goals[at, b]
+            together.which[b] = way.nearest[at, b]
+            step = ahead - trail.features[b, 0]
+            pilots = place_of(guide, goal_stand) - place_of(guide, stand)
+            beside = wp.length(place_of(guide, goal_stand) - ahead)
+            away = wp.length(pilots - step) > _BESIDE * wp.length(step)
+            away = away or beside > _BESIDE * wp.length(ahead)
+            follows = straight[0] == 0 and way.guided[b] == 1 and not away
+            if straight[0] == 0 and not follows:
+                share = share_of(trail, b, ahead)
+            trail.follows[b] = wp.where(follows, 1, 0)
+            trail.share[b] = share
+            goal = way.course[at, b]
+            tip = way.tips[b] + wp.vec3d(goal[1], goal[2], wp.float64(0.0))
+            height = tip[2] - goal[0]
+            if way.pushed:
+                height = trail.heights[b, 0]
+                height += share * (height - trail.heights[b, 1])
+                if follows:
+                    height -= depth_at(guide, goal_stand) - depth_at(guide, stand)
+                d.load[b] = goal[0] / way.copies
+            poses.tips[b] = wp.vec3d(tip[0], tip[1], height)
+            c = wp.cos(goal[3])
+            s = wp.sin(goal[3])
+            zero = wp.float64(0.0)
+            turn = wp.mat33d(c, -s, zero, s, c, zero, zero, zero, wp.float64(1.0))
+            poses.rotations[b] = turn * way.rotations[b]
+            memory.counts[b] = 0
+            memory.next[b] = 0
+            d.status[b] = Status.RUNNING
+            d.mode[b] = Mode.BEGIN
+            d.wanted[b] = 1
+            d.rough[b] = 1
+            d.steps[b] = 0
+            d.since[b] = 0
+            d.recorded[b] = 0
+            d.gripped_at[b] = wp.float64(1e300)
+            d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
+        if d.status[b] == Status.RUNNING:
+            together.rank[b] = wp.atomic_add(together.counts, together.which[b], 1)
+    wait_for_all()
+    for k in range(thread, together.counts.shape[0], wp.block_dim()):
+        share_out(together, k)
 
 
 @wp.kernel(enable_backward=False)

@@ -60,7 +60,7 @@ class StressProjection:
         faces = device.array(model.faces, wp.int32), device.array(model.face_parents, wp.int32)
         kernel, shape = projection_kernel(model.reference.order), self.found.shape[:2]
         inputs = [*faces, weights, self._stress, positions]
-        self._project = device.record(kernel, shape, inputs, [self.found])
+        self._project = device.record(kernel, shape, [*inputs, self.found])
 
     def launch(self) -> None:
         """Find it where the nodes are now."""

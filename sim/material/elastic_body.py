@@ -142,7 +142,7 @@ class ElasticBody:
         kernel = element_kernel(self._law, self._reference.order, remembers=self._remembers)
         shape = (positions.shape[0], self._shape[0])
         inputs = [gel or self._arrays, wanted, positions]
-        return self._device.record(kernel, shape, inputs, list(room))
+        return self._device.record(kernel, shape, [*inputs, *room])
 
     def _evaluated(self, positions: FloatArray) -> tuple[Any, Any, Any]:
         room, wanted = self.room(1), self._device.array([1], wp.int32)

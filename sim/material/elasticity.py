@@ -117,10 +117,16 @@ def tangent_kernel(law: Law, *, remembers: bool) -> Any:
 
 
 @cache
-def stress_kernel(law: Law, *, remembers: bool) -> Any:
+def stress_kernel(law: Law, *, remembers: bool = False, slow: bool = False) -> Any:
     """Build what gives the Cauchy stress [Pa]; see ``element_kernel``.
 
     It launches over [environment_count, element_count, point_count].
+
+    Args:
+        slow: Give the S = F^-1 P that relaxation goes by instead; P of a law not objective. S has
+            no limit as a point's volume goes to nothing, where P has one. Below a twentieth of the
+            volume at rest it is cof(F)^T P over that, so that what is crushed or inside out on its
+            way remembers something finite.
     """
     law_stress, objective = law.stress, law.is_objective
 
@@ -135,7 +141,11 @@ def stress_kernel(law: Law, *, remembers: bool) -> Any:
     ):
         b, e, q = wp.tid()
         F = deformation_gradient(gel, positions[b], e, q)
-        total = cauchy(law_stress(F, gel.parameters[b, e]), F)
+        total = law_stress(F, gel.parameters[b, e])
+        if wp.static(not slow):
+            total = cauchy(total, F)
+        elif wp.static(objective):
+            total = wp.transpose(cofactor(F)) * total / wp.max(wp.determinant(F), _CRUSHED)
         if wp.static(remembers):
             H = gel.history[e, q]
             if wp.static(objective):
@@ -144,35 +154,6 @@ def stress_kernel(law: Law, *, remembers: bool) -> Any:
         stress_out[b, e, q] = total
 
     return stress
-
-
-@cache
-def slow_stress_kernel(law: Law) -> Any:
-    """Build what gives the S = F^-1 P [Pa] that relaxation goes by; P of a law not objective.
-
-    S has no limit as a point's volume goes to nothing, where P has one. Below a twentieth of the
-    volume at rest it is cof(F)^T P over that, so that what is crushed or inside out on its way
-    remembers something finite. The kernel launches over [element_count, point_count].
-    """
-    law_stress, objective = law.stress, law.is_objective
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def slow_stress(
-        # Model:
-        gel: GelArrays,
-        # Data in:
-        positions: wp.array(dtype=wp.vec3d),
-        # Data out:
-        stress_out: wp.array2d(dtype=wp.mat33d),
-    ):
-        e, q = wp.tid()
-        F = deformation_gradient(gel, positions, e, q)
-        S = law_stress(F, gel.parameters[0, e])
-        if wp.static(objective):
-            S = wp.transpose(cofactor(F)) * S / wp.max(wp.determinant(F), _CRUSHED)
-        stress_out[e, q] = S
-
-    return slow_stress
 
 
 @wp.func

@@ -26,7 +26,7 @@ import warp as wp
 
 from sim.arrays import FloatArray, IntArray
 from sim.device import Device, on_host
-from sim.material.elasticity import slow_stress_kernel
+from sim.material.elasticity import stress_kernel
 from sim.material.laws.tangent import Law
 from sim.scene.material import RelaxationTerm
 from tacauchy_rig.errors import ConfigError
@@ -92,7 +92,7 @@ class Relaxation:
         self, law: Law, gel: Any, series: PronySeries, positions: FloatArray, device: Device
     ) -> None:
         self.series, self._gel, self._device = series, gel, device
-        self._slow_stress = slow_stress_kernel(law)
+        self._slow_stress = stress_kernel(law, slow=True)
         self._ratios = series.ratios[..., None, None, None]
         self._stress = np.zeros((*gel.weights.shape, 3, 3))
         self._branches = np.zeros((len(series.times_s), *self._stress.shape))
@@ -114,10 +114,10 @@ class Relaxation:
 
     def commit(self, positions: FloatArray) -> None:
         """Accept ``positions`` [m] as the end of the step that was begun."""
-        out = self._device.empty(self._gel.weights.shape, wp.mat33d)
-        inputs = [self._gel, self._device.array(positions, wp.vec3d)]
+        out = self._device.empty((1, *self._gel.weights.shape), wp.mat33d)
+        inputs = [self._gel, self._device.array(positions[None], wp.vec3d)]
         self._device.launch(self._slow_stress, out.shape, inputs, [out])
-        stress = on_host(out)
+        stress = on_host(out)[0]
         self._branches = self._keeps * self._branches + self._gains * (stress - self._stress)
         self._stress = stress
 

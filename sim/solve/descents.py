@@ -81,6 +81,7 @@ class Descents:
         memory: What they remember of their steps.
         positions: Of the nodes [m], shape [environment_count, node_count].
         grip: What tangential contact remembers; ``grip_start`` from before the step.
+        threads: Of a block that has an environment.
     """
 
     def __init__(
@@ -107,6 +108,8 @@ class Descents:
         self._device = device = Device(model.device)
         self._gel, self._indenter = gel, indenter
         self._aside = wp.Stream(device.name) if device.is_gpu else None
+        few = _THREADS_OF_FEW if count <= _FEW else _THREADS
+        self.threads = few if device.is_gpu else 1
         self.body = body_of(indenter, device=device.name)
         self.surface = surface or model.surface.of(
             [model.young_pa], [model.contact_options.friction]
@@ -258,20 +261,12 @@ class Descents:
         """Record the launches, which are then made again and again."""
         model, device, surface = self.model, self._device, self.model.surface
         evaluated = self._evaluated()
-        threads = (_THREADS_OF_FEW if self.count <= _FEW else _THREADS) if device.is_gpu else 1
-        grips = model.contact_options.is_tangential
+        grips, threads = model.contact_options.is_tangential, self.threads
         judge, prepare, turn = descent_kernels(grips=grips, pulls=pulls, threads=threads)
         scaled, units = self._inverse.scaled, self._units
 
         def recorded(kernel: Any, inputs: list[Any]) -> Any:
-            return wp.launch(
-                kernel,
-                dim=(self.count, threads),
-                inputs=inputs,
-                device=device.name,
-                block_dim=threads,
-                record_cmd=True,
-            )
+            return device.record(kernel, (self.count, threads), inputs, threads)
 
         own = [self.state, self.memory]
         self._judge, self._judge_again = (
@@ -291,17 +286,13 @@ class Descents:
         made, device = surface.kernels(self._indenter), self._device
         body = self.body
         shape = tuple(self.contact_room[1].shape)
-        touch = device.record(
-            made.touch,
-            shape,
-            [self.surface, body, self.state.wanted, self.poses, self.grip, self.positions],
-            list(self.contact_room),
-        )
+        at = [self.surface, body, self.state.wanted, self.poses, self.grip, self.positions]
+        touch = device.record(made.touch, shape, [*at, *self.contact_room])
         if not self._limits.lags:
             return touch, None
         held = [self.state.holding, self.poses, self.positions, self.grip_start, self.grip]
         room = [*self.contact_room[:2], *self.hold_room]
-        return touch, device.record(made.hold, shape, [self.surface, body, *held], room)
+        return touch, device.record(made.hold, shape, [self.surface, body, *held, *room])
 
     def _evaluated(self) -> Any:
         """Name what an evaluation gives, nodal vectors as flat ones."""

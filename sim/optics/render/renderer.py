@@ -183,7 +183,7 @@ class _Images:
         def go_on(planes: BlockMemory) -> list[Task]:
             inputs = [layout.layout(), layout.lanes, planes.single[0]]
             size = (count, fine.height + fine.width)
-            return [self._device.record(continue_samples, size, inputs, []).launch]
+            return [self._device.record(continue_samples, size, inputs).launch]
 
         dents, height = self._dents.blocks[0], self._height.blocks[0]
         tilts = [self._along.blocks[0], self._across.blocks[0]]
@@ -266,7 +266,7 @@ class _Images:
         ends = [count * part // parts for part in range(parts + 1)]
         sizes = [(start, (self._count, stop - start, *inner)) for start, stop in pairwise(ends)]
         record = self._device.record
-        return [record(kernel, size, [layout, at, *inputs], []).launch for at, size in sizes]
+        return [record(kernel, size, [layout, at, *inputs]).launch for at, size in sizes]
 
 
 def gaussian_weights(sigma_px: float) -> Float32Array:

@@ -11,6 +11,11 @@ from sim.device import Device
 _CPU = Device("cpu")
 
 
+@wp.kernel(enable_backward=False)
+def _share_out(together: kernels.Together):
+    kernels.share_out(together, wp.tid())
+
+
 def test_every_inverse_has_columns_of_its_own() -> None:
     """Blocks of 8: three environments take one, none takes none, and nine take two."""
     together = _CPU.zeroed(
@@ -19,11 +24,9 @@ def test_every_inverse_has_columns_of_its_own() -> None:
         counts=(3,),
         first=(3,),
         blocks=(5,),
-        slowest=(1,),
-        lowest=(1,),
     )
     together.width = 8
     together.counts.assign(np.array([3, 0, 9], dtype=np.int32))
-    wp.launch(kernels.share_out, 3, inputs=[together], device="cpu")
+    wp.launch(_share_out, 3, inputs=[together], device="cpu")
     assert together.blocks.numpy().tolist() == [0, 2, 2, -1, -1]
     assert together.first.numpy()[[0, 2]].tolist() == [0, 8]
