@@ -25,6 +25,7 @@ from reports.evidence.evidence import (
     TrialImages,
     TruthComparison,
 )
+from reports.page import writing
 from reports.page.writing import ReportPaths, write_report
 from tacauchy_rig.config.load import default_text, load_config
 from tacauchy_rig.replayed import Replay, ReplayTrial
@@ -273,6 +274,12 @@ def report(evidence: RunEvidence) -> ValidationReport:
 def written(report: ValidationReport, tmp_path_factory: pytest.TempPathFactory) -> ReportPaths:
     """Its report on disk."""
     return write_report(report, tmp_path_factory.mktemp("report"))
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write reports without figures, which take a second each."""
+    monkeypatch.setattr(writing, "draw_figures", lambda _report, _folder: [])
 
 
 @pytest.fixture(scope="session")

@@ -74,6 +74,7 @@ def test_noise_of_the_mean_is_no_finding_where_samples_may_be_lost(store: RunSto
     assert set(missed(report_of(store))) == {"recorded_tare"}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_it_is_told_wherever_a_criterion_is(store: RunStore, tmp_path: Path) -> None:
     """Both numbers and the unit stand in verdict, page, summary.json and junit.xml."""
     tamper(store, lambda value: 10.0 * value if value > 1.0 else value)
@@ -95,6 +96,7 @@ def test_it_is_told_wherever_a_criterion_is(store: RunStore, tmp_path: Path) -> 
     assert "recording.mcap has the sha256" in of_the_run.attrib["message"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_recording_that_is_gone_is_a_criterion_missed(store: RunStore, tmp_path: Path) -> None:
     """The page is written all the same, and says what is missing and what to do."""
     store.paths.recording(1, 1).unlink()

@@ -6,6 +6,8 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from reports.comparison.results import ValidationReport
 from reports.figures.budget import draw_budget
 from reports.page.writing import write_report
@@ -20,6 +22,7 @@ def without_a_term(report: ValidationReport, name: str) -> ValidationReport:
     return replace(report, trials=trials)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_term_of_some_presses_stands_in_its_own_row(
     report: ValidationReport, tmp_path: Path
 ) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import json
 import re
+import shutil
 from dataclasses import replace
 from hashlib import sha256
 from html import unescape
@@ -15,8 +17,9 @@ import pytest
 
 from reports.comparison.compare import compare
 from reports.evidence.evidence import PassingFrame, PassingState, RunEvidence, TrialEvidence
+from reports.page import writing
 from reports.page.passing import MOST_PRESSES
-from reports.page.writing import ReportPaths, write_report
+from reports.page.writing import ReportPaths
 
 STATES, HEIGHT, WIDTH = 8, 120, 160
 MANY = MOST_PRESSES + 2
@@ -57,18 +60,35 @@ def with_passing(evidence: RunEvidence, *, count: int) -> RunEvidence:
     return replace(evidence, trials=tuple(trials))
 
 
+def write_beside(written: ReportPaths, evidence: RunEvidence, folder: Path) -> ReportPaths:
+    """Write a report with the figures of one that is written, which take most of the time."""
+    figures = json.loads(written.summary.read_text("utf-8"))["figures"]
+
+    def copied(_report: object, into: Path) -> Any:
+        shutil.copytree(written.figures, into)
+        return figures
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(writing, "draw_figures", copied)
+        return writing.write_report(compare(evidence), folder)
+
+
 @pytest.fixture(scope="module")
-def risen(evidence: RunEvidence, tmp_path_factory: pytest.TempPathFactory) -> ReportPaths:
+def risen(
+    evidence: RunEvidence, written: ReportPaths, tmp_path_factory: pytest.TempPathFactory
+) -> ReportPaths:
     """Six presses and their states on disk."""
-    report = compare(with_passing(evidence, count=6))
-    return write_report(report, tmp_path_factory.mktemp("risen"))
+    return write_beside(written, with_passing(evidence, count=6), tmp_path_factory.mktemp("risen"))
 
 
 @pytest.fixture(scope="module")
-def many(evidence: RunEvidence, tmp_path_factory: pytest.TempPathFactory) -> ReportPaths:
+def many(
+    evidence: RunEvidence, written: ReportPaths, tmp_path_factory: pytest.TempPathFactory
+) -> ReportPaths:
     """More presses than have a slider."""
-    report = compare(with_passing(evidence, count=MANY))
-    return write_report(report, tmp_path_factory.mktemp("many"))
+    return write_beside(
+        written, with_passing(evidence, count=MANY), tmp_path_factory.mktemp("many")
+    )
 
 
 def seen(page: Any, trial: int) -> dict[str, Any]:

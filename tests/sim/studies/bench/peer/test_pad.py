@@ -120,7 +120,7 @@ def test_poses_go_the_scenes_way(pad: PeerPad) -> None:
 
 def test_a_load_becomes_the_depths_that_our_press_found() -> None:
     """Down until 1 N, then along; friction is the scene's."""
-    pad = peer_pad(_scene("ball, sliding"))
+    pad = peer_pad(replace(_scene("ball, sliding"), refinement=0.6))
     depths = pad.course.along
     assert not pad.course.is_pushed
     assert np.all(np.diff(depths[:10]) > 0.0)
