@@ -14,7 +14,7 @@ import pytest
 from sim.batch.environment import Course
 from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
-from sim.scene.scene import ContactMode, Motion, Scene, Target
+from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.bench.peer.pad import PeerPad, peer_pad, peer_press, strayed, triangles
 from sim.studies.bench.peer.task import AS_SHIPPED, STRICT, PeerFound, PeerTask
@@ -25,9 +25,13 @@ from tacauchy_rig.errors import ConfigError
 _DEPTH_M = 0.2e-3
 
 
-def _scene(name: str) -> Scene:
+def _stated(name: str) -> Scene:
     (line,) = (scene for scene in all_scenes() if scene.name == name)
-    return within(stated_scene(line.stated), "5%")[0]
+    return stated_scene(line.stated)
+
+
+def _scene(name: str) -> Scene:
+    return within(_stated(name), "5%")[0]
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +124,7 @@ def test_poses_go_the_scenes_way(pad: PeerPad) -> None:
 
 def test_a_load_becomes_the_depths_that_our_press_found() -> None:
     """Down until 1 N, then along; friction is the scene's."""
-    pad = peer_pad(replace(_scene("ball, sliding"), refinement=0.6))
+    pad = peer_pad(replace(_stated("ball, sliding"), preset=Preset.FAST))
     depths = pad.course.along
     assert not pad.course.is_pushed
     assert np.all(np.diff(depths[:10]) > 0.0)
