@@ -91,7 +91,7 @@ class Pilot:
 
     Args:
         model: The pad, on the CPU.
-        course: Where it goes; in frames between two that are kept it need not be.
+        course: Where it goes.
         centre_m: Where it comes down, x and y [m].
         count: Frames whose state is kept, at most, evenly over the course.
         shares: Of depth or force, at which what moves along the surface does so once more: who is
@@ -105,7 +105,7 @@ class Pilot:
         dense: Their inverses [m/N], shape [state_count, size, size], once a GPU has had them made.
 
     Raises:
-        ConfigError: The model has what batches lack.
+        ConfigError: The model has what batches lack, or a share is none.
     """
 
     model: Model
@@ -127,6 +127,8 @@ class Pilot:
             raise ConfigError(
                 "a batch does not know relaxation", remedy="leave it out, or press one by one"
             )
+        if not all(0.0 < share < 1.0 for share in self.shares):
+            raise ConfigError(f"shares {self.shares}", remedy="give shares between 0 and 1")
         started = time.perf_counter()
         path = LoadingPath(
             self.model,

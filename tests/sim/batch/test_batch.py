@@ -145,6 +145,8 @@ def test_a_pilot_that_slides_at_less_force_too() -> None:
     assert pilot.way[branch.before - 1].goal[0] < 0.16
     assert [each.frame for each in pilot.states] == [0, 1, 2, 3, 2, 3]
     assert pilot.way[-1].goal == pytest.approx([0.16, 0.1e-3, 0.0, 0.0])
+    with pytest.raises(ConfigError, match=r"shares \(93,\)"):
+        Pilot(model, scene.indenter, course, shares=(93,))
 
 
 def test_who_need_not_wait_finds_the_same(pilot: Pilot, monkeypatch: pytest.MonkeyPatch) -> None:
