@@ -13,6 +13,7 @@ import typer
 
 from tacauchy_rig.cli.options import JsonFile, RunFolder
 from tacauchy_rig.cli.output import complain, say, write_json
+from tacauchy_rig.errors import AbortedError
 from tacauchy_rig.store.recording.export_kind import ExportKind
 
 if TYPE_CHECKING:
@@ -149,6 +150,9 @@ def replay_and_show(
 
     Args:
         ahead: What began while it was recorded.
+
+    Raises:
+        AbortedError: Ctrl-C; what was recorded stays, and can be replayed.
     """
     from tacauchy_rig.cli.emulation import emulated_calibration
     from tacauchy_rig.loop.replay import replay_run
@@ -161,12 +165,18 @@ def replay_and_show(
         on_progress=say,
     )
     try:
-        replay = replayed(ahead=ahead)
-    except BrokenExecutor:
-        if ahead is None:
-            raise
-        complain("the process that began with the replay was ended: beginning anew")
-        replay = replayed()
+        try:
+            replay = replayed(ahead=ahead)
+        except BrokenExecutor:
+            if ahead is None:
+                raise
+            complain("the process that began with the replay was ended: beginning anew")
+            replay = replayed()
+    except KeyboardInterrupt:
+        raise AbortedError(
+            "aborted by Ctrl-C during the replay; what was recorded is kept",
+            remedy=f"`tacauchy-rig replay {run.store.paths.root}` replays it",
+        ) from None
     _say_markers([each for model in replay.models for each in model.markers])
     _say_cost(replay)
 

@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 
 from tacauchy_rig.cli import folders
+from tacauchy_rig.errors import AbortedError
 
 BEGUN: Any = object()
-RUN: Any = SimpleNamespace(store=None)
+RUN: Any = SimpleNamespace(store=SimpleNamespace(paths=SimpleNamespace(root="runs/7")))
 REPLAY = SimpleNamespace(models=(), trials=())
 
 
@@ -39,6 +40,21 @@ def test_where_it_is_gone_everything_is_done_anew(
     folders.replay_and_show(RUN, ahead=BEGUN)
     assert asked == [BEGUN, None]
     assert "beginning anew" in capsys.readouterr().err
+
+
+def test_ctrl_c_tells_how_the_replay_goes_on(
+    monkeypatch: pytest.MonkeyPatch, asked: list[Any]
+) -> None:
+    """What was recorded is whole, and the command names it."""
+
+    def replay_run(*_: Any, **__: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tacauchy_rig.loop.replay.replay_run", replay_run)
+    with pytest.raises(AbortedError, match="Ctrl-C during the replay") as ended:
+        folders.replay_and_show(RUN)
+    assert "tacauchy-rig replay runs/7" in ended.value.remedy
+    assert asked == []
 
 
 def test_another_process_that_is_gone_is_an_error(
