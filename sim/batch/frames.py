@@ -31,7 +31,7 @@ class Frames:
         self.course = self._device.zeros((frame_count, batch.count), wp.vec4d)
         self.found = self._device.zeroed(kernels.Found, (frame_count, batch.count))
         self._until = self._device.zeros(1, wp.int32)
-        self._before, self._starts, self._lands = self._recorded()
+        self._lay, self._before, self._starts, self._lands = self._recorded()
         self._graph: Any = None
         self._launch()
         if self._device.is_gpu:
@@ -44,9 +44,10 @@ class Frames:
         self._graph = None
 
     def begin(self) -> None:
-        """Put all environments before the first frame."""
+        """Put all environments before the first frame of the course."""
         self._batch.trail.frame.zero_()
         self.found.status.fill_(int(Status.IDLE))
+        self._lay.launch()
 
     def run(self, until: int) -> None:
         """Take the active environments to a frame, each at its own pace."""
@@ -92,8 +93,8 @@ class Frames:
         _launched(self._lands)
         _launched(self._starts)
 
-    def _recorded(self) -> tuple[list[Any], list[Any], list[Any]]:
-        """Record what comes before all, and before and after an environment's descent."""
+    def _recorded(self) -> tuple[Any, list[Any], list[Any], list[Any]]:
+        """Record what comes before all, before a step, and before and after a descent."""
         batch, descents, record = self._batch, self._batch.descents, self._device.record
         trail, state, count = batch.trail, descents.state, (batch.count,)
         way, threads = batch.way(self.course, self._until), descents.threads
@@ -109,14 +110,15 @@ class Frames:
         ]
         noted = [batch.floor_n, way, descents.poses, state, trail, self.found]
         lands = [record(kernels.land, count, noted)]
-        before = [record(kernels.lay, self.course.shape, [batch.guide, trail, way])]
+        lay = record(kernels.lay, self.course.shape, [batch.guide, trail, way])
+        before = []
         if options.is_tangential:
             grip, start = descents.grip, descents.grip_start
             # One that did not arrive may have left other grips than it began with.
             before.append(self._copied(trail.active, 1, start, grip))
             lands += [self._taken(), self._copied(trail.stage, kernels.LANDS, grip, start)]
         lands.append(record(kernels.remember, nodes, [descents.positions, trail]))
-        return before, starts, lands
+        return lay, before, starts, lands
 
     def _taken(self) -> Any:
         """Let what touches hold on, where it is bonded, or anchors follow what slid."""
