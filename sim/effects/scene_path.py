@@ -16,7 +16,7 @@ from sim.solve.load_steps.path import STEP_SHARE, Hold, LoadingPath
 from sim.solve.model import Model
 
 # Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
-# thousandth of it, at most.
+# thousandth of it, at most, and a load is then met no closer than that.
 _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-5, 1e-3
 # What depends on the way that points slide or take hold. Where it is asked for, steps are so many
 # times shorter: three balls' shear with mu 0.5 is 0.8 to 2.0 % of the pressure off, with steps 4
@@ -82,8 +82,10 @@ def _options(scene: Scene) -> SolverOptions:
     """Return how closely a scene's forces are to balance."""
     if not scene.has_wide_barrier:
         return SolverOptions()
-    asked = _OF_TOLERANCE * (scene.tolerance or 0.0)
-    return SolverOptions(residual_relative=min(_ROUGHER, max(_ROUGHLY, asked)))
+    if scene.tolerance is None:
+        return SolverOptions(residual_relative=_ROUGHLY)
+    share = min(_ROUGHER, max(_ROUGHLY, _OF_TOLERANCE * scene.tolerance))
+    return SolverOptions(residual_relative=share, load_relative=share)
 
 
 def follow(scene: Scene, path: LoadingPath) -> PathPoint:

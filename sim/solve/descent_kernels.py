@@ -263,6 +263,9 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
             falls = along[0] < wp.float64(0.0)
             if not falls:
                 fraction = wp.float64(0.0)
+            sinks = wp.abs(memory.direction[b, dof_count])
+            if fraction * sinks > limits.tip_step:
+                fraction = limits.tip_step / sinks
             if thread == 0:
                 d.slope[b] = along[0]
                 d.length[b] = along[1]

@@ -49,7 +49,7 @@ class Limits:
 
     Attributes:
         overlap: That a step may end with [m].
-        tip_step: Longest way of an indenter that touches nothing [m].
+        tip_step: Longest step of an indenter that is pushed [m].
         energy_scale: E times the volume [J].
         lags: Points hold on with a lagged pressure.
         keeps: There is no other factor: one that asks for it forgets what it learnt, and goes on.

@@ -28,7 +28,8 @@ from sim.solve.overlap import OVERLAP_SHARE
 from sim.solve.potential import Potential, pull_of
 from tacauchy_rig.errors import ConfigError
 
-# Of the pad's height: the longest step of an indenter that is pushed and touches nothing.
+# Of the pad's height: the longest step of an indenter that is pushed. A factor that hardly holds it
+# would send it through the pad, where contact is no longer seen.
 _TIP_STEP_SHARE = 0.025
 # Threads of a block on a GPU: few environments leave multiprocessors idle, and each of them may
 # have a larger block.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -104,6 +105,26 @@ def test_a_load_is_met(model: Model) -> None:
     again = path_for(SCENE, plan_effects(SCENE), model=model)
     pressed = again.advance(path.push(0.9).depth_m)
     assert pressed.force_n[2] == pytest.approx(0.9, rel=1e-5)
+
+
+def test_a_factor_that_hardly_holds_the_ball_lowers_it_by_little(
+    model: Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A step that would take it down by a metre ends in the pad, not beyond it."""
+    path = path_for(replace(SCENE, indenter=BALL), plan_effects(SCENE), model=model)
+    solver, state = path.solver, path.advance(0.1e-3).state
+
+    def down_by_a_metre(_asked: object, _sources: object, found: Any) -> None:
+        found.numpy()[0] = 0.0
+        found.numpy()[0, -1] = -1.0
+
+    monkeypatch.setattr(solver.factor, "apply", down_by_a_metre)
+    descents, before = solver._descents, state.tip[2]
+    solver._set_limits(1.0, path.options)
+    descents.begin(gap_least=0.0, rounding=-1.0, checked=1, rough=0)
+    solver._upload(state, state.grip)
+    descents.step()
+    assert 0.0 < before - descents.poses.tips.numpy()[0, 2] < 0.05 * model.height_m
 
 
 def test_it_goes_back_the_way_it_came(model: Model) -> None:
