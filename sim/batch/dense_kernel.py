@@ -147,7 +147,7 @@ def product_kernel(chosen: Tiling) -> Any:
 
     @wp.func_native(snippet)
     def block_product(
-        matrices: wp.array(dtype=wp.float16),
+        matrices: wp.array2d(dtype=wp.float16),
         which: wp.array(dtype=wp.int32),
         right: wp.array2d(dtype=wp.float16),
         row_blocks: wp.int32,
@@ -157,7 +157,7 @@ def product_kernel(chosen: Tiling) -> Any:
 
     @wp.kernel(enable_backward=False, module="unique")
     def product(
-        matrices: wp.array(dtype=wp.float16),
+        matrices: wp.array2d(dtype=wp.float16),
         which: wp.array(dtype=wp.int32),
         right: wp.array2d(dtype=wp.float16),
         row_blocks: wp.int32,

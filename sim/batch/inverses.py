@@ -9,7 +9,7 @@ for so few columns; here each warp feeds them from a matrix that was laid out fo
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -24,7 +24,8 @@ from sim.mesh.sparsity import SparsePattern
 from sim.solve.linear_solver import BorderedSolver, linear_solver
 from tacauchy_rig.errors import ConfigError
 
-# Ten dense inverses of this size are 5 GB, and take a processor minutes to make.
+# Thirty dense inverses of this size, as a sliding press of twenty frames has, are 15 GB, and take a
+# processor minutes to make.
 _UNKNOWNS_MAX = 16_000
 # Columns of a dense inverse that are solved for at once.
 _AT_ONCE = 64
@@ -44,11 +45,18 @@ def inverses_for(pilot: Pilot, device: Device, *, count: int) -> FactoredInverse
     """Return a pilot's inverses in the form that suits a device, for so many environments.
 
     Raises:
-        ConfigError: There are too many unknowns for dense ones.
+        ConfigError: There are too many unknowns for dense ones, or they do not fit on the GPU.
     """
     if not device.is_gpu:
         return FactoredInverses(pilot, count=count)
     pattern, pushed = pilot.model.pattern, pilot.is_pushed
+    rows, free = padded_rows(pattern.dof_count + 2), wp.get_device(device.name).free_memory
+    if (size := 2 * len(pilot.states) * rows**2) > free:
+        raise ConfigError(
+            f"{len(pilot.states)} inverses of {pattern.dof_count} unknowns take {size / 1e9:.1f} "
+            f"GB, and the GPU has {free / 1e9:.1f} GB left",
+            remedy="use preset fast or fewer frames, or press one by one",
+        )
     if pattern.dof_count > _UNKNOWNS_MAX:
         raise ConfigError(
             f"the mesh has {pattern.dof_count} unknowns, more than the {_UNKNOWNS_MAX} that a GPU "
@@ -56,8 +64,8 @@ def inverses_for(pilot: Pilot, device: Device, *, count: int) -> FactoredInverse
             remedy="use preset fast, or press one by one",
         )
     if pilot.dense is None:
-        pilot.dense = np.stack(
-            in_threads(lambda each: dense_inverse(each, pattern, pushed=pushed), pilot.states)
+        pilot.dense = in_threads(
+            lambda each: dense_inverse(each, pattern, pushed=pushed), pilot.states
         )
     return DenseProduct(pilot.dense, count=count, device=device)
 
@@ -132,7 +140,7 @@ class DenseProduct:
     """Multiplies one of several symmetric matrices with a batch of vectors.
 
     Args:
-        matrices: Shape [matrix_count, row_count, row_count].
+        matrices: Of shape [row_count, row_count] each.
 
     Attributes:
         kind: Warp type of the vectors that it takes.
@@ -145,8 +153,10 @@ class DenseProduct:
 
     kind, scaled = wp.float16, True
 
-    def __init__(self, matrices: NDArray[np.float32], *, count: int, device: Device) -> None:
-        matrix_count, rows, _ = matrices.shape
+    def __init__(
+        self, matrices: Sequence[NDArray[np.float32]], *, count: int, device: Device
+    ) -> None:
+        matrix_count, rows = len(matrices), len(matrices[0])
         self._tiling = tiling(count)
         self.width = self._tiling.columns
         # At least a row more than there are: what is fixed reads it.
@@ -166,7 +176,10 @@ class DenseProduct:
         self.column_count = len(blocks) * self.width
         self.which: Any = None
         self._device = device
-        self._matrices = device.array(np.concatenate(in_threads(half, matrices)), wp.float16)
+        # A dimension of an array holds 2^31 numbers, of which thirty such matrices have more.
+        self._matrices = device.empty((matrix_count, self.row_count**2), wp.float16)
+        for k, matrix in enumerate(in_threads(half, matrices)):
+            self._matrices[k].assign(matrix)
 
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:  # noqa: ARG002
         """Set ``found`` to the products of the matrices with ``sources``, over ``unit``.

@@ -102,7 +102,7 @@ class Pilot:
         metres: Depth for a newton [m/N], and way of a contact's edge for a radian [m].
         way: Where it came by.
         states: Of those frames.
-        dense: Their inverses [m/N], shape [state_count, size, size], once a GPU has had them made.
+        dense: Their inverses [m/N], shape [size, size] each, once a GPU has had them made.
 
     Raises:
         ConfigError: The model has what batches lack, or a share is none.
@@ -119,7 +119,7 @@ class Pilot:
     metres: tuple[float, float] = field(init=False)
     way: list[Place] = field(init=False)
     states: list[PilotState] = field(init=False)
-    dense: NDArray[np.float32] | None = field(init=False, default=None, repr=False)
+    dense: list[NDArray[np.float32]] | None = field(init=False, default=None, repr=False)
     setup_s: float = field(init=False)
 
     def __post_init__(self) -> None:

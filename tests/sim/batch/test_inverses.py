@@ -95,7 +95,7 @@ def test_product(columns: int) -> None:
     matrices = 1e5 * rng.standard_normal((2, 300, 300)).astype(np.float32)
     matrices += np.swapaxes(matrices, 1, 2)
     on = Device("cuda:0")
-    product = DenseProduct(matrices, count=columns, device=on)
+    product = DenseProduct([*matrices], count=columns, device=on)
     serving = np.arange(len(product.blocks)) % 3 - 1
     product.blocks.assign(serving.astype(np.int32))
     right = np.zeros((product.column_count, product.row_count), dtype=np.float16)
@@ -109,3 +109,20 @@ def test_product(columns: int) -> None:
         wanted *= matrix >= 0
         error = np.abs(product.unit * out.numpy()[within, :300] - wanted).max()
         assert error <= 2e-3 * scale
+
+
+@pytest.mark.gpu
+def test_more_entries_than_an_array_s_dimension_holds() -> None:
+    """Nineteen matrices of 11,000 rows, all the same but for the last, which is multiplied with."""
+    rng = np.random.default_rng(5)
+    one, last = (rng.standard_normal((11_000, 11_000), dtype=np.float32) for _ in range(2))
+    on = Device("cuda:0")
+    product = DenseProduct([*[one] * 18, last], count=1, device=on)
+    product.blocks.fill_(18)
+    right = np.zeros((product.column_count, product.row_count), dtype=np.float16)
+    right[0, :11_000] = rng.standard_normal(11_000)
+    out = on.zeros(right.shape, wp.float32)
+    product.apply(None, on.array(right, wp.float16), out)
+    wanted = last @ right[0, :11_000].astype(np.float32)
+    error = np.abs(product.unit * out.numpy()[0, :11_000] - wanted).max()
+    assert error <= 2e-3 * np.abs(wanted).max()
