@@ -39,9 +39,11 @@ _Peer = Annotated[
     ),
 ]
 _Only = Annotated[
-    str,
+    list[str] | None,
     typer.Option(
-        "--only", metavar="PATTERN", help="Of the scenes, and the twin's: those named so."
+        "--only",
+        metavar="PATTERN",
+        help="Of the scenes, and the twin's: those named so; may be repeated.",
     ),
 ]
 _Drawn = Annotated[
@@ -129,7 +131,7 @@ def bench(
     indenter: Annotated[str, typer.Option("--indenter")] = _PUNCH,
     parts: _Parts = None,
     peer: _Peer = None,
-    only: _Only = "",
+    only: _Only = None,
     drawn: _Drawn = None,
     tolerances: _Tolerances = None,
     device: _Device = "cpu",
@@ -149,7 +151,7 @@ def bench(
         from tacauchy_rig.cli.studies.bench_scenes import ScenesAsked, bench_scenes
 
         asked = ScenesAsked(
-            only=only,
+            only=tuple(only or ()),
             drawn=drawn,
             tolerances=tuple(tolerances or ("5%",)),
             device=device,
@@ -167,7 +169,7 @@ def bench(
         from tacauchy_rig.cli.studies.bench_twin import bench_twin
 
         own_json = json_file if wanted == [Part.TWIN] else None
-        bench_twin(out=out, only=only, device=device, json_file=own_json)
+        bench_twin(out=out, only=only or [], device=device, json_file=own_json)
     others = [part for part in wanted if part not in (Part.SCENES, Part.TWIN)]
     if others:
         _bench_parts(out, sensor, indenter, others, json_file, is_all=parts is None)

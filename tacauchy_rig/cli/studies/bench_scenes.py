@@ -33,7 +33,7 @@ from tacauchy_rig.versions import machine, versions
 class ScenesAsked:
     """The command's options, by their names; ``limit_s`` is ``--limit``."""
 
-    only: str
+    only: tuple[str, ...]
     drawn: int | None
     tolerances: tuple[str, ...]
     device: str
@@ -69,7 +69,7 @@ class ScenesAsked:
     def command(self, out: Path) -> str:
         """Return the command that asks for this."""
         words = ["tacauchy-rig", "bench", "--part", "scenes"]
-        words += ["--only", self.only] if self.only else []
+        words += [word for each in self.only for word in ("--only", each)]
         words += ["--drawn", str(self.drawn)] if self.drawn is not None else []
         for name, values in (("tolerance", self.tolerances), ("environments", self.environments)):
             words += [word for value in values for word in (f"--{name}", str(value))]
@@ -90,7 +90,7 @@ def bench_scenes(asked: ScenesAsked, *, out: Path, json_file: Path | None) -> No
         ConfigError: There is no such scene, tolerance or commit, or options do not fit together.
         RecordError: A file cannot be written.
     """
-    scenes = select_scenes(asked.only, asked.drawn)
+    scenes = select_scenes(*asked.only, drawn=asked.drawn)
     for text in asked.tolerances:
         parse_tolerance(text, field="--tolerance")
     if (asked.images or asked.own_mesh) and (asked.peer or not asked.environments):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from fnmatch import fnmatch
 from pathlib import Path
@@ -26,22 +27,23 @@ _NOTE = (
 )
 
 
-def bench_twin(*, out: Path, only: str, device: str, json_file: Path | None) -> None:
+def bench_twin(*, out: Path, only: Sequence[str], device: str, json_file: Path | None) -> None:
     """Press every scene with a twin, pair the guard's reaction, and write page and JSON.
 
     Raises:
         ConfigError: No scene is named so.
     """
-    wanted = [scene for scene in SCENES if not only or fnmatch(scene.name, only)]
-    if not wanted:
-        names = "; ".join(scene.name for scene in SCENES)
-        raise ConfigError(f"--only {only}: no scene of the twin", remedy=f"one of: {names}")
+    for pattern in only:
+        if not any(fnmatch(scene.name, pattern) for scene in SCENES):
+            names = "; ".join(scene.name for scene in SCENES)
+            raise ConfigError(f"--only {pattern}: no scene of the twin", remedy=f"one of: {names}")
+    wanted = [s for s in SCENES if not only or any(fnmatch(s.name, each) for each in only)]
     rows: list[TwinRow] = []
     tables: list[Table] = []
     facts: dict[str, Any] = {"machine": machine(), "versions": versions()}
     name = "twin" if device == "cpu" else "twin_gpu"
     words = ["tacauchy-rig bench --part twin"]
-    words += [f'--only "{only}"'] if only else []
+    words += [f'--only "{each}"' for each in only]
     words += [f"--device {device}"] if device != "cpu" else []
     command = " ".join([*words, f"--out {out}"])
 

@@ -70,18 +70,19 @@ def _drawn(random: np.random.Generator, number: int) -> BenchScene:
     return BenchScene(name=", ".join(words), stated=stated)
 
 
-def select_scenes(pattern: str, drawn: int | None = None) -> tuple[BenchScene, ...]:
-    """Return the scenes whose name has a pattern in it, such as ``ball`` or ``*, friction``.
+def select_scenes(*patterns: str, drawn: int | None = None) -> tuple[BenchScene, ...]:
+    """Return the scenes whose name has one of the patterns in it, such as ``ball``; else all.
 
     Args:
         drawn: Seed of scenes to choose among instead.
 
     Raises:
-        ConfigError: None has.
+        ConfigError: None has one of them.
     """
     scenes = all_scenes() if drawn is None else drawn_scenes(drawn)
-    found = tuple(scene for scene in scenes if fnmatch(scene.name, f"*{pattern}*"))
-    if not found:
-        names = "; ".join(scene.name for scene in scenes)
-        raise ConfigError(f"--only {pattern!r}: no such scene", remedy=f"choose among {names}")
-    return found
+    found = {each: [s for s in scenes if fnmatch(s.name, f"*{each}*")] for each in patterns}
+    for pattern, fitting in found.items():
+        if not fitting:
+            names = "; ".join(scene.name for scene in scenes)
+            raise ConfigError(f"--only {pattern!r}: no such scene", remedy=f"choose among {names}")
+    return tuple(s for s in scenes if not patterns or any(s in some for some in found.values()))

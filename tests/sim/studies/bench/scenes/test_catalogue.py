@@ -29,10 +29,12 @@ def test_every_kind_of_press_is_among_the_scenes() -> None:
 def test_a_pattern_chooses_scenes() -> None:
     """A part of a name will do; none that fits is an error that names them all."""
     assert [scene.name for scene in select_scenes("sliding")] == ["ball, sliding"]
-    assert len(select_scenes("")) == len(all_scenes())
+    assert select_scenes() == select_scenes("") == all_scenes()
+    several = select_scenes("twisted", "shallow", "*shallow")
+    assert [scene.name for scene in several] == ["ball, shallow", "punch, twisted"]
     assert {scene.name for scene in select_scenes("DIGIT*friction")} == {"DIGIT, friction"}
     with pytest.raises(ConfigError, match="no such scene") as refused:
-        select_scenes("cube")
+        select_scenes("ball", "cube")
     assert "ball, sliding" in str(refused.value)
 
 
