@@ -50,18 +50,13 @@ def inverses_for(pilot: Pilot, device: Device, *, count: int) -> FactoredInverse
     if not device.is_gpu:
         return FactoredInverses(pilot, count=count)
     pattern, pushed = pilot.model.pattern, pilot.is_pushed
-    rows, free = padded_rows(pattern.dof_count + 2), wp.get_device(device.name).free_memory
-    if (size := 2 * len(pilot.states) * rows**2) > free:
+    free = wp.get_device(device.name).free_memory
+    size = 2 * len(pilot.states) * padded_rows(pattern.dof_count + 2) ** 2
+    if pattern.dof_count > _UNKNOWNS_MAX or size > free:
         raise ConfigError(
-            f"{len(pilot.states)} inverses of {pattern.dof_count} unknowns take {size / 1e9:.1f} "
-            f"GB, and the GPU has {free / 1e9:.1f} GB left",
+            f"{len(pilot.states)} inverses of {pattern.dof_count} unknowns, {size / 1e9:.1f} GB: a "
+            f"GPU takes {_UNKNOWNS_MAX} unknowns at most, and has {free / 1e9:.1f} GB left",
             remedy="use preset fast or fewer frames, or press one by one",
-        )
-    if pattern.dof_count > _UNKNOWNS_MAX:
-        raise ConfigError(
-            f"the mesh has {pattern.dof_count} unknowns, more than the {_UNKNOWNS_MAX} that a GPU "
-            "takes",
-            remedy="use preset fast, or press one by one",
         )
     if pilot.dense is None:
         pilot.dense = in_threads(

@@ -7,6 +7,7 @@ import pytest
 import scipy.sparse
 import warp as wp
 
+from sim.batch import inverses
 from sim.batch.environment import Course
 from sim.batch.inverses import (
     DenseProduct,
@@ -22,6 +23,7 @@ from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Scene, Target
+from tacauchy_rig.errors import ConfigError
 
 _SCENE = Scene(
     pad=DiscPad(radius_m=7e-3, height_m=3.5e-3),
@@ -60,6 +62,26 @@ def test_factors_and_inverses_are_one(course: Course) -> None:
         dense = dense_inverse(stiffness, pattern, pushed=pilot.is_pushed)
         for answer in (found.numpy(), sources @ dense):
             assert np.abs(answer - wanted).max() <= 2e-3 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("limit", ["unknowns", "memory"])
+def test_what_does_not_fit_on_a_gpu_is_refused(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Too many unknowns, or too little memory: with both numbers, before anything is made."""
+
+    class FullGpu(Device):
+        is_gpu = True
+
+    if limit == "unknowns":
+        monkeypatch.setattr(inverses, "_UNKNOWNS_MAX", 100)
+    else:
+        monkeypatch.setattr(type(wp.get_device("cpu")), "free_memory", 1_000)
+    model = batch_model(_SCENE, refinement=0.5)
+    course = Course(depths_m=np.array([1e-4]))
+    pilot = Pilot(model, _SCENE.indenter, course, count=1)
+    with pytest.raises(ConfigError, match=f"{model.pattern.dof_count} unknowns") as refused:
+        inverses.inverses_for(pilot, FullGpu("cpu"), count=1)
+    assert "GB" in refused.value.message
+    assert pilot.dense is None
 
 
 def test_a_lane_finds_its_entries() -> None:
