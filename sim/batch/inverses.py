@@ -35,8 +35,7 @@ _ROW_PADDING = 288
 # Few columns need many blocks that read the matrix, many need blocks that use what they read often.
 _TILINGS = {
     8: Tiling(row_tiles=1, column_tiles=1, depth_warps=8),
-    64: Tiling(row_tiles=6, column_tiles=4, depth_warps=4),
-    256: Tiling(row_tiles=3, column_tiles=8, column_warps=2, depth_warps=4),
+    256: Tiling(row_tiles=6, column_tiles=4, depth_warps=4),
 }
 _LARGEST = Tiling(row_tiles=3, column_tiles=4, row_warps=3, column_warps=4)
 

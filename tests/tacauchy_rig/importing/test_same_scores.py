@@ -43,6 +43,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunStore, tuple[Trial
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize("kind", FORMATS)
 def test_scores_are_those_of_the_run_itself(
     kind: str,
