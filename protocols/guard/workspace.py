@@ -7,10 +7,12 @@ import math
 from protocols.guard.breach import BreachError, Reaction
 from tacauchy_rig.config.model import RigConfig
 from tacauchy_rig.errors import SafetyError
+from tacauchy_rig.rotations import rotated
 from tacauchy_rig.run import ArmSample, Pose, Vector3
 
 SPEED_MARGIN = 1.5
 SPEED_NOISE_M_S = 0.003
+_TOOL_AXIS: Vector3 = (0.0, 0.0, 1.0)
 
 
 class Workspace:
@@ -19,7 +21,7 @@ class Workspace:
     def __init__(self, config: RigConfig) -> None:
         self._box = config.workspace
         self._home = config.robot.home
-        self._axis = tool_axis(config.robot.tool_rotation)
+        self._axis = rotated(_TOOL_AXIS, config.robot.tool_rotation)
         robot = config.robot
         self._fastest = max(robot.approach_speed, robot.retract_speed, robot.search_speed)
 
@@ -81,7 +83,7 @@ class Workspace:
         return None
 
     def _tilted(self, pose: Pose) -> tuple[str, str] | None:
-        axis = tool_axis(pose.rotation_vector)
+        axis = rotated(_TOOL_AXIS, pose.rotation_vector)
         cosine = sum(a * b for a, b in zip(axis, self._axis, strict=True))
         tilt = math.acos(min(1.0, max(-1.0, cosine)))
         if tilt <= self._box.max_tilt:
@@ -96,16 +98,6 @@ class Workspace:
         if speed <= cap:
             return None
         return "robot.speed", f"it moves at {speed * 1e3:.1f} mm/s, more than {cap * 1e3:.1f} mm/s"
-
-
-def tool_axis(rotation_vector: Vector3) -> Vector3:
-    """Return the tool's z axis in the base frame: Rodrigues' rotation of (0, 0, 1)."""
-    angle = math.hypot(*rotation_vector)
-    if angle < 1e-12:
-        return (0.0, 0.0, 1.0)
-    x, y, z = (value / angle for value in rotation_vector)
-    sine, versine = math.sin(angle), 1.0 - math.cos(angle)
-    return (x * z * versine + y * sine, y * z * versine - x * sine, 1.0 - versine * (1.0 - z * z))
 
 
 def describe(pose: Pose) -> str:

@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from enum import IntEnum
 
-from scipy.spatial.transform import Rotation
-
 from drivers.arm.ur5_safety import RuntimeState
 from drivers.emulators.arm.body import PROGRAM_END_DECELERATION, ControllerBody
-from drivers.emulators.arm.motion import compose_rotations
 from tacauchy_rig.config.devices import RobotModel
+from tacauchy_rig.rotations import composed, rotated
 from tacauchy_rig.run import Vector6
 
 _READY, _DONE = 1, 2
@@ -200,8 +198,8 @@ class ControlProgram:
         elif command == Command.POSE_TRANS:
             first, second = self._vector(0), self._vector(6)
             turn = (first[3], first[4], first[5])
-            moved = Rotation.from_rotvec(turn).apply(second[:3]).tolist()
-            turned = compose_rotations(turn, (second[3], second[4], second[5]))
+            moved = rotated((second[0], second[1], second[2]), turn)
+            turned = composed(turn, (second[3], second[4], second[5]))
             place = tuple(a + b for a, b in zip(first[:3], moved, strict=True))
             body.put_doubles(self._offset, (*place, *turned))
 

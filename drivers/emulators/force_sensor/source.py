@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Protocol, TextIO
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.shared_world import SharedWorld
 from tacauchy_rig.force_check import GRAVITY_M_S2
+from tacauchy_rig.rotations import rotated
 from tacauchy_rig.run import Vector3, Vector6
 
 
@@ -31,7 +31,7 @@ class ForceChannel:
 
     def __init__(self, truth: PlantTruth, *, start_ns: int, compression_sign: int = 1) -> None:
         self._truth = truth
-        self._mount = np.diag([1.0, -compression_sign, -compression_sign])
+        self._sign = -compression_sign
         self._start_ns = start_ns
         self._noise = np.random.default_rng([truth.seed, 1])
 
@@ -47,9 +47,9 @@ class ForceChannel:
             stamp_ns: When; drift counts from the channel's start.
         """
         truth = self._truth
-        turn = self._mount @ Rotation.from_rotvec(rotation_vector).as_matrix().T
-        fx, fy, fz = (float(value) for value in turn @ np.asarray(force))
-        mx, my, mz = (float(value) for value in turn @ np.asarray(torque))
+        back = (-rotation_vector[0], -rotation_vector[1], -rotation_vector[2])
+        (fx, fy, fz), (mx, my, mz) = rotated(force, back), rotated(torque, back)
+        fy, fz, my, mz = (self._sign * value for value in (fy, fz, my, mz))
         drift = truth.force_drift_n_s * (stamp_ns - self._start_ns) * 1e-9
         f_noise = truth.force_noise_n * self._noise.standard_normal(3)
         m_noise = truth.torque_noise_nm * self._noise.standard_normal(3)

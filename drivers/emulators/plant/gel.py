@@ -6,13 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
 
 from drivers.emulators.plant.arrays import FloatArray
 from drivers.emulators.plant.press_table import case_for, press_table
 from drivers.emulators.plant.tips import Tip
 from drivers.emulators.plant.truth import PlantTruth
+from tacauchy_rig.rotations import rotated
 from tacauchy_rig.run import Pose, Vector3
 
 
@@ -114,8 +113,6 @@ class Plant:
         lean = math.hypot(*truth.tilt_rad)
         face_m = tip.rim_radius_m if case.has_face else 0.0
         self._leaning = leaning_depths(face_m, gel.dome_radius_m, lean) if face_m * lean else None
-        self._force = CubicSpline(self.table.depths, self.table.force)
-        self._stiffness = self._force.derivative()
         self._relaxation = Relaxation(truth.relaxation_weights, truth.relaxation_times_s)
         self._stamp_ns: int | None = None
 
@@ -180,7 +177,7 @@ class Plant:
 
     def lean(self, pose: Pose) -> tuple[float, float]:
         """Return how the indenter's axis (tip to flange) leans towards base x and y [rad]."""
-        axis = Rotation.from_rotvec(pose.rotation_vector).apply((0.0, 0.0, 1.0)).tolist()
+        axis = rotated((0.0, 0.0, 1.0), pose.rotation_vector)
         return (-axis[0] + self.truth.tilt_rad[0], -axis[1] + self.truth.tilt_rad[1])
 
     def relaxed_force(self, depth: float) -> float:
@@ -191,8 +188,8 @@ class Plant:
         last = float(self.table.depths[-1])
         inside = min(depth, last)
         beyond = depth - inside
-        slope = float(self._stiffness(inside))
-        force = float(self._force(inside)) + slope * beyond * (1.0 + 0.5 * beyond / _STIFFENING_M)
+        force, slope = self.table.at(inside)
+        force += slope * beyond * (1.0 + 0.5 * beyond / _STIFFENING_M)
         return max(0.0, force * self.truth.young_pa)
 
     def tangent_stiffness(self, depth: float) -> float:
@@ -200,7 +197,7 @@ class Plant:
         depth = self._even_depth(depth)
         inside = min(max(depth, 0.0), float(self.table.depths[-1]))
         beyond = max(0.0, depth - inside)
-        slope = float(self._stiffness(inside)) * (1.0 + beyond / _STIFFENING_M)
+        slope = self.table.at(inside)[1] * (1.0 + beyond / _STIFFENING_M)
         return slope * self.truth.young_pa
 
     def light_gain(self, elapsed_s: float) -> float:

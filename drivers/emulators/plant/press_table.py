@@ -1,16 +1,12 @@
-"""What a tip does to the gel, tabulated over depth and kept in a cache by content.
-
-``python -m drivers.emulators.plant.press_table`` computes again the tables that are shipped for
-the dry run's cylinder (about a minute each).
-"""
+"""What a tip does to the gel, tabulated over depth and kept in a cache by content."""
 
 from __future__ import annotations
 
+import bisect
 import hashlib
 import logging
 import os
 import zipfile
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,23 +14,13 @@ from typing import Any
 import numpy as np
 
 from drivers.emulators.plant.arrays import FloatArray
-from drivers.emulators.plant.axisymmetric import Equilibrium, GelSolver
-from drivers.emulators.plant.leaning import Lean, lean_of
-from drivers.emulators.plant.neo_hookean import NeoHookean
-from drivers.emulators.plant.quad_mesh import GelDisc, Grading, QuadMesh, line_shape, mesh_disc
+from drivers.emulators.plant.quad_mesh import GelDisc
 from drivers.emulators.plant.tips import CylinderTip, Tip
-from drivers.emulators.plant.truth import FRICTION
-from tacauchy_rig.errors import ConvergenceError
 
-POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)
-
-# Raise them when the solver's numbers change, so that old tables are not used: a ball's, a face's.
-_SOLVER_VERSION, _FACE_VERSION = 1, 2
-_SHIPPED = Path(__file__).with_name("tables")
-_DEPTH_STEP_M = 4e-5
-_FIRST_DEPTHS_M = (5e-6, 1e-5, 2e-5)
-_POINTS_PER_EDGE = 4
-_CUT_LIMIT = 3
+SHIPPED = Path(__file__).with_name("tables")
+# Raise them when the numbers or the fields change, so that old tables are not used: a ball's, a
+# face's.
+_BALL_VERSION, _FACE_VERSION = 2, 3
 _DEEPEST_SHARE = 0.4  # of the gel's thickness
 
 log = logging.getLogger(__name__)
@@ -64,7 +50,7 @@ class PressCase:
     def file_name(self) -> str:
         """Return a name made from the content."""
         numbers = {name: value for name, value in asdict(self).items() if value != 0.0}
-        version = _FACE_VERSION if self.has_face else _SOLVER_VERSION
+        version = _FACE_VERSION if self.has_face else _BALL_VERSION
         content = f"{version} {type(self.tip).__name__} {_rounded(numbers)}"
         digest = hashlib.sha256(content.encode()).hexdigest()[:16]
         return f"{type(self.tip).__name__.lower()}-{self.tip.diameter_m * 1e3:g}mm-{digest}.npz"
@@ -77,6 +63,7 @@ class PressTable:
     Attributes:
         depths: Tip below the gel's highest point [m], shape [depth_count].
         force: Over Young's modulus [m^2], shape [depth_count].
+        stiffness: Slope of the cubic spline through the forces, over Young's modulus [m].
         contact_radius: Largest radius in contact [m], shape [depth_count].
         radius_rest: Where points of the surface lie at rest [m], shape [point_count].
         height_rest: Their height relative to the highest point [m].
@@ -90,6 +77,7 @@ class PressTable:
 
     depths: FloatArray
     force: FloatArray
+    stiffness: FloatArray
     contact_radius: FloatArray
     radius_rest: FloatArray
     height_rest: FloatArray
@@ -97,6 +85,24 @@ class PressTable:
     leaning: FloatArray = field(default_factory=lambda: np.zeros(0))
     moment: FloatArray = field(default_factory=lambda: np.zeros(0))
     side_force: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    def at(self, depth: float) -> tuple[float, float]:
+        """Return force [m^2] and stiffness [m] at a depth of the table, over Young's modulus.
+
+        By hand, because it runs every cycle of an emulated arm and of an emulated sensor: with
+        slopes that are kept, the spline is a cubic polynomial between two depths.
+        """
+        row = min(max(bisect.bisect_right(self.depths, depth) - 1, 0), len(self.depths) - 2)
+        start, end = self.force[row : row + 2].tolist()
+        first, last = self.stiffness[row : row + 2].tolist()
+        low, high = self.depths[row : row + 2].tolist()
+        span = high - low
+        t = (depth - low) / span
+        mean = (end - start) / span
+        bend = first + last - 2.0 * mean
+        skew = 3.0 * mean - 2.0 * first - last
+        force = start + span * t * (first + t * (skew + t * bend))
+        return force, first + t * (2.0 * skew + 3.0 * t * bend)
 
     def save(self, path: Path) -> None:
         """Write the table so that readers never see half of it."""
@@ -130,7 +136,7 @@ def press_table(case: PressCase) -> PressTable:
     """Return the table for ``case``: shipped, cached, or computed now and cached."""
     name = case.file_name()
     cached = cache_folder() / name
-    for path in (_SHIPPED / name, cached):
+    for path in (SHIPPED / name, cached):
         try:
             return PressTable.load(path)
         except FileNotFoundError:
@@ -138,6 +144,10 @@ def press_table(case: PressCase) -> PressTable:
         except (ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile) as error:
             log.warning("press table %s is damaged and will be computed again: %s", path, error)
     log.info("computing the press table %s", name)
+    from drivers.emulators.plant.tabulation import (  # noqa: PLC0415 - scipy, for new tips only
+        compute_table,
+    )
+
     table = compute_table(case)
     try:
         table.save(cached)
@@ -152,82 +162,6 @@ def cache_folder() -> Path:
     return (Path(root) if root else Path.home() / ".cache") / "tacauchy-rig" / "press-tables"
 
 
-def compute_table(case: PressCase) -> PressTable:
-    """Press in steps and tabulate.
-
-    Raises:
-        ConvergenceError: No equilibrium was found in the first half of the depth asked for.
-    """
-    mesh = mesh_disc(case.gel, _grading(case))
-    solver = GelSolver(mesh, NeoHookean(poisson=case.poisson), friction=case.friction)
-    depth_count = round(case.max_depth_m / _DEPTH_STEP_M)
-    regular = np.linspace(0.0, case.max_depth_m, depth_count + 1)[1:]
-    depths = [depth for depth in _FIRST_DEPTHS_M if depth < 0.9 * regular[0]] + list(regular)
-    solved = [0.0]
-    states = [Equilibrium(displacement=np.zeros_like(mesh.nodes), force=0.0, contact_radius_m=0.0)]
-    leans = [Lean(displacement=np.zeros_like(mesh.nodes), moment=0.0, side_force=0.0)]
-    for depth in depths:
-        try:
-            states.append(_advance(solver, case, solved, states, float(depth)))
-        except ConvergenceError:
-            if depth < 0.5 * case.max_depth_m:
-                raise
-            break
-        solved.append(float(depth))
-        if case.has_face:
-            leans.append(lean_of(solver, states[-1], case.tip, case.gel.thickness_m - float(depth)))
-    sample = _surface_sampler(mesh)
-    rest = sample(mesh.nodes)
-    return PressTable(
-        depths=np.array(solved),
-        force=np.array([state.force for state in states]),
-        contact_radius=np.array([state.contact_radius_m for state in states]),
-        radius_rest=rest[:, 0],
-        height_rest=rest[:, 1] - case.gel.thickness_m,
-        displacement=np.stack([sample(state.displacement) for state in states]),
-        **({} if not case.has_face else _leaning(leans, sample)),
-    )
-
-
-def _leaning(
-    leans: list[Lean], sample: Callable[[FloatArray], FloatArray]
-) -> dict[str, FloatArray]:
-    """Return what is kept of the leans at all depths."""
-    return {
-        "leaning": np.stack([sample(lean.displacement) for lean in leans]),
-        "moment": np.array([lean.moment for lean in leans]),
-        "side_force": np.array([lean.side_force for lean in leans]),
-    }
-
-
-def _advance(
-    solver: GelSolver,
-    case: PressCase,
-    solved: list[float],
-    states: list[Equilibrium],
-    depth: float,
-) -> Equilibrium:
-    """Go from the last solved depth to ``depth``, extrapolating first, then in smaller steps."""
-    last, held = states[-1].displacement, states[-1].grip
-    ahead = last
-    if len(states) > 1:
-        ratio = (depth - solved[-1]) / (solved[-1] - solved[-2])
-        ahead = last + ratio * (last - states[-2].displacement)
-    tries = [(ahead, 1), *((last, 2**cut) for cut in range(_CUT_LIMIT))]
-    for state, step_count in tries:
-        grip = held
-        try:
-            for z in np.linspace(solved[-1], depth, step_count + 1)[1:]:
-                tip_z_m = case.gel.thickness_m - float(z)
-                found = solver.press(case.tip, tip_z_m, state, grip=grip)
-                state, grip = found.displacement, found.grip
-        except ConvergenceError as error:
-            failure = error
-        else:
-            return found
-    raise failure
-
-
 def _rounded(values: dict[str, Any]) -> list[tuple[str, Any]]:
     """Return the items in order, with digits that survive a round trip through text."""
     found: list[tuple[str, Any]] = []
@@ -239,44 +173,3 @@ def _rounded(values: dict[str, Any]) -> list[tuple[str, Any]]:
         elif value:  # a gel of one material has the name it had before there were layers
             found.append((name, [f"{share:.9g} {ratio:.9g}" for share, ratio in value]))
     return found
-
-
-def _grading(case: PressCase) -> Grading:
-    if isinstance(case.tip, CylinderTip):
-        rim = 0.5 * case.tip.diameter_m
-        return Grading(
-            fine_from_m=rim - min(0.4e-3 * case.max_depth_m / 1e-3, 0.6 * rim),
-            fine_to_m=rim + 5e-5,
-            fine_size_m=max(0.3 * case.tip.fillet_m, 2.5e-5),
-        )
-    reach = min(np.sqrt(case.tip.diameter_m * case.max_depth_m), 0.5 * case.tip.diameter_m)
-    return Grading(
-        fine_from_m=0.0, fine_to_m=1.1 * reach, fine_size_m=reach / 18, top_size_m=reach / 14
-    )
-
-
-class _surface_sampler:  # noqa: N801 - used as a function
-    """Evaluates a nodal field along the quadratic edges of the top."""
-
-    def __init__(self, mesh: QuadMesh) -> None:
-        points = np.linspace(-1.0, 1.0, _POINTS_PER_EDGE + 1)[:-1]
-        self._shape, _ = line_shape(points)
-        self._edges = mesh.top_edges
-
-    def __call__(self, nodal: FloatArray) -> FloatArray:
-        """Return values, shape [point_count, 2], from the axis outwards."""
-        inner = np.einsum("qi,eia->eqa", self._shape, nodal[self._edges]).reshape(-1, 2)
-        return np.vstack([inner, nodal[self._edges[-1, 2]]])
-
-
-def main() -> None:
-    """Compute the shipped tables again."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-    for poisson in POISSON_STEPS:
-        case = case_for(CylinderTip(diameter_m=5e-3), poisson, friction=FRICTION)
-        compute_table(case).save(_SHIPPED / case.file_name())
-        log.info("wrote %s (Poisson's ratio %g)", case.file_name(), poisson)
-
-
-if __name__ == "__main__":
-    main()

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocols.guard.breach import BreachError
-from protocols.guard.workspace import Workspace, tool_axis
+from protocols.guard.workspace import Workspace
 from tacauchy_rig.errors import SafetyError
 from tacauchy_rig.run import ArmSample, Pose
 
@@ -89,9 +89,3 @@ def test_nothing_outside_the_box_is_allowed(config, x, y, z, tilt):
     assert box.y_min <= y <= box.y_max
     assert box.z_min <= z <= box.z_max
     assert tilt <= box.max_tilt + 1e-9
-
-
-@given(st.tuples(*(st.floats(-3, 3),) * 3))
-def test_the_tool_axis_is_a_unit_vector(rotation):
-    """Rodrigues' rotation keeps lengths."""
-    assert math.hypot(*tool_axis(rotation)) == pytest.approx(1.0)

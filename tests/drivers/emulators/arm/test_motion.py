@@ -8,15 +8,14 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
-from drivers.emulators.arm.motion import ToolMotion, compose_rotations
+from drivers.emulators.arm.motion import ToolMotion
+from tacauchy_rig.rotations import composed
 from tacauchy_rig.run import Pose, Vector3
 
 _HOME = Pose(position=(0.3, -0.2, 0.25), rotation_vector=(math.pi, 0.0, 0.0))
 _STEP_S = 0.002
 _offset = st.floats(-0.05, 0.05)
-_angle = st.floats(-1.5, 1.5)
 _small_angle = st.floats(-0.05, 0.05)
 
 
@@ -46,7 +45,7 @@ def test_line_reaches_its_target_within_limits(
     """A straight move ends exactly at its target and passes neither limit on the way."""
     motion = ToolMotion(_HOME)
     x, y, z = (a + b for a, b in zip(_HOME.position, offset, strict=True))
-    target = (x, y, z, *compose_rotations(turn, _HOME.rotation_vector))
+    target = (x, y, z, *composed(turn, _HOME.rotation_vector))
     motion.move_to(target, speed=speed, acceleration=acceleration)
     history = _run(motion)
     assert motion.pose == target
@@ -83,14 +82,3 @@ def test_a_stalled_arm_stands_but_can_be_stopped() -> None:
     motion.brake(1.0)
     motion.step(_STEP_S)
     assert motion.is_still
-
-
-@given(
-    a=st.tuples(_angle, _angle, _angle),
-    b=st.tuples(_angle, _angle, _angle),
-    v=st.tuples(_angle, _angle, _angle),
-)
-def test_composed_rotations_turn_one_after_the_other(a: Vector3, b: Vector3, v: Vector3) -> None:
-    """Turning by a composition is turning by the second, then by the first."""
-    first, second, both = (Rotation.from_rotvec(r) for r in (a, b, compose_rotations(a, b)))
-    assert both.apply(v) == pytest.approx(first.apply(second.apply(v)), abs=1e-9)

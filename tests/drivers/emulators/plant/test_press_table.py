@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from drivers.emulators.plant.press_table import (
-    POISSON_STEPS,
     PressCase,
     PressTable,
     cache_folder,
     case_for,
-    compute_table,
     press_table,
 )
+from drivers.emulators.plant.tabulation import POISSON_STEPS, compute_table
 from drivers.emulators.plant.tips import CylinderTip, SphereTip
 from drivers.emulators.plant.truth import FRICTION
 
@@ -41,6 +41,17 @@ def test_shipped_tables_are_found_and_smooth(poisson: float) -> None:
     settled = stiffness[6:]
     assert np.all(stiffness > 0.0)
     assert np.max(np.abs(np.diff(settled)) / settled[1:]) < 0.12
+
+
+@pytest.mark.parametrize("poisson", POISSON_STEPS)
+def test_between_two_depths_a_table_is_its_spline(poisson: float) -> None:
+    """Force and stiffness are those of scipy's spline, at the ends too."""
+    table = press_table(case_for(CylinderTip(diameter_m=5e-3), poisson, friction=FRICTION))
+    spline = CubicSpline(table.depths, table.force)
+    for depth in np.linspace(0.0, table.depths[-1], 301).tolist():
+        force, stiffness = table.at(depth)
+        assert force == pytest.approx(float(spline(depth)), rel=1e-9, abs=1e-18)
+        assert stiffness == pytest.approx(float(spline(depth, 1)), rel=1e-9)
 
 
 def test_a_shipped_table_can_be_computed_again() -> None:

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from drivers.emulators.plant.gel import SurfaceProfile
-from drivers.emulators.plant.press_table import PressCase, compute_table
+from drivers.emulators.plant.press_table import PressCase
 from drivers.emulators.plant.quad_mesh import GelDisc
 from drivers.emulators.plant.relief import relief_of, visible_share
 from drivers.emulators.plant.still import render_press
+from drivers.emulators.plant.tabulation import compute_table
 from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import draw_truth, read_truth, write_truth
 from drivers.emulators.plant.unit import EmulatedUnit, GelLight

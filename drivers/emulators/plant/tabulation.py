@@ -1,0 +1,151 @@
+"""Presses a tip into the gel step by step, and tabulates what it does.
+
+``python -m drivers.emulators.plant.tabulation`` computes again the tables that are shipped for the
+dry run's cylinder (about a minute each).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from drivers.emulators.plant.arrays import FloatArray
+from drivers.emulators.plant.axisymmetric import Equilibrium, GelSolver
+from drivers.emulators.plant.leaning import Lean, lean_of
+from drivers.emulators.plant.neo_hookean import NeoHookean
+from drivers.emulators.plant.press_table import SHIPPED, PressCase, PressTable, case_for
+from drivers.emulators.plant.quad_mesh import Grading, QuadMesh, line_shape, mesh_disc
+from drivers.emulators.plant.tips import CylinderTip
+from drivers.emulators.plant.truth import FRICTION
+from tacauchy_rig.errors import ConvergenceError
+
+POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)
+
+_DEPTH_STEP_M = 4e-5
+_FIRST_DEPTHS_M = (5e-6, 1e-5, 2e-5)
+_POINTS_PER_EDGE = 4
+_CUT_LIMIT = 3
+
+log = logging.getLogger(__name__)
+
+
+def compute_table(case: PressCase) -> PressTable:
+    """Press in steps and tabulate.
+
+    Raises:
+        ConvergenceError: No equilibrium was found in the first half of the depth asked for.
+    """
+    mesh = mesh_disc(case.gel, _grading(case))
+    solver = GelSolver(mesh, NeoHookean(poisson=case.poisson), friction=case.friction)
+    depth_count = round(case.max_depth_m / _DEPTH_STEP_M)
+    regular = np.linspace(0.0, case.max_depth_m, depth_count + 1)[1:]
+    depths = [depth for depth in _FIRST_DEPTHS_M if depth < 0.9 * regular[0]] + list(regular)
+    solved = [0.0]
+    states = [Equilibrium(displacement=np.zeros_like(mesh.nodes), force=0.0, contact_radius_m=0.0)]
+    leans = [Lean(displacement=np.zeros_like(mesh.nodes), moment=0.0, side_force=0.0)]
+    for depth in depths:
+        try:
+            states.append(_advance(solver, case, solved, states, float(depth)))
+        except ConvergenceError:
+            if depth < 0.5 * case.max_depth_m:
+                raise
+            break
+        solved.append(float(depth))
+        if case.has_face:
+            leans.append(lean_of(solver, states[-1], case.tip, case.gel.thickness_m - float(depth)))
+    sample = _surface_sampler(mesh)
+    rest = sample(mesh.nodes)
+    force = np.array([state.force for state in states])
+    return PressTable(
+        depths=np.array(solved),
+        force=force,
+        stiffness=CubicSpline(solved, force)(solved, 1),
+        contact_radius=np.array([state.contact_radius_m for state in states]),
+        radius_rest=rest[:, 0],
+        height_rest=rest[:, 1] - case.gel.thickness_m,
+        displacement=np.stack([sample(state.displacement) for state in states]),
+        **({} if not case.has_face else _leaning(leans, sample)),
+    )
+
+
+def _leaning(
+    leans: list[Lean], sample: Callable[[FloatArray], FloatArray]
+) -> dict[str, FloatArray]:
+    """Return what is kept of the leans at all depths."""
+    return {
+        "leaning": np.stack([sample(lean.displacement) for lean in leans]),
+        "moment": np.array([lean.moment for lean in leans]),
+        "side_force": np.array([lean.side_force for lean in leans]),
+    }
+
+
+def _advance(
+    solver: GelSolver,
+    case: PressCase,
+    solved: list[float],
+    states: list[Equilibrium],
+    depth: float,
+) -> Equilibrium:
+    """Go from the last solved depth to ``depth``, extrapolating first, then in smaller steps."""
+    last, held = states[-1].displacement, states[-1].grip
+    ahead = last
+    if len(states) > 1:
+        ratio = (depth - solved[-1]) / (solved[-1] - solved[-2])
+        ahead = last + ratio * (last - states[-2].displacement)
+    tries = [(ahead, 1), *((last, 2**cut) for cut in range(_CUT_LIMIT))]
+    for state, step_count in tries:
+        grip = held
+        try:
+            for z in np.linspace(solved[-1], depth, step_count + 1)[1:]:
+                tip_z_m = case.gel.thickness_m - float(z)
+                found = solver.press(case.tip, tip_z_m, state, grip=grip)
+                state, grip = found.displacement, found.grip
+        except ConvergenceError as error:
+            failure = error
+        else:
+            return found
+    raise failure
+
+
+def _grading(case: PressCase) -> Grading:
+    if isinstance(case.tip, CylinderTip):
+        rim = 0.5 * case.tip.diameter_m
+        return Grading(
+            fine_from_m=rim - min(0.4e-3 * case.max_depth_m / 1e-3, 0.6 * rim),
+            fine_to_m=rim + 5e-5,
+            fine_size_m=max(0.3 * case.tip.fillet_m, 2.5e-5),
+        )
+    reach = min(np.sqrt(case.tip.diameter_m * case.max_depth_m), 0.5 * case.tip.diameter_m)
+    return Grading(
+        fine_from_m=0.0, fine_to_m=1.1 * reach, fine_size_m=reach / 18, top_size_m=reach / 14
+    )
+
+
+class _surface_sampler:  # noqa: N801 - used as a function
+    """Evaluates a nodal field along the quadratic edges of the top."""
+
+    def __init__(self, mesh: QuadMesh) -> None:
+        points = np.linspace(-1.0, 1.0, _POINTS_PER_EDGE + 1)[:-1]
+        self._shape, _ = line_shape(points)
+        self._edges = mesh.top_edges
+
+    def __call__(self, nodal: FloatArray) -> FloatArray:
+        """Return values, shape [point_count, 2], from the axis outwards."""
+        inner = np.einsum("qi,eia->eqa", self._shape, nodal[self._edges]).reshape(-1, 2)
+        return np.vstack([inner, nodal[self._edges[-1, 2]]])
+
+
+def main() -> None:
+    """Compute the shipped tables again."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    for poisson in POISSON_STEPS:
+        case = case_for(CylinderTip(diameter_m=5e-3), poisson, friction=FRICTION)
+        compute_table(case).save(SHIPPED / case.file_name())
+        log.info("wrote %s (Poisson's ratio %g)", case.file_name(), poisson)
+
+
+if __name__ == "__main__":
+    main()
