@@ -8,6 +8,8 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
+# Hundreds of processes start in the tests: each would compile all sources anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: dry-run test test-slow check lint types contracts dependencies architecture format clean
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from fnmatch import fnmatch
 
 from drivers.device.faults import FAULTS_OF_DEVICE, LIES_OF_THE_FORCE, Device, Fault, FaultKind
 from tacauchy_rig.config.load import load_config
-from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.fault_table.crowd import Crowd
 from tacauchy_rig.fault_table.host import Trouble
 from tacauchy_rig.run import Phase
+from tacauchy_rig.selection import selected
 
 
 class Moment(StrEnum):
@@ -165,17 +164,10 @@ def select_cases(
         ConfigError: A pattern matches no case.
     """
     possible = tuple(case for case in cases if not moments or case.moment in moments)
-    for pattern in only:
-        if not any(_matches(case, pattern) for case in possible):
-            when = f" at {', '.join(moments)}" if moments else ""
-            raise ConfigError(
-                f"--only {pattern!r} matches no case{when}",
-                remedy="`tacauchy-rig fault-table --list` names all of them",
-            )
-    return tuple(
-        case for case in possible if not only or any(_matches(case, pattern) for pattern in only)
+    return selected(
+        possible,
+        only,
+        names=lambda case: (case.name, case.cause_name),
+        kind=f"case at {', '.join(moments)}" if moments else "case",
+        remedy="`tacauchy-rig fault-table --list` names all of them",
     )
-
-
-def _matches(case: FaultCase, pattern: str) -> bool:
-    return fnmatch(case.name, pattern) or fnmatch(case.cause_name, pattern)

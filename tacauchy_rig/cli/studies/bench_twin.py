@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
 from tacauchy_rig.cli.emulation import emulated_unit
 from tacauchy_rig.cli.output import complain, say, show_table, write_json, write_text
-from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.page import criteria_page
 from tacauchy_rig.page_check.measures import twin_reaction_table, twin_reactions
+from tacauchy_rig.selection import selected
 from tacauchy_rig.tables import Table
 from tacauchy_rig.twin_bench.beside_runs import TwinRow, press_with_twin, twin_table
 from tacauchy_rig.twin_bench.scenes import SCENES
@@ -33,11 +32,7 @@ def bench_twin(*, out: Path, only: Sequence[str], device: str, json_file: Path |
     Raises:
         ConfigError: No scene is named so.
     """
-    for pattern in only:
-        if not any(fnmatch(scene.name, pattern) for scene in SCENES):
-            names = "; ".join(scene.name for scene in SCENES)
-            raise ConfigError(f"--only {pattern}: no scene of the twin", remedy=f"one of: {names}")
-    wanted = [s for s in SCENES if not only or any(fnmatch(s.name, each) for each in only)]
+    wanted = selected(SCENES, only, names=lambda scene: (scene.name,), kind="scene of the twin")
     rows: list[TwinRow] = []
     tables: list[Table] = []
     facts: dict[str, Any] = {"machine": machine(), "versions": versions()}

@@ -20,6 +20,7 @@ from tacauchy_rig.cli.options import Jobs, JsonFile
 from tacauchy_rig.cli.output import complain, say, write_json, write_text
 from tacauchy_rig.errors import ConfigError, naming
 from tacauchy_rig.quantities import Dimension, parse_quantity
+from tacauchy_rig.selection import selected
 
 if TYPE_CHECKING:
     from sim.studies.effects_check.check import EffectCase, EffectCheck
@@ -61,7 +62,8 @@ def effects_check(
 ) -> None:
     """Press scenes under their plans and with everything on; say what that changes and costs."""
     limit_s = parse_quantity(limit, dimension=Dimension.TIME, field="--limit")
-    chosen = _chosen(_drawn(seed, random) if random else _stated(), only or [])
+    cases = _drawn(seed, random) if random else _stated()
+    chosen = selected(cases, only or [], names=lambda case: (case.name,), kind="scene")
     if list_only:
         for case in chosen:
             say(f"{case.name:22} {case.shows}")
@@ -155,17 +157,6 @@ def _found(
         )
     left = {case.name for case in cases} - rows.keys()
     return [row for _, row in known], {name: reasons[name] for name in reasons if name in left}
-
-
-def _chosen(cases: Sequence[EffectCase], names: Sequence[str]) -> list[EffectCase]:
-    known = {case.name: case for case in cases}
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise ConfigError(
-            f"no scene is called {', '.join(map(repr, unknown))}",
-            remedy=f"choose from {', '.join(map(repr, known))}",
-        )
-    return [known[name] for name in names] or list(known.values())
 
 
 def _stated() -> Sequence[EffectCase]:

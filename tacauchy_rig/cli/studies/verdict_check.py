@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from fnmatch import fnmatch
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +12,7 @@ from sim.scene.scene import Preset
 from tacauchy_rig import __version__
 from tacauchy_rig.cli.options import Jobs, JsonFile
 from tacauchy_rig.cli.output import say, show_table, write_json, write_text
+from tacauchy_rig.selection import selected
 
 if TYPE_CHECKING:
     from tacauchy_rig.verdict_check.bench import Bench
@@ -32,7 +32,10 @@ def verdict_check(
     preset: Annotated[
         Preset, typer.Option("--preset", help="Of the wrong replays; what is cheap will do.")
     ] = Preset.FAST,
-    only: Annotated[str, typer.Option("--only", metavar="PATTERN", help="Such as 'gel*'.")] = "*",
+    only: Annotated[
+        list[str] | None,
+        typer.Option("--only", metavar="PATTERN", help="Such as 'gel*'; may be repeated."),
+    ] = None,
     out: Annotated[Path, typer.Option("--out", help="The page.")] = Path("docs/verdict_check.md"),
     jobs: Jobs = 1,
     json_file: JsonFile = None,
@@ -49,7 +52,7 @@ def verdict_check(
     runs = [open_run(folder) for folder in folders]
     calibrate = emulated_calibration(runs[0].store)
     bench = bench_of(runs[0], preset=preset, calibrate=calibrate, on_progress=say)
-    tasks = tasks_of(model for model in WRONG_MODELS if fnmatch(model.name, only))
+    tasks = tasks_of(selected(WRONG_MODELS, only or [], names=lambda m: (m.name,), kind="model"))
     say(f"{len(tasks)} sizes of wrong models, {jobs} at once")
     findings = findings_of(side_by_side(partial(_looked, bench=bench), tasks, jobs=jobs))
     uncertainty = f"{100.0 * bench.inputs.sensor.young_uncertainty()[0]:.0f} %"

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass
-from fnmatch import fnmatch
 from importlib import resources
 from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.selection import selected
 
 _DRAWN = 12
 
@@ -80,9 +79,5 @@ def select_scenes(*patterns: str, drawn: int | None = None) -> tuple[BenchScene,
         ConfigError: None has one of them.
     """
     scenes = all_scenes() if drawn is None else drawn_scenes(drawn)
-    found = {each: [s for s in scenes if fnmatch(s.name, f"*{each}*")] for each in patterns}
-    for pattern, fitting in found.items():
-        if not fitting:
-            names = "; ".join(scene.name for scene in scenes)
-            raise ConfigError(f"--only {pattern!r}: no such scene", remedy=f"choose among {names}")
-    return tuple(s for s in scenes if not patterns or any(s in some for some in found.values()))
+    parts = [f"*{pattern}*" for pattern in patterns]
+    return selected(scenes, parts, names=lambda scene: (scene.name,), kind="scene")

@@ -54,7 +54,7 @@ def test_an_unknown_scene_is_refused() -> None:
     """The message offers those that there are."""
     done = CliRunner().invoke(app, ["effects-check", "--only", "nothing"])
     assert done.exit_code != 0
-    assert "no scene is called 'nothing'" in str(done.exception)
+    assert "--only 'nothing': no such scene" in str(done.exception)
 
 
 def test_drawn_scenes_can_be_taken_one_by_one() -> None:
@@ -66,17 +66,17 @@ def test_drawn_scenes_can_be_taken_one_by_one() -> None:
     )
     assert one == [whole[4]]
     beyond = CliRunner().invoke(app, [*drawn, "--only", "9"])
-    assert "no scene is called '9'" in str(beyond.exception)
+    assert "--only '9': no such scene" in str(beyond.exception)
 
 
 def test_what_is_done_is_kept_though_another_goes_on(tmp_path: Path) -> None:
     """A slow scene that began first holds nothing back; the page keeps the scenes' order."""
     page = tmp_path / "effects.md"
-    only = ("--only", "by force", "--only", "shallow", "--jobs", "2")
+    only = ("--only", "by force", "--only", "printed law", "--jobs", "2")
     done = CliRunner().invoke(app, ["effects-check", *only, "--out", str(page)])
     assert done.exit_code == 0, done.output
     rows = [line.split(" | ")[0] for line in page.read_text(encoding="utf-8").splitlines()]
-    assert rows.index("| by force") < rows.index("| shallow")
+    assert rows.index("| by force") < rows.index("| printed law")
 
 
 def test_what_was_found_before_is_not_pressed_again(tmp_path: Path) -> None:
