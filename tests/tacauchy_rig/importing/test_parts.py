@@ -97,6 +97,7 @@ def test_an_indenter_that_is_none_is_refused_at_once(small: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)
 def test_two_balls_at_two_places_with_and_without_force(small: Path) -> None:
     """Each is pressed with its own, and compared with its like alone."""
     blob(small, "press.png")
