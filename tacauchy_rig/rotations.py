@@ -13,10 +13,11 @@ from tacauchy_rig.run import Vector3
 
 def rotated(vector: Vector3, rotation_vector: Vector3) -> Vector3:
     """Return a vector turned by a rotation vector [rad]: Rodrigues' formula."""
-    angle = math.hypot(*rotation_vector)
+    ux, uy, uz = rotation_vector
+    angle = math.hypot(ux, uy, uz)
     if angle < 1e-12:
         return vector
-    ux, uy, uz = (value / angle for value in rotation_vector)
+    ux, uy, uz = ux / angle, uy / angle, uz / angle
     x, y, z = vector
     cosine, sine = math.cos(angle), math.sin(angle)
     along = (1.0 - cosine) * (ux * x + uy * y + uz * z)

@@ -82,12 +82,13 @@ class ForceEstimate:
         self._sign = sign
         self._coarseness = coarseness = COARSENESS[model]
         self._random = random.Random(seed)  # noqa: S311 - noise, not a secret
-        self._scales = (1.0,) * 3 + (_LEVER_M,) * 3
-        self._offset = [self._drawn() * coarseness.offset_n for _ in self._scales]
-        self._drift = [self._drawn() * coarseness.drift_n_s for _ in self._scales]
+        scales = (1.0,) * 3 + (_LEVER_M,) * 3
+        offsets_n = [self._drawn() * coarseness.offset_n for _ in scales]
+        drifts_n_s = [self._drawn() * coarseness.drift_n_s for _ in scales]
+        self._axes = tuple(zip(scales, offsets_n, drifts_n_s, strict=True))
         self._gain = 1.0 + self._drawn() * coarseness.gain_ratio
         self._noise = [0.0] * 6
-        self._friction = [0.0] * 3
+        self._friction = [0.0] * 6
         self._elapsed_s = 0.0
         self._newest: Vector6 = (0.0,) * 6
         self._zero: Vector6 = (0.0,) * 6
@@ -104,22 +105,22 @@ class ForceEstimate:
             velocity: Of the tool [m/s, rad/s], base frame.
             duration_s: Since the call before [s].
         """
-        self._elapsed_s += duration_s
+        self._elapsed_s = elapsed_s = self._elapsed_s + duration_s
         kept = math.exp(-duration_s / self._coarseness.noise_time_s)
         fresh = self._coarseness.noise_n * math.sqrt(1.0 - kept * kept)
-        self._noise = [kept * old + self._random.gauss(0.0, fresh) for old in self._noise]
-        self._rub(velocity, duration_s)
-        errors = zip(
-            self._offset, self._drift, self._noise, (*self._friction, 0.0, 0.0, 0.0), strict=True
-        )
-        off = [zero + drift * self._elapsed_s + noise + rub for zero, drift, noise, rub in errors]
-        a, b, c, d, e, f = (
-            self._sign * (self._gain * true + scale * error)
-            for true, scale, error in zip(wrench, self._scales, off, strict=True)
-        )
+        sign, gain, gauss = self._sign, self._gain, self._random.gauss
+        if self._coarseness.friction_n > 0.0:
+            self._rub(velocity, duration_s)
+        axes = zip(wrench, self._axes, self._noise, self._friction, strict=True)
+        self._noise, felt = [], []
+        for true, (scale, offset, drift), old, rub in axes:
+            noise = kept * old + gauss(0.0, fresh)
+            self._noise.append(noise)
+            felt.append(sign * (gain * true + scale * (offset + drift * elapsed_s + noise + rub)))
+        a, b, c, d, e, f = felt
         self._newest = (a, b, c, d, e, f)
-        a, b, c, d, e, f = (new - zero for new, zero in zip(self._newest, self._zero, strict=True))
-        return (a, b, c, d, e, f)
+        u, v, w, x, y, z = self._zero
+        return (a - u, b - v, c - w, d - x, e - y, f - z)
 
     def _rub(self, velocity: Vector6, duration_s: float) -> None:
         for axis, speed in enumerate(velocity[:3]):

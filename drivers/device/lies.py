@@ -73,6 +73,8 @@ class LyingWrench:
             self._past.popleft()
 
     def _changed(self, felt: Vector6, active: dict[FaultKind, Fault], stamp_ns: int) -> Vector6:
+        if not active:
+            return felt
         values = list(felt)
         if FaultKind.OLD_DATA in active:
             values = list(self._at(stamp_ns - round(active[FaultKind.OLD_DATA].size * 1e9)))

@@ -175,42 +175,47 @@ class MockArm:
             self.watchdog_stops += 1
             self.protective_stop()
             return Still
-        most = max(self._acceleration * step_s, 1e-9)
         old = self.world.velocity
-        step = [min(most, max(-most, w - v)) for w, v in zip(wanted, old, strict=True)]
-        new = [v + dv for v, dv in zip(old, step, strict=True)]
-        self.fastest_m_s = max(self.fastest_m_s, math.hypot(*new[:3]))
-        return (new[0], new[1], new[2], new[3], new[4], new[5])
+        if wanted == old:
+            return old
+        most = max(self._acceleration * step_s, 1e-9)
+        x, y, z, rx, ry, rz = [
+            v if w == v else v + min(most, max(-most, w - v))
+            for w, v in zip(wanted, old, strict=True)
+        ]
+        self.fastest_m_s = max(self.fastest_m_s, math.hypot(x, y, z))
+        return (x, y, z, rx, ry, rz)
 
     def _towards_target(self, step_s: float) -> Vector6:
         target = self._target
         if target is None:
             return Still
-        way = [t - p for t, p in zip(target.position, self.world.pose.position, strict=True)]
-        distance = math.hypot(*way)
+        to_x, to_y, to_z = target.position
+        x, y, z = self.world.pose.position
+        x, y, z = to_x - x, to_y - y, to_z - z
+        distance = math.hypot(x, y, z)
         if distance < ARRIVED_M:
             self._target, self._wanted = None, Still
             self.world.velocity = Still
             return Still
         braking = math.sqrt(2.0 * 0.5 * self._acceleration * distance)
         speed = min(self._speed, braking, distance / step_s)
-        return (*(w / distance * speed for w in way), 0.0, 0.0, 0.0)  # type: ignore[return-value]
+        return (x / distance * speed, y / distance * speed, z / distance * speed, 0.0, 0.0, 0.0)
 
     def _sample(self, stamp_ns: int) -> ArmSample:
-        lies = self.world.lies_of(Device.ROBOT)
-        self._lies.advance(lies, self.world.velocity, duration_s=self._period_ns * 1e-9)
+        world, lies = self.world, self._lies
+        pose, velocity, duration_s = world.pose, world.velocity, self._period_ns * 1e-9
+        lies.advance(world.lies_of(Device.ROBOT), velocity, duration_s=duration_s)
         return ArmSample(
             stamp_ns=stamp_ns,
-            controller_time_s=(stamp_ns - self.world.start_ns) * 1e-9 + self._lies.clock_s,
-            pose=self.world.pose.shifted(z=self._lies.height_m),
-            velocity=self.world.velocity,
+            controller_time_s=(stamp_ns - world.start_ns) * 1e-9 + lies.clock_s,
+            pose=pose.shifted(z=lies.height_m) if lies.height_m else pose,
+            velocity=velocity,
             runtime_state=PLAYING,
             safety_bits=PROTECTIVE_STOPPED if self._locked else 1,
             robot_mode=RUNNING,
             tcp_force=self._estimate.advance(
-                (0.0, 0.0, self.world.force_n, 0.0, 0.0, 0.0),
-                self.world.velocity,
-                duration_s=self._period_ns * 1e-9,
+                (0.0, 0.0, world.force_n, 0.0, 0.0, 0.0), velocity, duration_s=duration_s
             ),
         )
 

@@ -42,6 +42,7 @@ class _MockStream(ABC, Generic[SampleT]):
         self._counter = 0
         self._received_count = 0
         self._lost_count = 0
+        self._corrupt_count = 0
         self._repeat_count = 0
         self._content: object = None
         self._waiting: list[SampleT] = []
@@ -82,7 +83,7 @@ class _MockStream(ABC, Generic[SampleT]):
         return StreamHealth(
             received_count=self._received_count,
             lost_count=self._lost_count,
-            corrupt_count=self._corrupt_count(),
+            corrupt_count=self._corrupt_count,
             repeat_count=self._repeat_count,
             age_s=age_s,
             rate_hz=(len(stamps) - 1) / span_s if span_s > 0.0 else 0.0,
@@ -108,9 +109,6 @@ class _MockStream(ABC, Generic[SampleT]):
     @abstractmethod
     def _sample(self, now_ns: int) -> SampleT | None:
         """Return the sample that is due, or None where it is lost."""
-
-    def _corrupt_count(self) -> int:
-        return 0
 
     def _clipped_ratio(self) -> float:
         return 0.0
@@ -150,9 +148,6 @@ class MockForceSensor(_MockStream[ForceSample]):
             raise beside_no_mock(config)
         return cls(world)
 
-    def _corrupt_count(self) -> int:
-        return self._lost_count
-
     def _sample(self, now_ns: int) -> ForceSample | None:
         self._counter += 1
         faults = self.world.faults
@@ -160,6 +155,7 @@ class MockForceSensor(_MockStream[ForceSample]):
             return None
         if "force-lossy" in faults and self._counter % 10 == 0:
             self._lost_count += 1
+            self._corrupt_count += 1
             return None
         lies = self.world.lies_of(Device.FORCE_SENSOR)
         self._held = self._wrench()

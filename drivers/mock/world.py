@@ -17,6 +17,7 @@ from tacauchy_rig.errors import ConfigError
 from tacauchy_rig.run import Pose, Vector6
 
 STEP_S = 0.002
+_STEP_NS = round(STEP_S * 1e9)
 
 Still: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -75,6 +76,7 @@ class MockWorld:
         faults: Names of the failures that are on now; the devices look here.
         lies: What is on now of the faults that pass for measurements; they look here too.
         disturbance: Wrench that something else exerts on the sensor.
+        now_ns: Time the world has reached [ns].
     """
 
     def __init__(
@@ -106,20 +108,15 @@ class MockWorld:
         self.faults: set[str] = set()
         self.lies: list[Fault] = []
         self.start_ns = clock.now_ns()
-        self._now_ns = self.start_ns
+        self.now_ns = self.start_ns
         self._drive: Callable[[float], Vector6] | None = None
         self._listeners: list[Callable[[int], None]] = []
         self._plans: list[tuple[Callable[[], bool], Callable[[], None]]] = []
 
     @property
-    def now_ns(self) -> int:
-        """Time the world has reached [ns]."""
-        return self._now_ns
-
-    @property
     def elapsed_s(self) -> float:
         """Time since the world began [s]."""
-        return (self._now_ns - self.start_ns) * 1e-9
+        return (self.now_ns - self.start_ns) * 1e-9
 
     def drive(self, velocity_after: Callable[[float], Vector6]) -> None:
         """Let ``velocity_after(step_s)`` give the tool's velocity [m/s, rad/s] at each step."""
@@ -140,9 +137,8 @@ class MockWorld:
     def catch_up(self) -> None:
         """Integrate up to the clock's time."""
         target_ns = self.clock.now_ns()
-        step_ns = round(STEP_S * 1e9)
-        while self._now_ns + step_ns <= target_ns:
-            self._now_ns += step_ns
+        while self.now_ns + _STEP_NS <= target_ns:
+            self.now_ns += _STEP_NS
             self._step()
 
     def raw_wrench(self) -> Vector6:
@@ -151,9 +147,9 @@ class MockWorld:
         along = self.config.force_sensor.compression_sign * (self.force_n + drift)
         load: Vector6 = (0.01 * self.force_n, 0.0, along, 0.0, 0.0, 0.0)
         scales = (self.noise_n,) * 3 + (self.noise_n * 1e-2,) * 3
-        rows = zip(self.bias, load, self.disturbance, scales, strict=True)
-        values = [b + f + d + self.random.gauss(0.0, s) for b, f, d, s in rows]
-        return (values[0], values[1], values[2], values[3], values[4], values[5])
+        rows, gauss = zip(self.bias, load, self.disturbance, scales, strict=True), self.random.gauss
+        x, y, z, rx, ry, rz = [b + f + d + gauss(0.0, s) for b, f, d, s in rows]
+        return (x, y, z, rx, ry, rz)
 
     def _step(self) -> None:
         if self._drive is not None:
@@ -164,7 +160,7 @@ class MockWorld:
         depth_m = self.surface_z_m - self.pose.position[2]
         self.force_n = self.gel.press(depth_m, duration_s=STEP_S)
         for listener in self._listeners:
-            listener(self._now_ns)
+            listener(self.now_ns)
         for plan in list(self._plans):
             condition, action = plan
             if condition():

@@ -5,8 +5,7 @@ Whatever a step waits for, it waits by turning this cycle, so nothing ever waits
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.rig import Rig
@@ -146,7 +145,7 @@ class Cycle:
         Raises:
             BreachError: The robot refuses.
         """
-        with _as_breach("robot"):
+        with _ROBOT:
             self.rig.arm.set_velocity(velocity, acceleration=self.config.robot.acceleration)
         self._follow.tell(velocity[2])
 
@@ -158,7 +157,7 @@ class Cycle:
         """
         self.workspace.check_target(target)
         self._follow.forget()
-        with _as_breach("robot"):
+        with _ROBOT:
             if not self.rig.arm.is_pose_allowed(target):
                 raise DeviceError(
                     f"robot: its safety limits do not admit {target.position}",
@@ -174,7 +173,7 @@ class Cycle:
         Raises:
             BreachError: The robot is gone.
         """
-        with _as_breach("robot"):
+        with _ROBOT:
             return self.rig.arm.is_moving()
 
     def stop(self) -> None:
@@ -197,12 +196,12 @@ class Cycle:
         now_ns = self.rig.clock.now_ns()
         if now_ns - self._kicked_ns >= KICK_PERIOD_NS:
             self._kicked_ns = now_ns
-            with _as_breach("robot"):
+            with _ROBOT:
                 self.rig.arm.kick_watchdog()
 
     def _read_force(self, presses: list[Press]) -> None:
         sensor = self.rig.force_sensor
-        with _as_breach("force sensor"):
+        with _FORCE_SENSOR:
             samples = sensor.drain()
             health = sensor.health()
             if samples:
@@ -216,7 +215,7 @@ class Cycle:
         self._streams.check_force(health, now_ns=self.rig.clock.now_ns())
 
     def _read_arm(self, states: list[ArmSample]) -> None:
-        with _as_breach("robot"):
+        with _ROBOT:
             states += self.rig.arm.drain()
             if states:
                 self.sink.put(Arm(tuple(states)))
@@ -242,7 +241,7 @@ class Cycle:
             raise _recorder_breach(problem)
 
     def _watch_camera(self) -> None:
-        with _as_breach("camera", Reaction.RETRACT):
+        with _CAMERA:
             marks, health = self.rig.camera.poll(), self.rig.camera.health()
         if marks:
             self._touch_seen = marks[-1].touched
@@ -250,17 +249,27 @@ class Cycle:
         self._streams.check_image(health)
 
 
-@contextmanager
-def _as_breach(device: str, reaction: Reaction = Reaction.HOLD) -> Iterator[None]:
-    """Make the loss of a device, or of the record, a breach."""
-    try:
-        yield
-    except DeviceError as error:
-        raise BreachError(
-            error.message, limit=device, reaction=reaction, remedy=error.remedy
-        ) from error
-    except RecordError as error:
-        raise _recorder_breach(str(error)) from error
+class _AsBreach:
+    """Makes the loss of a device, or of the record, a breach."""
+
+    def __init__(self, device: str, reaction: Reaction = Reaction.HOLD) -> None:
+        self._device, self._reaction = device, reaction
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
+        if isinstance(error, DeviceError):
+            raise BreachError(
+                error.message, limit=self._device, reaction=self._reaction, remedy=error.remedy
+            ) from error
+        if isinstance(error, RecordError):
+            raise _recorder_breach(str(error)) from error
+
+
+_ROBOT = _AsBreach("robot")
+_FORCE_SENSOR = _AsBreach("force sensor")
+_CAMERA = _AsBreach("camera", Reaction.RETRACT)
 
 
 def _recorder_breach(problem: str) -> BreachError:

@@ -36,7 +36,7 @@ class RateMeter:
     def frames(self, marks: Sequence[FrameMark], health: StreamHealth) -> None:
         """Count camera frames, and those that the driver dropped; note what was at full scale."""
         self._frames += marks
-        self._frames_lost = [*self._frames_lost[:1], health.lost_count]  # the first and the last
+        self._frames_lost[1:] = [health.lost_count]  # the first and the last
         self._clipped_ratio = max(self._clipped_ratio, health.clipped_ratio)
 
     def arm(self, count: int) -> None:

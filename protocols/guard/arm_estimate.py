@@ -64,16 +64,20 @@ class ArmEstimate:
     def __init__(self, model: RobotModel, *, sign: int = 1) -> None:
         self.tolerance = TOLERANCE[model]
         self._sign = sign
-        self._recent: deque[tuple[int, float]] = deque()
+        self._stamps_ns: deque[int] = deque()
+        self._forces_n: deque[float] = deque()
         self._zero_n: float | None = None
 
     def take(self, states: Iterable[ArmSample]) -> None:
         """Take new states; those without an estimate say nothing."""
         for state in states:
             if state.tcp_force is not None:
-                self._recent.append((state.stamp_ns, self._sign * state.tcp_force[FZ]))
-        while self._recent and self._recent[-1][0] - self._recent[0][0] > WINDOW_S * 1e9:
-            self._recent.popleft()
+                self._stamps_ns.append(state.stamp_ns)
+                self._forces_n.append(self._sign * state.tcp_force[FZ])
+        stamps_ns = self._stamps_ns
+        while stamps_ns and stamps_ns[-1] - stamps_ns[0] > WINDOW_S * 1e9:
+            stamps_ns.popleft()
+            self._forces_n.popleft()
 
     def zero(self) -> None:
         """Make what is felt now the zero: nothing touches."""
@@ -82,7 +86,7 @@ class ArmEstimate:
     @property
     def has_estimate(self) -> bool:
         """True once the arm has told one."""
-        return bool(self._recent)
+        return bool(self._forces_n)
 
     @property
     def force_n(self) -> float | None:
@@ -91,4 +95,4 @@ class ArmEstimate:
         return None if mean_n is None or self._zero_n is None else mean_n - self._zero_n
 
     def _mean(self) -> float | None:
-        return sum(force for _, force in self._recent) / len(self._recent) if self._recent else None
+        return sum(self._forces_n) / len(self._forces_n) if self._forces_n else None

@@ -63,11 +63,9 @@ class ForceGuard:
         """Return force [N] and moment [N m] of a sample against the zero; zeros before it."""
         if self._zero is None:
             return (0.0,) * 6
-        raw = (*sample.wrench.force, *sample.wrench.torque)
-        x, y, z, rx, ry, rz = (
-            value - zero for value, zero in zip(raw, self._zero.mean, strict=True)
-        )
-        return x, y, z, rx, ry, rz
+        (x, y, z), (rx, ry, rz) = sample.wrench.force, sample.wrench.torque
+        x0, y0, z0, rx0, ry0, rz0 = self._zero.mean
+        return x - x0, y - y0, z - z0, rx - rx0, ry - ry0, rz - rz0
 
     def pressing(self, wrench: Vector6) -> float:
         """Return the pressing force [N] of a tared wrench, positive in compression."""

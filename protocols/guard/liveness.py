@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from itertools import pairwise
 
 from protocols.guard.breach import BreachError, Reaction
 from tacauchy_rig.run import FZ, Wrench
@@ -31,7 +30,8 @@ class Liveness:
 
     def __init__(self, *, row: int) -> None:
         self._row = row
-        self._recent: deque[float] = deque(maxlen=NOISE_SAMPLES)
+        self._newest_n: float | None = None
+        self._steps: deque[float] = deque(maxlen=NOISE_SAMPLES - 1)
         self._unloaded_n: float | None = None
         self._number = 0
         self._numbers: dict[Sample, int] = {}
@@ -42,7 +42,8 @@ class Liveness:
     def set_noise(self) -> None:
         """Compare from now on with the noise of the newest samples: nothing touches."""
         self._unloaded_n = self._noise()
-        self._recent.clear()
+        self._newest_n = None
+        self._steps.clear()
 
     def check(self, wrench: Wrench) -> None:
         """Judge one more sample.
@@ -51,8 +52,10 @@ class Liveness:
             BreachError: Its noise has gone, or it repeats a row of samples.
         """
         self._check_row(wrench)
-        self._recent.append(wrench.force[FZ])
-        if self._unloaded_n is None or len(self._recent) < NOISE_SAMPLES:
+        before_n, self._newest_n = self._newest_n, wrench.force[FZ]
+        if before_n is not None:
+            self._steps.append((self._newest_n - before_n) ** 2)
+        if self._unloaded_n is None or len(self._steps) < NOISE_SAMPLES - 1:
             return
         noise_n = self._noise()
         if noise_n < NOISE_SHARE * self._unloaded_n:
@@ -64,8 +67,7 @@ class Liveness:
 
     def _noise(self) -> float:
         """Return the deviation of the newest samples [N], from neighbours: a rise is no noise."""
-        steps = [(after - before) ** 2 for before, after in pairwise(self._recent)]
-        return math.sqrt(0.5 * sum(steps) / len(steps)) if steps else 0.0
+        return math.sqrt(0.5 * sum(self._steps) / len(self._steps)) if self._steps else 0.0
 
     def _check_row(self, wrench: Wrench) -> None:
         sample = (*wrench.force, *wrench.torque)

@@ -41,6 +41,8 @@ class PressBand:
         self.expected = expected
         self._depth = np.array(expected.depth_m)
         self._force = np.array(expected.force_n)
+        rise_n, way_m = self._force[-1] - self._force[-2], self._depth[-1] - self._depth[-2]
+        self._end_slope = rise_n / way_m
         self._grid = np.linspace(0.0, max(self._depth[-1], expected.gel_height_m), _GRID)
         self._leaning = self._strips(self._grid)
         # Where the force sensor calls a soft gel touched.
@@ -58,20 +60,21 @@ class PressBand:
             points: Depths below contact [m] and the force at each [N], at least one.
             depth_m: Depth below contact now [m].
         """
+        return self.least(points, depth_m), self.most(points, depth_m)
+
+    def least(self, points: Sequence[tuple[float, float]], depth_m: float) -> float:
+        """Return the lower of ``bounds`` [N]."""
         at_m, felt_n = np.array(points).T
-        least_n = float(np.max(felt_n + self._least_rise(at_m, depth_m)))
-        most_n = float(np.min(felt_n + self._most_rise(at_m, depth_m)))
-        return (1.0 - CREEP_SHARE) * least_n, most_n
+        nearer_m = np.maximum(depth_m - self.expected.depth_error_m, at_m)
+        rise_n = self._lean_force(nearer_m) - self._lean_force(at_m)
+        return (1.0 - CREEP_SHARE) * float((felt_n + self.expected.low * rise_n).max())
 
-    def _least_rise(self, from_m: FloatArray, to_m: float) -> FloatArray:
-        nearer_m = np.maximum(to_m - self.expected.depth_error_m, from_m)
-        rise_n = self._lean_force(nearer_m) - self._lean_force(from_m)
-        return np.asarray(self.expected.low * rise_n)
-
-    def _most_rise(self, from_m: FloatArray, to_m: float) -> FloatArray:
-        further_m = np.maximum(to_m, from_m) + self.expected.depth_error_m
-        rise_n = self._straight(further_m + self._begin_m) - self._straight(from_m + self._begin_m)
-        return np.asarray((1.0 + CREEP_SHARE) * self.expected.high * rise_n)
+    def most(self, points: Sequence[tuple[float, float]], depth_m: float) -> float:
+        """Return the upper of ``bounds`` [N]."""
+        at_m, felt_n = np.array(points).T
+        further_m = np.maximum(depth_m, at_m) + self.expected.depth_error_m
+        rise_n = self._straight(further_m + self._begin_m) - self._straight(at_m + self._begin_m)
+        return float((felt_n + (1.0 + CREEP_SHARE) * self.expected.high * rise_n).min())
 
     def depth_bound(self, force_n: float) -> float:
         """Return how deep below contact a force may lie [m]: in the softest, most leaning gel."""
@@ -86,9 +89,8 @@ class PressBand:
 
     def _straight(self, depth_m: FloatArray) -> FloatArray:
         """Return the curve's force [N]; beyond its end it goes on as steep as there."""
-        slope = (self._force[-1] - self._force[-2]) / (self._depth[-1] - self._depth[-2])
         beyond = np.maximum(depth_m - self._depth[-1], 0.0)
-        return np.asarray(np.interp(depth_m, self._depth, self._force) + slope * beyond)
+        return np.asarray(np.interp(depth_m, self._depth, self._force) + self._end_slope * beyond)
 
     def _strips(self, depth_m: FloatArray) -> FloatArray:
         """Return the force of a face that leans by ``lean_m`` [N], over strips of a disc."""

@@ -197,10 +197,9 @@ class Witness:
             return
         depth_m, cell_n = self._contact_z_m - z_m, sum(self._forces) / len(self._forces)
         passed = [point for point in self._points if point[0] < depth_m] or self._points[:1]
-        _, most_n = self.band.bounds(passed, depth_m)
+        most_n = self.band.most(passed, depth_m) + self._zero_error_n
         passed += [point for point in self._earlier if point[0] < depth_m]
-        least_n, _ = self.band.bounds(passed, depth_m)
-        least_n, most_n = least_n - self._zero_error_n, most_n + self._zero_error_n
+        least_n = self.band.least(passed, depth_m) - self._zero_error_n
         if not least_n <= cell_n <= most_n:
             raise self._gel_breach(self.band, depth_m, cell_n, (least_n, most_n))
         if depth_m >= self._points[-1][0] + POINT_M:

@@ -19,11 +19,13 @@ class Workspace:
     """The box, the tilt and the speeds that a configuration allows."""
 
     def __init__(self, config: RigConfig) -> None:
-        self._box = config.workspace
+        box = self._box = config.workspace
+        self._bounds = ((box.x_min, box.x_max), (box.y_min, box.y_max), (box.z_min, box.z_max))
         self._home = config.robot.home
         self._axis = rotated(_TOOL_AXIS, config.robot.tool_rotation)
         robot = config.robot
-        self._fastest = max(robot.approach_speed, robot.retract_speed, robot.search_speed)
+        fastest = max(robot.approach_speed, robot.retract_speed, robot.search_speed)
+        self._speed_cap = fastest * SPEED_MARGIN + SPEED_NOISE_M_S
 
     def check_target(self, pose: Pose) -> None:
         """Refuse a target outside the box or tilted.
@@ -73,9 +75,7 @@ class Workspace:
             )
 
     def _outside(self, position: Vector3) -> tuple[str, str] | None:
-        box = self._box
-        bounds = ((box.x_min, box.x_max), (box.y_min, box.y_max), (box.z_min, box.z_max))
-        for axis, value, (low, high) in zip("xyz", position, bounds, strict=True):
+        for axis, value, (low, high) in zip("xyz", position, self._bounds, strict=True):
             if not low <= value <= high:
                 name = f"workspace.{axis}_{'min' if value < low else 'max'}"
                 bound = low if value < low else high
@@ -83,8 +83,9 @@ class Workspace:
         return None
 
     def _tilted(self, pose: Pose) -> tuple[str, str] | None:
-        axis = rotated(_TOOL_AXIS, pose.rotation_vector)
-        cosine = sum(a * b for a, b in zip(axis, self._axis, strict=True))
+        x, y, z = rotated(_TOOL_AXIS, pose.rotation_vector)
+        ax, ay, az = self._axis
+        cosine = x * ax + y * ay + z * az
         tilt = math.acos(min(1.0, max(-1.0, cosine)))
         if tilt <= self._box.max_tilt:
             return None
@@ -94,7 +95,7 @@ class Workspace:
 
     def _too_fast(self, state: ArmSample) -> tuple[str, str] | None:
         speed = math.hypot(*state.velocity[:3])
-        cap = self._fastest * SPEED_MARGIN + SPEED_NOISE_M_S
+        cap = self._speed_cap
         if speed <= cap:
             return None
         return "robot.speed", f"it moves at {speed * 1e3:.1f} mm/s, more than {cap * 1e3:.1f} mm/s"

@@ -186,7 +186,8 @@ def settle(cycle: Cycle, drive: PressDrive) -> bool:
     target_n = drive.target_n
     while reading.now_ns < deadline_ns:
         recent.extend(reading.presses)
-        if len(recent) == needed and _is_settled(summarise(tuple(recent)), cycle, target_n):
+        is_new = bool(reading.presses) and len(recent) == needed
+        if is_new and _is_settled(summarise(tuple(recent)), cycle, target_n):
             return True
         reading = drive.turn()
     return False
