@@ -58,6 +58,9 @@ STYLE: Any = {
     "pdf.fonttype": 42,
     "ps.fonttype": 42,
     "savefig.dpi": PRINT_DPI,
+    # Each figure has a layout of its own, and none once it is saved.
+    "figure.autolayout": False,
+    "figure.constrained_layout.use": False,
 }
 
 
@@ -103,8 +106,9 @@ def save_figure(
     Raises:
         RecordError: A file cannot be written.
     """
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    if layout := figure.get_layout_engine():
+        layout.execute(figure)
+    figure.set_layout_engine(None)  # with one, be it "none", each file would be drawn twice
     # No date and no version, which would make each file another one.
     wanted = [
         (folder / f"{name}.pdf", PRINT_DPI, {"CreationDate": None, "Producer": None}),

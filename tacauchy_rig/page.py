@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from importlib import resources
 from typing import TypedDict
 
@@ -80,7 +81,9 @@ def sentences(
     return _paragraphs(environment.get_template(template).render(**facts))
 
 
+@cache
 def _environment(package: str) -> Environment:
+    """Return what reads a package's templates, and compiles each only once."""
     environment = Environment(
         loader=FunctionLoader(lambda name: resources.files(package).joinpath(name).read_text()),
         # Markdown, not HTML.

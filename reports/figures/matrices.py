@@ -69,7 +69,9 @@ def _row_scaled(quality: np.ndarray) -> np.ndarray:
 def _write_value(axes: Axes, i: int, j: int, value: float, shade: float) -> None:
     text = "–" if np.isnan(value) else _format(value)
     color = GREY if np.isnan(value) else INK if shade > 0.55 else "white"
-    axes.text(j, i, text, ha="center", va="center", fontsize=5.5, color=color)
+    # Within its cell, so without a say in the layout, which would measure every one of them.
+    written = axes.text(j, i, text, ha="center", va="center", fontsize=5.5, color=color)
+    written.set_in_layout(False)
 
 
 def _format(value: float) -> str:
