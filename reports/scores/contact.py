@@ -112,6 +112,15 @@ def contact_region(footprint: Mask) -> Mask:
     return np.asarray(ndimage.distance_transform_edt(~footprint) <= margin, dtype=np.bool_)
 
 
+def rectangle_around(region: Mask, *, margin_px: int) -> tuple[slice, slice]:
+    """Return the rows and columns of a region and of a margin [px] around it, within the image."""
+    rows, columns = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
+    return (
+        slice(max(0, rows[0] - margin_px), rows[-1] + 1 + margin_px),
+        slice(max(0, columns[0] - margin_px), columns[-1] + 1 + margin_px),
+    )
+
+
 def contact_crop(footprint: Mask) -> tuple[slice, slice]:
     """Return the square around a footprint, moved to lie in the image and no larger than it."""
     half = max(MIN_CROP_PX / 2, CROP_RADII * footprint_radius(footprint))

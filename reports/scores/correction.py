@@ -19,6 +19,7 @@ from reports.scores.contact import (
     contact_region,
     footprint_radius,
     image_change,
+    rectangle_around,
     score_contact,
 )
 from reports.scores.metrics import ImageScores, score
@@ -130,11 +131,13 @@ def register_changes(
     """
     x, y = 0.0, 0.0
     reach = footprint_radius(region)
+    around = rectangle_around(region, margin_px=1)  # for the gradients at its edge
     for smoothing in PYRAMID_PX:
         target = _smooth(real, smoothing)[region].ravel()
         source = _smooth(simulated, smoothing)
         for _ in range(MAX_STEPS):
-            step = _register_step(target, shift_change(source, x, y), region)
+            moved = shift_change(source, x, y)[around]
+            step = _register_step(target, moved, region[around])
             x, y = x + step[0], y + step[1]
             if math.hypot(x, y) > reach:
                 return None

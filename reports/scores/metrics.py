@@ -103,14 +103,20 @@ def structural_similarity_index(first: NDArray[np.uint8], second: NDArray[np.uin
             f"images of {first.shape[1]} x {first.shape[0]} px have no SSIM",
             remedy=f"its window is {SSIM_WINDOW_PX} px wide: score larger images",
         )
+    x, y = np.atleast_3d(first), np.atleast_3d(second)
+    return float(np.mean([_similarity(x[..., k], y[..., k]) for k in range(x.shape[2])]))
+
+
+def _similarity(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
+    """Return the SSIM of one channel: all of it, but not of three, fits a processor's cache."""
     x, y = first.astype(np.float64), second.astype(np.float64)
     mean_x, mean_y = _windowed(x), _windowed(y)
-    square_x, square_y, product = mean_x * mean_x, mean_y * mean_y, mean_x * mean_y
-    variances = _windowed(x * x) - square_x + _windowed(y * y) - square_y
+    product, squares = mean_x * mean_y, mean_x * mean_x + mean_y * mean_y
+    variances = _windowed(x * x + y * y) - squares
     covariance = _windowed(x * y) - product
     steady_mean, steady_variance = (0.01 * PEAK) ** 2, (0.03 * PEAK) ** 2
     likeness = (2.0 * product + steady_mean) * (2.0 * covariance + steady_variance)
-    likeness /= (square_x + square_y + steady_mean) * (variances + steady_variance)
+    likeness /= (squares + steady_mean) * (variances + steady_variance)
     border = SSIM_WINDOW_PX // 2
     return float(likeness[border:-border, border:-border].mean())
 
@@ -123,8 +129,7 @@ def _windowed(values: FloatArray) -> FloatArray:
 
 def zero_mean_correlation(first: FloatArray, second: FloatArray) -> float:
     """Correlate two arrays of one shape after taking each one's mean off; NaN if one is flat."""
-    a = first.astype(np.float64).ravel() - float(first.mean())
-    b = second.astype(np.float64).ravel() - float(second.mean())
+    a, b = first.ravel() - float(first.mean()), second.ravel() - float(second.mean())
     norm = math.sqrt(float(a @ a) * float(b @ b))
     return float(a @ b) / norm if norm > 0.0 else math.nan
 

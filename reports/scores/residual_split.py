@@ -27,6 +27,7 @@ from reports.scores.contact import (
     contact_footprint,
     contact_region,
     image_change,
+    rectangle_around,
     relative_residual,
 )
 from reports.scores.correction import register_changes, shift_change
@@ -143,11 +144,7 @@ def _trial(index: int, images: TrialImages, simulated: ColorImage) -> _Trial | N
     if footprint is None:
         return None
     region = contact_region(footprint)
-    (rows, columns) = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
-    around = (
-        slice(max(0, rows[0] - _AROUND_PX), rows[-1] + 1 + _AROUND_PX),
-        slice(max(0, columns[0] - _AROUND_PX), columns[-1] + 1 + _AROUND_PX),
-    )
+    around = rectangle_around(region, margin_px=_AROUND_PX)
     return _Trial(index, real, made, region, around, _noise(images))
 
 
