@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from reports.comparison.compare import compare
-from reports.evidence.evidence import PassingFrame, PassingState, RunEvidence, TrialEvidence
+from reports.comparison.results import ValidationReport
+from reports.evidence.evidence import PassingFrame, PassingState, TrialEvidence
 from reports.page import writing
 from reports.page.passing import MOST_PRESSES
 from reports.page.writing import ReportPaths
@@ -50,17 +50,23 @@ def passing(trial: TrialEvidence, rng: np.random.Generator) -> tuple[PassingStat
     return tuple(states)
 
 
-def with_passing(evidence: RunEvidence, *, count: int) -> RunEvidence:
-    """Return a run of so many presses with states."""
+def with_passing(report: ValidationReport, *, count: int) -> ValidationReport:
+    """Return a report of so many presses with states: the run's own, over and over."""
     rng = np.random.default_rng(8)
-    trials = [
-        replace(evidence.trials[k % 6], index=k + 1, passing=passing(evidence.trials[k % 6], rng))
-        for k in range(count)
-    ]
-    return replace(evidence, trials=tuple(trials))
+    recorded, judged = report.evidence.trials, report.trials
+    places = [(k + 1, k % len(judged)) for k in range(count)]
+    trials = tuple(
+        replace(recorded[at], index=index, passing=passing(recorded[at], rng))
+        for index, at in places
+    )
+    return replace(
+        report,
+        evidence=replace(report.evidence, trials=trials),
+        trials=tuple(replace(judged[at], index=index) for index, at in places),
+    )
 
 
-def write_beside(written: ReportPaths, evidence: RunEvidence, folder: Path) -> ReportPaths:
+def write_beside(written: ReportPaths, report: ValidationReport, folder: Path) -> ReportPaths:
     """Write a report with the figures of one that is written, which take most of the time."""
     figures = json.loads(written.summary.read_text("utf-8"))["figures"]
 
@@ -70,25 +76,23 @@ def write_beside(written: ReportPaths, evidence: RunEvidence, folder: Path) -> R
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(writing, "draw_figures", copied)
-        return writing.write_report(compare(evidence), folder)
+        return writing.write_report(report, folder)
 
 
 @pytest.fixture(scope="module")
 def risen(
-    evidence: RunEvidence, written: ReportPaths, tmp_path_factory: pytest.TempPathFactory
+    report: ValidationReport, written: ReportPaths, tmp_path_factory: pytest.TempPathFactory
 ) -> ReportPaths:
     """Six presses and their states on disk."""
-    return write_beside(written, with_passing(evidence, count=6), tmp_path_factory.mktemp("risen"))
+    return write_beside(written, with_passing(report, count=6), tmp_path_factory.mktemp("risen"))
 
 
 @pytest.fixture(scope="module")
 def many(
-    evidence: RunEvidence, written: ReportPaths, tmp_path_factory: pytest.TempPathFactory
+    report: ValidationReport, written: ReportPaths, tmp_path_factory: pytest.TempPathFactory
 ) -> ReportPaths:
     """More presses than have a slider."""
-    return write_beside(
-        written, with_passing(evidence, count=MANY), tmp_path_factory.mktemp("many")
-    )
+    return write_beside(written, with_passing(report, count=MANY), tmp_path_factory.mktemp("many"))
 
 
 def seen(page: Any, trial: int) -> dict[str, Any]:

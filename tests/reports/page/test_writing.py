@@ -23,6 +23,14 @@ from tacauchy_rig.errors import RecordError
 METRICS = {"ssim", "ncc", "histogram_correlation", "psnr_db", "mse"}
 
 
+@pytest.fixture(scope="module")
+def incomplete_written(
+    incomplete: ValidationReport, tmp_path_factory: pytest.TempPathFactory
+) -> ReportPaths:
+    """The incomplete run's report on disk."""
+    return write_report(incomplete, tmp_path_factory.mktemp("incomplete"))
+
+
 def read_strictly(path: Path) -> dict[str, Any]:
     """Read JSON and refuse NaN and infinity, as other readers do."""
 
@@ -82,16 +90,13 @@ def test_the_page_shows_no_code(written: ReportPaths) -> None:
     assert not re.search(r'\[\]|\{"|\[\[|null|e−\d+ N', text)
 
 
-def test_incomplete_run_is_written_without_nan(
-    incomplete: ValidationReport, tmp_path: Path
-) -> None:
+def test_incomplete_run_is_written_without_nan(incomplete_written: ReportPaths) -> None:
     """Numbers that do not exist are null, in the trials that lack them only."""
-    paths = write_report(incomplete, tmp_path / "report")
-    trials = read_strictly(paths.summary)["trials"]
+    trials = read_strictly(incomplete_written.summary)["trials"]
     assert trials[3]["metrics"] == dict.fromkeys(METRICS)
     assert trials[3]["floors"]["wrong_force"] == {}
     assert trials[0]["metrics"]["ssim"] > 0.9
-    page = paths.html.read_text("utf-8")
+    page = incomplete_written.html.read_text("utf-8")
     assert "What was missed, and what to do" in page
     assert "tacauchy-rig resume RUN" in page
     assert "Trial 4 was not pressed" in page
@@ -136,7 +141,7 @@ def test_page_says_verdict_first_and_marks_the_dry_run(written: ReportPaths) -> 
 
 
 def test_what_was_emulated_is_not_called_real(
-    written: ReportPaths, incomplete: ValidationReport, tmp_path: Path
+    written: ReportPaths, incomplete_written: ReportPaths
 ) -> None:
     """Pages and captions say whose the images are; only a caveat may name real sensors."""
     emulated = written.html.read_text("utf-8")
@@ -144,7 +149,7 @@ def test_what_was_emulated_is_not_called_real(
     assert "<th>Emulated</th>" in emulated
     assert caveat in emulated
     assert not re.search(r"\breal\b", emulated.replace(caveat, ""), flags=re.IGNORECASE)
-    page = write_report(incomplete, tmp_path / "report").html.read_text("utf-8")
+    page = incomplete_written.html.read_text("utf-8")
     assert "<th>Real</th>" in page
     assert "Emulated" not in page
     assert "against real images" in page

@@ -89,13 +89,13 @@ def _record(**changed: Any) -> Callable[[Path], None]:
 
 
 def _bomb(folder: Path) -> None:
-    """An archive of 2 MB whose array unpacks to 2 GB."""
-    with (
-        zipfile.ZipFile(folder / RECORD, "w", zipfile.ZIP_DEFLATED) as file,
-        file.open("image.npy", "w", force_zip64=True) as member,
-    ):
-        for _ in range(2048):
-            member.write(bytes(2**20))
+    """An archive of 2 MB whose array unpacks to 2 GB: one packed block of zeros, repeated."""
+    packer = zlib.compressobj(wbits=-15)
+    block = packer.compress(bytes(2**20)) + packer.flush(zlib.Z_FULL_FLUSH)
+    with zipfile.ZipFile(folder / RECORD, "w") as file:
+        file.writestr("image.npy", block * 2048 + packer.flush())
+        member = file.getinfo("image.npy")
+        member.compress_type, member.file_size = zipfile.ZIP_DEFLATED, 2048 * 2**20
 
 
 def _parquet(path: str, change: Callable[[pa.Table], pa.Table]) -> Callable[[Path], None]:
