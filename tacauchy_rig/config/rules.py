@@ -71,6 +71,7 @@ def _protocol_rules(config: RigConfig) -> tuple[tuple[bool, str, str, str], ...]
     """Return what is wrong or not with targets and thresholds: where, why, and what to do."""
     limits, protocol = config.limits, config.protocol
     lowest = min(protocol.force_targets)
+    image_rate_hz, force_rate_hz = config.camera.rate, config.force_sensor.rate
     return (
         (
             protocol.force_tolerance > TOLERANCE_SHARE * lowest,
@@ -101,6 +102,24 @@ def _protocol_rules(config: RigConfig) -> tuple[tuple[bool, str, str, str], ...]
                 f"{protocol.contact_force:g} N"
             ),
             "lower tare_deviation or raise contact_force",
+        ),
+        (
+            image_rate_hz < protocol.min_image_rate,
+            "camera.rate",
+            (
+                f"{image_rate_hz:g} fps is below protocol.min_image_rate "
+                f"{protocol.min_image_rate:g} fps: every press would fail"
+            ),
+            "raise rate or lower min_image_rate",
+        ),
+        (
+            force_rate_hz < protocol.min_force_rate,
+            "force_sensor.rate",
+            (
+                f"{force_rate_hz:g} Hz is below protocol.min_force_rate "
+                f"{protocol.min_force_rate:g} Hz: every press would fail"
+            ),
+            "raise rate or lower min_force_rate",
         ),
     )
 

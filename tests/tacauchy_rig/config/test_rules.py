@@ -55,6 +55,20 @@ BROKEN = [
         ),
     ),
     (
+        ['camera.rate="10 fps"'],
+        (
+            "camera.rate: 10 fps is below protocol.min_image_rate 20 fps: every press would fail; "
+            "raise rate or lower min_image_rate"
+        ),
+    ),
+    (
+        ['force_sensor.rate="50 Hz"'],
+        (
+            "force_sensor.rate: 50 Hz is below protocol.min_force_rate 95 Hz: every press would "
+            "fail; raise rate or lower min_force_rate"
+        ),
+    ),
+    (
         ['limits.early_contact="0.05 N"'],
         "limits.early_contact: 0.05 N is not above contact_force 0.05 N; raise early_contact",
     ),
