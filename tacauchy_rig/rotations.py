@@ -30,8 +30,8 @@ def rotated(vector: Vector3, rotation_vector: Vector3) -> Vector3:
 
 def composed(first: Vector3, second: Vector3) -> Vector3:
     """Return the rotation vector [rad] of ``second`` followed by ``first`` (matrix product)."""
-    w1, x1, y1, z1 = _quaternion(first)
-    w2, x2, y2, z2 = _quaternion(second)
+    w1, x1, y1, z1 = quaternion(first)
+    w2, x2, y2, z2 = quaternion(second)
     w = w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2
     x = w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2
     y = w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2
@@ -43,7 +43,8 @@ def composed(first: Vector3, second: Vector3) -> Vector3:
     return (factor * x, factor * y, factor * z)
 
 
-def _quaternion(rotation_vector: Vector3) -> tuple[float, float, float, float]:
+def quaternion(rotation_vector: Vector3) -> tuple[float, float, float, float]:
+    """Return w, x, y, z of a rotation vector [rad]."""
     x, y, z = rotation_vector
     angle = math.hypot(x, y, z)
     if angle < 1e-12:

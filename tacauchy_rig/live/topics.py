@@ -16,10 +16,10 @@ from foxglove.messages import (
     Timestamp,
     Vector3,
 )
-from scipy.spatial.transform import Rotation
 
 from protocols.processes.feed import Shown
 from protocols.trials.trial import PlannedTrial
+from tacauchy_rig.rotations import quaternion
 from tacauchy_rig.run import JournalEvent
 
 AXES = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
@@ -94,7 +94,7 @@ class Topics:
         self._log("/wrench", dict(zip(AXES, values, strict=True)), numbers["stamp_ns"][-1])
 
     def _tip(self, shown: Shown) -> None:
-        x, y, z, w = Rotation.from_rotvec(shown.numbers["rotation_rad"]).as_quat().tolist()
+        w, x, y, z = quaternion(shown.numbers["rotation_rad"])
         place = Vector3(**dict(zip("xyz", shown.numbers["position_m"], strict=True)))
         pose = Pose(position=place, orientation=Quaternion(x=x, y=y, z=z, w=w))
         at_ns = self._at_ns(shown.stamp_ns)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tacauchy_rig.rotations import composed, rotated
+from tacauchy_rig.rotations import composed, quaternion, rotated
 from tacauchy_rig.run import Vector3
 
 _angle = st.one_of(st.floats(-math.pi, math.pi), st.floats(-1e-11, 1e-11))
@@ -27,3 +27,11 @@ def test_composed_rotations_turn_one_after_the_other(a: Vector3, b: Vector3, v: 
     """Turning by a composition is turning by the second, then by the first."""
     first, second, both = (Rotation.from_rotvec(r) for r in (a, b, composed(a, b)))
     assert both.apply(v) == pytest.approx(first.apply(second.apply(v)), abs=1e-9)
+
+
+@given(turn=_vector)
+def test_a_quaternion_is_scipys_or_its_opposite(turn: Vector3) -> None:
+    """Both are the same turn."""
+    w, x, y, z = quaternion(turn)
+    theirs = Rotation.from_quat([x, y, z, w])
+    assert (theirs.inv() * Rotation.from_rotvec(turn)).magnitude() == pytest.approx(0.0, abs=1e-9)

@@ -16,10 +16,6 @@ _ARRIVED_M = 1e-9
 _LEVER_ARM_M = 0.5
 
 
-def _norm(x: float, y: float, z: float) -> float:
-    return math.sqrt(x * x + y * y + z * z)
-
-
 class ToolMotion:
     """The tip's pose and velocity, advanced cycle by cycle.
 
@@ -87,7 +83,7 @@ class ToolMotion:
         v = self.velocity
         dx, dy, dz, da, db, dc = (t - now for t, now in zip(target, v, strict=True))
         limit = self._acceleration * duration_s
-        linear, angular = _norm(dx, dy, dz), _norm(da, db, dc)
+        linear, angular = math.hypot(dx, dy, dz), math.hypot(da, db, dc)
         f = 1.0 if linear <= limit else limit / linear
         g = 1.0 if angular <= limit else limit / angular
         new = (
@@ -123,7 +119,7 @@ class _Line:
         self._travel = (target[0] - start[0], target[1] - start[1], target[2] - start[2])
         inverse = (-start[3], -start[4], -start[5])
         self._turn = composed((target[3], target[4], target[5]), inverse)
-        self._length = max(_norm(*self._travel), _LEVER_ARM_M * _norm(*self._turn))
+        self._length = max(math.hypot(*self._travel), _LEVER_ARM_M * math.hypot(*self._turn))
         self._done_m = 0.0
         self._now = 0.0
         self.arrived = self._length < _ARRIVED_M
