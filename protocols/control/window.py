@@ -47,10 +47,15 @@ def summarise(presses: Sequence[Press]) -> ForceWindow:
 
 
 def listen(cycle: Cycle, duration_s: float) -> list[Press]:
-    """Stand still for ``duration_s`` [s] and return what was felt."""
+    """Stand still for ``duration_s`` [s] and return what was felt.
+
+    The last turn begins when it is over: what came while the computer was held up is not lost.
+    """
     clock = cycle.rig.clock
     end_ns = clock.now_ns() + round(duration_s * 1e9)
     presses: list[Press] = []
-    while clock.now_ns() < end_ns:
+    is_over = False
+    while not is_over:
+        is_over = clock.now_ns() >= end_ns
         presses += cycle.turn().presses
     return presses

@@ -50,11 +50,14 @@ class Running:
         """Return the detail of the first such event after ``seen`` earlier ones."""
         deadline = time.monotonic() + WAIT_S
         while time.monotonic() < deadline:
+            is_on = self._thread.is_alive()  # before the look: its last event counts
             for event in self.events[seen:]:
                 if event.name == name and detail.items() <= event.detail.items():
                     return event.detail
+            assert is_on, f"no {name} {detail}, but the end: {self.result}"
             time.sleep(0.01)
-        raise AssertionError(f"no {name} {detail} within {WAIT_S:g} s")
+        told = [(event.name, event.detail.get("phase")) for event in self.events]
+        raise AssertionError(f"no {name} {detail} within {WAIT_S:g} s, but {told}")
 
     def end(self):
         """Return how it ended."""
