@@ -100,8 +100,10 @@ def _frames(attempt: AttemptReading, seen: Seen, images: CameraImages) -> Iterat
         if real is None:
             continue
         measured = float(np.interp(frame.stamp_ns, force.stamp_ns, curve.value))
-        goal = Goal(stamp_s=frame.stamp_ns * 1e-9, force_n=measured)
-        yield _row(goal, (frame.stamp_ns - start_ns) * 1e-9, seen, real, background)
+        touches = touched[0] <= frame.stamp_ns <= touched[-1]
+        goal = Goal(stamp_s=frame.stamp_ns * 1e-9, force_n=measured if touches else 0.0)
+        row = _row(goal, (frame.stamp_ns - start_ns) * 1e-9, seen, real, background)
+        yield row | {"measured_n": measured}
 
 
 def _lasting(touching: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, np.dtype[np.bool_]]:
@@ -137,7 +139,6 @@ def _row(
     residual = contact_residual(real, made.image, background) if made.force_n else None
     return {
         "time_s": round(time_s, 3),
-        "measured_n": goal.force_n,
         "force_n": made.force_n,
         "error_n": made.force_error_n,
         "depth_mm": 1e3 * made.depth_m,
