@@ -28,6 +28,20 @@ FAST_KERNEL: dict[str, Any] = {
 KERNEL_EPSILON = float(np.finfo(wp.dtype_to_numpy(wp.float64)).eps)  # type: ignore[no-untyped-call]
 
 
+def constant_table(values: NDArray[np.float64]) -> Any:
+    """Return a Warp function of an index that gives the flat table's value there.
+
+    The compiler folds it where the index is known to it: an unrolled loop's. ``wp.static`` of a
+    loop's index would do that too, but has the kernel's code made anew in every process.
+    """
+    listed = ", ".join(repr(value) for value in values.ravel().tolist())
+
+    @wp.func_native(f"const wp::float64 values[] = {{{listed}}};\nreturn values[i];")
+    def entry(i: wp.int32) -> wp.float64: ...
+
+    return entry
+
+
 def start_warp() -> None:
     """Initialise Warp; the native library reports a missing CUDA driver on file descriptor 2."""
     wp.config.log_level = wp.LOG_INFO

@@ -7,6 +7,7 @@ from typing import Any
 
 import warp as wp
 
+from sim.device import constant_table
 from sim.mesh.elements import ElementOrder, reference_element
 
 
@@ -14,7 +15,9 @@ from sim.mesh.elements import ElementOrder, reference_element
 def projection_kernel(order: ElementOrder) -> Any:
     """Build the kernel; it launches over [environment_count, face_count]."""
     reference = reference_element(order)
-    along, face_weights = reference.face_gradients.tolist(), reference.face_weights.tolist()
+    along = constant_table(reference.face_gradients)
+    shares = constant_table(0.5 * reference.face_weights)
+    point_count, node_count = len(reference.face_weights), reference.face_node_count
 
     @wp.kernel(enable_backward=False, module="unique")
     def project(
@@ -30,15 +33,14 @@ def projection_kernel(order: ElementOrder) -> Any:
     ):
         b, f = wp.tid()
         vector = wp.vec3d()
-        for p in range(wp.static(len(face_weights))):
+        for p in range(wp.static(point_count)):
             first = wp.vec3d()
             second = wp.vec3d()
-            for k in range(wp.static(reference.face_node_count)):
+            for k in range(wp.static(node_count)):
                 x = positions[b, faces[f, k]]
-                first += x * wp.float64(wp.static(along[p][k][0]))
-                second += x * wp.float64(wp.static(along[p][k][1]))
-            share = wp.float64(wp.static(0.5 * face_weights[p]))
-            vector += wp.cross(first, second) * share
+                first += x * along(2 * (p * wp.static(node_count) + k))
+                second += x * along(2 * (p * wp.static(node_count) + k) + 1)
+            vector += wp.cross(first, second) * shares(p)
         area = wp.length(vector)
         normal = vector / area
         sigma = wp.mat33d()

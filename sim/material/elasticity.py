@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.device import FAST_KERNEL, start_warp
+from sim.device import FAST_KERNEL, constant_table, start_warp
 from sim.material.laws.tangent import Law, Tangent, cofactor, tangent_block
 from sim.mesh.elements import ElementOrder, reference_element
 
@@ -230,8 +230,10 @@ def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
     law_energy, law_stress, objective = law.energy, law.stress, law.is_objective
     reference = reference_element(order)
     # By quadrature point, node and reference coordinate, as the kernel compiles them in.
-    gradients = np.where(np.abs(reference.gradients) < _ZERO, 0.0, reference.gradients).tolist()
-    node_count = reference.node_count
+    gradients = constant_table(
+        np.where(np.abs(reference.gradients) < _ZERO, 0.0, reference.gradients)
+    )
+    point_count, node_count = len(reference.gradients), reference.node_count
     NodeVectors = wp.types.matrix(shape=(node_count, 3), dtype=wp.float64)
 
     @wp.kernel(**FAST_KERNEL)
@@ -259,12 +261,12 @@ def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
             x = positions[b, gel.nodes[e, k]]
             for axis in range(3):
                 at[k, axis] = x[axis]
-        for q in range(wp.static(len(gradients))):
+        for q in range(wp.static(point_count)):
             D = wp.mat33d()
             for k in range(wp.static(node_count)):
                 for j in range(3):
-                    if wp.static(gradients[q][k][j] != 0.0):
-                        g = wp.float64(wp.static(gradients[q][k][j]))
+                    g = gradients((q * wp.static(node_count) + k) * 3 + j)
+                    if g != wp.float64(0.0):
                         for axis in range(3):
                             D[axis, j] += at[k, axis] * g
             F = D * inverse
@@ -290,8 +292,8 @@ def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
             K = (P * wp.transpose(inverse)) * weight
             for k in range(wp.static(node_count)):
                 for j in range(3):
-                    if wp.static(gradients[q][k][j] != 0.0):
-                        g = wp.float64(wp.static(gradients[q][k][j]))
+                    g = gradients((q * wp.static(node_count) + k) * 3 + j)
+                    if g != wp.float64(0.0):
                         for axis in range(3):
                             total[k, axis] += K[axis, j] * g
         energy_out[b, e] = energy
