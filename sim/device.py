@@ -36,8 +36,8 @@ def constant_table(values: NDArray[np.float64]) -> Any:
     """
     listed = ", ".join(repr(value) for value in values.ravel().tolist())
 
-    @wp.func_native(f"const wp::float64 values[] = {{{listed}}};\nreturn values[i];")
-    def entry(i: wp.int32) -> wp.float64: ...
+    @wp.func_native(f"const wp::float64 values[] = {{{listed}}};\nreturn values[i];")  # type: ignore[untyped-decorator]
+    def entry(i: wp.int32) -> wp.float64: ...  # type: ignore[empty-body]
 
     return entry
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import scipy.spatial
+import scipy
 
 from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import boundary_faces

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy.spatial
+import scipy
 from numpy.typing import NDArray
 
 from sim.arrays import FloatArray, IntArray

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import scipy.spatial
+import scipy
 
 from sim.arrays import FloatArray, IntArray
 from tacauchy_rig.errors import ConfigError

@@ -11,7 +11,7 @@ import hashlib
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.spatial
+import scipy
 
 from sim.arrays import FloatArray, IntArray
 from tacauchy_rig.errors import ConfigError
@@ -89,9 +89,6 @@ def _merged(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
     """Make one of vertices that are the same up to rounding; drop faces that this collapses."""
     vertices, inverse = np.unique(vertices, axis=0, return_inverse=True)
     reach = _MERGE_SHARE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    import scipy.sparse  # noqa: PLC0415 - a third of a second, for indenters from triangles only
-    import scipy.spatial  # noqa: PLC0415
-
     pairs = scipy.spatial.cKDTree(vertices).query_pairs(reach, output_type="ndarray")
     links = scipy.sparse.coo_matrix(
         (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(vertices),) * 2

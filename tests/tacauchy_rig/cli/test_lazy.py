@@ -27,7 +27,17 @@ HEAVY = (
     "mcap",
 )
 # What a press of an analytic indenter has no use for.
-UNUSED = ("matplotlib", "vtk", "pyvista", "skimage", "cv2", "pytetwild", "jinja2", "mcap")
+UNUSED = (
+    "matplotlib",
+    "vtk",
+    "pyvista",
+    "skimage",
+    "scipy.spatial",
+    "cv2",
+    "pytetwild",
+    "jinja2",
+    "mcap",
+)
 SCRIPT = """
 import sys
 import typer
