@@ -8,9 +8,11 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from sim.error.settings import setting_of
+from sim.error.tolerance import Tolerance, keeping
 from sim.fields.surface import SurfaceState
 from sim.replay import replay_forces, replay_scene
-from sim.scene.scene import Preset, Scene
+from sim.scene.scene import Scene
 from sim.sensor.camera_geometry import ImageArray
 from sim.sensor.sensor import load_sensor
 
@@ -33,13 +35,14 @@ class ReplayRow:
     """A replay of a run's forces.
 
     Attributes:
+        setting: A preset, or a mesh between two.
         presses_s: Mesh, presses and fields [s].
         images_s: Height maps and images of all trials [s].
         force_error: Believed relative error of F_z, the largest; None where nothing is known.
         memory_mib: The process's peak so far [MiB].
     """
 
-    preset: str
+    setting: str
     trial_count: int
     newton_iterations: int
     presses_s: float
@@ -59,28 +62,37 @@ class ReplayRow:
 
 
 def measure_replay(
-    scene: Scene, preset: Preset, forces_n: Sequence[float], image_of: ImageOf
+    scene: Scene,
+    forces_n: Sequence[float],
+    image_of: ImageOf,
+    *,
+    tolerance: Tolerance | None = None,
 ) -> ReplayRow:
     """Replay forces [N] on a scene's sensor and indenter.
 
     Args:
+        scene: Its preset counts where there is no tolerance.
         image_of: Makes the image of a pressed surface, from its height maps on.
+        tolerance: Of F_z; the cheapest settings that promise it are taken, and choosing them is in
+            the time.
 
     Raises:
+        ConfigError: No settings promise the tolerance.
         ConvergenceError: A force cannot be reached.
     """
     started = time.perf_counter()
     sensor = load_sensor(scene.sensor)
-    found, fields = replay_forces(
-        replay_scene(sensor, scene.indenter, forces_n, preset=preset), forces_n
-    )
+    asked = replay_scene(sensor, scene.indenter, forces_n, preset=scene.preset)
+    if tolerance is not None:
+        asked = keeping(asked, tolerance)
+    found, fields = replay_forces(asked, forces_n)
     pressed = time.perf_counter()
     for trial in fields:
         image_of(trial.surface)
     errors = [trial.force_error_estimate for trial in found.trials]
     known = [error for error in errors if error is not None]
     return ReplayRow(
-        preset=preset.value,
+        setting=str(setting_of(asked)),
         trial_count=len(found.trials),
         newton_iterations=sum(trial.newton_iterations for trial in found.trials),
         presses_s=pressed - started,

@@ -9,15 +9,15 @@ from typing import Any
 
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
+from sim.error.tolerance import Tolerance
 from sim.scene.scene import Preset, Scene
 from sim.studies.bench.factor_threads import ThreadsRow, measure_threads
 from sim.studies.bench.growth import GrowthRow, growth
 from sim.studies.bench.part import Part
 from sim.studies.bench.rendering import BATCH, RenderingRow, batch_device, measure_rendering
-from sim.studies.bench.replays import ImageOf, ReplayRow, measure_replay
+from sim.studies.bench.replays import FORCE_ERROR_MAX, ImageOf, ReplayRow, measure_replay
 from sim.studies.bench.start import StartRow, measure_start
 
-_PRESETS = (Preset.FAST, Preset.BALANCED)
 _GROWTH_DEPTH_M = 0.5e-3
 _WARM_M = 0.02e-3
 
@@ -64,7 +64,12 @@ def run_bench(
     measures: dict[Part, tuple[str, Callable[[], Iterable[object]]]] = {
         Part.REPLAY: (
             "replays",
-            lambda: [measure_replay(scene, preset, forces_n, image_of) for preset in _PRESETS],
+            lambda: [
+                measure_replay(replace(scene, preset=Preset.FAST), forces_n, image_of),
+                measure_replay(
+                    scene, forces_n, image_of, tolerance=Tolerance(relative=FORCE_ERROR_MAX)
+                ),
+            ],
         ),
         Part.GROWTH: ("growth", lambda: growth(scene, depth_m=_GROWTH_DEPTH_M)),
         Part.START: ("start", measure_start),

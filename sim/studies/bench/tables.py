@@ -71,7 +71,7 @@ def _replays(found: Benchmark) -> Table:
     return table_of(
         found.replays,
         {
-            "preset": lambda row: row.preset,
+            "preset": lambda row: row.setting,
             "presses": lambda row: row.trial_count,
             "F_z believed within [%]": lambda row: (
                 None if row.force_error is None else 1e2 * row.force_error

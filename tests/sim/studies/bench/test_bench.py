@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sim.error.tolerance import Tolerance
 from sim.fields.surface import SurfaceState
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
@@ -39,7 +40,7 @@ def _image_of(surface: SurfaceState) -> ImageArray:
 
 def _replay(*, error: float | None = 0.015, presses_s: float = 9.0) -> ReplayRow:
     return ReplayRow(
-        preset="balanced",
+        setting="balanced",
         trial_count=6,
         newton_iterations=60,
         presses_s=presses_s,
@@ -96,12 +97,20 @@ def test_a_replay_counts_if_it_is_close_and_in_time(row: ReplayRow, met: bool) -
     assert table.passed is met
 
 
+def test_a_replay_takes_the_cheapest_settings_that_promise_a_tolerance() -> None:
+    """A fifth of the force is more than preset fast promises: longer edges do."""
+    scene = replace(_SCENE, sensor="gelsight-mini")
+    row = measure_replay(scene, [0.2], _image_of, tolerance=Tolerance(relative=0.2))
+    assert row.setting == "fast, edges 1.11 times as long"
+    assert row.force_error is not None
+    assert row.force_error < 0.2
+
+
 def test_a_replay_makes_an_image_of_every_press() -> None:
     """Two forces, two images, both in its time."""
     surfaces: list[SurfaceState] = []
     row = measure_replay(
         replace(_SCENE, sensor="gelsight-mini"),
-        Preset.FAST,
         [0.2, 0.1],
         lambda surface: (surfaces.append(surface), _image_of(surface))[1],
     )
