@@ -31,7 +31,6 @@ from sim.contact.indenter_distance import (
     posed,
     signed_distance,
 )
-from sim.device import FAST_KERNEL
 
 # A lagged pressure that is none.
 _TINY_PA = wp.constant(wp.float64(1.0e-12))
@@ -77,7 +76,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     """Build the kernels."""
     gap_of = nearby_gap if body_kind is MeshBody else signed_distance
 
-    @wp.kernel(**FAST_KERNEL)
+    @wp.kernel(enable_backward=False, module="unique")
     def touch(
         # Model:
         surface: TouchedSurface,
@@ -110,7 +109,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             gap_out[b, f, q] = distance
             add_traction(surface, b, f, q, v, nodes_out)
 
-    @wp.kernel(**FAST_KERNEL)
+    @wp.kernel(enable_backward=False, module="unique")
     def force(
         # Model:
         surface: TouchedSurface,
@@ -162,7 +161,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         force_out[b, f, q] = pull * surface.areas[f, q]
         stiffness_out[b, f, q] = stiffness * surface.areas[f, q]
 
-    @wp.kernel(**FAST_KERNEL)
+    @wp.kernel(enable_backward=False, module="unique")
     def hold(
         # Model:
         surface: TouchedSurface,
@@ -212,7 +211,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             energy[b, f, q] += surface.areas[f, q] * (density - before)
             add_traction(surface, b, f, q, pull - pulled, nodes)
 
-    @wp.kernel(**FAST_KERNEL)
+    @wp.kernel(enable_backward=False, module="unique")
     def drag(
         # Model:
         surface: TouchedSurface,

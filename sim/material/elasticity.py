@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.device import FAST_KERNEL, constant_table, start_warp
+from sim.device import constant_table, start_warp
 from sim.material.laws.tangent import Law, Tangent, cofactor, tangent_block
 from sim.mesh.elements import ElementOrder, reference_element
 
@@ -74,7 +74,7 @@ def tangent_kernel(law: Law, *, remembers: bool) -> Any:
     """
     law_tangent, bends = law.tangent, remembers and law.is_objective
 
-    @wp.kernel(**FAST_KERNEL)
+    @wp.kernel(enable_backward=False, module="unique")
     def tangent(
         # Model:
         gel: GelArrays,
@@ -179,7 +179,7 @@ def _without_negative(H: wp.mat33d) -> wp.mat33d:
     return vectors * wp.diag(kept) * wp.transpose(vectors)
 
 
-@wp.kernel(**FAST_KERNEL)
+@wp.kernel(enable_backward=False, module="unique")
 def hessian(
     # Model:
     blocks: wp.array3d(dtype=wp.int32),
@@ -236,7 +236,7 @@ def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
     point_count, node_count = len(reference.gradients), reference.node_count
     NodeVectors = wp.types.matrix(shape=(node_count, 3), dtype=wp.float64)
 
-    @wp.kernel(**FAST_KERNEL)
+    @wp.kernel(enable_backward=False, module="unique")
     def element(
         # Model:
         gel: GelArrays,

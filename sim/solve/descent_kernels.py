@@ -15,7 +15,6 @@ from typing import Any
 
 import warp as wp
 
-from sim.device import FAST_KERNEL
 from sim.solve.descent_rules import CUT, FAR, NOTHING_AT_ALL, Sum, Sums, decide, finds_no_way
 from sim.solve.descent_state import Act, Descent, Evaluated, Limits, Mode, Pull, Status
 from sim.solve.memory_kernels import (
@@ -53,7 +52,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         grips: Points that touch hold on to the indenter.
         pulls: Nodes have further energies.
     """
-    made = {**FAST_KERNEL, "launch_bounds": threads}
+    made = {"enable_backward": False, "module": "unique", "launch_bounds": threads}
 
     @wp.kernel(**made)
     def judge(
