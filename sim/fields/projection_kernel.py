@@ -36,7 +36,7 @@ def projection_kernel(order: ElementOrder) -> Any:
         for p in range(wp.static(point_count)):
             first = wp.vec3d()
             second = wp.vec3d()
-            for k in range(faces.shape[1]):
+            for k in range(wp.static(node_count)):
                 x = positions[b, faces[f, k]]
                 first += x * along(2 * (p * wp.static(node_count) + k))
                 second += x * along(2 * (p * wp.static(node_count) + k) + 1)
