@@ -27,14 +27,15 @@ def doctor(
     ] = False,
 ) -> None:
     """Check ports, permissions, rates, disk, replay, robot and clock; nothing moves."""
-    from drivers.checks import device_checks
     from tacauchy_rig.config.load import load_config
+
+    config = load_config(path, overrides=overrides or ()).config
+    from drivers.checks import device_checks
     from tacauchy_rig.doctor.host import host_checks
     from tacauchy_rig.doctor.result import checked
     from tacauchy_rig.loop.gel_limits import check_gel
     from tacauchy_rig.loop.inputs import check_replay
 
-    config = load_config(path, overrides=overrides or ()).config
     checks = [
         *host_checks(config),
         checked("gel", lambda: check_gel(config)),

@@ -7,11 +7,22 @@ from typing import Annotated
 
 import typer
 
+
+def _run_folder(folder: Path) -> Path:
+    """Refuse what is no run's folder, before a command imports what it works with."""
+    from tacauchy_rig.store.layout import run_folder
+
+    run_folder(folder)
+    return folder
+
+
 ConfigFile = Annotated[
     Path | None, typer.Argument(metavar="CONFIG", help="A rig.toml; the dry run's if absent.")
 ]
 RequiredConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="A rig.toml.")]
-RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.")]
+RunFolder = Annotated[
+    Path, typer.Argument(metavar="RUN", help="A run's folder.", callback=_run_folder)
+]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="TABLE.FIELD=VALUE", help="Change one field; may be repeated."),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from tacauchy_rig.errors import RecordError
+
 RECORDING_NAME = "recording.mcap"
 SPILL_PATTERN = "unacknowledged-*.mcap"
 
@@ -112,3 +114,19 @@ def run_root_of(path: Path) -> Path:
         if (folder / "run.json").is_file():
             return folder
     return path.parent
+
+
+def run_folder(root: Path) -> RunPaths:
+    """Return the places in a run's folder.
+
+    Raises:
+        RecordError: ``root`` is no run's folder.
+    """
+    paths = RunPaths(root)
+    if not paths.run_json.is_file():
+        raise RecordError(
+            f"{root}: not a run folder: it has no run.json",
+            remedy="give a folder that `tacauchy-rig run` or `dry-run` made, "
+            "such as runs/20250131-101500-NAME",
+        )
+    return paths

@@ -24,7 +24,7 @@ from tacauchy_rig.run import TrialRecord
 from tacauchy_rig.store.codec import dumps, loads, to_json
 from tacauchy_rig.store.durable import write_atomically, write_error
 from tacauchy_rig.store.journal import read_journal
-from tacauchy_rig.store.layout import RunPaths
+from tacauchy_rig.store.layout import RunPaths, run_folder
 from tacauchy_rig.store.replay_files import ReplayFields, read_fields, write_fields
 from tacauchy_rig.store.run_lock import run_lock
 from tacauchy_rig.store.sealed_file import SealedFile, read_json
@@ -122,13 +122,7 @@ class RunStore:
             RecordError: ``root`` is no run folder, or its description is damaged.
             ConfigError: Its configuration is no longer accepted.
         """
-        path = RunPaths(root).run_json
-        if not path.is_file():
-            raise RecordError(
-                f"{root}: not a run folder: it has no run.json",
-                remedy="give a folder that `tacauchy-rig run` or `dry-run` made, "
-                "such as runs/20250131-101500-NAME",
-            )
+        path = run_folder(root).run_json
         description = read_json(Any, path, what=_DESCRIPTION)
         _check_description(description, path)
         return cls(root, description)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -35,4 +36,21 @@ def test_threads_are_measured_by_size(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = factor_threads.measure_threads(scene, refinements=(0.5,))
     assert {row.thread_count for row in rows} >= {1, 2}
     assert len({row.unknown_count for row in rows}) == 1
-    assert all(row.factor_cpu_s > 0.0 for row in rows)
+    assert all(row.factor_s > 0.0 and row.solve_s > 0.0 for row in rows)
+
+
+def test_processor_time_is_told_by_a_clock_of_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work shorter than the clock's tick is charged with its share of the ticks, not with none."""
+    monkeypatch.setattr(factor_threads, "_BUDGET_S", 1.0)
+    spent_ms = [0]
+
+    def work() -> None:
+        spent_ms[0] += 3
+
+    clock = SimpleNamespace(
+        perf_counter=lambda: 1e-3 * spent_ms[0], process_time=lambda: 1e-2 * (spent_ms[0] // 10)
+    )
+    monkeypatch.setattr(factor_threads, "time", clock)
+    wall_s, cpu_s = factor_threads._spent(work)
+    assert wall_s == pytest.approx(0.003)
+    assert cpu_s == pytest.approx(0.003, rel=0.02)
