@@ -17,10 +17,13 @@ from numpy.typing import NDArray
 from sim.warp_log import WarpLog
 from tacauchy_rig.errors import ConfigError
 
-# Products and sums in one instruction. Warp's own flags have more inlined: no kernel here gains by
-# that but the one that draws a surface's nodes, a tenth. One set of flags for all, since a process
-# that compiles reads Warp's headers once for each, in 3 s.
-wp.config.cpu_compiler_flags = "-march=native -ffp-contract=fast"
+# Products and sums in one instruction; and with Warp's own flags no block of pixels is put whole
+# into one (``sim/optics/pixels/pixel_kernel.py``). One set of flags for all kernels: a process that
+# compiles reads Warp's headers once for each, in 3 s.
+wp.config.cpu_compiler_flags = (
+    "-march=native -ffp-contract=fast -mllvm=-inline-threshold=9000"
+    " -mllvm=-slp-recursion-max-depth=12"
+)
 # Relative rounding of what the kernels compute; the host computes in float64.
 KERNEL_EPSILON = float(np.finfo(wp.dtype_to_numpy(wp.float64)).eps)  # type: ignore[no-untyped-call]
 

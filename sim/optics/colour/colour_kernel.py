@@ -8,9 +8,7 @@ import warp as wp
 
 from sim.optics.colour.polynomial import INDENTATION_UNIT_M
 from sim.optics.colour.shading_terms import CREASE_UNIT_M
-from sim.optics.pixels.pixel_kernel import BLOCK_FLAGS, Layout, bend_of, place_of
-
-wp.set_module_options({"cpu_compiler_flags": BLOCK_FLAGS})
+from sim.optics.pixels.pixel_kernel import Layout, bend_of, place_of
 
 # Where a pixel's samples are tilted alike to this, the colour of their mean is their mean colour.
 _LEVEL_TILT = wp.constant(wp.float32(0.01))
@@ -135,7 +133,7 @@ def _chosen(apart: Any, sample: Any, middle: Any):
     return chosen
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module="unique")
 def colour_pixels(
     layout: Layout,
     first: wp.int32,
@@ -197,7 +195,7 @@ def colour_pixels(
     change_out[2, to] = wp.cw_mul(blue, gain[2, of])
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module="unique")
 def grey_pixels(
     layout: Layout,
     first: wp.int32,

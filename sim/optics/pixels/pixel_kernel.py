@@ -1,7 +1,9 @@
 """Warp kernels on images' samples, a block of pixels of a row in each thread.
 
 On a processor a block is as wide as its registers: whole blocks are added and multiplied, so that
-an instruction works on many pixels. On a GPU a block is one pixel. Kernels are generic in it.
+an instruction works on many pixels. On a GPU a block is one pixel. Kernels are generic in it,
+and each is a module of its own: one that they share would be compiled anew for each of them, since
+a kernel's first launch tells what blocks there are.
 
 A plane has ``pitch`` blocks for each row of pixels, those of the image and one of room at each end,
 and a row of room above and below. A sample (a, c) of a pixel lies in a plane of its own, the
@@ -18,13 +20,6 @@ import warp as wp
 from sim.device import start_warp
 
 start_warp()
-
-# Warp's own flags keep the compiler from putting a whole block into an instruction.
-BLOCK_FLAGS = (
-    "-march=native -ffp-contract=fast -mllvm=-inline-threshold=9000"
-    " -mllvm=-slp-recursion-max-depth=12"
-)
-wp.set_module_options({"cpu_compiler_flags": BLOCK_FLAGS})
 
 
 @wp.struct
@@ -77,7 +72,7 @@ def _down_column(layout: Layout, planes: wp.array(dtype=Any), at: int, a: int):
     return planes[below] - planes[above]
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module="unique")
 def lay_out_samples(
     layout: Layout,
     first: wp.int32,
@@ -104,7 +99,7 @@ def lay_out_samples(
             height_out[at] = height - values
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module="unique")
 def continue_samples(
     layout: Layout,
     lanes: wp.int32,
@@ -126,7 +121,7 @@ def continue_samples(
         values[beyond] = wp.float32(2.0) * values[last] - values[before]
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module="unique")
 def tilt_samples(
     layout: Layout,
     first: wp.int32,

@@ -6,9 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.optics.pixels.pixel_kernel import BLOCK_FLAGS, Layout
-
-wp.set_module_options({"cpu_compiler_flags": BLOCK_FLAGS})
+from sim.optics.pixels.pixel_kernel import Layout
 
 
 @wp.func
@@ -17,7 +15,7 @@ def _reflected(place: int, count: int) -> int:
     return wp.where(place < 0, -place, wp.where(place >= count, 2 * count - 2 - place, place))
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module="unique")
 def blur_columns(
     layout: Layout,
     first: wp.int32,
@@ -41,7 +39,7 @@ def blur_columns(
         blurred_out[channel, to] = total
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module="unique")
 def mirror_ends(
     layout: Layout,
     first: wp.int32,
@@ -71,7 +69,7 @@ def _compressed(levels: Any, knee: wp.float32):
     return shown
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module="unique")
 def expose_pixels(
     layout: Layout,
     first: wp.int32,

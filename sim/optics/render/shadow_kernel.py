@@ -11,9 +11,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.optics.pixels.pixel_kernel import BLOCK_FLAGS, Layout, place_of
-
-wp.set_module_options({"cpu_compiler_flags": BLOCK_FLAGS})
+from sim.optics.pixels.pixel_kernel import Layout, place_of
 
 # Below everything that a ray may meet [m].
 _NOTHING_M = wp.constant(wp.float32(-1.0))
@@ -35,7 +33,7 @@ class Rays:
     per_softness: wp.float32  # [1/m]
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module="unique")
 def turn_dents(
     rays: Rays,
     first: wp.int32,
@@ -61,7 +59,7 @@ def turn_dents(
     turned_out[to] = values
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module="unique")
 def follow_rays(
     rays: Rays,
     first: wp.int32,
@@ -89,7 +87,7 @@ def follow_rays(
         highest = wp.max(highest, passed - type(highest)(rays.sunk[k]))
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module="unique")
 def hide_samples(
     rays: Rays,
     first: wp.int32,
@@ -115,7 +113,7 @@ def hide_samples(
     turned[step * rays.pitch + rays.room + m] = hidden
 
 
-@wp.kernel(enable_backward=False)
+@wp.kernel(enable_backward=False, module="unique")
 def darken_pixels(
     layout: Layout,
     first: wp.int32,
