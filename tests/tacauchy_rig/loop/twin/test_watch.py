@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from reports.arrays import ColorImage
+from sim.twin import follower
 from tacauchy_rig.errors import RecordError
 from tacauchy_rig.loop.opening import open_run
 from tacauchy_rig.loop.twin.camera_image import CameraImages
@@ -21,7 +22,10 @@ from tests.recorded_run import new_run, press_run
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Return the page of a run over mocks, whose frames are smaller than any sensor's."""
+    """Return the page of a run over mocks, whose frames are smaller than any sensor's.
+
+    Its twin would be pressed by any noise of the cell that it were given.
+    """
     store = new_run(tmp_path_factory.mktemp("runs"))
     press_run(store)
 
@@ -32,6 +36,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(CameraImages, "of", enlarged)
+        patched.setattr(follower, "NO_FORCE_N", 0.0)
         return watch_run(open_run(store.paths.root)).read_text("utf-8")
 
 
