@@ -62,6 +62,31 @@ def test_no_help_imports_what_it_does_not_need() -> None:
     assert done.stdout.count("Usage:") > 30
 
 
+WRONG_FOLDER = """
+import sys
+from tacauchy_rig.cli.app import app
+from tacauchy_rig.errors import RecordError
+for name in {names!r}:
+    try:
+        app([name, "nowhere"], standalone_mode=False)
+    except RecordError as error:
+        assert "not a run folder" in error.message
+    else:
+        raise AssertionError(f"{{name}} takes any folder")
+    loaded = [each for each in {heavy!r} if each in sys.modules]
+    assert not loaded, f"{{name}} imports {{loaded}} to refuse a folder"
+"""
+
+
+def test_a_wrong_folder_is_refused_at_once() -> None:
+    """What commands on a run work with is imported once there is a run."""
+    script = WRONG_FOLDER.format(names=("replay", "report", "recover", "resume"), heavy=HEAVY)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
 def test_a_list_shows_what_the_command_says_of_itself() -> None:
     """The help of a group has a command's docstring, though it does not import it."""
     listed = CliRunner().invoke(app, ["emulate", "--help"])
