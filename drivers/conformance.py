@@ -23,8 +23,8 @@ from drivers.camera.interface import Camera
 from drivers.camera.jpeg import jpeg_size
 from drivers.device.interface import DeviceIdentity, StreamingDevice
 from drivers.force_sensor.interface import ForceTorqueSensor
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import ForceSample, ImageFrame, Pose
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.run import ForceSample, ImageFrame, Pose
 
 DeviceT = TypeVar("DeviceT", Arm, ForceTorqueSensor, Camera)
 SampleT = TypeVar("SampleT", ForceSample, ImageFrame)

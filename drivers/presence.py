@@ -8,10 +8,10 @@ from drivers.arm.interface import Arm
 from drivers.arm.ur5_probe import probe_controller, require_ready
 from drivers.camera.interface import Camera
 from drivers.force_sensor.interface import ForceTorqueSensor
-from tacauchy_rig.config.devices import DeviceSection
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import DeviceError, RigError
-from tacauchy_rig.registry import Kind, load
+from tacauchy_rig.core.config.devices import DeviceSection
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError, RigError
+from tacauchy_rig.core.registry import Kind, load
 
 
 def require_devices(config: RigConfig) -> None:

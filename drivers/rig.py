@@ -10,8 +10,8 @@ from drivers.camera.interface import Camera
 from drivers.camera.touch import Look
 from drivers.device.interface import Clock, StreamHealth
 from drivers.force_sensor.interface import ForceTorqueSensor
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.registry import Kind, load
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.registry import Kind, load
 
 
 @dataclass(frozen=True, slots=True)

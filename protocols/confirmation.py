@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.core.config.model import RigConfig
 
 LAST_WORDS = """\
 Any key, Ctrl-C or a lost terminal stops the arm and takes it slowly off the gel;

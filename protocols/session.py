@@ -10,10 +10,10 @@ from protocols.processes.messages import PageWish, ViewerWish
 from protocols.processes.supervisor import SessionResult, Supervisor
 from protocols.trials.programme import fresh_plan
 from protocols.trials.trial import PlannedTrial
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.expected_press import ExpectedPress
-from tacauchy_rig.run import JournalEvent
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.expected_press import ExpectedPress
+from tacauchy_rig.core.run import JournalEvent
+from tacauchy_rig.core.store.run_store import RunStore
 
 
 def plan_session(store: RunStore, *, again: Set[int] = frozenset()) -> tuple[PlannedTrial, ...]:

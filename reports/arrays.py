@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tacauchy_rig.errors import RecordError
+from tacauchy_rig.core.errors import RecordError
 
 ColorImage = NDArray[np.uint8]
 """RGB image, shape [height, width, 3]."""

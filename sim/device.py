@@ -15,7 +15,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from sim.warp_log import WarpLog
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # Products and sums in one instruction; and with Warp's own flags no block of pixels is put whole
 # into one (``sim/optics/pixels/pixel_kernel.py``). One set of flags for all kernels: a process that

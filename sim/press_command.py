@@ -22,8 +22,8 @@ from sim.scene.terms import (
 )
 from sim.scene.tetwild_options import TetWildOptions, parse_tetwild_options
 from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
 # Options that are no text, and those that may stand several times.
 _READERS = {"poisson": float, "preset": Preset, "drive": Drive, "output": Output}

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from tacauchy_rig.replayed import Alternative, FoundCause, ReplayModel, ResidualSplit, TrialSplit
+from tacauchy_rig.core.replayed import (
+    Alternative,
+    FoundCause,
+    ReplayModel,
+    ResidualSplit,
+    TrialSplit,
+)
 
 
 def made_split() -> ResidualSplit:

@@ -19,11 +19,11 @@ from protocols.guard.abort import Abort
 from protocols.processes.record_keeper import RecordKeeper
 from protocols.session import plan_session
 from protocols.trials.programme import ProgrammeResult, run_programme
-from tacauchy_rig.config.load import default_text, load_config
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.run import JournalEvent
-from tacauchy_rig.store.journal import append_event
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.run import JournalEvent
+from tacauchy_rig.core.store.journal import append_event
+from tacauchy_rig.core.store.run_store import RunStore
 from tests.mock_bench import MockBench, SimulatedClock
 
 MOCKS = ('robot.driver="mock"', 'force_sensor.driver="mock"', 'camera.driver="mock"')

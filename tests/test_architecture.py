@@ -8,7 +8,7 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
-from tacauchy_rig.registry import Kind
+from tacauchy_rig.core.registry import Kind
 from tests.architecture import FOLDERS, PAGE, ROOT, arrows, circles, reduced, with_drawing
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from tacauchy_rig.config.load import example_text
+from tacauchy_rig.core.config.load import example_text
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tests" / "outside_package"
@@ -30,7 +30,7 @@ from pathlib import Path
 from drivers.arm.checks import robot_checks
 from drivers.conformance import ARM_CHECKS, LOCKING_ARM_CHECKS
 from drivers.rig import build_arm_and_force_sensor
-from tacauchy_rig.config.load import load_config
+from tacauchy_rig.core.config.load import load_config
 
 config = load_config(Path("rig.toml")).config
 assert config.robot.options == {"cycle_hz": 500}
@@ -48,7 +48,7 @@ from sim.fields.press_fields import surface_state
 from sim.effects.scene_path import follow, path_for
 from sim.press_command import scene_from
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.loop.rendering import replay_images
+from tacauchy_rig.app.replay.rendering import replay_images
 
 scene = scene_from("--sensor press-lab-skin --indenter lab-ball --depth 0.2mm --preset fast")
 path = path_for(scene, plan_effects(scene))
@@ -80,7 +80,7 @@ class Laboratory:
 
     def rig(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         """Run the command line there."""
-        return self.python("-m", "tacauchy_rig.cli.app", *arguments)
+        return self.python("-m", "tacauchy_rig.app.cli.app", *arguments)
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,10 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from tacauchy_rig.config.load import load_config
-from tacauchy_rig.run import JournalEvent
-from tacauchy_rig.store.journal import append_event
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.run import JournalEvent
+from tacauchy_rig.core.store.journal import append_event
+from tacauchy_rig.core.store.run_store import RunStore
 from tests.reports import conftest as made
 from tests.reports.conftest import FORCE_N, record, write_recording
 

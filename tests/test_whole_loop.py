@@ -30,7 +30,7 @@ def finished_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPa
     }
     arguments = [f"--set={field}={value}" for field, value in settings.items()]
     done = subprocess.run(
-        [sys.executable, "-m", "tacauchy_rig.cli.app", "dry-run", *arguments],
+        [sys.executable, "-m", "tacauchy_rig.app.cli.app", "dry-run", *arguments],
         cwd=place,
         capture_output=True,
         text=True,

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 from drivers.arm.interface import Arm
 from drivers.arm.ur5_probe import ControllerReport, probe_controller, require_ready
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.doctor.result import CheckResult, failed, judged, passed, skipped
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.registry import Kind, load
+from tacauchy_rig.core.check_result import CheckResult, failed, judged, passed, skipped
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.registry import Kind, load
 
 
 def robot_checks(config: RigConfig) -> list[CheckResult]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from drivers.device.interface import DeviceIdentity
-from tacauchy_rig.run import ArmSample, Pose, Vector6
+from tacauchy_rig.core.run import ArmSample, Pose, Vector6
 
 
 class Arm(Protocol):

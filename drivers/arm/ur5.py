@@ -13,9 +13,9 @@ from drivers.arm.ur5_link import LineMove, UrLink
 from drivers.arm.ur5_probe import probe_controller, require_ready
 from drivers.arm.ur5_safety import safety_reason
 from drivers.device.interface import DeviceIdentity
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import DeviceError, SafetyError
-from tacauchy_rig.run import ArmSample, Pose, Vector6
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError, SafetyError
+from tacauchy_rig.core.run import ArmSample, Pose, Vector6
 
 _logger = logging.getLogger(__name__)
 

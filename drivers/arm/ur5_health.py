@@ -16,8 +16,8 @@ from drivers.arm.ur5_safety import (
     safety_reason,
 )
 from drivers.arm.ur5_wire import RTDE_PORT
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import ArmSample
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.run import ArmSample
 
 _DESCRIPTORS = "/proc/self/fd"
 _CLOCK_JUMP_S = 1.0  # more than a busy network or computer bunches states that arrive

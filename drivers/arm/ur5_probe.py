@@ -23,8 +23,8 @@ from drivers.arm.ur5_wire import (
     PacketReader,
     pack_packet,
 )
-from tacauchy_rig.config.devices import RobotModel
-from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.errors import DeviceError
 
 _OUTPUTS = ["timestamp", "robot_mode", "runtime_state", "safety_status_bits", "actual_TCP_pose"]
 _OUTPUT_RATE_HZ = 125.0  # the slower of the two generations' cycles

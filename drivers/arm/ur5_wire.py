@@ -10,7 +10,7 @@ import struct
 from collections.abc import Iterable, Mapping, MutableMapping
 from enum import IntEnum
 
-from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.core.errors import DeviceError
 
 RTDE_PORT = 30004
 DASHBOARD_PORT = 29999

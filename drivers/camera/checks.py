@@ -7,11 +7,11 @@ import time
 from drivers.camera.interface import Camera
 from drivers.camera.uvc import MANUAL_EXPOSURE
 from drivers.device.interface import StreamHealth
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.doctor.result import CheckResult, CheckStatus, failed, judged, passed, skipped
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.registry import Kind, load
-from tacauchy_rig.run import ImageFrame
+from tacauchy_rig.core.check_result import CheckResult, CheckStatus, failed, judged, passed, skipped
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.registry import Kind, load
+from tacauchy_rig.core.run import ImageFrame
 
 _RATE_TOLERANCE = 0.05
 

@@ -30,10 +30,10 @@ from drivers.camera.video_device import (
 )
 from drivers.device.interface import DeviceIdentity, StreamHealth
 from drivers.device.stream_buffer import StreamBuffer
-from tacauchy_rig.config.devices import CameraSection
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import ImageFrame
+from tacauchy_rig.core.config.devices import CameraSection
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.run import ImageFrame
 
 _logger = logging.getLogger(__name__)
 

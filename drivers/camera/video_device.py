@@ -9,7 +9,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from drivers.device.device_file import device_holders
-from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.core.errors import DeviceError
 
 _PORTS = {"http": 80, "https": 443, "rtsp": 554}
 

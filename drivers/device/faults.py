@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeVar
 
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
 
 class Device(StrEnum):

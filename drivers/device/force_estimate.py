@@ -10,8 +10,8 @@ import math
 import random
 from dataclasses import dataclass
 
-from tacauchy_rig.config.devices import RobotModel
-from tacauchy_rig.run import Vector6
+from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.run import Vector6
 
 _MOST_DEVIATIONS = 2.0
 # Turns errors of a force into errors of a moment [m]: 0.30 N m and 4.0 N in UR5e's data sheet.

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
 
 from drivers.device.faults import OLDEST_S, Fault, FaultKind
-from tacauchy_rig.run import FZ, Vector6
+from tacauchy_rig.core.run import FZ, Vector6
 
 _FX = 0
 _LAST_DIGIT = 1e-4  # of a force [N] and a moment [N m] as the box writes them

@@ -10,7 +10,7 @@ from collections.abc import Hashable
 from typing import Generic, TypeVar
 
 from drivers.device.interface import StreamHealth
-from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.core.errors import DeviceError
 
 SampleT = TypeVar("SampleT")
 

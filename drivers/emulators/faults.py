@@ -18,7 +18,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from drivers.device.faults import Device, Fault, FaultKind
-from tacauchy_rig.errors import ConfigError, DeviceError, RigError
+from tacauchy_rig.core.errors import ConfigError, DeviceError, RigError
 
 _logger = logging.getLogger(__name__)
 

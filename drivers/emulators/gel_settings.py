@@ -9,8 +9,8 @@ from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.truth import draw_truth, read_truth
 from drivers.emulators.process import DeviceSettings
-from tacauchy_rig.config.model import IndenterKind
-from tacauchy_rig.run import Vector3
+from tacauchy_rig.core.config.model import IndenterKind
+from tacauchy_rig.core.run import Vector3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,9 +21,9 @@ from drivers.emulators.plant.truth import TRUTH_FILE, draw_truth, write_truth
 from drivers.emulators.plant.unit import EmulatedUnit
 from drivers.emulators.process import EmulatedProcess, arguments_of
 from drivers.emulators.shared_world import WORLD_FILE, FollowerSettings, SharedWorld
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import Vector3
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.run import Vector3
 
 logger = logging.getLogger(__name__)
 

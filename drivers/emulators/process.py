@@ -27,7 +27,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from drivers.device.faults import Device, Fault, FaultKind
 from drivers.emulators.faults import FaultInbox, FaultSchedule
-from tacauchy_rig.errors import DeviceError, RigError
+from tacauchy_rig.core.errors import DeviceError, RigError
 
 logger = logging.getLogger(__name__)
 

@@ -25,8 +25,8 @@ from rtde_receive import RTDEReceiveInterface
 
 from drivers.arm.ur5_probe import probe_controller
 from drivers.emulators.process import settings_from
-from tacauchy_rig.errors import DeviceError, RigError
-from tacauchy_rig.run import Pose, Vector6
+from tacauchy_rig.core.errors import DeviceError, RigError
+from tacauchy_rig.core.run import Pose, Vector6
 
 WORLD_FILE = "world.bin"
 

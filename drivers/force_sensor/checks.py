@@ -10,11 +10,11 @@ from pathlib import Path
 
 from drivers.device.interface import StreamHealth
 from drivers.force_sensor.interface import ForceTorqueSensor
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.doctor.result import CheckResult, failed, judged, passed, skipped
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.registry import Kind, load
-from tacauchy_rig.run import FZ, ForceSample
+from tacauchy_rig.core.check_result import CheckResult, failed, judged, passed, skipped
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.registry import Kind, load
+from tacauchy_rig.core.run import FZ, ForceSample
 
 _GOOD_TIMER_MS = 1
 _RATE_TOLERANCE = 0.02

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from drivers.device.interface import StreamingDevice
-from tacauchy_rig.run import ForceSample
+from tacauchy_rig.core.run import ForceSample
 
 
 class ForceTorqueSensor(StreamingDevice[ForceSample], Protocol):

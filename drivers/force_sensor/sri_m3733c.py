@@ -29,9 +29,9 @@ from drivers.force_sensor.sri_wire import (
     find_reply,
     frame_length,
 )
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import ForceSample, Wrench
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.run import ForceSample, Wrench
 
 _logger = logging.getLogger(__name__)
 

@@ -28,8 +28,8 @@ import struct
 import zlib
 from dataclasses import dataclass
 
-from tacauchy_rig.config.devices import Checksum
-from tacauchy_rig.run import Vector6
+from tacauchy_rig.core.config.devices import Checksum
+from tacauchy_rig.core.run import Vector6
 
 MARK = b"\xaa\x55"
 NUMBER_MODULUS = 1 << 16

@@ -9,11 +9,11 @@ from enum import StrEnum
 
 from drivers.device.interface import Clock, HostClock
 from drivers.force_sensor.interface import ForceTorqueSensor
-from tacauchy_rig.config.devices import MOCK
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import ConfigError, DeviceError
-from tacauchy_rig.registry import Kind, load
-from tacauchy_rig.run import ForceSample, Tare, Vector6
+from tacauchy_rig.core.config.devices import MOCK
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import ConfigError, DeviceError
+from tacauchy_rig.core.registry import Kind, load
+from tacauchy_rig.core.run import ForceSample, Tare, Vector6
 
 SETTLE_S = 1.0
 """After the operator's word: the hand is gone, and a weight on a string has stopped bouncing."""

@@ -11,10 +11,10 @@ from drivers.device.force_estimate import ForceEstimate
 from drivers.device.interface import DeviceIdentity, HostClock
 from drivers.device.lies import LyingArm
 from drivers.mock.world import MockWorld, Still, beside_no_mock, plan_faults
-from tacauchy_rig.config.devices import MOCK
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import ArmSample, Pose, Vector6
+from tacauchy_rig.core.config.devices import MOCK
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.run import ArmSample, Pose, Vector6
 
 ARRIVED_M = 1e-6
 PLAYING, RUNNING = 2, 7

@@ -15,9 +15,9 @@ from drivers.device.faults import Device
 from drivers.device.interface import DeviceIdentity, HostClock, StreamHealth
 from drivers.device.lies import LyingImages, LyingWrench
 from drivers.mock.world import MockWorld, beside_no_mock, plan_faults
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import ForceSample, ImageFrame, Vector6, Wrench
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.run import ForceSample, ImageFrame, Vector6, Wrench
 
 SampleT = TypeVar("SampleT")
 

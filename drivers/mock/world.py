@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterable
 
 from drivers.device.faults import STOPS, Device, Fault, FaultKind, parse_fault
 from drivers.device.interface import Clock
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.run import Pose, Vector6
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.run import Pose, Vector6
 
 STEP_S = 0.002
 _STEP_NS = round(STEP_S * 1e9)

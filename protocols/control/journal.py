@@ -7,8 +7,8 @@ from typing import Any
 
 from drivers.device.interface import Clock
 from protocols.control.record import Sink
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import JournalEvent, Phase
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import JournalEvent, Phase
 
 PROGRESS = "progress"
 """Name of events that are shown and not kept."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from drivers.device.interface import StreamHealth
 from drivers.rig import FrameMark
-from tacauchy_rig.run import ForceSample
+from tacauchy_rig.core.run import ForceSample
 
 FloatArray = npt.NDArray[np.float64]
 

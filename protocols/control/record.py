@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from tacauchy_rig.run import ArmSample, ForceSample, ImageFrame, JournalEvent, TrialRecord
+from tacauchy_rig.core.run import ArmSample, ForceSample, ImageFrame, JournalEvent, TrialRecord
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tacauchy_rig.config.devices import RobotModel
-from tacauchy_rig.run import FZ, ArmSample
+from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.run import FZ, ArmSample
 
 WINDOW_S = 0.2
 WORST_SHARE, WORST_N = 1.5, 0.5

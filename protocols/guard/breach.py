@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from tacauchy_rig.errors import AbortedError, RigError, SafetyError
+from tacauchy_rig.core.errors import AbortedError, RigError, SafetyError
 
 
 class Reaction(StrEnum):

@@ -8,8 +8,8 @@ from enum import StrEnum
 
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.liveness import Liveness
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.run import FZ, ForceSample, Tare, Vector6, Wrench
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.run import FZ, ForceSample, Tare, Vector6, Wrench
 
 SATURATED_FRACTION = 0.95
 RATE_SAMPLES = 5

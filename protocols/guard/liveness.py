@@ -10,7 +10,7 @@ import math
 from collections import deque
 
 from protocols.guard.breach import BreachError, Reaction
-from tacauchy_rig.run import FZ, Wrench
+from tacauchy_rig.core.run import FZ, Wrench
 
 NOISE_SAMPLES = 30
 NOISE_SHARE = 0.1

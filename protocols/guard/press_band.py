@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from tacauchy_rig.expected_press import ExpectedPress
+from tacauchy_rig.core.expected_press import ExpectedPress
 
 FloatArray = npt.NDArray[np.float64]
 

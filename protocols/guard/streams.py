@@ -6,8 +6,8 @@ from collections import deque
 
 from drivers.device.interface import StreamHealth
 from protocols.guard.breach import BreachError, Reaction
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.run import ForceSample
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.run import ForceSample
 
 RATIO_WINDOW_NS = 2_000_000_000
 RATIO_MIN_SAMPLES = 50

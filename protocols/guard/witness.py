@@ -16,9 +16,9 @@ from enum import StrEnum
 from protocols.guard.arm_estimate import WINDOW_S, ArmEstimate
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.press_band import PressBand
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.expected_press import ExpectedPress
-from tacauchy_rig.run import ArmSample
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.expected_press import ExpectedPress
+from tacauchy_rig.core.run import ArmSample
 
 AVERAGED_S = 0.05
 """Samples of the force sensor are averaged over this long before the gel is asked."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from protocols.guard.breach import BreachError, Reaction
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import SafetyError
-from tacauchy_rig.rotations import rotated
-from tacauchy_rig.run import ArmSample, Pose, Vector3
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import SafetyError
+from tacauchy_rig.core.rotations import rotated
+from tacauchy_rig.core.run import ArmSample, Pose, Vector3
 
 SPEED_MARGIN = 1.5
 SPEED_NOISE_M_S = 0.003

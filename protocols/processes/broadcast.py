@@ -5,7 +5,7 @@ from __future__ import annotations
 from protocols.control.cycle import Cycle
 from protocols.control.record import Arm, Entry, Force, Sink
 from protocols.processes.feed import FeedWriters
-from tacauchy_rig.run import ArmSample, ForceSample
+from tacauchy_rig.core.run import ArmSample, ForceSample
 
 PERIOD_NS = 25_000_000
 PENDING_MAX = 1000

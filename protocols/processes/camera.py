@@ -17,8 +17,8 @@ from protocols.processes.child import ask_for_priority, ignore_signals, run_chil
 from protocols.processes.feed import VIEWERS, FeedWriters
 from protocols.processes.link import RecorderLink
 from protocols.processes.messages import CameraStatus, Failed, Job, Kept, Order, Ready
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import ImageFrame
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.run import ImageFrame
 
 logger = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from protocols.guard.abort import SIGNALS
 from protocols.processes.channel import Channel
 from protocols.processes.messages import Failed, Job
-from tacauchy_rig.errors import DeviceError, RigError
+from tacauchy_rig.core.errors import DeviceError, RigError
 
 logger = logging.getLogger(__name__)
 

@@ -24,7 +24,7 @@ from protocols.processes.feed import VIEWERS, FeedWriters
 from protocols.processes.link import RecorderLink, RemoteCamera
 from protocols.processes.messages import AbortRequest, Job, Kept, Order, Ready
 from protocols.trials.programme import ProgrammeResult, run_programme
-from tacauchy_rig.errors import AbortedError, DeviceError, RigError
+from tacauchy_rig.core.errors import AbortedError, DeviceError, RigError
 
 logger = logging.getLogger(__name__)
 

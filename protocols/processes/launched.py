@@ -16,8 +16,8 @@ from protocols.processes.channel import Channel
 from protocols.processes.feed import FeedLines
 from protocols.processes.messages import Job
 from protocols.trials.trial import PlannedTrial
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.expected_press import ExpectedPress
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.expected_press import ExpectedPress
 
 LOG_FOLDER = "logs"
 

@@ -18,9 +18,9 @@ from protocols.control.record import Begin, End, Entry
 from protocols.processes.channel import Channel, encode
 from protocols.processes.messages import Ack, CameraStatus, Failed, Job
 from protocols.processes.record_keeper import RecordKeeper
-from tacauchy_rig.errors import DeviceError, RecordError
-from tacauchy_rig.run import ImageFrame
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.errors import DeviceError, RecordError
+from tacauchy_rig.core.run import ImageFrame
+from tacauchy_rig.core.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 

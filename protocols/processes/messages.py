@@ -9,9 +9,9 @@ from pathlib import Path
 from drivers.device.interface import DeviceIdentity, StreamHealth
 from drivers.rig import FrameMark
 from protocols.trials.trial import PlannedTrial
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import RigError
-from tacauchy_rig.expected_press import ExpectedPress
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.expected_press import ExpectedPress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from protocols.control.record import Arm, Begin, End, Entry, Force
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import ImageFrame, JournalEvent, Outcome, TrialRecord
-from tacauchy_rig.store.journal import append_event, read_journal
-from tacauchy_rig.store.recording.messages import Recorded
-from tacauchy_rig.store.recording.writing import RecordingWriter
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import ImageFrame, JournalEvent, Outcome, TrialRecord
+from tacauchy_rig.core.store.journal import append_event, read_journal
+from tacauchy_rig.core.store.recording.messages import Recorded
+from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 

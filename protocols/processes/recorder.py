@@ -14,9 +14,9 @@ from protocols.processes.channel import Channel, EntryReader
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
 from protocols.processes.messages import Ack, Failed, Job, Ready
 from protocols.processes.record_keeper import RecordKeeper
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import ImageFrame, JournalEvent
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import ImageFrame, JournalEvent
+from tacauchy_rig.core.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 

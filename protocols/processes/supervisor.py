@@ -33,12 +33,12 @@ from protocols.processes.viewer import Viewer
 from protocols.processes.viewing import Viewing
 from protocols.trials.programme import ProgrammeResult, describe_safe
 from protocols.trials.trial import PlannedTrial
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import AbortedError, DeviceError, RecordError
-from tacauchy_rig.expected_press import ExpectedPress
-from tacauchy_rig.run import JournalEvent, Outcome
-from tacauchy_rig.store.journal import append_event
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError
+from tacauchy_rig.core.expected_press import ExpectedPress
+from tacauchy_rig.core.run import JournalEvent, Outcome
+from tacauchy_rig.core.store.journal import append_event
+from tacauchy_rig.core.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ from typing import Any
 from protocols.processes.channel import Channel
 from protocols.processes.launched import Launched
 from protocols.processes.messages import Job, Order
-from tacauchy_rig.errors import RigError
+from tacauchy_rig.core.errors import RigError
 
 logger = logging.getLogger(__name__)
 

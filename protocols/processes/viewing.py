@@ -10,8 +10,8 @@ from dataclasses import replace
 from protocols.processes.feed import FeedLines
 from protocols.processes.messages import Job, PageJob, PageWish, ViewerWish
 from protocols.processes.viewer import Viewer
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.run import JournalEvent
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.run import JournalEvent
 
 LOOPBACK = "127.0.0.1"
 BACKLOG = 256

@@ -11,8 +11,8 @@ from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
 from protocols.guard.workspace import describe
 from protocols.steps.motion import REST_SPEED_M_S
-from tacauchy_rig.errors import AbortedError, DeviceError
-from tacauchy_rig.run import ArmSample, Pose
+from tacauchy_rig.core.errors import AbortedError, DeviceError
+from tacauchy_rig.core.run import ArmSample, Pose
 
 logger = logging.getLogger(__name__)
 

@@ -9,7 +9,7 @@ from protocols.control.window import listen
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
 from protocols.guard.workspace import describe
-from tacauchy_rig.run import Pose, Vector6
+from tacauchy_rig.core.run import Pose, Vector6
 
 ARRIVED_M = 0.0005
 REST_SPEED_M_S = 2e-5

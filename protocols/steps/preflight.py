@@ -9,7 +9,7 @@ from protocols.guard.force import Contact
 from protocols.steps.make_safe import SLOW_M_S
 from protocols.steps.motion import at_height, come_to_rest, downward, home_pose, move_to
 from protocols.steps.tare import judge_tare, take_quiet_tare, take_tare
-from tacauchy_rig.run import Tare
+from tacauchy_rig.core.run import Tare
 
 
 def leave_gel(cycle: Cycle) -> None:

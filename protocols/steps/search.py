@@ -11,8 +11,8 @@ from protocols.control.window import listen
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
 from protocols.steps.motion import come_to_rest, downward
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.config.uncertainty import REFINE_RATIO
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.uncertainty import REFINE_RATIO
 
 AVERAGED_SAMPLES = 3
 BACK_OFF_M = 0.00015

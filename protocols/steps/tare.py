@@ -7,8 +7,8 @@ import numpy as np
 from protocols.control.cycle import Cycle
 from protocols.control.window import listen
 from protocols.guard.breach import BreachError, Reaction
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.run import FZ, Criterion, Tare, Vector6
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.run import FZ, Criterion, Tare, Vector6
 
 TRIES = 3
 MIN_SHARE = 0.5

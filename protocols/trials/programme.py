@@ -13,9 +13,9 @@ from protocols.steps.make_safe import make_safe
 from protocols.steps.preflight import press_air, run_preflight
 from protocols.trials.repetition import images_were_late, may_repeat
 from protocols.trials.trial import PlannedTrial, run_trial
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import AbortedError, RigError
-from tacauchy_rig.run import Outcome, Phase, TrialRecord
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import AbortedError, RigError
+from tacauchy_rig.core.run import Outcome, Phase, TrialRecord
 
 Found = TypeVar("Found")
 ALWAYS_LATE = (

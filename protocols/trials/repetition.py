@@ -9,7 +9,7 @@ from __future__ import annotations
 from protocols.control.cycle import Cycle
 from protocols.guard.breach import BreachError
 from protocols.steps.motion import ARRIVED_M
-from tacauchy_rig.errors import AbortedError, RigError
+from tacauchy_rig.core.errors import AbortedError, RigError
 
 LATE_IMAGE = "limits.stale_image"
 WELL_S = 1.0

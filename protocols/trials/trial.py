@@ -20,8 +20,8 @@ from protocols.steps.search import search_contact
 from protocols.steps.sway import sway
 from protocols.steps.tare import force_drift, judge_tare, take_quiet_tare, take_tare
 from protocols.trials.verdict import Findings, judge
-from tacauchy_rig.errors import AbortedError, RecordError, RigError
-from tacauchy_rig.run import Outcome, Phase, TrialRecord
+from tacauchy_rig.core.errors import AbortedError, RecordError, RigError
+from tacauchy_rig.core.run import Outcome, Phase, TrialRecord
 
 logger = logging.getLogger(__name__)
 

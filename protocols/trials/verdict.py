@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from protocols.steps.tare import judge_tare
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.run import Criterion, TrialRecord
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.run import Criterion, TrialRecord
 
 
 @dataclass(slots=True, kw_only=True)

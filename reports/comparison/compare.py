@@ -39,7 +39,7 @@ from reports.scores.floors import (
 from reports.scores.force_agreement import compare_force, scatter_between
 from reports.scores.force_margin import ForceMargin, force_margins
 from reports.scores.metrics import ImageScores, Metric, psnr_of_mean_mse, score, t_interval
-from tacauchy_rig.rgb import to_grey
+from tacauchy_rig.core.rgb import to_grey
 
 _MEASURED = ("force_measured_n", "force_deviation_n", "force_drift_n", "depth_measured_m")
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from reports.evidence.evidence import TrialEvidence
-from tacauchy_rig.run import Criterion, Outcome
+from tacauchy_rig.core.run import Criterion, Outcome
 
 MAX_SETTLED_CHANGE = 0.05
 """Of the contact's change. A force that drifts as fast as `protocol.dwell_force_rate` admits moves

@@ -15,7 +15,7 @@ from reports.comparison.model_criteria import (
     RESIDUAL,
 )
 from reports.comparison.results import TrialResult
-from tacauchy_rig.run import Criterion
+from tacauchy_rig.core.run import Criterion
 
 COUNTS = (MARGIN, RESIDUAL, PREDICTION, OFFSET)
 COUNTS_OF_RUN = (MODULUS, MODULUS_TRIALS)

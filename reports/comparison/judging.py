@@ -28,7 +28,7 @@ from reports.scores.floors import (
 from reports.scores.force_agreement import predict
 from reports.scores.force_margin import ForceMargin, force_margins
 from reports.scores.metrics import ImageScores, MeanInterval, Metric, score, t_interval
-from tacauchy_rig.outputs import Driven, Outputs, PressOutput, Simulator
+from tacauchy_rig.core.outputs import Driven, Outputs, PressOutput, Simulator
 
 _SEEN = ("metrics", "skill", "contact", "corrections", "floors")
 """Of what a comparison of images finds."""

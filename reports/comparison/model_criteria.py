@@ -15,8 +15,8 @@ from reports.scores.contact import ContactScores
 from reports.scores.correction import Corrections
 from reports.scores.force_agreement import ForceAgreement
 from reports.scores.force_margin import ForceMargin
-from tacauchy_rig.replayed import ReplayModel
-from tacauchy_rig.run import Criterion
+from tacauchy_rig.core.replayed import ReplayModel
+from tacauchy_rig.core.run import Criterion
 
 MARGIN, RESIDUAL, OFFSET, PREDICTION, MODULUS, MODULUS_TRIALS = (
     "force_margin",

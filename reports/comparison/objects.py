@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from reports.arrays import ColorImage
 from reports.evidence.evidence import RunEvidence, TrialEvidence, TrialImages
 from reports.scores.metrics import ImageScores, score
-from tacauchy_rig.errors import RecordError
+from tacauchy_rig.core.errors import RecordError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,7 @@ from reports.scores.floors import Ceiling, Floors, Skill, WrongForceMatrix
 from reports.scores.force_agreement import ForceAgreement
 from reports.scores.force_margin import ForceMargin
 from reports.scores.metrics import ImageScores, MeanInterval
-from tacauchy_rig.run import Criterion
+from tacauchy_rig.core.run import Criterion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,8 +15,8 @@ from reports.evidence.evidence import RunEvidence
 from reports.scores.floors import CONTACT_RESIDUAL, CeilingKind, SkillStatus, WrongForceMatrix
 from reports.scores.metrics import Metric
 from reports.scores.residual_split import UNMENDABLE
-from tacauchy_rig.page import sentences
-from tacauchy_rig.run import Criterion, Outcome
+from tacauchy_rig.core.page import sentences
+from tacauchy_rig.core.run import Criterion, Outcome
 
 CLAIM_REPEATS = 5
 MINUS = "\u2212"

@@ -9,7 +9,7 @@ import numpy as np
 
 from reports.comparison.results import TrialResult
 from reports.evidence.evidence import EmulatedWorld, RunEvidence, TruthComparison
-from tacauchy_rig.run import FZ, TrialRecord
+from tacauchy_rig.core.run import FZ, TrialRecord
 
 _PER_SI = {"N": 1.0, "mm": 1e3, "kPa": 1e-3, "mN": 1e3, "mN/s": 1e3, "mrad": 1e3}
 """Of each unit in a newton, metre, pascal, newton per second or radian."""

@@ -21,11 +21,11 @@ from reports.evidence.evidence import (
     TrialImages,
 )
 from reports.evidence.settled import settled_change
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.rgb import decode_rgb
-from tacauchy_rig.run import FZ, ImageFrame, TrialRecord
-from tacauchy_rig.store.recording.reading import ArmArrays, ForceArrays, Recording
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.rgb import decode_rgb
+from tacauchy_rig.core.run import FZ, ImageFrame, TrialRecord
+from tacauchy_rig.core.store.recording.reading import ArmArrays, ForceArrays, Recording
+from tacauchy_rig.core.store.run_store import RunStore
 
 T = TypeVar("T")
 IntArray = NDArray[np.int64]

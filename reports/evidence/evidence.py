@@ -13,13 +13,13 @@ from typing import Any
 
 from reports.arrays import ColorImage, FloatArray
 from reports.evidence.pressure import PressureProfile
-from tacauchy_rig.calibrated import CalibratedOptics
-from tacauchy_rig.config.uncertainty import Stated
-from tacauchy_rig.figure_style import IMPORTED_MARK, SIMULATED_MARK
-from tacauchy_rig.force_check import ForceCheck
-from tacauchy_rig.imported import Imported
-from tacauchy_rig.replayed import ReplayModel, ReplayTrial, model_of
-from tacauchy_rig.run import Criterion, TrialRecord
+from tacauchy_rig.core.calibrated import CalibratedOptics
+from tacauchy_rig.core.config.uncertainty import Stated
+from tacauchy_rig.core.figure_style import IMPORTED_MARK, SIMULATED_MARK
+from tacauchy_rig.core.force_check import ForceCheck
+from tacauchy_rig.core.imported import Imported
+from tacauchy_rig.core.replayed import ReplayModel, ReplayTrial, model_of
+from tacauchy_rig.core.run import Criterion, TrialRecord
 
 PressKey = tuple[float, int, int]
 """Force [N], or zero and a number of its own, and the kind of a press."""

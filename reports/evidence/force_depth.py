@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reports.arrays import FloatArray
-from tacauchy_rig.run import TrialRecord
+from tacauchy_rig.core.run import TrialRecord
 
 _SAME_DEPTH_M = 1e-9
 _BEYOND_SHARE = 0.25

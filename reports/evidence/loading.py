@@ -23,18 +23,18 @@ from reports.evidence.evidence import (
 from reports.evidence.force_depth import merge_histories
 from reports.evidence.passing import passing_states
 from reports.evidence.pressure import pressure_profile
-from tacauchy_rig.config.model import ReportSection, RigConfig
-from tacauchy_rig.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.force_check import ForceCheck
-from tacauchy_rig.imported import Imported
-from tacauchy_rig.replayed import Replay, model_of
-from tacauchy_rig.run import Criterion, JournalEvent, TrialRecord
-from tacauchy_rig.store.check.attempt import RESULT_HASH, RESULT_WHOLE
-from tacauchy_rig.store.check.contradiction import agreement
-from tacauchy_rig.store.check.run import RunCheck, check_run
-from tacauchy_rig.store.journal import read_journal
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.config.model import ReportSection, RigConfig
+from tacauchy_rig.core.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.force_check import ForceCheck
+from tacauchy_rig.core.imported import Imported
+from tacauchy_rig.core.replayed import Replay, model_of
+from tacauchy_rig.core.run import Criterion, JournalEvent, TrialRecord
+from tacauchy_rig.core.store.check.attempt import RESULT_HASH, RESULT_WHOLE
+from tacauchy_rig.core.store.check.contradiction import agreement
+from tacauchy_rig.core.store.check.run import RunCheck, check_run
+from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.run_store import RunStore
 
 FORCE_TRACE = "force_trace.jsonl"
 Z = 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from reports.comparison.results import TrialResult, ValidationReport
-from tacauchy_rig.figure_style import BLUE, COLUMN_IN, ORANGE, SKY, new_figure
+from tacauchy_rig.core.figure_style import BLUE, COLUMN_IN, ORANGE, SKY, new_figure
 
 SMALL_SHARE = 0.01
 """Of the sum; a term below it at both forces is not drawn."""

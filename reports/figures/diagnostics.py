@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from reports.arrays import FloatArray
 from reports.comparison.results import TrialResult, ValidationReport
 from reports.figures.trials import label_forces
-from tacauchy_rig.figure_style import (
+from tacauchy_rig.core.figure_style import (
     BLUE,
     COLUMN_IN,
     GREEN,

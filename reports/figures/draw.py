@@ -17,8 +17,8 @@ from reports.figures.matrices import draw_matrices
 from reports.figures.pressure import draw_pressure
 from reports.figures.residual import draw_residual, residual_of
 from reports.figures.scores import draw_errors, draw_similarities
-from tacauchy_rig.figure_style import STYLE, save_figure
-from tacauchy_rig.page import prose
+from tacauchy_rig.core.figure_style import STYLE, save_figure
+from tacauchy_rig.core.page import prose
 
 
 def draw_figures(report: ValidationReport, folder: Path) -> list[dict[str, str]]:

@@ -14,7 +14,7 @@ from reports.arrays import FloatArray
 from reports.comparison.results import TrialResult, ValidationReport
 from reports.evidence.evidence import Curve, TrialEvidence
 from reports.figures.trials import force_title, shown
-from tacauchy_rig.figure_style import (
+from tacauchy_rig.core.figure_style import (
     BLUE,
     COLUMN_IN,
     GREEN,

@@ -14,8 +14,8 @@ from reports.arrays import FloatArray
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import ImageGeometry, TrialEvidence
 from reports.figures.trials import force_title, shown
-from tacauchy_rig.figure_style import GREY, PAGE_IN, new_figure
-from tacauchy_rig.rgb import to_grey
+from tacauchy_rig.core.figure_style import GREY, PAGE_IN, new_figure
+from tacauchy_rig.core.rgb import to_grey
 
 SCALE_BAR_M = 5e-3
 MARGINS_IN = 0.9

@@ -16,8 +16,8 @@ from reports.evidence.evidence import TrialEvidence, TrialImages
 from reports.figures.images import DIFFERENCE_COLORS, LINEAR_LEVELS, difference_scale
 from reports.figures.trials import shown
 from reports.scores.contact import contact_crop, contact_footprint, image_change
-from tacauchy_rig.figure_style import GREY, PAGE_IN, new_figure
-from tacauchy_rig.rgb import to_grey
+from tacauchy_rig.core.figure_style import GREY, PAGE_IN, new_figure
+from tacauchy_rig.core.rgb import to_grey
 
 MARGINS_IN = 1.0
 HEAD_IN = 0.25

@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 from reports.comparison.results import ValidationReport
 from reports.scores.floors import CONTACT_RESIDUAL, WrongForceMatrix
 from reports.scores.metrics import Metric
-from tacauchy_rig.figure_style import GREY, INK, ORANGE, PAGE_IN, new_figure
+from tacauchy_rig.core.figure_style import GREY, INK, ORANGE, PAGE_IN, new_figure
 
 TITLES = {metric.value: metric.axis_label for metric in Metric} | {
     CONTACT_RESIDUAL: "Contact residual"

@@ -14,8 +14,8 @@ from reports.comparison.objects import ObjectPress
 from reports.figures.images import DIFFERENCE_COLORS, LINEAR_LEVELS, difference_scale
 from reports.figures.trials import shown
 from reports.scores.metrics import ImageScores
-from tacauchy_rig.figure_style import GREY, PAGE_IN, new_figure
-from tacauchy_rig.rgb import to_grey
+from tacauchy_rig.core.figure_style import GREY, PAGE_IN, new_figure
+from tacauchy_rig.core.rgb import to_grey
 
 MOST_ROWS = 6
 """That objects share; of more objects each has one."""

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from reports.comparison.results import ValidationReport
 from reports.figures.trials import force_title, shown
-from tacauchy_rig.figure_style import PAGE_IN, letter, new_figure
+from tacauchy_rig.core.figure_style import PAGE_IN, letter, new_figure
 
 _KPA, _MM = 1e-3, 1e3
 _LIGHTEST = 0.9  # of the colour map, whose end is too light for a line

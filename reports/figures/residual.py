@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from reports.comparison.results import TrialResult, ValidationReport
 from reports.figures.trials import label_forces
 from reports.scores.residual_split import Cause
-from tacauchy_rig.figure_style import (
+from tacauchy_rig.core.figure_style import (
     BLUE,
     GREEN,
     GREY,
@@ -23,7 +23,7 @@ from tacauchy_rig.figure_style import (
     letter,
     new_figure,
 )
-from tacauchy_rig.replayed import ResidualSplit
+from tacauchy_rig.core.replayed import ResidualSplit
 
 MINUS = "\u2212"
 COLORS = {

@@ -15,7 +15,16 @@ from matplotlib.projections.polar import PolarAxes
 from reports.comparison.results import TrialResult, ValidationReport
 from reports.figures.trials import force_label, label_forces, legend_above, shown
 from reports.scores.metrics import ImageScores, Metric
-from tacauchy_rig.figure_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN, letter, new_figure
+from tacauchy_rig.core.figure_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PAGE_IN,
+    letter,
+    new_figure,
+)
 
 SIMILARITIES = {Metric.SSIM: BLUE, Metric.NCC: GREEN, Metric.HISTOGRAM_CORRELATION: ORANGE}
 FLOOR_STYLE: dict[str, Any] = {"color": INK, "marker": "_", "markersize": 6, "linestyle": "none"}

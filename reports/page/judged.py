@@ -14,10 +14,10 @@ from reports.comparison.judging import JudgedSimulator, Judgement
 from reports.comparison.scoreboard import contests
 from reports.figures.judged import draw_judged
 from reports.page.html import page_environment, png_data
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.figure_style import STYLE, save_figure
-from tacauchy_rig.store.codec import to_plain
-from tacauchy_rig.versions import versions
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.figure_style import STYLE, save_figure
+from tacauchy_rig.core.store.codec import to_plain
+from tacauchy_rig.core.versions import versions
 
 SCHEMA = 1
 FIGURE = "judged"

@@ -13,7 +13,7 @@ import numpy as np
 from reports.arrays import ColorImage, FloatArray
 from reports.evidence.evidence import PassingState, RunEvidence, TrialEvidence
 from reports.figures.trials import shown
-from tacauchy_rig.rgb import encode_jpeg
+from tacauchy_rig.core.rgb import encode_jpeg
 
 MOST_PRESSES = 12
 """That have a slider; with eight states each the page grows by two megabytes at most."""

@@ -13,8 +13,8 @@ from reports.comparison.results import TrialResult, ValidationReport
 from reports.evidence.evidence import RunEvidence
 from reports.scores.floors import NOISE_MULTIPLE
 from reports.scores.metrics import CONFIDENCE, Metric
-from tacauchy_rig.page import prose
-from tacauchy_rig.store.codec import to_plain
+from tacauchy_rig.core.page import prose
+from tacauchy_rig.core.store.codec import to_plain
 
 SCHEMA = 1
 

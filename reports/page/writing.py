@@ -17,8 +17,8 @@ from reports.figures.images import DIFFERENCE_COLORS, difference_scale, luminanc
 from reports.page.html import render_html
 from reports.page.passing import passing_numbers, passing_pictures
 from reports.page.summary import build_summary, junit_xml, metrics_csv
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.rgb import encode_png
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.rgb import encode_png
 
 OPTICS_PICTURE = "optics-held-out.png"
 

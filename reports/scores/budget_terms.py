@@ -15,9 +15,9 @@ import numpy as np
 from reports.arrays import FloatArray
 from reports.evidence.evidence import TrialEvidence
 from reports.scores.budget import TermGroup, UncertaintyTerm
-from tacauchy_rig.config.uncertainty import Stated
-from tacauchy_rig.replayed import ForceInput, ReplayModel
-from tacauchy_rig.run import FZ
+from tacauchy_rig.core.config.uncertainty import Stated
+from tacauchy_rig.core.replayed import ForceInput, ReplayModel
+from tacauchy_rig.core.run import FZ
 
 _UNIFORM = 1.0 / math.sqrt(3.0)
 """Standard uncertainty of a uniform distribution of half width 1."""

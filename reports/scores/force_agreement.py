@@ -14,8 +14,8 @@ from reports.evidence.evidence import TrialEvidence
 from reports.evidence.force_depth import depth_at_force, force_at_depth
 from reports.scores.budget import Combined, UncertaintyTerm, combine
 from reports.scores.budget_terms import Scatter, scatter_of, uncertainty_budget
-from tacauchy_rig.config.uncertainty import Stated
-from tacauchy_rig.replayed import ReplayModel
+from tacauchy_rig.core.config.uncertainty import Stated
+from tacauchy_rig.core.replayed import ReplayModel
 
 UNKNOWN_SCATTER = scatter_of(())
 

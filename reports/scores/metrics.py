@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from reports.arrays import FloatArray, check_image_pair
-from tacauchy_rig.errors import RecordError
+from tacauchy_rig.core.errors import RecordError
 
 HISTOGRAM_BINS = 256
 SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11

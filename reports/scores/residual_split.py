@@ -31,7 +31,7 @@ from reports.scores.contact import (
     relative_residual,
 )
 from reports.scores.correction import register_changes, shift_change
-from tacauchy_rig.replayed import FoundCause, ResidualSplit, TrialSplit
+from tacauchy_rig.core.replayed import FoundCause, ResidualSplit, TrialSplit
 
 STEPS = 4
 """Of Gauss and Newton: a contact is moved to where the step before found it."""

@@ -37,7 +37,7 @@ from sim.material.elastic_body import element_constants
 from sim.solve.descent_state import Status
 from sim.solve.descents import Descents
 from sim.solve.equilibrium import EXTENSIONS
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # How far apart the inverses may be that serve at once: reading them takes a GPU most of a step.
 _AHEAD = 1

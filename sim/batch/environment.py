@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray
 from sim.scene.material import Material
 from sim.solve.model import Model
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,7 +22,7 @@ from sim.batch.pilot import Pilot, PilotState
 from sim.device import Device
 from sim.mesh.sparsity import SparsePattern
 from sim.solve.linear_solver import BorderedSolver, linear_solver
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # Thirty dense inverses of this size, as a sliding press of twenty frames has, are 15 GB, and take a
 # processor minutes to make.

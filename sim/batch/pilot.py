@@ -20,7 +20,7 @@ from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.first_touch import touch_height
 from sim.solve.load_steps.path import Hold, LoadingPath
 from sim.solve.model import Model
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # A barrier of 1 % of the height makes F_z 1 % too large and halves the steps.
 BARRIER_SHARE = 0.01

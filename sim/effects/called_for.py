@@ -10,7 +10,7 @@ from sim.effects.mesh_choice import mirrors
 from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _SELF_CONTACT_DEPTH_SHARE = 0.6
 _CANNOT_BE_ADDED = {

@@ -22,7 +22,7 @@ from sim.scene.material import interface_shares
 from sim.scene.pad import BoxPad, Pad, SurfacePad
 from sim.scene.scene import Preset, Scene
 from sim.scene.tilted_indenter import TurnedIndenter, tilted
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _SPACING_M = 0.8e-3
 _COARSE_M = 2.5e-3

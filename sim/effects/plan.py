@@ -20,7 +20,7 @@ from sim.effects.called_for import everything
 from sim.effects.coarse import RUNGS, coarse_press
 from sim.effects.effect_plan import EffectPlan
 from sim.scene.scene import Effect, Output, Preset, Scene
-from tacauchy_rig.errors import RigError
+from tacauchy_rig.core.errors import RigError
 
 # Relative error of F_z that all effects left out may have together.
 PRESET_TOLERANCE = {

@@ -28,7 +28,7 @@ from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import PressOutputs
 from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
-from tacauchy_rig.errors import RigError
+from tacauchy_rig.core.errors import RigError
 
 # (slope, rest, share), against what edges two thirds as long tend to (docs/sim.md): on preset fast
 # force, pressure and markers from 94 drawn presses, image from 166; finer ones from 34; shear on

@@ -23,7 +23,7 @@ from sim.material.relaxation import PronySeries, Relaxation, prony_series
 from sim.mesh.discretisation import Discretisation
 from sim.mesh.tet_mesh import TetMesh
 from sim.scene.material import Material
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 def element_constants(

@@ -29,7 +29,7 @@ from sim.device import Device, on_host
 from sim.material.elasticity import stress_kernel
 from sim.material.laws.tangent import Law
 from sim.scene.material import RelaxationTerm
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

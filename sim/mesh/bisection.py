@@ -22,7 +22,7 @@ from sim.arrays import FloatArray, IntArray
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import BoxPad
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
 # An edge of 3/2 becomes two of 3/4: lengths are the target's on average, by and large.

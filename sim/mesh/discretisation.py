@@ -17,7 +17,7 @@ from sim.mesh.elements import (
 )
 from sim.mesh.sparsity import SparsePattern, sparse_pattern
 from sim.mesh.tet_mesh import TetMesh
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # Of the pad's height: what lies lower is on the clamped base.
 _ON_BASE = 1e-6

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 from sim.scene.pad import Pad, covers
 from sim.scene.tilted_indenter import TurnedIndenter
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # Overlap of the undeformed pad and the indenter at the contact's edge, over the expected depth.
 _EDGE_OVERLAP = 0.25

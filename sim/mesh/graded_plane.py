@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from sim.arrays import FloatArray, IntArray
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # Edges in a thin layer are at most so many times its thickness.
 _THIN_ASPECT = 2.0

@@ -17,7 +17,7 @@ from sim.mesh.graded_plane import Grading, triangulate_half_section
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import ParametricPad
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # Rings stay circles up to so many radii of the fine stretch; farther out they take the pad's shape.
 _ROUND_SHARE = 1.6

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sim.mesh.tet_mesh import TetMesh
-from tacauchy_rig.errors import RecordError
+from tacauchy_rig.core.errors import RecordError
 
 
 def mesh_key(*settings: object) -> str:

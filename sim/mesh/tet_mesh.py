@@ -10,7 +10,7 @@ import numpy as np
 from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import FACES
 from sim.mesh.symmetry import MirrorSymmetry
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,7 @@ from sim.scene.indenter import Indenter
 from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.sensor.sensor import Sensor
 from sim.solve.model import Model
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 class SurfaceImages:

@@ -13,7 +13,7 @@ import numpy as np
 from sim.arrays import FloatArray, IntArray
 from sim.scene.triangle_file import MeshUnit, read_triangles
 from sim.scene.triangle_surface import TriangleSurface, closed_surface, offset, underside
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _SIZE_MIN_M = 0.1e-3
 _SIZE_MAX_M = 0.5

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import accumulate, combinations
 
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _SUM_TOLERANCE = 1e-9
 _CONTRAST_COARSE = 100.0

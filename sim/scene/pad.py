@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray, IntArray
 from sim.scene.triangle_file import MeshUnit, read_triangles
 from sim.scene.triangle_surface import TriangleSurface, closed_surface, underside
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _ON_OUTLINE_M = 1e-12
 _WIDTH_MIN_M = 2e-3

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from sim.scene.material import Layer, Material
 from sim.scene.tetwild_options import TetWildOptions
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 if TYPE_CHECKING:  # shapes bring NumPy, which the help of a command has no use for
     from sim.scene.indenter import Indenter

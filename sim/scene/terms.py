@@ -11,9 +11,9 @@ from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad, DiscPad, Pad, SurfacePad, read_surface_pad
 from sim.scene.scene import ContactMode, Effect
 from sim.scene.triangle_file import MeshUnit
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.quantities import Dimension, parse_quantity
-from tacauchy_rig.registry import Kind, load, names, unknown
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.registry import Kind, load, names, unknown
 
 _ROUND = {"diameter": (Dimension.LENGTH, "5mm")}
 _FILLET = {"fillet": (Dimension.LENGTH, "0.3mm")}

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tacauchy_rig.errors import ConfigError, naming
-from tacauchy_rig.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.errors import ConfigError, naming
+from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
 _REGULAR_DIHEDRAL_RAD = math.acos(1.0 / 3.0)
 _REGULAR_ENERGY = 3.0

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from sim.arrays import FloatArray, IntArray
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # Vertices nearer to each other than this share of the surface's size are one.
 _MERGE_SHARE = 1e-6

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sim.arrays import IntArray
-from tacauchy_rig.errors import ConfigError, naming
-from tacauchy_rig.quantities import Dimension, parse_quantity
-from tacauchy_rig.registry import Kind, load
+from tacauchy_rig.core.errors import ConfigError, naming
+from tacauchy_rig.core.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.registry import Kind, load
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -26,9 +26,9 @@ from sim.sensor.tables import (
     refuse_unknown,
     surface_of,
 )
-from tacauchy_rig.errors import ConfigError, naming
-from tacauchy_rig.quantities import Dimension, parse_quantity
-from tacauchy_rig.registry import Kind, load, names, unknown
+from tacauchy_rig.core.errors import ConfigError, naming
+from tacauchy_rig.core.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.registry import Kind, load, names, unknown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

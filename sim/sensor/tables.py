@@ -13,8 +13,8 @@ from typing import Any
 from sim.scene.material import RelaxationTerm
 from sim.scene.pad import SurfacePad, read_surface_pad
 from sim.scene.triangle_file import MeshUnit
-from tacauchy_rig.errors import ConfigError, naming
-from tacauchy_rig.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.errors import ConfigError, naming
+from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
 MATERIAL = {"young": Dimension.PRESSURE, "poisson": Dimension.RATIO}
 DIMENSIONS = {

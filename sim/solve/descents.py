@@ -26,7 +26,7 @@ from sim.solve.memory_kernels import LONGEST, Memory
 from sim.solve.model import Model
 from sim.solve.overlap import OVERLAP_SHARE
 from sim.solve.potential import Potential, pull_of
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # Of the pad's height: the longest step of an indenter that is pushed. A factor that hardly holds it
 # would send it through the pad, where contact is no longer seen.

@@ -42,7 +42,7 @@ from sim.solve.overlap import refuse_deep_overlap
 from sim.solve.potential import Potential
 from sim.solve.stiffness_factor import StiffnessFactor
 from sim.solve.untangle import TANGLED_SHARE, inverted_share, untangle
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError
 
 # A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1.5e-11

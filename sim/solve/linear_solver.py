@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray
 from sim.mesh.sparsity import SparsePattern
 from sim.mkl import pardiso_module, take_threads
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError
 
 # Pardiso's phases, and its error for a negative or zero pivot.
 _ANALYSE, _FACTORISE, _SOLVE, _RELEASE = 11, 22, 33, -1

@@ -11,7 +11,7 @@ from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.scene.indenter import Indenter
 from sim.solve.model import Model
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError
 
 # Of the pad's height: overlap between equilibria, and at a start that is refused.
 OVERLAP_SHARE = 0.005

@@ -30,7 +30,7 @@ from sim.solve.linear_solver import (
 )
 from sim.solve.model import Model
 from sim.solve.potential import Potential
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)
 # Shares of the undeformed pad's stiffness that are added until the matrix is positive definite.

@@ -10,8 +10,8 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from typing import Any, Self, TypeVar
 
-from tacauchy_rig.errors import RigError
-from tacauchy_rig.side_by_side import SPAWN, begin_beside_others
+from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.side_by_side import SPAWN, begin_beside_others
 
 Result = TypeVar("Result")
 

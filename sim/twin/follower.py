@@ -21,7 +21,7 @@ from sim.solve.load_steps.equilibrium import PathPoint
 from sim.twin.frame import Goal, TwinFrame
 from sim.twin.surface_maps import SurfaceMaps
 from sim.twin.worth import ForceWorth, force_worth
-from tacauchy_rig.errors import ConfigError, ConvergenceError
+from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 
 REFINEMENT, COARSER = 0.7, 0.5
 """Edges of a twin are 1 / 0.7 times as long as those of preset fast, for a third of its time, and

@@ -14,7 +14,7 @@ from sim.effects.scene_path import path_for
 from sim.error.estimate import estimate_from, rung
 from sim.scene.scene import Scene, Target
 from sim.solve.load_steps.path import LoadingPath
-from tacauchy_rig.errors import RigError
+from tacauchy_rig.core.errors import RigError
 
 # Of the largest force: between them the error goes evenly.
 _SHARES = (0.25, 0.5, 1.0)

@@ -15,10 +15,10 @@ import pytest
 from drivers.camera.checks import exposure_check
 from drivers.checks import device_checks
 from drivers.force_sensor.checks import latency_timer_check
-from tacauchy_rig.config.devices import RobotModel
-from tacauchy_rig.config.load import restore_config
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.doctor.result import CheckResult, CheckStatus
+from tacauchy_rig.core.check_result import CheckResult, CheckStatus
+from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.load import restore_config
+from tacauchy_rig.core.config.model import RigConfig
 
 RunBox = Callable[..., AbstractContextManager[str]]
 ServeMjpeg = Callable[..., AbstractContextManager[str]]

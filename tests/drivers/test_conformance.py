@@ -21,8 +21,8 @@ from drivers.device.faults import Device
 from drivers.emulators.launch import Emulation, with_addresses
 from drivers.mock.arm import MockArm
 from drivers.rig import build_arm_and_force_sensor, build_camera
-from tacauchy_rig.config.load import load_config
-from tacauchy_rig.config.model import RigConfig
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.config.model import RigConfig
 
 MOCKS = ('robot.driver="mock"', 'force_sensor.driver="mock"', 'camera.driver="mock"')
 LAX = (
@@ -37,7 +37,7 @@ _RUN_ARM_CHECKS = """
 import sys
 from drivers.conformance import ARM_CHECKS, LOCKING_ARM_CHECKS
 from drivers.rig import build_arm_and_force_sensor
-from tacauchy_rig.config.load import load_config
+from tacauchy_rig.core.config.load import load_config
 
 config = load_config(overrides=sys.argv[1:]).config
 for check in (*ARM_CHECKS, *LOCKING_ARM_CHECKS):

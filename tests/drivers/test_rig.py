@@ -10,8 +10,8 @@ from drivers.force_sensor.sri_m3733c import SriM3733c
 from drivers.mock.arm import MockArm
 from drivers.mock.streams import MockCamera, MockForceSensor
 from drivers.rig import build_arm_and_force_sensor, build_camera
-from tacauchy_rig.config.load import load_config
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.errors import ConfigError
 
 
 def test_mocks_share_one_world():

@@ -19,11 +19,11 @@ from protocols.control.cycle import Cycle
 from protocols.control.journal import Journal
 from protocols.control.record import Arm, Begin, End, Entry, Force
 from protocols.guard.abort import Abort
-from tacauchy_rig.config.load import default_text, load_config
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.expected_press import ExpectedPress
-from tacauchy_rig.run import ArmSample, ForceSample, JournalEvent, TrialRecord
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.expected_press import ExpectedPress
+from tacauchy_rig.core.run import ArmSample, ForceSample, JournalEvent, TrialRecord
+from tacauchy_rig.core.store.run_store import RunStore
 from tests.mock_bench import MockBench, SimulatedClock
 
 MOCKS = ('robot.driver="mock"', 'force_sensor.driver="mock"', 'camera.driver="mock"')

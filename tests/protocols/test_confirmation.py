@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from protocols.confirmation import confirmation_screen, expected_answer
-from tacauchy_rig.config.load import load_config
+from tacauchy_rig.core.config.load import load_config
 
 
 def test_the_screen_shows_speeds_forces_and_workspace(config):

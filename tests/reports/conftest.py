@@ -27,9 +27,9 @@ from reports.evidence.evidence import (
 )
 from reports.page import writing
 from reports.page.writing import ReportPaths, write_report
-from tacauchy_rig.config.load import default_text, load_config
-from tacauchy_rig.replayed import Replay, ReplayTrial
-from tacauchy_rig.run import (
+from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.replayed import Replay, ReplayTrial
+from tacauchy_rig.core.run import (
     ArmSample,
     Criterion,
     ForceSample,
@@ -41,10 +41,10 @@ from tacauchy_rig.run import (
     TrialRecord,
     Wrench,
 )
-from tacauchy_rig.store.journal import append_event
-from tacauchy_rig.store.recording.writing import RecordingWriter
-from tacauchy_rig.store.replay_files import ReplayFields
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.store.journal import append_event
+from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.replay_files import ReplayFields
+from tacauchy_rig.core.store.run_store import RunStore
 from tests.made_model import made_model
 
 HEIGHT, WIDTH = 240, 320

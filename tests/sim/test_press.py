@@ -21,7 +21,7 @@ from sim.scene.scene import ContactMode, Preset, Scene, Target
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
-from tacauchy_rig.errors import ConfigError, ConvergenceError
+from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 
 PAD = BoxPad(
     size_x_m=20e-3, size_y_m=24e-3, height_m=4e-3, dome_radius_x_m=0.1, dome_radius_y_m=0.2

@@ -11,7 +11,7 @@ from sim.scene.indenter import Sphere
 from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Preset, Scene, Target
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 def test_digits_shifted_by_a_unit_are_exact() -> None:

@@ -17,8 +17,8 @@ from sim.scene.material import RelaxationTerm
 from sim.scene.scene import Preset, Scene
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.walk import walked
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.replayed import Replay
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.replayed import Replay
 
 PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.2e-3)
 FORCES = (0.9, 0.4)

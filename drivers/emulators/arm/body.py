@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from drivers.arm.ur5_safety import RobotMode, RuntimeState, SafetyBit
 from drivers.arm.ur5_wire import INPUT_TYPES, OUTPUT_TYPES, TYPE_FORMATS, Value
 from drivers.emulators.arm.motion import ToolMotion
-from tacauchy_rig.config.devices import RobotModel
-from tacauchy_rig.run import Pose, Vector6
+from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.run import Pose, Vector6
 
 VERSIONS: dict[RobotModel, tuple[int, int, int, int]] = {
     RobotModel.CB3: (3, 15, 8, 106339),

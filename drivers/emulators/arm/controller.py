@@ -25,9 +25,9 @@ from drivers.emulators.arm.trace import ArmTrace
 from drivers.emulators.gel_settings import GelSettings
 from drivers.emulators.process import Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
-from tacauchy_rig.config.devices import RobotModel
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import Pose, Vector6
+from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.run import Pose, Vector6
 
 # A starved process catches up on its arm's motion in one step, up to this long [s].
 _CATCH_UP_S = 1.0

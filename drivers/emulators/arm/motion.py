@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
-from tacauchy_rig.rotations import composed
-from tacauchy_rig.run import Pose, Vector3, Vector6
+from tacauchy_rig.core.rotations import composed
+from tacauchy_rig.core.run import Pose, Vector3, Vector6
 
 _STILL: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _ARRIVED_M = 1e-9

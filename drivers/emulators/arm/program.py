@@ -12,9 +12,9 @@ from enum import IntEnum
 
 from drivers.arm.ur5_safety import RuntimeState
 from drivers.emulators.arm.body import PROGRAM_END_DECELERATION, ControllerBody
-from tacauchy_rig.config.devices import RobotModel
-from tacauchy_rig.rotations import composed, rotated
-from tacauchy_rig.run import Vector6
+from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.rotations import composed, rotated
+from tacauchy_rig.core.run import Vector6
 
 _READY, _DONE = 1, 2
 _PROGRESS_RUNNING = 1 << 15

@@ -18,7 +18,7 @@ from drivers.arm.ur5_wire import (
 )
 from drivers.emulators.arm.body import VERSIONS, ControllerBody
 from drivers.emulators.arm.connection import Connection, Port
-from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.core.errors import DeviceError
 
 _VERSION = struct.Struct(">4I")
 _FREQUENCY = struct.Struct(">d")

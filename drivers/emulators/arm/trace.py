@@ -11,7 +11,7 @@ import struct
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacauchy_rig.run import Vector3, Vector6
+from tacauchy_rig.core.run import Vector3, Vector6
 
 TRACE_FILE = "arm_trace.bin"
 EVENTS_FILE = "arm_events.jsonl"

@@ -15,7 +15,7 @@ from drivers.emulators.plant.optics import GelCamera, Region
 from drivers.emulators.plant.still import enlarged, rendering_factor
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.plant.view import view_of
-from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.core.errors import DeviceError
 
 _MARGIN_PX = 64
 # 0.84 MB at 3280x2464, what the real camera sends.

@@ -32,7 +32,7 @@ from drivers.emulators.camera.http import MjpegServer
 from drivers.emulators.gel_settings import GelSettings
 from drivers.emulators.process import Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, WorldState
-from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.core.errors import DeviceError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -31,7 +31,7 @@ from drivers.emulators.force_sensor.source import (
 from drivers.emulators.gel_settings import GelSettings
 from drivers.emulators.process import Service, keep_time, run_device
 from drivers.emulators.shared_world import SharedWorld
-from tacauchy_rig.run import Vector6
+from tacauchy_rig.core.run import Vector6
 
 _logger = logging.getLogger(__name__)
 

@@ -21,8 +21,8 @@ from drivers.force_sensor.sri_wire import (
     encode_frame,
     encode_reply,
 )
-from tacauchy_rig.config.devices import Checksum
-from tacauchy_rig.run import Vector6
+from tacauchy_rig.core.config.devices import Checksum
+from tacauchy_rig.core.run import Vector6
 
 MAX_RATE_HZ = 2000
 _LINE_LIMIT = 1024

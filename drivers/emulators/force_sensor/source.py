@@ -14,9 +14,9 @@ import numpy as np
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.shared_world import SharedWorld
-from tacauchy_rig.force_check import GRAVITY_M_S2
-from tacauchy_rig.rotations import rotated
-from tacauchy_rig.run import Vector3, Vector6
+from tacauchy_rig.core.force_check import GRAVITY_M_S2
+from tacauchy_rig.core.rotations import rotated
+from tacauchy_rig.core.run import Vector3, Vector6
 
 
 class ForceChannel:

@@ -19,7 +19,7 @@ from drivers.emulators.plant.grip import Grip, Springs
 from drivers.emulators.plant.neo_hookean import NeoHookean
 from drivers.emulators.plant.quad_mesh import QuadMesh, line_shape
 from drivers.emulators.plant.tips import Tip
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError
 
 PENALTY_PER_M = 2e6  # times Young's modulus: the tip sinks in by p/E * 0.5 um
 _ITERATION_LIMIT = 60

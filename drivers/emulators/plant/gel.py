@@ -11,8 +11,8 @@ from drivers.emulators.plant.arrays import FloatArray
 from drivers.emulators.plant.press_table import case_for, press_table
 from drivers.emulators.plant.tips import Tip
 from drivers.emulators.plant.truth import PlantTruth
-from tacauchy_rig.rotations import rotated
-from tacauchy_rig.run import Pose, Vector3
+from tacauchy_rig.core.rotations import rotated
+from tacauchy_rig.core.run import Pose, Vector3
 
 
 class Relaxation:

@@ -20,7 +20,7 @@ from drivers.emulators.plant.press_table import SHIPPED, PressCase, PressTable, 
 from drivers.emulators.plant.quad_mesh import Grading, QuadMesh, line_shape, mesh_disc
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import FRICTION
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError
 
 POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)
 

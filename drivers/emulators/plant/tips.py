@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.emulators.plant.arrays import FloatArray
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

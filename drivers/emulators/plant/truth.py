@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from drivers.emulators.plant.unit import EmulatedUnit
-from tacauchy_rig.errors import RecordError
+from tacauchy_rig.core.errors import RecordError
 
 TRUTH_FILE = "truth.json"
 _POISSON_OFFSETS = (-0.01, -0.005, 0.0, 0.005, 0.01)  # few, because each needs a press table

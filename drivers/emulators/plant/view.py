@@ -10,7 +10,7 @@ from drivers.emulators.plant.arrays import FloatArray, SingleArray
 from drivers.emulators.plant.gel import SurfaceProfile
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.plant.unit import MarkerGrid
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,8 +14,8 @@ from protocols.processes.messages import AbortRequest, Job, Order
 from protocols.processes.page.door import Door
 from protocols.processes.page.server import PageServer
 from protocols.processes.page.view import View
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.run import JournalEvent
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.run import JournalEvent
 
 logger = logging.getLogger(__name__)
 

@@ -12,10 +12,10 @@ from protocols.processes.feed import Shown
 from protocols.processes.messages import Job
 from protocols.processes.page.stream import StreamView
 from protocols.trials.time_left import TimeLeft
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import JournalEvent, Phase
-from tacauchy_rig.store.journal import read_journal
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import JournalEvent, Phase
+from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.run_store import RunStore
 
 TRACE_SAMPLES = 6000
 JOURNAL_LINES = 12

@@ -18,7 +18,7 @@ from typing import Any
 
 import warp as wp
 
-from tacauchy_rig.registry import Kind, load
+from tacauchy_rig.core.registry import Kind, load
 
 
 @wp.struct

@@ -19,7 +19,7 @@ from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.light import exposed
 from sim.optics.calibrate.presses.scene import PressScene
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 FEWEST = 5
 _FEW = 14

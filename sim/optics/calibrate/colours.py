@@ -20,7 +20,7 @@ from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.response import LINEAR, Response
 from sim.optics.colour.shading_terms import ShadingTerms
 from sim.sensor.optics import ShadowCaster
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 log = logging.getLogger(__name__)
 

@@ -22,7 +22,7 @@ from sim.optics.calibrate.press_image import press_image, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from sim.sensor.camera_geometry import ImageArray
-from tacauchy_rig.side_by_side import side_by_side
+from tacauchy_rig.core.side_by_side import side_by_side
 
 _NUDGES = 2
 CROP_SHARE = 0.375

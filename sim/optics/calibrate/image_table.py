@@ -6,7 +6,7 @@ import csv
 import math
 from pathlib import Path
 
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _IMAGE = "image"
 

@@ -19,8 +19,8 @@ from sim.optics.colour.pixel_colours import PixelColours
 from sim.optics.colour.polynomial import polynomial_exponents
 from sim.optics.pixels.pixel_blocks import PixelBlocks
 from sim.sensor.optics import Lamp, Renderer
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
 GREY_EXPONENTS = polynomial_exponents(
     tilt_degree=0, position_degree=0, indentation_degree=4, indentation_tilt_degree=0

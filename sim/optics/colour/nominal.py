@@ -14,7 +14,7 @@ from sim.optics.colour.polynomial import BALL_EXPONENTS, polynomial_exponents
 from sim.optics.colour.shading_terms import MOST_LAMPS
 from sim.sensor.optics import Lamp, Renderer
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # Sine of the steepest slope that a nominal model, an expansion to fourth order, is drawn at.
 _STEEPEST_TILT = 0.9

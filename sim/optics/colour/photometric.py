@@ -27,7 +27,7 @@ from sim.optics.colour.polynomial import degrees_of_tilt, evaluate_polynomial, r
 from sim.optics.colour.response import BRIGHTEST, LINEAR, Response
 from sim.optics.colour.shading_terms import ShadingTerms, lamp_planes, lamp_weights
 from sim.optics.pixels.pixel_blocks import PixelBlocks
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 FORMAT = "tacauchy photometric model 1"
 _NO_LIMIT_M = 1e3  # deeper than any gel

@@ -23,7 +23,7 @@ from sim.optics.height.steep_faces import cut_tables
 from sim.scene.indenter import Indenter, MeshIndenter, grown
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # What touches, a little more than the gap that narrow barriers leave.
 TOUCHING_M = 6e-6

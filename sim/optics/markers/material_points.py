@@ -12,7 +12,7 @@ from sim.device import Device
 from sim.fields.surface import SurfaceState, TopSurface
 from sim.mesh.elements import linear_facets
 from sim.optics.markers.point_kernel import carry_points
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _TOLERANCE = 1e-6
 

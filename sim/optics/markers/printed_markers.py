@@ -18,8 +18,8 @@ from sim.arrays import FloatArray
 from sim.optics.markers.tracking import dark_markers
 from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.sensor.sensor import MarkerGrid
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.rgb import to_grey
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.rgb import to_grey
 
 _REACH = 1.6  # radii around a marker that its blurred edge reaches
 _FOUND_SHARE = 0.6  # of the markers that the sensor's file puts into the image

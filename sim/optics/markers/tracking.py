@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 
 from sim.arrays import FloatArray
 from sim.sensor.camera_geometry import CameraGeometry, ImageArray
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.rgb import to_grey
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.rgb import to_grey
 
 _FAINTEST = 0.25  # of what the gel around a marker reflects
 _WINDOW_RADII = 1.6

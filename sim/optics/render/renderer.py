@@ -22,7 +22,7 @@ from sim.optics.render.shadow_kernel import darken_pixels
 from sim.optics.render.shadows import HiddenLamp
 from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.sensor.optics import Lamp, ShadowCaster
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # Evenly grey no-contact frame of a sensor that nobody has calibrated.
 GREY_LEVEL = 110

@@ -14,7 +14,7 @@ from sim.scene.indenter import Indenter, Plane
 from sim.solve.equilibrium import EquilibriumSolver, SolverOptions
 from sim.solve.model import Model
 from sim.solve.potential import Potential
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # Height of an indenter that touches nothing, in heights of the pad.
 _CLEARANCE_HEIGHTS = 10.0

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError
 
 _EVALUATIONS_MAX = 40
 # Longest way to a guess, in the path's longest steps.

@@ -26,7 +26,7 @@ from sim.solve.load_steps.stepping import Stepping
 from sim.solve.model import Model
 from sim.solve.overlap import OVERLAP_SHARE
 from sim.solve.potential import Potential
-from tacauchy_rig.errors import ConfigError, ConvergenceError
+from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 
 STEP_SHARE = 0.0125
 """Of the pad's height: the longest step, if nothing else is said.

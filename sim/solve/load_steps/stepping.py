@@ -20,7 +20,7 @@ from sim.solve.load_steps.equilibrium import PathPoint, Settling
 from sim.solve.load_steps.phases import DOWN, STILL, CarryPhase, Phase
 from sim.solve.overlap import OVERLAP_SHARE, overlap_fraction
 from sim.solve.potential import Potential
-from tacauchy_rig.errors import ConfigError, ConvergenceError
+from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 
 logger = logging.getLogger(__name__)
 

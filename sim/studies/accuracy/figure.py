@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from sim.mesh.elements import ElementOrder
 from sim.studies.accuracy.observation import Row
 from sim.studies.accuracy.study import Study, error_bar
-from tacauchy_rig.figure_style import BLUE, GREY, INK, ORANGE, PAGE_IN, STYLE, save_figure
+from tacauchy_rig.core.figure_style import BLUE, GREY, INK, ORANGE, PAGE_IN, STYLE, save_figure
 
 _FLOOR = 1e-5
 # Room for labels at the left and right ends, as factors of the time.

@@ -14,7 +14,7 @@ from sim.sensor.camera_geometry import CameraGeometry, ImageArray
 from sim.studies.accuracy.configurations import Configuration, coarser
 from sim.studies.accuracy.force_limit import COARSENING, error_order, extrapolated
 from sim.studies.accuracy.observation import Observation, Row, height_error, observe
-from tacauchy_rig.errors import RigError
+from tacauchy_rig.core.errors import RigError
 
 QUANTITIES = ("force", "depth", "pressure", "radius", "height", "image")
 _ORDER_LOW = 1.0

@@ -9,8 +9,8 @@ from sim.scene.scene import Preset
 from sim.studies.accuracy.observation import Row
 from sim.studies.accuracy.study import EDGE_SHIFT, QUANTITIES, Study
 from sim.studies.accuracy.tolerance_check import COST_WANTED, ToleranceOutcome
-from tacauchy_rig.page import table_prose
-from tacauchy_rig.tables import Cell, Table, table_of
+from tacauchy_rig.core.page import table_prose
+from tacauchy_rig.core.tables import Cell, Table, table_of
 
 ROWS_WANTED, FRONT_WANTED = 12, 4
 KEPT_WANTED = 0.9

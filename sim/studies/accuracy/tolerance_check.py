@@ -15,7 +15,7 @@ from sim.error.tolerance import keeping
 from sim.scene.scene import Preset, Scene, Target
 from sim.studies.accuracy.force_limit import PressStore, pressed_path
 from sim.studies.accuracy.scenes import HELD_OUT, HeldOut
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 COST_WANTED = 2.0
 _EVERYTHING_ON = 2e-4

@@ -13,7 +13,7 @@ from matplotlib.ticker import NullFormatter
 
 from sim.studies.bench.growth import EXPONENT_WANTED, GrowthRow, exponent
 from sim.studies.bench.suite import Benchmark
-from tacauchy_rig.figure_style import BLUE, GREY, INK, PAGE_IN, STYLE, save_figure
+from tacauchy_rig.core.figure_style import BLUE, GREY, INK, PAGE_IN, STYLE, save_figure
 
 _SHARE = 0.6
 

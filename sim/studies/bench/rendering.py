@@ -29,7 +29,7 @@ from sim.sensor.camera_geometry import ImageArray
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.studies.bench.frames import times_of
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 SENSORS = ("gelsight-mini", "digit")
 BATCH = 60

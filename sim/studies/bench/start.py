@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from tempfile import TemporaryDirectory
 
-from tacauchy_rig.errors import RigError
+from tacauchy_rig.core.errors import RigError
 
 # What an operator does not notice, and what is little beside a press [s of the processor].
 HELP_MAX_S, PRESS_MAX_S = 0.4, 1.5
@@ -69,7 +69,7 @@ def measure_start() -> list[StartRow]:
 
 
 def _program(words: Sequence[str]) -> list[str]:
-    return [sys.executable, "-m", "tacauchy_rig.cli.app", *words]
+    return [sys.executable, "-m", "tacauchy_rig.app.cli.app", *words]
 
 
 def _until_a_press(environment: dict[str, str] | None = None) -> tuple[float, float]:

@@ -11,8 +11,8 @@ from sim.studies.bench.replays import FORCE_ERROR_MAX as REPLAY_ERROR_MAX
 from sim.studies.bench.replays import MEMORY_MAX_MIB, TIME_MAX_S
 from sim.studies.bench.start import HELP_MAX_S, PRESS_MAX_S
 from sim.studies.bench.suite import Benchmark
-from tacauchy_rig.page import table_prose
-from tacauchy_rig.tables import Table, table_of
+from tacauchy_rig.core.page import table_prose
+from tacauchy_rig.core.tables import Table, table_of
 
 # Of an image [ms].
 _ONE_MS, _OF_A_BATCH_MS = 5.0, 0.2

@@ -21,7 +21,7 @@ from sim.error.estimate import estimated
 from sim.press_command import scene_from
 from sim.scene.material import RelaxationTerm
 from sim.scene.scene import Effect, Output, Scene, Target
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _TOUCH_M = 5e-6
 # Kernels are the same on any mesh: they are loaded on a coarse one.

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from sim.studies.processes import OwnProcess, ProcessFailedError
-from tacauchy_rig.tables import Table
+from tacauchy_rig.core.tables import Table
 
 Measured = dict[str, float | int | bool | str]
 

@@ -19,7 +19,7 @@ from sim.studies.hard_cases import (
     units,
 )
 from sim.studies.hard_cases.case import HardCase, Outcome
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _MEASURES: dict[int, Callable[[], Outcome]] = {
     1: starts.degenerate_starts,

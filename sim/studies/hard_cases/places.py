@@ -18,7 +18,7 @@ from sim.scene.scene import Effect, Preset, Scene, Target
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import HEIGHT_M, balance_relative, box_mesh, pad_model, round_mesh
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 PUNCH = Cylinder(diameter_m=5e-3)
 _SPREAD_ALLOWED = 0.05

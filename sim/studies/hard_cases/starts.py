@@ -19,7 +19,7 @@ from sim.studies.hard_cases.pads import (
     pad_model,
     quarter_brick_mesh,
 )
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError
 
 _FAR = Sphere(diameter_m=1e-2)
 _CELLS = (5, 5, 3)

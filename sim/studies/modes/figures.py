@@ -21,7 +21,7 @@ from sim.arrays import FloatArray, IntArray
 from sim.studies.modes.plane_cut import PlaneCut, cut
 from sim.studies.modes.runs import ModeRun
 from sim.studies.modes.signatures import SurfaceMaps, surface_maps, traction_arrows
-from tacauchy_rig.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
+from tacauchy_rig.core.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
 
 _STEEL = "#C9CED6"
 _MM, _KPA = 1e3, 1e-3

@@ -21,7 +21,7 @@ from sim.arrays import FloatArray
 from sim.scene.triangle_surface import TriangleSurface
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.studies.objects.runs import ObjectPress
-from tacauchy_rig.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
+from tacauchy_rig.core.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
 
 _MM = 1e3
 _ROW_IN = 0.98

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sim.studies.bench.scenes.press import FRAME_COUNT
-from tacauchy_rig.errors import RecordError
+from tacauchy_rig.core.errors import RecordError
 
 GPU_FILES = "h200_*.json"
 CPU_FILE = "scenes.json"

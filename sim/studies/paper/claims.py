@@ -11,7 +11,7 @@ from math import isfinite
 from pydantic import TypeAdapter
 
 from sim.studies.paper.verdict import Rule
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _FILE = resources.files("sim.studies.paper").joinpath("claims.toml")
 # What a correlation and SSIM can be at most, and what a PSNR of 8-bit images is below [dB]: one

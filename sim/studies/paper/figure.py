@@ -18,7 +18,7 @@ from sim.studies.paper.as_configured import (
 )
 from sim.studies.paper.claims import claims
 from sim.studies.paper.kept_reports import KeptReport
-from tacauchy_rig.figure_style import (
+from tacauchy_rig.core.figure_style import (
     BLUE,
     GREEN,
     GREY,

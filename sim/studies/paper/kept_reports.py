@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from tacauchy_rig.errors import RecordError
+from tacauchy_rig.core.errors import RecordError
 
 FILE = "paper_reports.json"
 SCORES = ("ssim", "ncc", "histogram_correlation", "psnr_db", "mse")

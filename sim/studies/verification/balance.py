@@ -9,7 +9,7 @@ from sim.press import press
 from sim.press_command import scene_from
 from sim.scene.scene import Scene
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Table, table_of_rows
+from tacauchy_rig.core.tables import Table, table_of_rows
 
 _LIMIT = 1e-6
 REFINEMENTS = (1.0, 1.5)

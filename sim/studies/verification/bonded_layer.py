@@ -7,7 +7,7 @@ from sim.press_command import scene_from
 from sim.scene.scene import Preset
 from sim.studies.verification.layered_solution import BondedLayers, Ply, hertz_force
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Cell, Table, table_of_rows
+from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 _YOUNG_PA = 0.3e6
 _PUNCH_RADIUS_M, _PUNCH_PAD_M, _PUNCH_DEPTH_M = 2.5e-3, 4.5e-3, 0.05e-3

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import cast
 
-from tacauchy_rig.tables import Table
+from tacauchy_rig.core.tables import Table
 
 
 def _section(place: str) -> Callable[[], Table]:

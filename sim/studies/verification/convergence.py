@@ -17,7 +17,7 @@ from sim.scene.material import Material
 from sim.scene.scene import Preset
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Cell, Table, table_of_rows
+from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 # Coarser than 1, two edges and less lie under the ball, and F_z is not yet on any power of h.
 REFINEMENTS = (1.0, 1.5, 2.0)

@@ -12,7 +12,7 @@ from sim.press_command import scene_from
 from sim.scene.material import LawName
 from sim.scene.scene import Preset
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Cell, Table, table_of_rows
+from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 _ALLOWED = 0.01
 _FILE = "disc_press_nu045.csv"

@@ -15,7 +15,7 @@ from sim.press_command import scene_from
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Scene
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Cell, Table, table_of_rows
+from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 logger = logging.getLogger(__name__)
 

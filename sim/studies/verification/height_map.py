@@ -26,7 +26,7 @@ from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.objects.shapes import chisel
 from sim.studies.underside import indenter_height
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Cell, Table, table_of_rows
+from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 LIMIT_M = 10e-6
 _JUDGED = (Preset.BALANCED, Preset.ACCURATE)

@@ -11,7 +11,7 @@ from sim.press_command import scene_from
 from sim.scene.scene import Scene
 from sim.studies.verification.interface_sides import forces_n, interface_sides
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Table, table_of_rows
+from tacauchy_rig.core.tables import Table, table_of_rows
 
 REFINEMENTS = (1.0, 2.0, 3.0)
 NODAL_ALLOWED = 1e-6

@@ -36,7 +36,7 @@ import scipy.optimize
 
 from sim.arrays import FloatArray
 from sim.scene.material import Layer
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # Beyond this wave number times the top layer's thickness, L is 1 to 1e-17 of what it may reach.
 _WAVE_NUMBER_MAX = 24.0

@@ -18,7 +18,7 @@ from sim.studies.bench.frames import times_of
 from sim.studies.paper.claims import Claim, claims
 from sim.studies.paper.mesh_table import mesh_numbers, preset_statistics
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Cell, Table, table_of_rows
+from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 # How often the stress is extracted, and what the paper states for it at most (section IV-A) [s].
 _REPEATS = 200

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from functools import partial
 
-from tacauchy_rig.page import table_prose
+from tacauchy_rig.core.page import table_prose
 
 stated = partial(table_prose, "sim.studies.verification", "tables.md.jinja")

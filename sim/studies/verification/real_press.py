@@ -11,7 +11,7 @@ from sim.press_command import scene_from
 from sim.scene.scene import ContactMode, Preset
 from sim.sensor.sensor import load_sensor
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Table
+from tacauchy_rig.core.tables import Table
 
 _FILE = "real_press.toml"
 _ALLOWED = 1e-3

@@ -14,7 +14,7 @@ from sim.scene.scene import ContactMode, Drive, Preset, Scene
 from sim.sensor.sensor import load_sensor
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.verification.prose import stated
-from tacauchy_rig.tables import Cell, Table, table_of_rows
+from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 _SHARP, _ROUNDED = Cylinder(diameter_m=5e-3), Cylinder(diameter_m=5e-3, fillet_m=0.1e-3)
 _INDENTERS: tuple[Indenter, ...] = (_SHARP, _ROUNDED, Sphere(diameter_m=8e-3))

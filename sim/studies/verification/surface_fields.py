@@ -21,7 +21,7 @@ from sim.studies.verification import contact_shear
 from sim.studies.verification.layered_solution import BondedLayers, Ply
 from sim.studies.verification.prose import stated
 from sim.studies.verification.round_field import RoundField, on_circles
-from tacauchy_rig.tables import Cell, Table, table_of_rows
+from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 # What the L2 error over the contact may be, and what of a field may not be round, of its maximum.
 ALLOWED = {Preset.BALANCED: 0.05, Preset.ACCURATE: 0.02}

@@ -24,12 +24,12 @@ from drivers.device.faults import parse_fault
 from drivers.emulators.arm.trace import read_trace
 from drivers.emulators.faults import post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
-from tacauchy_rig.config.devices import RobotModel
-from tacauchy_rig.config.load import load_config
-from tacauchy_rig.errors import DeviceError, RigError, SafetyError
-from tacauchy_rig.fault_table.arm import ArmOutcome, arm_after
-from tacauchy_rig.run import Pose
+from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.errors import DeviceError, RigError, SafetyError
+from tacauchy_rig.core.run import Pose
 from tests.drivers.arm_events import read_events
+from tests.studies.fault_table.arm import ArmOutcome, arm_after
 
 _PRESS_M_S = 0.005
 _MODELS = list(RobotModel)

@@ -19,8 +19,8 @@ from drivers.arm.ur5_health import ArmHealth, RtdeSockets
 from drivers.arm.ur5_link import Commander
 from drivers.arm.ur5_safety import RobotMode, RuntimeState, SafetyBit, safety_reason
 from drivers.arm.ur5_wire import RTDE_PORT
-from tacauchy_rig.errors import DeviceError, SafetyError
-from tacauchy_rig.run import ArmSample, Pose
+from tacauchy_rig.core.errors import DeviceError, SafetyError
+from tacauchy_rig.core.run import ArmSample, Pose
 
 _STALE_S = 0.05
 

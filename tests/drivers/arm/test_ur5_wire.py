@@ -19,7 +19,7 @@ from drivers.arm.ur5_wire import (
     pack_packet,
     split_names,
 )
-from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.core.errors import DeviceError
 
 _SCALARS = {
     "d": st.floats(allow_nan=False),

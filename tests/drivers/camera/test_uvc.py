@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from drivers.camera.uvc import UvcCamera
-from tacauchy_rig.config.load import load_config
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import ImageFrame
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.run import ImageFrame
 
 WIDTH, HEIGHT, RATE_HZ = 320, 240, 50.0
 Frames = Callable[[threading.Event], Iterator[bytes]]

@@ -15,7 +15,7 @@ from drivers.camera.video_device import (
     is_on_this_computer,
     is_url,
 )
-from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.core.errors import DeviceError
 
 
 class FakeHost:

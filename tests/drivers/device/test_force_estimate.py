@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from drivers.device.force_estimate import COARSENESS, ForceEstimate
-from tacauchy_rig.config.devices import RobotModel
-from tacauchy_rig.run import Vector6
+from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.run import Vector6
 
 STILL: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 DOWN: Vector6 = (0.0, 0.0, -1e-3, 0.0, 0.0, 0.0)

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.device.faults import parse_fault
 from drivers.device.lies import LyingArm, LyingImages, LyingWrench
-from tacauchy_rig.run import Vector6
+from tacauchy_rig.core.run import Vector6
 
 PERIOD_NS = 10_000_000
 NOISE_N = 0.008

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.device.stream_buffer import StreamBuffer
-from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.core.errors import DeviceError
 
 LOST = DeviceError("the device is gone")
 

@@ -27,7 +27,7 @@ from drivers.emulators.faults import (
     encode_fault,
     post_fault,
 )
-from tacauchy_rig.errors import ConfigError, DeviceError
+from tacauchy_rig.core.errors import ConfigError, DeviceError
 
 _POSSIBLE = [(device, kind) for device, kinds in FAULTS_OF_DEVICE.items() for kind in kinds]
 _seconds = st.floats(1e-6, 1e6)

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import Pose
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.run import Pose
 
 _STILL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _number = st.floats(allow_nan=False, allow_infinity=False)
@@ -24,7 +24,7 @@ _WRITE_FOR_EVER = """
 import sys
 from pathlib import Path
 from drivers.emulators.shared_world import SharedWorld
-from tacauchy_rig.run import Pose
+from tacauchy_rig.core.run import Pose
 
 world = SharedWorld.open(Path(sys.argv[1]))
 print("ready", flush=True)

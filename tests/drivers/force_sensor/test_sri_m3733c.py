@@ -20,10 +20,10 @@ from drivers.device.faults import FaultKind, parse_fault
 from drivers.emulators.faults import post_fault
 from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.force_sensor.sri_m3733c import SriM3733c, explain_open_error
-from tacauchy_rig.config.devices import Checksum
-from tacauchy_rig.config.load import load_config
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import ForceSample
+from tacauchy_rig.core.config.devices import Checksum
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.run import ForceSample
 
 RunBox = Callable[..., AbstractContextManager[str]]
 

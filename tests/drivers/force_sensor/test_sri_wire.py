@@ -20,8 +20,8 @@ from drivers.force_sensor.sri_wire import (
     find_reply,
     frame_length,
 )
-from tacauchy_rig.config.devices import Checksum
-from tacauchy_rig.run import Vector6
+from tacauchy_rig.core.config.devices import Checksum
+from tacauchy_rig.core.run import Vector6
 
 MANUAL = bytes.fromhex("AA55001BC4C7016AF4C0EF7D33C04962C9C0A25CC6BDA6198FBDAFDA693E6E")
 MANUAL_VALUES = (-7.637940, -2.804561, -6.293248, -0.096856, -0.069873, 0.228373)

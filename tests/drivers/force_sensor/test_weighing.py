@@ -11,8 +11,8 @@ from drivers.emulators.faults import hang_weight
 from drivers.force_sensor import weighing
 from drivers.force_sensor.weighing import Load, weigh, weigh_connected
 from drivers.mock.world import MockWorld
-from tacauchy_rig.config.load import load_config
-from tacauchy_rig.errors import ConfigError, DeviceError
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.errors import ConfigError, DeviceError
 from tests.mock_bench import MockBench, SimulatedClock
 
 MOCKS = ("robot.driver=mock", "force_sensor.driver=mock", "camera.driver=mock")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.mock.world import MockWorld
-from tacauchy_rig.config.load import load_config
+from tacauchy_rig.core.config.load import load_config
 from tests.mock_bench import MockBench, SimulatedClock
 
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from drivers.mock.world import plan_faults
-from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.core.errors import DeviceError
 
 
 def pass_time(bench, duration_s, *, kick=True):

@@ -11,7 +11,7 @@ import pytest
 from drivers.device.faults import parse_fault
 from drivers.mock.streams import HEIGHT, WIDTH
 from drivers.mock.world import plan_faults
-from tacauchy_rig.errors import DeviceError
+from tacauchy_rig.core.errors import DeviceError
 
 
 def test_force_comes_at_its_rate_with_gapless_counters(bench):

@@ -11,9 +11,9 @@ from collections import deque
 from typing import Self
 
 from drivers.device.interface import DeviceIdentity
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.errors import DeviceError
-from tacauchy_rig.run import ArmSample, Pose, Vector3, Vector6
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError
+from tacauchy_rig.core.run import ArmSample, Pose, Vector3, Vector6
 
 _STILL: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _PLAYING, _NORMAL, _RUNNING = 2, 1, 7  # as the record tells a fit arm, whoever built it

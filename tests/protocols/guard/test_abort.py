@@ -12,7 +12,7 @@ import pytest
 
 from protocols.guard.abort import Abort, AbortWatch
 from protocols.trials.programme import fresh_plan, run_programme
-from tacauchy_rig.run import Outcome
+from tacauchy_rig.core.run import Outcome
 
 
 @pytest.mark.parametrize("phase", ["preflight", "air-press", "tare", "search", "press", "dwell"])

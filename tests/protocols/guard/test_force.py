@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact, ForceGuard
-from tacauchy_rig.run import ForceSample, Tare, Wrench
+from tacauchy_rig.core.run import ForceSample, Tare, Wrench
 
 ZERO = Tare(
     start_ns=0,

@@ -8,7 +8,7 @@ import pytest
 
 from protocols.guard.breach import BreachError
 from protocols.guard.liveness import NOISE_SAMPLES, Liveness
-from tacauchy_rig.run import Wrench
+from tacauchy_rig.core.run import Wrench
 
 ROW = 20
 

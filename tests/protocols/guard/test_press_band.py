@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from protocols.guard.press_band import CREEP_SHARE, DEEPEST_SHARE, PressBand
-from tacauchy_rig.expected_press import ExpectedPress
+from tacauchy_rig.core.expected_press import ExpectedPress
 
 STIFFNESS_N_M = 6000.0
 CONTACT_N = 0.05

@@ -9,7 +9,7 @@ import pytest
 from drivers.device.interface import StreamHealth
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.streams import StreamGuard
-from tacauchy_rig.run import ForceSample, Wrench
+from tacauchy_rig.core.run import ForceSample, Wrench
 
 
 def arrived(counter, *, delay_s=0.0, rate_hz=100.0):

@@ -9,10 +9,10 @@ import pytest
 
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.witness import Stage, Witness
-from tacauchy_rig.config.devices import RobotModel
-from tacauchy_rig.config.load import load_config
-from tacauchy_rig.expected_press import ExpectedPress
-from tacauchy_rig.run import ArmSample, Pose
+from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.expected_press import ExpectedPress
+from tacauchy_rig.core.run import ArmSample, Pose
 
 TARGETS_N = (1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332)
 STIFFNESS_N_M = 6100.0
@@ -104,7 +104,7 @@ def true_force_when_found(cell, target_n, *, stiffness, model, expected=EXPECTED
 
 
 OVERRUN_N = 0.3e-3 * 0.05 * 1.2 * STIFFNESS_N_M
-"""What the arm adds in 50 ms of loop and stop (tacauchy_rig.config.rules), into a stiff gel [N]."""
+"""What the arm adds in 50 ms of loop and stop (core.config.rules), into a stiff gel [N]."""
 
 
 @pytest.mark.parametrize("expected", [EXPECTED, None], ids=["curve", "arm alone"])

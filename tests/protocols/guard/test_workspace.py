@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from protocols.guard.breach import BreachError
 from protocols.guard.workspace import Workspace
-from tacauchy_rig.errors import SafetyError
-from tacauchy_rig.run import ArmSample, Pose
+from tacauchy_rig.core.errors import SafetyError
+from tacauchy_rig.core.run import ArmSample, Pose
 
 DOWN = (0.0, math.pi, 0.0)
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from protocols.control.record import Begin, Force
 from protocols.processes.channel import Channel, EntryReader, encode
-from tacauchy_rig.run import ForceSample, ImageFrame, Wrench
+from tacauchy_rig.core.run import ForceSample, ImageFrame, Wrench
 
 
 @pytest.fixture

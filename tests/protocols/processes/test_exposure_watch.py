@@ -13,8 +13,8 @@ from drivers.mock.world import MockWorld
 from protocols.processes.camera import EXPOSURE_S, ExposureWatch, MarkPost
 from protocols.processes.channel import Channel
 from protocols.processes.link import RemoteCamera
-from tacauchy_rig.config.model import RigConfig
-from tacauchy_rig.run import ImageFrame
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.run import ImageFrame
 from tests.mock_bench import SimulatedClock
 
 SECOND_NS = round(EXPOSURE_S * 1e9)

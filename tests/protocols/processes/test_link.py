@@ -11,16 +11,16 @@ from protocols.processes import link as link_module
 from protocols.processes.channel import Channel, EntryReader
 from protocols.processes.link import RecorderLink
 from protocols.processes.messages import Ack, Failed
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import (
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import (
     ForceSample,
     JournalEvent,
     Outcome,
     TrialRecord,
     Wrench,
 )
-from tacauchy_rig.store.journal import append_event, read_journal
-from tacauchy_rig.store.recording.reading import Recording
+from tacauchy_rig.core.store.journal import append_event, read_journal
+from tacauchy_rig.core.store.recording.reading import Recording
 
 
 def force(counter):

@@ -12,8 +12,8 @@ from protocols.control.record import Begin, End
 from protocols.processes.channel import Channel, encode
 from protocols.processes.record_keeper import RecordKeeper
 from protocols.processes.recorder import Producer, Recorder
-from tacauchy_rig.run import ImageFrame, Outcome, TrialRecord
-from tacauchy_rig.store.recording.reading import Recording
+from tacauchy_rig.core.run import ImageFrame, Outcome, TrialRecord
+from tacauchy_rig.core.store.recording.reading import Recording
 
 RECORD = TrialRecord(index=1, attempt=1, outcome=Outcome.PASSED, force_target_n=2.0)
 

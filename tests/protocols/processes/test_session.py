@@ -17,12 +17,12 @@ import pytest
 import protocols
 from protocols.guard.abort import Abort
 from protocols.session import plan_session, run_session
-from tacauchy_rig.errors import DeviceError, RecordError
-from tacauchy_rig.run import Outcome
-from tacauchy_rig.store.check.run import check_run
-from tacauchy_rig.store.journal import read_journal
-from tacauchy_rig.store.recording.reading import Recording
-from tacauchy_rig.store.recovery import recover_run
+from tacauchy_rig.core.errors import DeviceError, RecordError
+from tacauchy_rig.core.run import Outcome
+from tacauchy_rig.core.store.check.run import check_run
+from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.recovery import recover_run
 
 ONE = 'protocol.force_targets=["1.2 N"]'
 
@@ -235,9 +235,9 @@ import sys
 from pathlib import Path
 from protocols.guard.abort import Abort
 from protocols.session import run_session
-from tacauchy_rig.run import JournalEvent
-from tacauchy_rig.store.codec import dumps
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.run import JournalEvent
+from tacauchy_rig.core.store.codec import dumps
+from tacauchy_rig.core.store.run_store import RunStore
 
 def tell(event):
     sys.stdout.write(dumps(event, indent=None).decode().strip() + "\\n")

@@ -8,10 +8,10 @@ import threading
 
 from protocols.guard.abort import Abort
 from protocols.session import run_session
-from tacauchy_rig.loop.twin.wish import Follows, twin_wish
-from tacauchy_rig.run import Outcome
-from tacauchy_rig.store.check.run import check_run
-from tacauchy_rig.store.recording.reading import Recording
+from tacauchy_rig.app.twin.wish import Follows, twin_wish
+from tacauchy_rig.core.run import Outcome
+from tacauchy_rig.core.store.check.run import check_run
+from tacauchy_rig.core.store.recording.reading import Recording
 
 
 def test_a_run_loses_nothing_when_its_twin_is_killed(make_store):

@@ -13,7 +13,7 @@ from protocols.processes import viewer as viewer_module
 from protocols.processes.messages import Job, PageWish
 from protocols.processes.viewing import Viewing
 from protocols.session import plan_session
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from drivers.mock.world import Gel
 from protocols.trials.programme import fresh_plan, run_programme
-from tacauchy_rig.run import Outcome
+from tacauchy_rig.core.run import Outcome
 
 OVERRUN_N = 0.15
 

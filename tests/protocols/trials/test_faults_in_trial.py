@@ -8,7 +8,7 @@ import pytest
 
 from drivers.mock.world import Gel
 from protocols.trials.programme import fresh_plan, run_programme
-from tacauchy_rig.run import Outcome
+from tacauchy_rig.core.run import Outcome
 
 OFF_GEL = "retracted slowly off the gel"
 HOLDS = "told to stop and to hold"

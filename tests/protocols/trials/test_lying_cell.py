@@ -15,8 +15,8 @@ from drivers.device.faults import parse_fault
 from drivers.mock.world import Gel
 from protocols.steps.search import BEYOND_M
 from protocols.trials.programme import fresh_plan, run_programme
-from tacauchy_rig.expected_press import ExpectedPress
-from tacauchy_rig.run import Outcome
+from tacauchy_rig.core.expected_press import ExpectedPress
+from tacauchy_rig.core.run import Outcome
 
 TARGETS_N = (1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332)
 CURVE = np.array(

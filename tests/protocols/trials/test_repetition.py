@@ -9,7 +9,7 @@ import pytest
 from protocols.guard.breach import BreachError, Reaction
 from protocols.trials import repetition
 from protocols.trials.programme import fresh_plan, run_programme
-from tacauchy_rig.run import Outcome
+from tacauchy_rig.core.run import Outcome
 
 
 def gap(lab, *, phase: str, duration_s: float) -> None:

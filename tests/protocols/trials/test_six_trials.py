@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from protocols.trials.programme import fresh_plan, run_programme
-from tacauchy_rig.run import Outcome
+from tacauchy_rig.core.run import Outcome
 
 
 def test_six_trials_pass_within_tolerance(laboratory):

@@ -6,8 +6,8 @@ import pytest
 
 from protocols.trials.programme import fresh_plan
 from protocols.trials.time_left import TimeLeft, trial_duration_s
-from tacauchy_rig.config.load import load_config
-from tacauchy_rig.run import JournalEvent
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.run import JournalEvent
 
 
 @pytest.fixture

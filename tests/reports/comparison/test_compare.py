@@ -8,8 +8,8 @@ from dataclasses import replace
 from reports.comparison.compare import compare
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import RunEvidence
-from tacauchy_rig.force_check import ForceCheck, Weight, judge_weight
-from tacauchy_rig.run import Tare
+from tacauchy_rig.core.force_check import ForceCheck, Weight, judge_weight
+from tacauchy_rig.core.run import Tare
 
 
 def test_good_run_passes(report: ValidationReport) -> None:

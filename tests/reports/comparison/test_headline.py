@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 from reports.comparison.headline import headline_of
 from reports.comparison.model_criteria import MODULUS, MODULUS_TRIALS, PREDICTION
-from tacauchy_rig.run import Criterion
+from tacauchy_rig.core.run import Criterion
 
 
 def _criterion(name: str, measured: float, limit: str) -> Criterion:

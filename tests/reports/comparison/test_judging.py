@@ -12,7 +12,7 @@ from reports.comparison.judging import Judgement, judge, outputs_of_replay
 from reports.comparison.results import ValidationReport
 from reports.comparison.scoreboard import contests
 from reports.evidence.evidence import RunEvidence
-from tacauchy_rig.outputs import Driven, Outputs, PressOutput, Simulator
+from tacauchy_rig.core.outputs import Driven, Outputs, PressOutput, Simulator
 
 HEIGHT_M, PRESSURE_PA = -1.0e-4, 2.0e3
 WEAK = 0.7  # of the contact's change

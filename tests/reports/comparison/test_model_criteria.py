@@ -12,7 +12,7 @@ from reports.comparison.model_criteria import judge_model, judge_modulus
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import RunEvidence
 from reports.scores.force_margin import ForceMargin
-from tacauchy_rig.run import Criterion
+from tacauchy_rig.core.run import Criterion
 from tests.made_model import made_model
 
 

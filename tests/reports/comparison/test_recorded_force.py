@@ -15,11 +15,11 @@ from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import ImageGeometry
 from reports.evidence.loading import load_evidence
 from reports.page.writing import write_report
-from tacauchy_rig.run import Criterion
-from tacauchy_rig.store.recording.messages import ForceMessage, RawMessage, Topic
-from tacauchy_rig.store.recording.reading import Recording
-from tacauchy_rig.store.recording.writing import RecordingWriter
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.run import Criterion
+from tacauchy_rig.core.store.recording.messages import ForceMessage, RawMessage, Topic
+from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.run_store import RunStore
 
 TARE_N, FORCE_N = 0.8, 1.2556
 

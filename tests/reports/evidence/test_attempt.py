@@ -18,10 +18,10 @@ from reports.evidence.attempt import (
     stream_timing,
 )
 from reports.evidence.evidence import ImageGeometry
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.run import ForceSample, ImageFrame, Wrench
-from tacauchy_rig.store.recording.writing import RecordingWriter
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import ForceSample, ImageFrame, Wrench
+from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.run_store import RunStore
 
 GEOMETRY = ImageGeometry()
 

@@ -17,7 +17,7 @@ from reports.evidence.force_depth import (
     force_at_depth,
     merge_histories,
 )
-from tacauchy_rig.run import Outcome, TrialRecord
+from tacauchy_rig.core.run import Outcome, TrialRecord
 from tests.made_model import made_model
 
 _STIFFNESS_N_M = 6e3

@@ -14,10 +14,10 @@ from reports.comparison.compare import compare
 from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import ImageGeometry, RunEvidence, TrueDwell
 from reports.evidence.loading import load_evidence, read_true_dwells, summarize_journal
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.replayed import Replay
-from tacauchy_rig.run import JournalEvent
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.replayed import Replay
+from tacauchy_rig.core.run import JournalEvent
+from tacauchy_rig.core.store.run_store import RunStore
 from tests.made_model import made_model
 
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from reports.evidence.attempt import AttemptReading
 from reports.evidence.evidence import ImageGeometry
 from reports.evidence.passing import passing_states
-from tacauchy_rig.run import ForceSample, ImageFrame, Wrench
-from tacauchy_rig.store.recording.writing import RecordingWriter
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.run import ForceSample, ImageFrame, Wrench
+from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.run_store import RunStore
 
 FORCES_N = np.array([0.3, 0.6, 1.25])
 

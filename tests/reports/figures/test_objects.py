@@ -11,7 +11,7 @@ import pytest
 from reports.comparison.objects import ObjectPress, object_presses
 from reports.evidence.evidence import RunEvidence
 from reports.figures.objects import chosen, draw_objects
-from tacauchy_rig.errors import RecordError
+from tacauchy_rig.core.errors import RecordError
 
 KINDS = ("sphere:diameter=6mm", "cylinder:diameter=5mm,fillet=0.1mm")
 

@@ -13,8 +13,8 @@ import pytest
 from reports.comparison.judging import judge, outputs_of_replay
 from reports.evidence.evidence import RunEvidence
 from reports.page.judged import JudgedPaths, write_judgement
-from tacauchy_rig.errors import RecordError
-from tacauchy_rig.outputs import Driven, Outputs, PressOutput, Simulator
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.outputs import Driven, Outputs, PressOutput, Simulator
 
 
 @pytest.fixture(scope="module")

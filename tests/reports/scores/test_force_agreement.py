@@ -11,7 +11,7 @@ import pytest
 from reports.evidence.evidence import RunEvidence
 from reports.scores.budget import TermGroup
 from reports.scores.force_agreement import compare_force
-from tacauchy_rig.config.uncertainty import Stated
+from tacauchy_rig.core.config.uncertainty import Stated
 from tests.made_model import made_model
 
 

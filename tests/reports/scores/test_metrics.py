@@ -21,7 +21,7 @@ from reports.scores.metrics import (
     t_interval,
     zero_mean_correlation,
 )
-from tacauchy_rig.errors import RecordError
+from tacauchy_rig.core.errors import RecordError
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.integers(20, 200, (60, 80, 3), dtype=np.uint8)

@@ -26,7 +26,7 @@ from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.bench.batches import course_of, scaled
 from sim.studies.objects.shapes import OBJECTS
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _YOUNG, _POISSON = 0.3e6, 0.47
 _SCENE = Scene(

@@ -23,7 +23,7 @@ from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Scene, Target
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _SCENE = Scene(
     pad=DiscPad(radius_m=7e-3, height_m=3.5e-3),

@@ -19,7 +19,7 @@ from sim.scene.scene import ContactMode, Effect, Motion, Output, Preset, Scene, 
 from sim.sensor.sensor import load_sensor
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.path import LoadingPath
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 GEL = Material(young_pa=4e5, poisson=0.48)
 PAD = DiscPad(radius_m=8e-3, height_m=4e-3)

@@ -12,7 +12,7 @@ from sim.press import press
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.scene import ContactMode, Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 GEL = load_sensor("gelsight-mini")
 SCENE = Scene(

@@ -19,7 +19,7 @@ from sim.scene.material import LawName, RelaxationTerm
 from sim.scene.pad import DiscPad
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 YOUNG_PA = 4e5
 TERMS = (

@@ -12,7 +12,7 @@ from sim.mesh.revolved import revolved_mesh
 from sim.mesh.symmetry import WholeSurface
 from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import BoxPad
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 X, Y, Z = 8e-3, 6e-3, 2e-3
 PAD = BoxPad(size_x_m=X, size_y_m=Y, height_m=Z)

@@ -31,8 +31,8 @@ from sim.scene.tilted_indenter import TurnedIndenter, cylinder_triangles, tilted
 from sim.scene.triangle_surface import closed_surface
 from sim.sensor.sensor import load_sensor
 from sim.solve.load_steps.path import LoadingPath
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.registry import Kind, names
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.registry import Kind, names
 
 PAD = BoxPad(size_x_m=12e-3, size_y_m=12e-3, height_m=4e-3)
 PUNCH = Cylinder(diameter_m=5e-3)

@@ -26,7 +26,7 @@ from sim.scene.tilted_indenter import cylinder_triangles, tilted
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
 from sim.studies.nominal_renderer import nominal_renderer
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _DEPTHS_M = (0.0, 0.2e-3, 0.5e-3)
 _PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.3e-3)

@@ -27,7 +27,7 @@ from sim.scene.scene import Effect, Preset, Scene, Target
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.verification.layered_solution import BondedLayers
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 DOMED = BoxPad(
     size_x_m=20e-3, size_y_m=24e-3, height_m=4e-3, dome_radius_x_m=0.1, dome_radius_y_m=0.2

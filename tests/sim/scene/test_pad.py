@@ -20,7 +20,7 @@ from sim.scene.scene import Preset, Scene, Target
 from sim.scene.triangle_file import MeshUnit
 from sim.sensor.sensor import parse_sensor
 from sim.solve.load_steps.path import LoadingPath
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 DOMED = BoxPad(
     size_x_m=12e-3, size_y_m=10e-3, height_m=4e-3, dome_radius_x_m=0.06, dome_radius_y_m=0.09

@@ -14,7 +14,7 @@ from sim.scene.terms import (
     parse_layer,
     parse_pad,
 )
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 def test_box_with_one_unit_for_all_sizes() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sim.scene.tetwild_options import parse_tetwild_options
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 def test_mesh_settings_are_read() -> None:

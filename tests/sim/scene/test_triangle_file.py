@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim.scene.triangle_file import MeshUnit, read_triangles
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.25, 0.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, 0.123456789012]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])

@@ -6,7 +6,7 @@ import pytest
 
 from sim.sensor.optics import parse_optics
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 LAMP = {"azimuth": "90 deg", "elevation": "20 deg", "colour": [80, 0, 0], "source": "assumed"}
 GREY = {"kind": "grey-depth", "depth": ["0 mm", "1 mm"], "change": [0, -60], "source": "assumed"}

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from sim.sensor.sensor import load_sensor, parse_sensor
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.registry import Kind, names
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.registry import Kind, names
 
 TEXT = resources.files("sim.sensor.files").joinpath("gelsight-mini.toml").read_text("utf-8")
 

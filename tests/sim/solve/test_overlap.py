@@ -12,7 +12,7 @@ from sim.solve.load_steps.first_touch import touch_height
 from sim.solve.model import Model
 from sim.solve.overlap import OVERLAP_SHARE, overlap_fraction, refuse_deep_overlap
 from sim.studies.hard_cases.pads import pad_model, quarter_brick_mesh
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError
 
 BALL = Sphere(diameter_m=6e-3)
 

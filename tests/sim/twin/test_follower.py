@@ -16,7 +16,7 @@ from sim.sensor.sensor import load_sensor
 from sim.solve.load_steps.path import LoadingPath
 from sim.twin.follower import Follower, Look, twin_scene
 from sim.twin.frame import Goal
-from tacauchy_rig.errors import ConfigError, ConvergenceError
+from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 
 SENSOR = load_sensor("gelsight-mini")
 PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.2e-3)

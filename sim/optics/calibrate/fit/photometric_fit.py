@@ -17,7 +17,7 @@ from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.colour.response import BRIGHTEST, LINEAR, Response
 from sim.optics.colour.shading_terms import ShadingTerms
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 REFERENCE = 128.0
 RIDGE = 1e-5

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from sim.arrays import FloatArray
 from sim.optics.calibrate.image_table import read_image_table
 from sim.sensor.camera_geometry import ImageArray
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.rgb import decode_rgb
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.rgb import decode_rgb
 
 _COLUMNS = ("center_x_px", "center_y_px", "radius_px")
 

@@ -12,7 +12,7 @@ from sim.arrays import FloatArray
 from sim.optics.calibrate.presses.ball_press import Circle
 from sim.optics.calibrate.presses.scene import PressScene
 from sim.sensor.camera_geometry import ImageArray
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _SMOOTHING_PX = 2.0
 _RADII = (0.25, 0.45, 0.65)  # of contacts to start from, in radii of the ball

@@ -17,7 +17,7 @@ from sim.scene.indenter import Sphere
 from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _PIXEL_M = 2e-5
 _PIXELS = 400

@@ -11,7 +11,7 @@ import numpy as np
 from sim.arrays import FloatArray
 from sim.optics.calibrate.image_table import read_image_table
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _APART_M = 1e-4
 _FEWEST = 4

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sim.arrays import FloatArray
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
 GreyArray = NDArray[np.uint8]
 _ENLARGE = 3

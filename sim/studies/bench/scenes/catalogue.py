@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.selection import selected
+from tacauchy_rig.core.selection import selected
 
 _DRAWN = 12
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from sim.studies.bench.scenes.suite import SceneBench
 from sim.studies.bench.scenes.tables import way
-from tacauchy_rig.figure_style import (
+from tacauchy_rig.core.figure_style import (
     BLUE,
     COLUMN_IN,
     GREEN,

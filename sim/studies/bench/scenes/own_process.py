@@ -18,7 +18,7 @@ from sim.studies.bench.part import SCENE_LIMIT_S
 from sim.studies.bench.scenes import press as worker
 from sim.studies.bench.scenes.catalogue import BenchScene
 from sim.studies.bench.scenes.press import ScenePress
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 # What the libraries that solve and assemble take as their number of threads.
 _THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")

@@ -26,7 +26,7 @@ from sim.scene.scene import Preset, Scene
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import Hold, LoadingPath
 from sim.studies.objects.shapes import OBJECTS
-from tacauchy_rig.errors import ConfigError, RigError
+from tacauchy_rig.core.errors import ConfigError, RigError
 
 # Where a commit has what lays a scene's path.
 _HOMES = ("sim.effects.scene_path", "sim.press")

@@ -12,8 +12,8 @@ from sim.scene.scene import Preset
 from sim.studies.bench.scenes.catalogue import BenchScene
 from sim.studies.bench.scenes.own_process import Order, commit, pressed
 from sim.studies.bench.scenes.press import ScenePress
-from tacauchy_rig.errors import ConfigError, RecordError
-from tacauchy_rig.store.codec import from_json, loads
+from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.store.codec import from_json, loads
 
 # The next is taken where one does not come to its end in time.
 _PRESETS = (Preset.REFERENCE, Preset.ACCURATE, Preset.BALANCED)

@@ -23,7 +23,7 @@ from sim.studies.bench.batches import (
     spread,
 )
 from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress, pressing_frames
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError
 
 
 def press_side_by_side(

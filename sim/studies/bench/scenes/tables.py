@@ -10,8 +10,8 @@ from sim.studies.bench.scenes.own_process import IMAGES, NOT_YET, Order, SceneRo
 from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress
 from sim.studies.bench.scenes.references import Reference
 from sim.studies.bench.scenes.suite import Pair, SceneBench, mean_speed, speeds
-from tacauchy_rig.page import table_prose
-from tacauchy_rig.tables import Cell, Table, table_of
+from tacauchy_rig.core.page import table_prose
+from tacauchy_rig.core.tables import Cell, Table, table_of
 
 # Frames a second that are wanted at 5 %, mean and least: by kind of device, environments, manner.
 _WANTED: dict[tuple[bool, int | None, tuple[str, ...]], tuple[float, float]] = {

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulators.arm.motion import ToolMotion
-from tacauchy_rig.rotations import composed
-from tacauchy_rig.run import Pose, Vector3
+from tacauchy_rig.core.rotations import composed
+from tacauchy_rig.core.run import Pose, Vector3
 
 _HOME = Pose(position=(0.3, -0.2, 0.25), rotation_vector=(math.pi, 0.0, 0.0))
 _STEP_S = 0.002

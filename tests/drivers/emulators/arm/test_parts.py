@@ -17,8 +17,8 @@ from drivers.emulators.arm.connection import Connection
 from drivers.emulators.arm.text_ports import DashboardPort, ScriptPort
 from drivers.emulators.arm.trace import TRACE_FILE, ArmTrace, read_trace
 from drivers.emulators.launch import free_loopback_host
-from tacauchy_rig.config.devices import RobotModel
-from tacauchy_rig.run import Pose, Vector3
+from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.run import Pose, Vector3
 from tests.drivers.arm_events import read_events
 
 _HOME = Pose(position=(0.3, -0.3, 0.2), rotation_vector=(math.pi, 0.0, 0.0))

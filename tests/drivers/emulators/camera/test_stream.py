@@ -43,7 +43,7 @@ from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth
 from drivers.emulators.plant.unit import EmulatedUnit
 from drivers.emulators.shared_world import SharedWorld
-from tacauchy_rig.run import Pose
+from tacauchy_rig.core.run import Pose
 
 SURFACE_Z = 0.2
 TRUTH = draw_truth(7)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from drivers.device.faults import Device, Fault, FaultKind
 from drivers.emulators.force_sensor.protocol import BoxCommands, FrameStream, ReplyStyle
 from drivers.force_sensor.sri_wire import FrameParser, SriFrame
-from tacauchy_rig.config.devices import Checksum
-from tacauchy_rig.run import Vector6
+from tacauchy_rig.core.config.devices import Checksum
+from tacauchy_rig.core.run import Vector6
 
 
 @pytest.mark.parametrize(

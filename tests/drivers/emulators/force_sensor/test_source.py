@@ -17,8 +17,8 @@ from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth
 from drivers.emulators.shared_world import SharedWorld
 from drivers.force_sensor.sri_m3733c import SriM3733c
-from tacauchy_rig.config.load import load_config
-from tacauchy_rig.run import Pose
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.run import Pose
 
 SURFACE = (0.0, -0.4, 0.2)
 

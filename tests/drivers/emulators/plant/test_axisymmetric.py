@@ -13,7 +13,7 @@ from drivers.emulators.plant.axisymmetric import GelSolver
 from drivers.emulators.plant.neo_hookean import NeoHookean
 from drivers.emulators.plant.quad_mesh import GelDisc, Grading, mesh_disc
 from drivers.emulators.plant.tips import CylinderTip, SphereTip
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError
 
 PUNCH_RADIUS = 2.5e-3
 LAYER = GelDisc(radius_m=12e-3, thickness_m=4.5e-3, dome_radius_m=math.inf)

@@ -14,7 +14,7 @@ from drivers.emulators.force_sensor.source import ForceChannel
 from drivers.emulators.plant.gel import Plant, Relaxation, leaning_depths
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
-from tacauchy_rig.run import Pose
+from tacauchy_rig.core.run import Pose
 
 SURFACE = (0.0, -0.4, 0.2)
 DOWN = (0.0, math.pi, 0.0)

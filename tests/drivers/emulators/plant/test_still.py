@@ -13,7 +13,7 @@ from drivers.emulators.plant.tips import CylinderTip, SphereTip
 from drivers.emulators.plant.truth import draw_truth
 from drivers.emulators.plant.unit import MarkerGrid
 from drivers.emulators.plant.view import view_of
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 TRUTH = draw_truth(7)
 PUNCH = CylinderTip(diameter_m=5e-3)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 TIPS: list[Tip] = [
     CylinderTip(diameter_m=5e-3, fillet_m=1e-4),

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.emulators.plant.truth import PlantTruth, draw_truth, read_truth, write_truth
-from tacauchy_rig.errors import RecordError
+from tacauchy_rig.core.errors import RecordError
 
 
 def test_another_process_draws_the_same_world(tmp_path: Path) -> None:

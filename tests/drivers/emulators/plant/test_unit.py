@@ -20,7 +20,7 @@ from drivers.emulators.plant.truth import draw_truth, read_truth, write_truth
 from drivers.emulators.plant.unit import EmulatedUnit, GelLight
 from drivers.emulators.plant.view import view_of
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.cli.emulation import emulated_unit
+from tacauchy_rig.app.cli.emulation import emulated_unit
 
 BALL = SphereTip(diameter_m=4e-3)
 LAYERED = GelDisc(

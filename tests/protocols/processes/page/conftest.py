@@ -11,8 +11,8 @@ import pytest
 from protocols.guard.abort import Abort
 from protocols.processes.messages import ContactOutline, PageWish
 from protocols.session import run_session
-from tacauchy_rig.config.load import default_text, load_config
-from tacauchy_rig.store.run_store import RunStore
+from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.store.run_store import RunStore
 from tests.protocols.conftest import BRISK, MOCKS
 
 WAIT_S = 60.0

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from tacauchy_rig.run import Outcome
+from tacauchy_rig.core.run import Outcome
 from tests.protocols.processes.page.conftest import running
 
 STALE = "document.querySelector('#image-card .stale')"

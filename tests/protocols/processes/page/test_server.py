@@ -12,7 +12,7 @@ from starlette.datastructures import Headers
 
 from protocols.processes.page.door import Door
 from protocols.processes.page.server import CONNECTIONS_MAX, WATCHERS_MAX
-from tacauchy_rig.run import Outcome
+from tacauchy_rig.core.run import Outcome
 
 HOST, ORIGIN = "127.0.0.1:8000", "http://127.0.0.1:8000"
 DOOR = Door("token", port=8000)

@@ -14,8 +14,8 @@ from protocols.processes.page.picture import WIDEST_PX, media_type, reduced
 from protocols.processes.page.stream import StreamView
 from protocols.processes.page.view import TRACE_SAMPLES, View
 from protocols.session import plan_session
-from tacauchy_rig.run import JournalEvent
-from tacauchy_rig.store.journal import append_event
+from tacauchy_rig.core.run import JournalEvent
+from tacauchy_rig.core.store.journal import append_event
 
 NAME = "any"
 

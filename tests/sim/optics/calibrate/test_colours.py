@@ -19,7 +19,7 @@ from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from sim.optics.colour.photometric import load_photometric
 from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.colour.response import LINEAR
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.exponential_skirt import ExponentialSkirt
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
 

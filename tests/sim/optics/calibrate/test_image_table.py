@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sim.optics.calibrate.image_table import read_image_table
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 def test_columns_stand_in_any_order(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from sim.optics.height.height_map import height_maps
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.pad import BoxPad
 from sim.studies.underside import indenter_height
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import (
     APEX_M,
     ball_press,

@@ -11,7 +11,7 @@ from sim.optics.markers.material_points import surface_displacement
 from sim.optics.markers.printed_markers import draw_markers, marker_places
 from sim.optics.markers.tracking import track_markers
 from sim.sensor.sensor import MarkerGrid
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, camera, pressed_surface
 
 GRID = MarkerGrid(columns=5, rows=4, pitch_m=(2.4e-3, 2.2e-3), radius_m=3.5e-4)

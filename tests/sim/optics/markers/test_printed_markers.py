@@ -15,7 +15,7 @@ from sim.optics.markers.printed_markers import (
 )
 from sim.optics.markers.tracking import track_markers
 from sim.sensor.sensor import MarkerGrid
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import camera
 
 GRID = MarkerGrid(columns=5, rows=4, pitch_m=(2.4e-3, 2.2e-3), radius_m=3.5e-4)

@@ -20,7 +20,7 @@ from sim.optics.pixels.pixel_blocks import PixelBlocks
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.render.shadows import darkening
 from sim.sensor.optics import Lamp, ShadowCaster
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 from tests.sim.optics.surface_tilt import surface_tilt
 

@@ -16,7 +16,7 @@ from sim.optics.colour.photometric import PhotometricModel, load_photometric
 from sim.optics.colour.polynomial import polynomial_exponents
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.optics import Lamp
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 from tests.sim.optics.surface_tilt import surface_tilt
 

@@ -25,7 +25,7 @@ from sim.solve.dynamics.weight_and_inertia import INERTIA, Inertia, nodal_masses
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.hard_cases.dynamics import energy_j, time_step
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 PAD = DiscPad(radius_m=8e-3, height_m=4e-3)
 DENSITY = 1070.0

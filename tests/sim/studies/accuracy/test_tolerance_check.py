@@ -14,7 +14,7 @@ from sim.studies.accuracy.force_limit import PressStore
 from sim.studies.accuracy.scenes import HELD_OUT, SEEN_BEFORE, HeldOut
 from sim.studies.accuracy.tables import tolerance_table
 from sim.studies.accuracy.tolerance_check import ToleranceOutcome, check_tolerance
-from tacauchy_rig.tables import Table
+from tacauchy_rig.core.tables import Table
 
 _KEPT = ToleranceOutcome(
     asked=SEEN_BEFORE[0],

@@ -9,7 +9,7 @@ import pytest
 
 from sim.press_command import scene_from
 from sim.studies.bench import factor_threads, start
-from tacauchy_rig.errors import RigError
+from tacauchy_rig.core.errors import RigError
 
 WASTE = "sum(range(3_000_000)); print(42)"
 

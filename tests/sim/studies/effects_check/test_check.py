@@ -20,7 +20,7 @@ from sim.studies.effects_check.check import (
     time_saved,
 )
 from sim.studies.effects_check.drawn import described, drawn_scene
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 SMALL = Scene(
     pad=DiscPad(radius_m=6e-3, height_m=3e-3),

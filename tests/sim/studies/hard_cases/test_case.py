@@ -15,7 +15,7 @@ BAD_ROWS = """
 import os, subprocess, sys, time
 from pathlib import Path
 from sim.studies.hard_cases.case import Outcome
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError
 
 def measures():
     return Outcome(passed=True, measured={"answer": 42})

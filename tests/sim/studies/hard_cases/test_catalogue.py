@@ -6,7 +6,7 @@ import pytest
 
 from sim.studies.hard_cases.case import HardCase
 from sim.studies.hard_cases.catalogue import all_cases, select_cases
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 def test_numbers_are_unique_and_rows_are_selected() -> None:

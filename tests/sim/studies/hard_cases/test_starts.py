@@ -11,7 +11,7 @@ from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.hard_cases.pads import pad_model, quarter_brick_mesh
 from sim.studies.hard_cases.starts import ENERGY_ROUNDING, random_start
-from tacauchy_rig.errors import ConvergenceError
+from tacauchy_rig.core.errors import ConvergenceError
 
 
 def test_random_starts_end_stationary() -> None:

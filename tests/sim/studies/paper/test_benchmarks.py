@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from sim.studies.paper.benchmarks import read_speeds
-from tacauchy_rig.errors import RecordError
+from tacauchy_rig.core.errors import RecordError
 
 
 def write(folder: Path, *, environments: tuple[int, ...] = (1, 60)) -> None:

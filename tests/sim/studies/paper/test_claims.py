@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sim.studies.paper.claims import claims, claims_of
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 ROW = '[scores.ssim]\nwhere = "IV"\nsays = "SSIM"\nvalue = {}\nrule = "score"\n'
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from sim.studies.paper.kept_reports import FILE, SCORES, kept_text, of_run, read_kept
-from tacauchy_rig.errors import RecordError
+from tacauchy_rig.core.errors import RecordError
 
 
 def summary(*, simulated: float | None) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from sim.studies.verification.error_estimates import (
     judged,
     refined_press,
 )
-from tacauchy_rig.tables import Cell
+from tacauchy_rig.core.tables import Cell
 
 SCENE = Scene(
     pad=DiscPad(radius_m=5e-3, height_m=3e-3),

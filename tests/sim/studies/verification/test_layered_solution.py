@@ -15,7 +15,7 @@ from sim.studies.verification.layered_solution import (
     hertz_force,
     surface_compliance,
 )
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 @pytest.mark.parametrize(

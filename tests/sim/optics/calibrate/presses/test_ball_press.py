@@ -15,7 +15,7 @@ from sim.optics.calibrate.presses.ball_press import (
     read_ball_presses,
     read_rgb,
 )
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 HEADER = "image,center_x_px,center_y_px,radius_px\n"
 

@@ -8,7 +8,7 @@ import pytest
 from sim.optics.calibrate.presses.gel_profile import PressedProfiles, RadialProfile, radial_profile
 from sim.optics.height.height_map import height_maps
 from sim.scene.indenter import Sphere
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera, pressed_surface
 from tests.sim.optics.exponential_skirt import ExponentialSkirt
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sim.optics.calibrate.scale.fit import fit_scale, read_positions
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 PLACES = np.random.default_rng(3).uniform(-6e-3, 6e-3, (12, 2))
 

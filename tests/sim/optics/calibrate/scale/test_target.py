@@ -17,7 +17,7 @@ from sim.optics.calibrate.scale.target import (
     parse_target,
 )
 from sim.sensor.camera_geometry import CameraGeometry, ImageArray
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.rendered_targets import photograph, printed_board, printed_dots
 
 CHARUCO = CharucoTarget(columns=8, rows=6, square_m=2e-3, marker_m=1.5e-3)

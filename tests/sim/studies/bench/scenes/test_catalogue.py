@@ -8,7 +8,7 @@ from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import ContactMode
 from sim.studies.bench.scenes.catalogue import all_scenes, drawn_scenes, select_scenes
 from sim.studies.bench.scenes.press import stated_scene
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 def test_every_kind_of_press_is_among_the_scenes() -> None:

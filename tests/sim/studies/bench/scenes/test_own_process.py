@@ -12,7 +12,7 @@ import pytest
 from sim.studies.bench.scenes import own_process
 from sim.studies.bench.scenes.catalogue import BenchScene
 from sim.studies.bench.scenes.own_process import Order, checked_out, pressed, pressed_together
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 _SHALLOW = {"indenter": "sphere:diameter=10mm", "depth": "0.1mm"}
 

@@ -16,7 +16,7 @@ from sim.studies.bench.scenes.press import (
     stated_scene,
     within,
 )
-from tacauchy_rig.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError
 
 
 def test_frames_end_where_one_press_does() -> None:

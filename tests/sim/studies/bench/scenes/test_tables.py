@@ -14,8 +14,8 @@ from sim.studies.bench.scenes.press import ScenePress
 from sim.studies.bench.scenes.references import Reference, read_references
 from sim.studies.bench.scenes.suite import Pair, SceneBench, mean_speed
 from sim.studies.bench.scenes.tables import scene_tables
-from tacauchy_rig.errors import ConfigError
-from tacauchy_rig.store.codec import dumps
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.store.codec import dumps
 
 _PRESS = ScenePress(
     preset="fast",

@@ -1,0 +1,1 @@
+"""What the program does: sessions, replay, calibration, imports, judging, and the command line."""

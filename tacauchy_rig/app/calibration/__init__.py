@@ -1,0 +1,1 @@
+"""Calibrate optics, the gel's material and the delays of streams."""

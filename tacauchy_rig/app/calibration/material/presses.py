@@ -1,0 +1,218 @@
+"""Forces at depths, from recorded runs and from tables of others."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reports.arrays import FloatArray
+from reports.evidence.attempt import readable
+from sim.scene.indenter import Cylinder, Sphere, describe
+from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
+from tacauchy_rig.app.replay.opening import open_run
+from tacauchy_rig.app.replay.parts import Part, parts_of
+from tacauchy_rig.app.replay.pressing import REPLAY_NAME
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.replayed import FoundValue, Replay, model_of
+
+COLUMNS = ("indenter", "depth_mm", "force_n")
+POINTS_MIN = 4
+"""Three parameters and one to spare."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IndenterPresses:
+    """What was measured with one indenter.
+
+    Attributes:
+        config: Says what is uncertain of indenter, mounting, cell and heights.
+        contact_force_n: Force from which depths count [N]; 0 is first touch.
+        found: What the run told of tilt and place.
+        simulated: A recorded run's devices were emulated.
+        press: Number of the press that each point is of, shape [point_count].
+        depth_m: Depths [m], likewise, and forces and their noise [N].
+    """
+
+    config: RigConfig
+    inputs: ReplayInputs
+    contact_force_n: float
+    press: NDArray[np.int64]
+    depth_m: FloatArray
+    force_n: FloatArray
+    noise_n: FloatArray
+    found: tuple[FoundValue, ...] = ()
+    simulated: bool = False
+
+    @property
+    def name(self) -> str:
+        """The indenter as the command line writes it."""
+        return describe(self.inputs.indenter)
+
+    def only(self, kept: NDArray[np.bool_]) -> IndenterPresses:
+        """Return some of the points."""
+        arrays = ("press", "depth_m", "force_n", "noise_n")
+        kept_arrays: dict[str, Any] = {name: getattr(self, name)[kept] for name in arrays}
+        return replace(self, **kept_arrays)
+
+
+def read_presses(
+    paths: Sequence[Path], *, overrides: Sequence[str], noise_n: float, contact_force_n: float
+) -> list[IndenterPresses]:
+    """Read run folders and CSV files; one entry for each indenter.
+
+    Args:
+        paths: Of either.
+        overrides: ``table.field=value`` of the configuration of CSV files.
+        noise_n: Of a force of a CSV file [N].
+        contact_force_n: From which the depths of CSV files count [N].
+
+    Raises:
+        RecordError: A folder is no run's, a table cannot be read, or too little is in them.
+        ConfigError: They are of several sensors, of triangles, or a gel has layers.
+    """
+    found: dict[str, IndenterPresses] = {}
+    for path in paths:
+        read = (
+            _of_run(path)
+            if path.is_dir()
+            else _of_table(
+                path, overrides=overrides, noise_n=noise_n, contact_force_n=contact_force_n
+            )
+        )
+        for each in read:
+            known = found.get(each.name)
+            found[each.name] = each if known is None else _together(known, each)
+    groups = list(found.values())
+    _refuse(groups)
+    return groups
+
+
+def _refuse(groups: Sequence[IndenterPresses]) -> None:
+    sensors = sorted({each.inputs.sensor.name for each in groups})
+    if len(sensors) > 1:
+        raise ConfigError(
+            f"presses of several sensors: {', '.join(sensors)}", remedy="calibrate one at a time"
+        )
+    if groups and groups[0].inputs.sensor.layers:
+        raise ConfigError(
+            f"the gel of {sensors[0]} has layers, and forces do not say which is meant",
+            remedy="give a sensor of one material",
+        )
+    for each in groups:
+        if not isinstance(each.inputs.indenter, Cylinder | Sphere):
+            raise ConfigError(
+                f"{each.name}: a response takes 25 presses, of triangles minutes each",
+                remedy="press with a ball or a cylinder",
+            )
+    count = sum(len(each.force_n) for each in groups)
+    if count < POINTS_MIN:
+        raise RecordError(
+            f"{count} forces at depths tell no gel", remedy=f"give {POINTS_MIN} or more"
+        )
+
+
+def _together(first: IndenterPresses, second: IndenterPresses) -> IndenterPresses:
+    if first.contact_force_n != second.contact_force_n:
+        raise ConfigError(
+            f"{first.name}: depths count from {first.contact_force_n:g} N and from "
+            f"{second.contact_force_n:g} N",
+            remedy="calibrate from one of them, or give --contact-force for the tables",
+        )
+    press = np.concatenate([first.press, second.press + first.press.max() + 1])
+    arrays = ("depth_m", "force_n", "noise_n")
+    joined: dict[str, Any] = {
+        a: np.concatenate([getattr(first, a), getattr(second, a)]) for a in arrays
+    }
+    return replace(first, press=press, **joined)
+
+
+def _of_run(folder: Path) -> list[IndenterPresses]:
+    run = open_run(folder)
+    replay = readable(lambda: run.store.load_replay(REPLAY_NAME))
+    found = [each for part in parts_of(run) if (each := _of_part(part, replay)) is not None]
+    if not found:
+        raise RecordError(f"{folder}: no trial has a depth and a force", remedy="press some")
+    return found
+
+
+def _of_part(part: Part, replay: Replay | None) -> IndenterPresses | None:
+    rows = [
+        (record.depth_measured_m, record.force_measured_n, record.force_deviation_n or 0.0)
+        for record in part.run.records.values()
+        if record is not None and record.depth_measured_m and record.force_measured_n
+    ]
+    if not rows:
+        return None
+    depth, force, noise = np.array(rows).T
+    trial = min(part.run.records)
+    return IndenterPresses(
+        config=part.config,
+        inputs=replace(part.inputs, tolerance=None),
+        contact_force_n=part.config.protocol.contact_force,
+        press=np.arange(len(rows)),
+        depth_m=depth,
+        force_n=force,
+        noise_n=noise,
+        found=() if replay is None else model_of(replay.models, trial).found,
+        simulated=part.run.store.simulated,
+    )
+
+
+def _of_table(
+    path: Path, *, overrides: Sequence[str], noise_n: float, contact_force_n: float
+) -> Iterator[IndenterPresses]:
+    rows = _rows(path)
+    for indenter in dict.fromkeys(row[0] for row in rows):
+        own = [row for row in rows if row[0] == indenter]
+        config = load_config(overrides=(*overrides, f'replay.indenter="{indenter}"')).config
+        presses = list(dict.fromkeys(row[1] for row in own))
+        yield IndenterPresses(
+            config=config,
+            inputs=inputs_of(config),
+            contact_force_n=contact_force_n,
+            press=np.array([presses.index(row[1]) for row in own]),
+            depth_m=np.array([row[2] for row in own]),
+            force_n=np.array([row[3] for row in own]),
+            noise_n=np.full(len(own), noise_n),
+        )
+
+
+def _rows(path: Path) -> list[tuple[str, str, float, float]]:
+    """Return indenter, press, depth [m] and force [N] of each line."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
+            lines = [] if missing else list(reader)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise RecordError(f"{path}: no table: {error}", remedy="give a CSV file") from error
+    if missing:
+        raise RecordError(
+            f"{path}: no column {', '.join(missing)}",
+            remedy="the first line names indenter,depth_mm,force_n and perhaps press",
+        )
+    return [_row(path, number, line) for number, line in enumerate(lines, start=2)]
+
+
+def _row(path: Path, number: int, line: dict[str, str]) -> tuple[str, str, float, float]:
+    try:
+        depth_mm, force_n = (float(line[name]) for name in COLUMNS[1:])
+    except (TypeError, ValueError):
+        depth_mm = force_n = math.nan
+    if not (0.0 < depth_mm < math.inf and 0.0 < force_n < math.inf):
+        raise RecordError(
+            f"{path}, line {number}: depth_mm {line['depth_mm']!r} and force_n "
+            f"{line['force_n']!r} are not both above 0",
+            remedy="leave out points without contact; depths are positive into the gel",
+        )
+    # Without a column press each line counts as one: its depth has an error of its own.
+    return line["indenter"], line.get("press") or str(number), depth_mm * 1e-3, force_n

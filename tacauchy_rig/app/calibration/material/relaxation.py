@@ -1,0 +1,87 @@
+"""A gel's relaxation in the dwells of a run, where the pose is held: one term of a Prony series."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import OptimizeWarning, curve_fit
+
+from reports.arrays import FloatArray
+from tacauchy_rig.app.replay.opening import open_run
+
+_SURE = 2.0
+"""Standard uncertainties by which share and time are to be above none."""
+_FIRST = (0.02, 0.3)
+"""Share and time [s] that a fit begins with: what silicone gels have."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DwellTerm:
+    """What of the force is still to be lost when the dwell begins, and how fast it goes.
+
+    Attributes:
+        share: Of the force at the dwell's begin; less than the gel's, which lost some on the way.
+        time_s: Time constant [s].
+    """
+
+    share: float
+    share_error: float
+    time_s: float
+    time_error_s: float
+
+    def __str__(self) -> str:
+        return (
+            f"relaxes by {self.share:.2%} +- {self.share_error:.2%} from the dwell on, in "
+            f"{self.time_s:.2g} +- {self.time_error_s:.1g} s"
+        )
+
+
+def relaxation_of(folder: Path) -> DwellTerm | None:
+    """Fit all dwells of a run together; None where they tell no relaxation.
+
+    Raises:
+        RecordError: It is no run's folder, or a recording is damaged.
+    """
+    run = open_run(folder)
+    times, shares = [np.zeros(0)], [np.zeros(0)]
+    for record in run.records.values():
+        attempt = None if record is None else run.read(record)
+        if attempt is None or attempt.force_curve is None or attempt.dwell_s is None:
+            continue
+        curve, (start_s, end_s) = attempt.force_curve, attempt.dwell_s
+        held = (curve.time_s >= start_s) & (curve.time_s <= end_s)
+        if held.any():
+            times.append(curve.time_s[held])
+            shares.append(curve.value[held] / curve.value[held].mean())
+    return fit_term(np.concatenate(times), np.concatenate(shares))
+
+
+def fit_term(time_s: FloatArray, force: FloatArray) -> DwellTerm | None:
+    """Fit ``a (1 + b exp(-t / tau))`` to forces over their mean.
+
+    Args:
+        time_s: From the dwell's begin [s], shape [sample_count].
+        force: Likewise.
+    """
+    if len(time_s) < 10 * len(_FIRST):
+        return None
+    try:
+        found, covariance = curve_fit(_held, time_s, force, p0=(1.0, *_FIRST))
+    except (RuntimeError, OptimizeWarning):
+        return None
+    (_, share, tau), (_, share_error, tau_error) = found, np.sqrt(np.diag(covariance))
+    is_told = share > _SURE * share_error and tau > _SURE * tau_error
+    if not is_told or tau > time_s.max():
+        return None
+    return DwellTerm(
+        share=float(share),
+        share_error=float(share_error),
+        time_s=float(tau),
+        time_error_s=float(tau_error),
+    )
+
+
+def _held(time_s: FloatArray, level: float, share: float, tau: float) -> FloatArray:
+    return np.asarray(level * (1.0 + share * np.exp(-time_s / max(tau, 1e-3))))

@@ -1,0 +1,192 @@
+"""A run of ball presses as what its own optics are calibrated from, and what that gave."""
+
+from __future__ import annotations
+
+import csv
+import io
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from reports.evidence.attempt import AttemptReading, RunReading, median_image
+from sim.optics.calibrate.cross_validation import PressScores, crop_side
+from sim.scene.indenter import Sphere
+from sim.sensor.sensor import load_sensor
+from tacauchy_rig.app.calibration.optics.input import OpticsRequest
+from tacauchy_rig.app.calibration.optics.run import OpticsResult
+from tacauchy_rig.app.replay.optics import CIRCLES, NO_CONTACT
+from tacauchy_rig.app.replay.settings import indenter_of, sensor_of
+from tacauchy_rig.core.calibrated import CalibratedOptics, HeldOutPress, ImageAgreement
+from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.store.durable import write_atomically
+
+DEFAULT_SENSOR = "gelsight-mini"
+CIRCLE_COLUMNS = ("image", "center_x_px", "center_y_px", "radius_px")
+
+
+def request_of(
+    folder: Path,
+    run: RunReading | None,
+    *,
+    background: Path | None,
+    ball_diameter_m: float | None,
+    scale_px_m: tuple[float, float] | None,
+    out: Path | None,
+    sensor: str | None,
+    **further: Any,
+) -> OpticsRequest:
+    """Return what optics are calibrated from: a folder's presses, or a run's with what it knows.
+
+    Args:
+        folder: Of images, or of the run.
+        further: Other fields of the request.
+
+    Raises:
+        ConfigError: A folder of images does not tell something, or a run's presses are of no ball.
+        RecordError: No press of the run has an image.
+    """
+    if run is not None:
+        config = run.store.config
+        own = sensor_of(config) if sensor is None else load_sensor(sensor)
+        return OpticsRequest(
+            background=background or Path(NO_CONTACT),
+            ball_diameter_m=ball_diameter_m or _ball(run),
+            scale_px_m=scale_px_m or (1.0 / own.camera.scale_x_m, 1.0 / own.camera.scale_y_m),
+            out=out or run.store.paths.calibration,
+            sensor=own,
+            folder=_write_presses(run),
+            **further,
+        )
+    if background is None or ball_diameter_m is None or scale_px_m is None or out is None:
+        raise ConfigError(
+            f"{folder} is no run's folder, which would know ball and scale",
+            remedy="give --background, --ball-diameter, --scale and --out",
+        )
+    return OpticsRequest(
+        folder=folder,
+        background=background,
+        ball_diameter_m=ball_diameter_m,
+        scale_px_m=scale_px_m,
+        out=out,
+        sensor=load_sensor(sensor or DEFAULT_SENSOR),
+        **further,
+    )
+
+
+def keep_optics(run: RunReading, request: OpticsRequest, result: OpticsResult) -> None:
+    """Keep in the run's folder what its calibration gave, for its report.
+
+    Raises:
+        RecordError: The disk is full.
+    """
+    found = result.cross_validation
+    with run.store.lock():
+        run.store.optics.save(
+            CalibratedOptics(
+                ball_diameter_m=request.ball_diameter_m,
+                scale_px_m=request.scale_px_m,
+                sensor=request.sensor.title,
+                preset=request.preset.value,
+                labelled=(request.folder / CIRCLES).exists(),
+                folds=min(request.folds, len(result.presses)),
+                crop_px=crop_side(result.provenance["width_px"]),
+                nudged=_agreement(found),
+                as_labelled=_agreement(found.as_labelled),
+                no_contact_light=_agreement(found.as_labelled_frames_as_they_came),
+                presses=tuple(_held_out(row) for row in result.presses),
+                warnings=tuple(result.warnings),
+            )
+        )
+
+
+def _ball(run: RunReading) -> float:
+    """Return the diameter of the ball that all presses of a run were made with [m]."""
+    config = run.store.config
+    indenter = indenter_of(config)
+    others = {each.indenter for each in run.store.imported_trials.values()} - {""}
+    if not isinstance(indenter, Sphere) or others:
+        raise ConfigError(
+            f"{run.store.paths.root}: optics are calibrated from presses of one ball, and this "
+            f"run's are of {', '.join(sorted(others)) or config.replay.indenter or 'a cylinder'}",
+            remedy="give a run of presses of one ball, or say --ball-diameter",
+        )
+    return indenter.diameter_m
+
+
+def _write_presses(run: RunReading) -> Path:
+    """Write a run's presses as ``calibrate optics`` takes them, and return the folder.
+
+    Circles are written where every press has one; otherwise the contacts are found.
+    """
+    folder = run.store.paths.optics / "presses"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    read = {index: run.attempt(index) for index in run.records}
+    seen = {i: each for i, each in read.items() if each is not None and each.images is not None}
+    if not seen:
+        raise RecordError(
+            f"{run.store.paths.root}: no press of it has images without contact and with it",
+            remedy="`tacauchy-rig report` says what is missing",
+        )
+    rows = []
+    for index, attempt in seen.items():
+        if attempt.images is not None:
+            write_atomically(folder / _image_name(index), encode_png(attempt.images.real))
+        if (circle := _circle(attempt)) is not None:
+            rows.append((_image_name(index), *(f"{value:.3f}" for value in circle)))
+    unloaded = [each.reference for each in seen.values() if each.reference is not None]
+    write_atomically(folder / NO_CONTACT, encode_png(median_image(unloaded)))
+    if len(rows) == len(seen):
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([CIRCLE_COLUMNS, *rows])
+        write_atomically(folder / CIRCLES, text.getvalue().encode())
+    return folder
+
+
+def _image_name(trial: int) -> str:
+    """Return the name of a press's image."""
+    return f"{trial:03d}.png"
+
+
+def _circle(attempt: AttemptReading) -> tuple[float, float, float] | None:
+    """Return the circle drawn into a press's image, in pixels of the scored image."""
+    imported = attempt.store.imported_trials.get(attempt.record.index)
+    frame = next(iter(attempt.recording.frames()), None)
+    if imported is None or imported.contact_px is None or frame is None:
+        return None
+    geometry = attempt.geometry
+    column, row, radius = imported.contact_px
+    left, top = (int(n * geometry.crop_fraction) for n in (frame.width, frame.height))
+    across = geometry.width_px / (frame.width - 2 * left)
+    down = geometry.height_px / (frame.height - 2 * top)
+    # Pixel (0, 0) is the centre of the first pixel, so that its border is at -0.5.
+    return (
+        (column - left + 0.5) * across - 0.5,
+        (row - top + 0.5) * down - 0.5,
+        radius * float(np.sqrt(across * down)),
+    )
+
+
+def _agreement(scores: PressScores) -> ImageAgreement:
+    return ImageAgreement(
+        r2=scores.r2,
+        mae_levels=scores.mae,
+        ssim=scores.ssim_crop,
+        r2_no_contact=scores.r2_no_contact,
+        mae_no_contact_levels=scores.mae_no_contact,
+        ssim_no_contact=scores.ssim_crop_no_contact,
+    )
+
+
+def _held_out(row: Mapping[str, Any]) -> HeldOutPress:
+    labelled, nudged = (tuple(row[key].values()) for key in ("labelled", "nudged"))
+    return HeldOutPress(
+        trial=int(Path(row["image"]).stem),
+        contact_px=labelled,
+        nudged_px=tuple(new - old for new, old in zip(nudged, labelled, strict=True)),
+        mae_levels=row["held_out_mae_levels"],
+    )

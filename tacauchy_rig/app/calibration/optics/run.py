@@ -1,0 +1,191 @@
+"""From a folder of ball presses to a calibration file, its scores and its figures."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from sim.optics.calibrate.checks import SlopeCoverage, check_after, check_coverage, slope_coverage
+from sim.optics.calibrate.colours import Calibration
+from sim.optics.calibrate.cross_validation import (
+    CheckScores,
+    RenderedPress,
+    check_scores,
+    cross_validate,
+    held_out_errors,
+    render_presses,
+)
+from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.presses.gel_profile import DEPTHS_M
+from sim.optics.calibrate.presses.scene import PressScene, pressed_scene
+from sim.optics.calibrate.sensor_fit import BLUR_PX, calibrate_presses
+from sim.optics.calibrate.shadow_fit import SHADOWS
+from tacauchy_rig import __version__
+from tacauchy_rig.app.calibration.optics.figures import (
+    draw_coverage,
+    draw_presses,
+    write_renderings,
+)
+from tacauchy_rig.app.calibration.optics.input import OpticsRequest, find_presses, read_input
+from tacauchy_rig.core.errors import RecordError
+
+WIDTH, HEIGHT = "width_px", "height_px"  # names in a calibration's provenance
+SCALE_X, SCALE_Y = "scale_x_m_px", "scale_y_m_px"
+
+OnStep = Callable[[str, int, int], None]
+"""Told what was done, and as which step of how many."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpticsResult:
+    """What came out: scores, coverage, warnings and the files written.
+
+    Attributes:
+        presses: Of each press: name, circle as labelled and as nudged [px], and its mean absolute
+            error when held out [grey levels].
+    """
+
+    cross_validation: CheckScores
+    check: CheckScores | None
+    coverage: SlopeCoverage
+    warnings: list[str]
+    presses: list[dict[str, Any]]
+    provenance: dict[str, Any]
+    files: list[Path]
+
+
+def calibrate_and_check(
+    request: OpticsRequest,
+    *,
+    on_step: OnStep = lambda *_: None,
+    on_held_out: Callable[[Sequence[RenderedPress]], None] = lambda _: None,
+) -> OpticsResult:
+    """Read, refuse or warn, cross-validate, fit, check, and write the calibration and its figures.
+
+    Args:
+        on_step: Told of each step.
+        on_held_out: Given every press as a model that had not seen it renders it where it was
+            labelled or found, in the order of their table.
+
+    Raises:
+        ConfigError: A file is missing or damaged, or the presses cannot be calibrated from.
+        ConvergenceError: The simulated ball press finds no equilibrium.
+        RecordError: A result cannot be written.
+    """
+    read = read_input(request)
+    folds = min(request.folds, len(read.labelled or read.images))
+    depths = len(DEPTHS_M)
+    total = depths + folds + 1
+
+    def pressed(done: int) -> None:
+        depth_mm = DEPTHS_M[done - 1] * 1e3
+        on_step(f"ball pressed {depth_mm:.2f} mm deep in the simulator", done, total)
+
+    def fitted(fold: int) -> None:
+        what = f"fit without fold {fold + 1} of {folds}" if fold < folds else "fit to all presses"
+        on_step(what, depths + fold + 1, total)
+
+    on_step("pressing the ball in the simulator", 0, total)
+    scene = pressed_scene(
+        request.sensor,
+        read.background,
+        read.geometry,
+        ball_diameter_m=request.ball_diameter_m,
+        preset=request.preset,
+        on_press=pressed,
+    )
+    presses, warnings = find_presses(read, scene, ball_radius_m=0.5 * request.ball_diameter_m)
+    fit = partial(calibrate_presses, scene=scene, shadows=request.sensor.optics.shadows)
+    scores, labelled, held_out, calibration = cross_validate(
+        presses, scene, fit=fit, folds=folds, jobs=request.jobs, on_fold=fitted
+    )
+    place = {press.name: number for number, press in enumerate(presses)}
+    on_held_out(sorted(labelled, key=lambda item: place[item.press.name]))
+    coverage = slope_coverage(calibration.circles, calibration.scene)
+    warnings += check_after(scores, held_out, scene) + check_coverage(coverage)
+    others = render_presses(read.check, calibration)
+    provenance = _provenance(request, presses, scores, calibration)
+    files = _write(request, calibration, coverage, held_out, scene, provenance)
+    return OpticsResult(
+        cross_validation=scores,
+        check=check_scores(*others, scene) if read.check else None,
+        coverage=coverage,
+        warnings=warnings,
+        presses=_rows(presses, calibration.circles, held_out, scene),
+        provenance=provenance,
+        files=files,
+    )
+
+
+def _provenance(
+    request: OpticsRequest, presses: Sequence[BallPress], scores: CheckScores, found: Calibration
+) -> dict[str, Any]:
+    geometry = found.scene.geometry
+    digest = hashlib.sha256()
+    for press in presses:
+        digest.update(press.name.encode())
+        digest.update(press.image.tobytes())
+        digest.update(repr(asdict(press.circle)).encode())
+    return {
+        "source": f"{len(presses)} ball presses in {request.folder.resolve().name}",
+        "presses_sha256": digest.hexdigest(),
+        "ball_diameter_m": request.ball_diameter_m,
+        WIDTH: geometry.width,
+        HEIGHT: geometry.height,
+        SCALE_X: geometry.scale_x_m,
+        SCALE_Y: geometry.scale_y_m,
+        "sensor": request.sensor.title,
+        "preset": request.preset.value,
+        "version": __version__,
+        "held_out_r2": scores.r2,
+        "held_out_mae_levels": scores.mae,
+        "held_out_ssim_crop": scores.ssim_crop,
+        BLUR_PX: found.blur_px,
+        SHADOWS: None if found.shadows is None else asdict(found.shadows),
+    }
+
+
+def _write(
+    request: OpticsRequest,
+    calibration: Calibration,
+    coverage: SlopeCoverage,
+    held_out: Sequence[RenderedPress],
+    scene: PressScene,
+    provenance: dict[str, Any],
+) -> list[Path]:
+    model, out = calibration.model, request.out
+    ordered = sorted(held_out, key=lambda item: item.press.name)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        replace(model, provenance={**model.provenance, **provenance}).save(out)
+        draw_coverage(coverage, calibration.circles, calibration.scene, request.slopes)
+        draw_presses(ordered, scene, request.held_out)
+        write_renderings(ordered, scene, request.renderings)
+    except OSError as error:
+        raise RecordError(
+            f"{out}: cannot be written: {error.strerror}", remedy="give --out another path"
+        ) from error
+    return [out, request.slopes, request.held_out, request.renderings]
+
+
+def _rows(
+    presses: Sequence[BallPress],
+    nudged: Sequence[Circle],
+    held_out: Sequence[RenderedPress],
+    scene: PressScene,
+) -> list[dict[str, Any]]:
+    names = [item.press.name for item in held_out]
+    errors = dict(zip(names, held_out_errors(held_out, scene), strict=True))
+    return [
+        {
+            "image": press.name,
+            "labelled": asdict(press.circle),
+            "nudged": asdict(circle),
+            "held_out_mae_levels": errors[press.name],
+        }
+        for press, circle in zip(presses, nudged, strict=True)
+    ]

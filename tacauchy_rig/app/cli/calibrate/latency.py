@@ -1,0 +1,83 @@
+"""``tacauchy-rig calibrate latency``: how late force and image are, from a press that sways."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tacauchy_rig.app.cli.options import JsonFile, Overrides
+from tacauchy_rig.app.cli.output import complain, say, write_json
+
+if TYPE_CHECKING:
+    from tacauchy_rig.core.store.run_store import RunStore
+
+
+def latency(
+    path: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="CONFIG|RUN",
+            help="A rig.toml to press by, or a run that swayed; the dry run's if absent.",
+        ),
+    ] = None,
+    sway: Annotated[str, typer.Option("--sway", help="For how long the arm sways.")] = "12s",
+    force: Annotated[str, typer.Option("--force", help="Pressed to before it sways.")] = "2N",
+    overrides: Overrides = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Press once, sway up and down, and tell the delay of force and image against the arm.
+
+    Example: tacauchy-rig calibrate latency rig.toml --json latency.json
+    """
+    from tacauchy_rig.app.calibration.latency.recorded import find_latency
+    from tacauchy_rig.core.store.run_store import RunStore
+
+    if path is not None and path.is_dir():
+        store = RunStore.open(path)
+    else:
+        store = _press(path, [*(overrides or ()), *_one_swaying(force, sway)])
+    found = find_latency(store)
+    for name, each in (("force", found.force), ("image", found.image)):
+        say(
+            f"{name} is {each.delay_s * 1e3:+.2f} ms behind the arm, standard uncertainty "
+            f"{each.uncertainty_s * 1e3:.2f} ms ({each.sample_count} samples, motion explains "
+            f"{each.explained:.1%}{_stale(each.stale_count)})"
+        )
+    worst_s = math.hypot(found.force.uncertainty_s, found.image.uncertainty_s)
+    say("for rig.toml:")
+    say(f'[force_sensor]\ndelay = "{found.force.delay_s * 1e3:.2f} ms"')
+    say(f'[camera]\ndelay = "{found.image.delay_s * 1e3:.2f} ms"')
+    say(f'[uncertainty]\ndelay = "{worst_s * 1e3:.2f} ms"')
+    write_json(json_file, {"run": str(store.paths.root), "latency": found})
+    if found.trigger_missed:
+        complain(found.trigger_missed)
+        raise typer.Exit(1)
+
+
+def _stale(count: int) -> str:
+    return f"; {count} more show another moment and are left out" if count else ""
+
+
+def _one_swaying(force: str, sway: str) -> tuple[str, ...]:
+    """Return the settings of one press that sways, in an attempt of its own."""
+    return (
+        f'protocol.force_targets=["{force}"]',
+        f'protocol.sway="{sway}"',
+        'run.name="latency"',
+    )
+
+
+def _press(path: Path | None, settings: list[str]) -> RunStore:
+    """Press once as the configuration says, and return the run.
+
+    Raises:
+        RecordError: The press failed.
+    """
+    from tacauchy_rig.app.cli.session import press_new
+    from tacauchy_rig.core.config.load import default_text, load_config
+
+    loaded = load_config(path, overrides=settings)
+    return press_new(loaded, default_text() if path is None else path.read_text("utf-8"))

@@ -1,0 +1,60 @@
+"""``tacauchy-rig check-press``: one press, beside one of before: keep, recalibrate or replace?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tacauchy_rig.app.cli.options import JsonFile, Overrides
+from tacauchy_rig.app.cli.output import say, write_json
+
+USUAL_N = 2.0
+"""A press that tells modulus and image, and no gel minds."""
+
+
+def check_press(
+    before: Annotated[
+        Path, typer.Argument(metavar="RUN", help="An earlier run of this sensor and tool.")
+    ],
+    path: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="CONFIG|RUN",
+            help="A rig.toml to press by, or a later run; the dry run's if absent.",
+        ),
+    ] = None,
+    overrides: Overrides = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Press once and say whether the sensor is still what it was in an earlier run.
+
+    Example: tacauchy-rig check-press runs/20261101-090000-first rig.toml
+    """
+    from tacauchy_rig.app.cli.session import press_new
+    from tacauchy_rig.app.gel_health.comparison import Advice
+    from tacauchy_rig.app.gel_health.recorded import compare_runs, nearest_force_n
+    from tacauchy_rig.app.replay.opening import open_run
+    from tacauchy_rig.core.config.load import default_text, load_config
+
+    known = open_run(before)
+    if path is not None and path.is_dir():
+        folder = path
+    else:
+        target_n = nearest_force_n(known, USUAL_N)
+        one = (f'protocol.force_targets=["{target_n:g} N"]', 'run.name="check-press"')
+        loaded = load_config(path, overrides=[*(overrides or ()), *one])
+        text = default_text() if path is None else path.read_text("utf-8")
+        folder = press_new(loaded, text).paths.root
+    state = compare_runs(known, open_run(folder))
+    for each in state.changes:
+        number, unit = (each.value, f" {each.unit}") if each.unit else (100.0 * each.value, " %")
+        scale = 1.0 if each.unit else 100.0
+        say(
+            f"{each.name:22} {number:+.2f} +- {scale * each.uncertainty:.2f}{unit} "
+            f"(limit {scale * each.limit:g}{unit}){'  <-' if each.counts else ''}"
+        )
+    say(f"{state.advice.value}: {state.reason}")
+    write_json(json_file, {"before": str(before), "now": str(folder), "state": state})
+    raise typer.Exit(0 if state.advice is Advice.KEEP else 1)

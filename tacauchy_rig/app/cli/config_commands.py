@@ -1,0 +1,88 @@
+"""``tacauchy-rig config``: show where each value came from, and write an example."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from tacauchy_rig.app.cli.options import ConfigFile, JsonFile, Overrides
+from tacauchy_rig.app.cli.output import console, say, write_json
+from tacauchy_rig.core import tables
+from tacauchy_rig.core.errors import ConfigError
+
+
+def show(
+    path: ConfigFile = None,
+    overrides: Overrides = None,
+    json_file: JsonFile = None,
+) -> None:
+    """List every field, its value and where it came from; refuse what no replay is made with."""
+    from tacauchy_rig.app.replay.inputs import check_replay
+    from tacauchy_rig.app.session.gel_limits import check_gel
+    from tacauchy_rig.core.config.load import load_config
+
+    loaded = load_config(path, overrides=overrides or ())
+    table = Table("field", "value", "from", box=None)
+    for field, value in loaded.written.items():
+        table.add_row(field, str(value), loaded.sources[field])
+    console.print(table)
+    check_gel(loaded.config)
+    check_replay(loaded.config)
+    say(f"configuration hash {loaded.config_hash[:16]}")
+    fields = [
+        {"field": field, "value": value, "source": loaded.sources[field]}
+        for field, value in loaded.written.items()
+    ]
+    write_json(json_file, {"config_hash": loaded.config_hash, "fields": fields})
+
+
+def example(
+    out: Annotated[
+        Path | None, typer.Argument(help="File to write; standard output if absent.")
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Write the commented example for a real rig."""
+    from tacauchy_rig.core.config.load import example_text
+
+    if out is None:
+        say(example_text())
+    else:
+        _write_example(out)
+    write_json(json_file, {"file": out, "text": example_text()})
+
+
+def show_ceilings(json_file: JsonFile = None) -> None:
+    """Write docs/ceilings.md: how far each value may go on any rig, and why."""
+    from tacauchy_rig.app.session.gel_limits import DEPTH_SHARE, PRESSURE_MODULI
+    from tacauchy_rig.core.config.ceilings import ceilings
+    from tacauchy_rig.core.page import page
+
+    table = tables.table_of(
+        ceilings(),
+        {
+            "field": lambda entry: f"`{entry[0]}`",
+            "at least": lambda entry: entry[1].least,
+            "at most": lambda entry: entry[1].most,
+            "because": lambda entry: entry[1].because,
+        },
+    )
+    facts = {"ceilings": table, "depth_share": DEPTH_SHARE, "moduli": PRESSURE_MODULI}
+    typer.echo(page("tacauchy_rig.app.cli", "ceilings.md.jinja", facts), nl=False)
+    write_json(json_file, {"ceilings": dict(ceilings())})
+
+
+def _write_example(out: Path) -> None:
+    from tacauchy_rig.core.config.load import example_text
+
+    try:
+        with out.open("x", encoding="utf-8") as file:
+            file.write(example_text())
+    except OSError as error:
+        raise ConfigError(
+            f"{out}: cannot be written: {error.strerror}", remedy="give the path of a new file"
+        ) from error
+    say(f"wrote {out}; fill in what is on the labels, then: tacauchy-rig doctor {out}")

@@ -1,0 +1,110 @@
+"""An emulated sensor as its file says, and its calibration from ball presses on it."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from drivers.emulators.plant.ball_presses import BALL_DIAMETER_M, write_ball_presses
+from drivers.emulators.plant.quad_mesh import GelDisc
+from drivers.emulators.plant.truth import read_truth
+from drivers.emulators.plant.unit import EmulatedUnit, GelLight, MarkerGrid
+from sim.scene.pad import BoxPad
+from sim.sensor.sensor import MarkerGrid as PrintedGrid
+from sim.sensor.sensor import Sensor
+from tacauchy_rig.app.replay.optics import Calibrate, OpticalCalibration, Say, calibrate_folder
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.store.run_store import RunStore
+
+
+def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
+    """Return a unit of the sensor's sizes, with a disc of gel of the pad's area in its place.
+
+    Only what a lab could read off the sensor goes across: what the emulated gel and its optics are
+    really like is drawn from the seed, and what they look like is the emulator's own.
+
+    Args:
+        sensor: As its file says.
+        markers: Whether this unit has the markers that the file names.
+
+    Raises:
+        ConfigError: Markers are wanted of a sensor whose file names none.
+    """
+    if markers and sensor.markers is None:
+        raise ConfigError(
+            f"emulation.markers is true, but the file of {sensor.title} has no [markers]",
+            remedy="leave emulation.markers out, or add [markers] to the sensor's file",
+        )
+    camera, optics = sensor.camera, sensor.optics
+    half_x, half_y = sensor.pad.half_extents()
+    touched = sensor.material.young_pa
+    return EmulatedUnit(
+        name=sensor.name,
+        pad_size_m=(2.0 * half_x, 2.0 * half_y),
+        dome_radii_m=_dome_radii(sensor),
+        gel=GelDisc(
+            radius_m=round(math.sqrt(4.0 * half_x * half_y / math.pi), 4),
+            thickness_m=_height(sensor),
+            dome_radius_m=_dome_radius(sensor),
+            layers=tuple(
+                (layer.share, layer.material.young_pa / touched) for layer in sensor.layers
+            ),
+        ),
+        young_pa=touched,
+        poisson=sensor.material.poisson,
+        image_size=(camera.width, camera.height),
+        pixel_m=(camera.scale_x_m, camera.scale_y_m),
+        crop=camera.crop_fraction,
+        light=GelLight.COLOURED if optics.renderer.sees_slope else GelLight.TRANSLUCENT,
+        shadows=optics.shadows is not None,
+        markers=_dots(sensor.markers) if markers and sensor.markers is not None else None,
+    )
+
+
+def _dots(grid: PrintedGrid) -> MarkerGrid:
+    return MarkerGrid(
+        columns=grid.columns, rows=grid.rows, pitch_m=grid.pitch_m, radius_m=grid.radius_m
+    )
+
+
+def _height(sensor: Sensor) -> float:
+    middle = np.zeros(1)
+    return round(float(sensor.pad.height_at(middle, middle)[0]), 6)
+
+
+def _dome_radii(sensor: Sensor) -> tuple[float, float] | None:
+    pad = sensor.pad
+    return (pad.dome_radius_x_m, pad.dome_radius_y_m) if isinstance(pad, BoxPad) else None
+
+
+def _dome_radius(sensor: Sensor) -> float:
+    """Return the radius of the pad's mean curvature, to the millimetre [m]; inf is flat."""
+    pad = sensor.pad
+    if not isinstance(pad, BoxPad):
+        return math.inf
+    curvature = 0.5 * (1.0 / pad.dome_radius_x_m + 1.0 / pad.dome_radius_y_m)
+    return round(1.0 / curvature, 3) if curvature > 0.0 else math.inf
+
+
+def emulated_calibration(store: RunStore, *, to_be_pressed: bool = False) -> Calibrate | None:
+    """Return how a run's emulated sensor is calibrated; None where a real sensor was pressed.
+
+    It is done the way a lab calibrates its own, from ball presses on it. The presses know nothing
+    of the trials; of the emulated world only its images are used.
+
+    Args:
+        to_be_pressed: Its emulated world is still to be made.
+    """
+    to_come = to_be_pressed and store.config.camera.is_emulated
+    if not (to_come or store.paths.truth.exists()):
+        return None
+    return partial(_calibrate, store.paths.truth, store.paths.root / "calibration")
+
+
+def _calibrate(truth: Path, folder: Path, sensor: Sensor, say: Say) -> OpticalCalibration:
+    say("calibrating optics and scale from ball presses on the emulated sensor")
+    write_ball_presses(read_truth(truth), folder)
+    return calibrate_folder(folder, sensor, ball_diameter_m=BALL_DIAMETER_M, on_progress=say)

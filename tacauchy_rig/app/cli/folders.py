@@ -1,0 +1,220 @@
+"""Commands on a run folder: ``replay``, ``report``, ``export``, ``recover``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from concurrent.futures import BrokenExecutor
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tacauchy_rig.app.cli.options import JsonFile, RunFolder
+from tacauchy_rig.app.cli.output import complain, say, write_json
+from tacauchy_rig.core.errors import AbortedError
+from tacauchy_rig.core.store.recording.export_kind import ExportKind
+
+if TYPE_CHECKING:
+    from reports.evidence.attempt import RunReading
+    from sim.error.tolerance import Tolerance
+    from tacauchy_rig.app.replay.ahead import Ahead
+    from tacauchy_rig.core.replayed import MarkerMotion, Replay
+    from tacauchy_rig.core.store.check.run import RunCheck
+    from tacauchy_rig.core.store.recording.recover import RecoveryReport
+    from tacauchy_rig.core.store.recovery import RunRecovery
+
+
+def replay(
+    folder: RunFolder,
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            "--tolerance",
+            metavar="0.02N|1%",
+            help="Take the cheapest preset that keeps F_z within it.",
+        ),
+    ] = None,
+    watch: Annotated[
+        bool,
+        typer.Option(
+            "--watch",
+            help="Instead, have a twin follow the recorded forces, and write a page with a time "
+            "slider: camera and twin, pressure, shear, residual.",
+        ),
+    ] = False,
+    json_file: JsonFile = None,
+) -> None:
+    """Simulate the trials of a run again and write its report."""
+    from sim.error.tolerance import parse_tolerance
+    from tacauchy_rig.app.replay.opening import open_run
+    from tacauchy_rig.core.store.check.run import check_run
+
+    run = open_run(folder)
+    kept = None if tolerance is None else parse_tolerance(tolerance, field="--tolerance")
+    with run.store.lock():  # told before the simulation, not after it
+        pass
+    complain_of(check_run(run.store))
+    if watch:
+        _watch(run)
+        return
+    replay_and_show(run, tolerance=kept)
+    report_and_exit(run, json_file)
+
+
+def _watch(run: RunReading) -> None:
+    """Write the page of a run and its twin."""
+    from tacauchy_rig.app.cli.emulation import emulated_calibration
+    from tacauchy_rig.app.replay.optics import optics_of
+    from tacauchy_rig.app.replay.settings import sensor_of
+    from tacauchy_rig.app.twin.watch import watch_run
+
+    config = run.store.config
+    optics = optics_of(
+        config.sensor.optics_calibration,
+        sensor_of(config),
+        calibrate=emulated_calibration(run.store),
+        on_progress=say,
+    )
+    say(f"page {watch_run(run, optics=optics, on_progress=say).resolve()}")
+
+
+def report(folder: RunFolder, json_file: JsonFile = None) -> None:
+    """Write the report of a run again from what was recorded and replayed."""
+    from tacauchy_rig.app.replay.opening import open_run
+
+    report_and_exit(open_run(folder), json_file)
+
+
+def export(
+    folder: RunFolder,
+    out: Annotated[Path, typer.Argument(help="Folder to write to.")],
+    kind: Annotated[
+        ExportKind, typer.Option("--kind", help="Force and poses as CSV, or frames as JPEG.")
+    ] = ExportKind.CSV,
+    json_file: JsonFile = None,
+) -> None:
+    """Write a run's recordings for other tools."""
+    from tacauchy_rig.core.store.recording.export import export_run
+
+    written = export_run(folder, out, kind=kind)
+    say(f"wrote {len(written)} files to {out}")
+    write_json(json_file, {"files": written})
+
+
+def recover(folder: RunFolder, json_file: JsonFile = None) -> None:
+    """Repair what was cut off, and check journal, results and recordings; 1 if not all is whole."""
+    from tacauchy_rig.core.store.recovery import recover_run
+    from tacauchy_rig.core.store.run_store import RunStore
+
+    recovery = recover_run(RunStore.open(folder))
+    say_recovered(recovery)
+    if recovery.is_whole and not any(report.changed for report in recovery.recordings):
+        say(f"{folder}: journal, results and recordings are whole and agree")
+    write_json(json_file, recovery)
+    raise typer.Exit(0 if recovery.is_whole else 1)
+
+
+def say_recovered(recovery: RunRecovery) -> None:
+    """Say what was mended of a run, and what is not to be mended."""
+    for report in recovery.recordings:
+        _say_mended(report)
+    if recovery.was_cut_off:
+        say("the journal had no end: the program was cut off, or lines were taken off; noted in it")
+    complain_of(recovery.check)
+
+
+def complain_of(check: RunCheck) -> None:
+    """Say what contradicts what in a run."""
+    for line in check.missed():
+        complain(f"error: {line}")
+
+
+def _say_mended(report: RecoveryReport) -> None:
+    """Say what was mended of a recording, and what could not be."""
+    if report.changed:
+        merged = f", {report.merged_count} of them from spills" if report.merged_count else ""
+        say(
+            f"{report.path}: was {report.before}; {report.message_count} messages readable"
+            f"{merged}; the original is kept as {report.original}"
+        )
+    for problem in report.problems:
+        say(f"{report.path}: {problem}")
+
+
+def replay_and_show(
+    run: RunReading, *, tolerance: Tolerance | None = None, ahead: Ahead | None = None
+) -> None:
+    """Replay a run and say what its forces are worth.
+
+    Args:
+        ahead: What began while it was recorded.
+
+    Raises:
+        AbortedError: Ctrl-C; what was recorded stays, and can be replayed.
+    """
+    from tacauchy_rig.app.cli.emulation import emulated_calibration
+    from tacauchy_rig.app.replay.replay import replay_run
+
+    replayed = partial(
+        replay_run,
+        run,
+        tolerance=tolerance,
+        calibrate=emulated_calibration(run.store),
+        on_progress=say,
+    )
+    try:
+        try:
+            replay = replayed(ahead=ahead)
+        except BrokenExecutor:
+            if ahead is None:
+                raise
+            complain("the process that began with the replay was ended: beginning anew")
+            replay = replayed()
+    except KeyboardInterrupt:
+        raise AbortedError(
+            "aborted by Ctrl-C during the replay; what was recorded is kept",
+            remedy=f"`tacauchy-rig replay {run.store.paths.root}` replays it",
+        ) from None
+    _say_markers([each for model in replay.models for each in model.markers])
+    _say_cost(replay)
+
+
+def report_and_exit(run: RunReading, json_file: Path | None) -> None:
+    """Write the report of a run, say where it is, and end: 0 passed, 1 not."""
+    from tacauchy_rig.app.replay.report import report_run
+
+    report, paths = report_run(run)
+    say(report.verdict)
+    say(f"report {paths.html.resolve()}")
+    write_json(json_file, json.loads(paths.summary.read_text("utf-8")))
+    raise typer.Exit(0 if report.passed else 1)
+
+
+def _say_cost(replay: Replay) -> None:
+    """Say what the forces are worth, what that cost, and what its neighbours would have cost."""
+    from tacauchy_rig.app.cli.press import cost_lines
+
+    model = replay.model
+    worst = max(replay.trials, key=lambda trial: trial.force_error_estimate or float("inf"))
+    errors = [each.force_error_largest_relative for each in replay.models]
+    known = [error for error in errors if error is not None]
+    error = max(known) if len(known) == len(errors) else None
+    cost = f"{sum(each.wall_s for each in replay.models):.1f} s"
+    for line in cost_lines(error, worst.force_error_basis, cost, model.alternatives):
+        say(f"  {line}")
+
+
+def _say_markers(markers: Sequence[MarkerMotion]) -> None:
+    for found in markers:
+        if found.tracked:
+            say(
+                f"  markers of trial {found.trial}: {found.tracked} tracked, moved "
+                f"{_mm(found.recorded_largest_m)} mm at most, the simulated ones "
+                f"{_mm(found.simulated_largest_m)} mm; {_mm(found.apart_rms_m)} mm apart rms"
+            )
+
+
+def _mm(length_m: float | None) -> str:
+    return f"{(length_m or 0.0) * 1e3:.3f}"

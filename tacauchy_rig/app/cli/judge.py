@@ -1,0 +1,110 @@
+"""``tacauchy-rig judge``: other simulators' outputs for a run's presses, scored beside ours."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tacauchy_rig.app.cli.options import JsonFile
+from tacauchy_rig.app.cli.output import complain, say, writable_folder, write_json
+from tacauchy_rig.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from reports.evidence.evidence import RunEvidence
+    from tacauchy_rig.core.outputs import Outputs
+
+
+def judge(
+    run: Annotated[
+        Path,
+        typer.Option("--run", metavar="RUN", help="Whose presses: a run's or an import's folder."),
+    ],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the page goes.")],
+    folders: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[FOLDER...]", help="A simulator's outputs each: docs/judging.md."),
+    ] = None,
+    ours_folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--ours",
+            metavar="FOLDER",
+            help="What stands for ours in place of the run's replay: `calibrate optics --outputs`.",
+        ),
+    ] = None,
+    is_task: Annotated[
+        bool,
+        typer.Option("--task", help="Write what a simulator has to know of the presses instead."),
+    ] = False,
+    json_file: JsonFile = None,
+) -> None:
+    """Score simulators beside ours on one page, with the floors and the ceiling of a report.
+
+    Example: tacauchy-rig judge theirs --run runs/20261123-dry-run --out judged
+    """
+    from reports.comparison.judging import judge as judged
+    from reports.page.judged import write_judgement
+    from tacauchy_rig.app.judging.of_run import our_outputs, references_of, task_of
+    from tacauchy_rig.app.judging.task import write_task
+    from tacauchy_rig.app.replay.opening import open_run
+    from tacauchy_rig.app.replay.report import evidence_of
+
+    reading = open_run(run)
+    evidence = evidence_of(reading)
+    if is_task:
+        write_task(writable_folder(out), *task_of(reading, evidence), references_of(evidence))
+        say(f"wrote what is asked of {len(evidence.trials)} presses to {out}")
+        return
+    others = read_folders(folders or [], evidence)
+    if ours_folder is None:
+        ours = our_outputs(reading, evidence)
+    else:
+        (ours,) = read_folders([ours_folder], evidence)
+    writable_folder(out)
+    if ours is None:
+        complain(f"{run} has no replay: `tacauchy-rig replay {run}`, or give --ours")
+    judgement = judged(evidence, others, ours=ours)
+    for each in judgement.simulators:
+        residual, (won, of) = each.means["contact_relative_residual"].mean, each.wins
+        if residual is not None:
+            say(
+                f"  {each.simulator.title}: contact residual {residual:.3f}, own press wins "
+                f"{won} of {of}"
+            )
+    paths = write_judgement(judgement, out)
+    say(f"page {paths.html.resolve()}")
+    write_json(json_file, json.loads(paths.json.read_text("utf-8")))
+
+
+def read_folders(folders: Sequence[Path], evidence: RunEvidence) -> list[Outputs]:
+    """Return what simulators give of a run's presses.
+
+    Raises:
+        RecordError: A press is missing, or a file is odd.
+        ConfigError: There is no folder, or two are of one simulator, or do not say what they hold.
+    """
+    from tacauchy_rig.app.judging.of_run import references_of
+    from tacauchy_rig.app.judging.reading import Asked, read_outputs
+
+    if not folders:
+        raise ConfigError("nobody is to be judged", remedy="name a FOLDER, or ask for --task")
+    asked = Asked(
+        trials=tuple(t.index for t in evidence.trials),
+        size_px=(evidence.geometry.width_px, evidence.geometry.height_px),
+        references=references_of(evidence),
+    )
+    others = []
+    for folder in folders:
+        others.append(read_outputs(folder, asked))
+        say(f"{others[-1].simulator.title}: {len(others[-1].presses)} presses of {folder}")
+    titles = [each.simulator.title for each in others]
+    if twice := sorted({title for title in titles if titles.count(title) > 1}):
+        raise ConfigError(
+            f"two folders are both of {', '.join(twice)}",
+            remedy="tell them apart by name or version in their simulator.toml",
+        )
+    return others

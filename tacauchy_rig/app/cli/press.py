@@ -1,0 +1,205 @@
+"""``tacauchy-rig press`` and ``plan``: a scene of the command line, pressed or thought over."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sim.scene.material import LawName, Material
+from sim.scene.scene import Output, Scene
+from sim.scene.scene_terms import SceneTerms
+from tacauchy_rig.app.cli.options import JsonFile
+from tacauchy_rig.app.cli.output import complain, say, show_table, write_json
+from tacauchy_rig.app.cli.scene_options import DeviceOption, OutputOption, states_a_scene
+from tacauchy_rig.core.tables import table_of
+
+if TYPE_CHECKING:
+    from sim.press import PressResult
+    from tacauchy_rig.core.replayed import Alternative
+
+
+EstimateErrorOption = Annotated[
+    bool,
+    typer.Option(
+        "--estimate-error/--no-estimate-error",
+        help="Press again on longer edges to say what the outputs are worth.",
+    ),
+]
+
+
+PressFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        metavar="FOLDER",
+        help="Write there what a replay writes: fields (npz, VTU), the gel's stress, the indenter, "
+        "a figure; of a sensor its image, height map and markers too.",
+    ),
+]
+
+
+@states_a_scene
+def press(
+    terms: SceneTerms,
+    device: DeviceOption = "cpu",
+    estimate_error: EstimateErrorOption = True,
+    output: OutputOption = None,
+    json_file: JsonFile = None,
+    out: PressFolder = None,
+) -> None:
+    """Press once in the simulator and say what it took."""
+    from sim.device import warp_device
+    from sim.press import press as simulate_press
+    from sim.press_command import scene_of
+
+    # What is written is asked for.
+    scene = scene_of(replace(terms, output=tuple(output or ()) if out is None else tuple(Output)))
+    if terms.law == LawName.PAPER_EQ4:
+        _warn_of_rest_stress(scene.material)
+    result = simulate_press(scene, device=warp_device(device), estimate_error=estimate_error)
+    _show(scene, result)
+    _show_interfaces(result)
+    write_json(json_file, result.as_json())
+    if out is not None:
+        from tacauchy_rig.app.replay.press_folder import write_press
+
+        write_json(out / "press.json", result.as_json())
+        for path in write_press(out, scene, result):
+            say(f"wrote      {path}")
+        if not scene.sensor:
+            say("no image, height map or markers: a bare pad has no camera; name a --sensor")
+
+
+@states_a_scene
+def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = None) -> None:
+    """Say what a press would be simulated with, and why; effects are tried on coarse meshes."""
+    from sim.effects.mesh_choice import mesh_choice
+    from sim.effects.plan import plan_effects
+    from sim.error.settings import WORTH, setting_of
+    from sim.error.tolerance import alternatives
+    from sim.press_command import scene_of
+
+    scene = scene_of(replace(terms, output=tuple(output or ())))
+    planned = plan_effects(scene)
+    choice = mesh_choice(scene)
+    show_table(
+        table_of(
+            planned.effects,
+            {
+                "effect": lambda row: row.effect.value,
+                "is": lambda row: "on" if row.on else "off",
+                "costs": lambda row: (
+                    None if row.estimated_error is None else f"{row.estimated_error:.2e}"
+                ),
+                "because": lambda row: row.reason,
+            },
+        )
+    )
+    say(f"preset: {setting_of(scene)}")
+    say(f"mesh: {choice.kind.value}: {choice.reason}")
+    for asked, allowed in planned.tolerances.items():
+        left_out = planned.left_out(asked)
+        say(f"left out together: {left_out:.2e} of {allowed:.2e} allowed of {asked.value}")
+    say(f"trying took {planned.tried_s:.2f} s of the processor")
+    others = alternatives(scene, None, wall_s=None)
+    worth = WORTH.get(setting_of(scene))
+    ratio = None if worth is None else worth.time_ratio
+    cost = "not known" if ratio is None else f"about {ratio:.2g} times the time of preset fast"
+    say(f"cost       {cost}; `press` says what its force is worth")
+    for other in others:
+        say(f"{other.role:10} {other}")
+    write_json(
+        json_file,
+        {
+            "preset": str(setting_of(scene)),
+            "effects": planned.as_json(),
+            "mesh": {"kind": choice.kind.value, "reason": choice.reason},
+            "tolerances": {each.value: share for each, share in planned.tolerances.items()},
+            "left_out": {each.value: planned.left_out(each) for each in planned.tolerances},
+            "tried_s": planned.tried_s,
+            "time_over_fast": ratio,
+            "alternatives": [asdict(other) for other in others],
+        },
+    )
+
+
+def cost_lines(
+    error_relative: float | None, basis: str, cost: str, others: Sequence[Alternative]
+) -> Iterator[str]:
+    """Return lines on the believed error, the cost, and the next cheaper and better settings.
+
+    Args:
+        basis: How the error is known, or why not.
+        cost: Of the settings used.
+    """
+    believed = "not known" if error_relative is None else f"{error_relative:.1%}"
+    yield f"force error believed to be {believed}: {basis}"
+    yield f"cost       {cost}"
+    for other in others:
+        yield f"{other.role:10} {other}"
+    if not others:
+        yield "no neighbours: nothing was measured with these settings"
+
+
+def _warn_of_rest_stress(material: Material) -> None:
+    from sim.material.laws import paper_eq4
+
+    stress = paper_eq4.LAW.rest_stress(material.young_pa, material.poisson)
+    shrink = 1.0 - paper_eq4.free_stretch(material.poisson)
+    complain(
+        f"warning: law {LawName.PAPER_EQ4} is the paper's Eq. 4 as printed. It has a tension of "
+        f"{stress * 1e-3:.1f} kPa at rest; a free gel would shrink by {shrink:.1%} per axis. The "
+        "pad is first solved without the indenter, and depth counts from touching that shape."
+    )
+
+
+def _show(scene: Scene, result: PressResult) -> None:
+    from sim.scene.indenter import describe
+
+    say(f"{describe(scene.indenter)}, {scene.contact.value}, preset {result.preset}")
+    say(f"force      {result.force_n[2]:.4f} N at {result.depth_m * 1e3:.4f} mm")
+    if not scene.motion.is_straight:
+        say(f"           {result.force_n[0]:.4f} N along x, {result.force_n[1]:.4f} N along y")
+        say(f"moment     {result.moment_nm[2] * 1e3:.4f} N mm about z")
+    say(f"contact    radius {result.contact_radius_m * 1e3:.3f} mm")
+    say(f"pressure   {result.max_pressure_pa * 1e-3:.1f} kPa at most")
+    say(f"balance    {result.force_balance_relative:.1e} of the force")
+    say(f"surface    {result.surface_traction_gap_relative:.1%} between sigma n and the force")
+    apart = result.algorithms_apart_relative
+    say(f"fields     {apart:.1%} between tractions from sigma n and from contact")
+    say(f"gap        {result.gap_min_m * 1e6:.3f} um at least, det F {result.min_jacobian:.3f}")
+    if result.min_jacobian <= 0.0:
+        complain(
+            f"warning: the gel is inside out somewhere (det F {result.min_jacobian:.3f}); fields "
+            "there mean nothing, and F_z may be further off than stated. Press less deep, give the "
+            "indenter a fillet, or take a finer --preset."
+        )
+    say(f"mesh       {result.element}, {result.tet_count} tetrahedra, {result.node_count} nodes")
+    off = [row["name"] for row in result.effects if not row["on"]]
+    say(f"left out   {', '.join(off)}; `tacauchy-rig plan` with the same options says why")
+    cost = f"{sum(result.wall_s.values()):.2f} s, {result.newton_iterations} iterations"
+    error, basis = result.estimated_force_error_relative, result.estimated_force_error_basis
+    for line in cost_lines(error, basis, cost, result.alternatives):
+        say(line)
+    others = ", ".join(
+        f"{name} {share:.1%}" for name, share in result.estimated_errors.items() if name != "force"
+    )
+    if others:
+        say(f"errors     {others}; shear's is of the pressure")
+
+
+def _show_interfaces(result: PressResult) -> None:
+    """Say what goes through where layers meet; nothing for a gel of one material."""
+    from sim.fields.interface import interface_traction
+
+    found = interface_traction(result.model, result.point.state.positions)
+    for number, interface in enumerate(found, start=1):
+        gap = abs(interface.force_n[2] - result.force_n[2])
+        say(
+            f"interface  {number}: {interface.force_n[2]:.4f} N go through, {gap:.1e} N from the "
+            f"indenter's; tractions below and above differ by {interface.element.jump_relative:.0%}"
+        )

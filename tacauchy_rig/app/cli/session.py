@@ -1,0 +1,362 @@
+"""Commands that press: ``dry-run``, ``run``, ``resume``."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Sequence
+from contextlib import ExitStack, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tacauchy_rig.app.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
+from tacauchy_rig.app.cli.output import complain, say
+from tacauchy_rig.app.cli.watching import Live, OpenPage, Page, Twin, Watched, watched_by, wishes_of
+from tacauchy_rig.core.check_result import CheckStatus
+from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError
+
+if TYPE_CHECKING:
+    from protocols.processes.supervisor import SessionResult
+    from tacauchy_rig.core.config.load import LoadedConfig
+    from tacauchy_rig.core.config.model import RigConfig
+    from tacauchy_rig.core.force_check import Weight
+    from tacauchy_rig.core.store.run_store import RunStore
+
+EMULATED_WEIGHT = "200g"
+"""Hung on an emulated cell where the arm calls for a check: about as much as a press of 2 N."""
+
+PressOnly = Annotated[bool, typer.Option("--press-only", help="Record only; no replay, no report.")]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="TABLE.FIELD=VALUE",
+        help="Change how a device is reached or a limit; may be repeated. Noted in the journal.",
+    ),
+]
+CheckWeight = Annotated[
+    str | None,
+    typer.Option(
+        "--check-weight",
+        metavar="MASS",
+        help="Check the cell by a weight of this mass before anything moves: 200g, 200g+-1g.",
+    ),
+]
+
+
+def dry_run(
+    overrides: Overrides = None,
+    json_file: JsonFile = None,
+    press_only: PressOnly = False,
+    check_weight: CheckWeight = None,
+    page: Page = "auto",
+    open_page: OpenPage = False,
+    twin: Twin = "off",
+    foxglove: Live = "off",
+) -> None:
+    """Run the whole loop on emulated hardware: six presses, their replay and the report."""
+    from tacauchy_rig.core.config.load import default_text, load_config
+
+    loaded = load_config(None, overrides=overrides or ())
+    if loaded.config.moves_real_hardware:
+        raise AbortedError(
+            f"a dry run never moves a real arm, but robot.driver is {loaded.config.robot.driver}",
+            remedy="use `tacauchy-rig run rig.toml`",
+        )
+    asked = _asked(press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove))
+    _new_run(loaded, default_text(), asked)
+
+
+def run(
+    path: RequiredConfigFile,
+    overrides: Overrides = None,
+    json_file: JsonFile = None,
+    press_only: PressOnly = False,
+    check_weight: CheckWeight = None,
+    page: Page = "auto",
+    open_page: OpenPage = False,
+    twin: Twin = "off",
+    foxglove: Live = "off",
+) -> None:
+    """Press as a configuration says, replay and report."""
+    from tacauchy_rig.core.config.load import load_config
+
+    loaded = load_config(path, overrides=overrides or ())
+    asked = _asked(press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove))
+    _new_run(loaded, path.read_text("utf-8"), asked)
+
+
+def resume(
+    folder: RunFolder,
+    json_file: JsonFile = None,
+    press_only: PressOnly = False,
+    check_weight: CheckWeight = None,
+    overrides: Changes = None,
+    again: Annotated[
+        list[int] | None,
+        typer.Option("--again", metavar="TRIAL", help="Press a passed trial once more."),
+    ] = None,
+    page: Page = "auto",
+    open_page: OpenPage = False,
+    twin: Twin = "off",
+    foxglove: Live = "off",
+) -> None:
+    """Continue a run at its first trial without a passed attempt; nothing is overwritten."""
+    from drivers.presence import require_devices
+    from tacauchy_rig.app.cli.folders import say_recovered
+    from tacauchy_rig.app.session.record import note_changes
+    from tacauchy_rig.core.config.changes import resumed_config
+    from tacauchy_rig.core.store.recovery import recover_run
+    from tacauchy_rig.core.store.run_store import RunStore
+
+    asked = _asked(press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove))
+    store = RunStore.open(folder)
+    config, changes = resumed_config(store.description["written"], overrides or ())
+    _check_before(config, press_only=press_only)
+    with store.lock():  # nobody is asked for a word on a run that cannot be written, or is busy
+        pass
+    trials = _trials(config, again)
+    recovery = recover_run(store)
+    say_recovered(recovery)
+    require_devices(config)
+    for change in changes:
+        say(f"changed: {change}")
+    note_changes(store, changes)
+    _press_and_report(store, config, replace(asked, again=trials, is_whole=recovery.is_whole))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Asked:
+    """What a command's options ask for, beside the configuration."""
+
+    press_only: bool
+    json_file: Path | None
+    weight: Weight | None
+    watched: Watched
+    again: frozenset[int] = frozenset()
+    is_whole: bool = True
+
+
+def _asked(
+    press_only: bool, json_file: Path | None, check_weight: str | None, watched: Watched
+) -> _Asked:
+    from tacauchy_rig.core.force_check import parse_weight
+
+    weight = None if check_weight is None else parse_weight(check_weight)
+    return _Asked(press_only=press_only, json_file=json_file, weight=weight, watched=watched)
+
+
+def _new_run(loaded: LoadedConfig, text: str, asked: _Asked) -> None:
+    from drivers.presence import require_devices
+    from tacauchy_rig.app.session.record import create_run
+
+    _check_before(loaded.config, press_only=asked.press_only)
+    require_devices(loaded.config)
+    store = create_run(loaded, text)
+    say(f"run folder {store.paths.root}")
+    _press_and_report(store, store.config, asked)
+
+
+def press_new(loaded: LoadedConfig, text: str) -> RunStore:
+    """Press what a configuration says into a new run, without replay and report; return the run.
+
+    Raises:
+        RecordError: It could not be pressed; also where a trial missed what it must keep.
+    """
+    from drivers.presence import require_devices
+    from tacauchy_rig.app.session.record import create_run
+
+    _check_before(loaded.config, press_only=True)
+    require_devices(loaded.config)
+    store = create_run(loaded, text)
+    say(f"run folder {store.paths.root}")
+    result = _press_confirmed(store, store.config, _asked(True, None, None, Watched(port=None)))
+    if result.exit_code:
+        raise RecordError(result.reason, remedy=f"see the journal of {store.paths.root}")
+    return store
+
+
+def _check_before(config: RigConfig, *, press_only: bool) -> None:
+    """Refuse what must not wait until six presses are done, or until the gel is torn."""
+    from tacauchy_rig.app.doctor.host import descriptor_check
+    from tacauchy_rig.app.replay.inputs import check_replay
+    from tacauchy_rig.app.replay.settings import check_names
+    from tacauchy_rig.app.session.gel_limits import check_gel
+
+    descriptors = descriptor_check(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
+    if descriptors.status is CheckStatus.FAIL:
+        raise RecordError(descriptors.finding, remedy=descriptors.remedy)
+    check_names(config)
+    check_gel(config)
+    if not press_only:
+        check_replay(config)
+
+
+def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
+    """Return the trials that were asked for.
+
+    Raises:
+        ConfigError: The run has no such trial.
+    """
+    count = len(config.protocol.force_targets)
+    for trial in asked or ():
+        if not 1 <= trial <= count:
+            raise ConfigError(
+                f"--again {trial}: this run has the trials 1 to {count}",
+                remedy="protocol.force_targets lists them in order",
+            )
+    return frozenset(asked or ())
+
+
+def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None:
+    from tacauchy_rig.app.cli.emulation import emulated_calibration
+    from tacauchy_rig.app.cli.folders import replay_and_show, report_and_exit
+    from tacauchy_rig.app.replay.ahead import going_ahead
+    from tacauchy_rig.app.replay.opening import open_run
+
+    if asked.press_only:
+        result = _press_confirmed(store, config, asked)
+        say(f"recorded in {store.paths.root}")
+        raise typer.Exit(result.exit_code or int(not asked.is_whole))
+    calibrate = emulated_calibration(store, to_be_pressed=True)
+    # A twin takes what the devices leave of the processors.
+    with nullcontext() if asked.watched.twin else going_ahead(config, calibrate) as ahead:
+        _press_confirmed(store, config, asked)
+        recorded = open_run(store.paths.root)
+        replay_and_show(recorded, ahead=ahead)
+    report_and_exit(recorded, asked.json_file)
+
+
+def _press_confirmed(store: RunStore, config: RigConfig, asked: _Asked) -> SessionResult:
+    """Press once a person has agreed; end the program where a fault or a person ended the run."""
+    from tacauchy_rig.app.cli.operator import confirm
+    from tacauchy_rig.app.session.cell import needs_weight, require_bounded_force, standing_check
+    from tacauchy_rig.app.session.expected import kept_expectation
+    from tacauchy_rig.core.force_check import parse_weight
+    from tacauchy_rig.core.run import Outcome
+
+    if asked.weight is None and needs_weight(config) and config.force_sensor.is_emulated:
+        asked = replace(asked, weight=parse_weight(EMULATED_WEIGHT))  # hung without a hand
+    if asked.weight is None:
+        require_bounded_force(store, config)
+        if note := standing_check(store):
+            say(note)
+    expected = kept_expectation(store)  # here, so that what is confirmed moves at once
+    made = (
+        "unknown; the arm's estimate and the camera are left" if expected is None else expected.made
+    )
+    say(f"force expected of the gel: {made}")
+    if config.moves_real_hardware:
+        confirm(config)
+    result = press(store, config, weight=asked.weight, again=asked.again, watched=asked.watched)
+    if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
+        _end_badly(store, result)
+    _tell_missed(store, result)
+    return result
+
+
+def press(
+    store: RunStore,
+    config: RigConfig,
+    *,
+    weight: Weight | None = None,
+    again: frozenset[int] = frozenset(),
+    watched: Watched | None = None,
+) -> SessionResult:
+    """Run the session of a run folder, with its emulated devices if it has any.
+
+    Args:
+        store: The run, new or begun.
+        config: Its configuration, with what was changed since it began.
+        weight: Checks the cell before anything moves; None leaves that out.
+        again: Trials to press once more though they have a passed attempt.
+        watched: The operator's page; None for none.
+    """
+    from drivers.emulators.launch import (
+        EmulatedAddresses,
+        Emulation,
+        emulated_devices,
+        with_addresses,
+    )
+    from drivers.emulators.plant.truth import TRUTH_FILE
+    from protocols.session import plan_session
+    from sim.sensor.sensor import load_sensor
+    from tacauchy_rig.app.cli.emulation import emulated_unit
+    from tacauchy_rig.app.cli.page import page_wish
+    from tacauchy_rig.app.cli.progress import SessionProgress
+    from tacauchy_rig.app.session.expected import kept_expectation
+    from tacauchy_rig.app.session.record import record_run
+
+    watched = watched or Watched(port=None)
+    viewers = wishes_of(watched)  # before anything is started for nothing
+    chosen = emulated_devices(config)
+    with ExitStack() as stack:
+        addresses = EmulatedAddresses()
+        if chosen:
+            follow = config.robot.host if config.moves_real_hardware else None
+            emulation = Emulation(
+                config,
+                folder=store.paths.emulation,
+                devices=chosen,
+                follow_host=follow,
+                unit=emulated_unit(
+                    load_sensor(config.sensor.name), markers=config.emulation.markers
+                ),
+            )
+            stack.callback(emulation.stop)
+            say(f"starting emulated {', '.join(sorted(chosen))}")
+            addresses = emulation.start()
+            with store.lock():
+                store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
+        running = with_addresses(config, addresses)
+        _check_force(store, running, weight, store.paths.emulation if chosen else None)
+        progress = SessionProgress(
+            config,
+            plan=plan_session(store, again=again),
+            expected=kept_expectation(store),
+            open_page=watched.open_page,
+        )
+        stack.enter_context(progress)
+        page = page_wish(config, port=watched.port)
+        return record_run(
+            store, running, on_event=progress, again=again, page=page, viewers=viewers
+        )
+
+
+def _check_force(
+    store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
+) -> None:
+    """Check the cell by the weight; without one, mark an earlier check that has expired."""
+    from tacauchy_rig.app.cli.operator import ask_for_weight, hang_emulated
+    from tacauchy_rig.app.session.cell import check_cell, mark_expired
+
+    if weight is None:
+        mark_expired(store)
+        return
+    if emulation is not None and config.force_sensor.is_emulated:
+        ask = hang_emulated(weight, emulation)
+    else:
+        ask = ask_for_weight(weight)
+    check = check_cell(store, config, weight, ask=ask)
+    say(f"force checked: {check.finding}")
+
+
+def _tell_missed(store: RunStore, result: SessionResult) -> None:
+    """Say on standard error what a run that went through to its end did not reach."""
+    from tacauchy_rig.app.session.record import missed_lines
+    from tacauchy_rig.core.run import Outcome
+
+    for line in missed_lines(result.records):
+        complain(line)
+    if result.outcome is Outcome.FAILED:
+        complain(f"{result.reason}\n  -> `tacauchy-rig resume {store.paths.root}` repeats them")
+
+
+def _end_badly(store: RunStore, result: SessionResult) -> None:
+    from tacauchy_rig.core.run import Outcome
+
+    remedy = result.remedy or f"`tacauchy-rig resume {store.paths.root}` continues"
+    error = AbortedError if result.outcome is Outcome.ABORTED else RecordError
+    raise error(result.reason, remedy=f"{remedy}\n  -> run folder {store.paths.root}")

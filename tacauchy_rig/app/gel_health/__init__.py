@@ -1,0 +1,1 @@
+"""Compare a sensor's presses over time: keep, recalibrate or replace the gel."""

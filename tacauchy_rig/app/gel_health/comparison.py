@@ -1,0 +1,205 @@
+"""Is a sensor still what it was? One press now beside one of before: keep, recalibrate or replace.
+
+A gel that hardens or tears changes its force at a depth; light that fades and a gel that wears
+change the image. Nothing here knows a simulator: the earlier press of the same tool is the measure.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tacauchy_rig.core.errors import RecordError
+
+FloatArray = NDArray[np.float64]
+
+MODULUS_CHANGE = 0.08
+"""Relative change of stiffness that a predicted force does not forgive: twice what a calibration
+of the gel leaves uncertain (3.6 %, docs/calibrating.md)."""
+LIGHT_CHANGE = 0.08
+"""Relative change of the unloaded image's brightness that a calibration of colours does not cover;
+lights that warm up change by 2 %."""
+IMAGE_CHANGE = 0.25
+"""Part of the contact's change of before that is shown otherwise, at equal force and brightness."""
+ZERO_CHANGE_N = 1.0
+"""Of the force cell's zero; a tool that was screwed on anew changes it by less."""
+LIGHT_DOUBT = 0.01
+"""Standard uncertainty of the brightness: warming up and the room."""
+COVERAGE = 2.0
+"""A change counts when it is beyond its limit, and by so many standard uncertainties above none."""
+_FIRST_SHARE = 0.3
+"""Of the common force: below it the height of first contact decides."""
+_LEVELS = 12
+_BLOCK_PX = 4
+_ROUNDS = 6
+FORCE_DOUBT = 0.01
+"""Of the common force, at each level: noise, and creep at another pace."""
+
+
+class Advice(StrEnum):
+    """What to do with the sensor."""
+
+    KEEP = "keep"
+    RECALIBRATE = "recalibrate"
+    REPLACE = "replace the gel"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """What one press showed.
+
+    Attributes:
+        depth_m: Below first contact while the force rises, shape [n].
+        force_n: Likewise [N].
+        unloaded: No-contact image [grey levels], shape [height, width, 3].
+        pressed: Image of the dwell, likewise.
+        zero_n: Raw reading of the unloaded cell along its axis.
+        zero_deviation_n: Standard deviation of it.
+    """
+
+    depth_m: FloatArray
+    force_n: FloatArray
+    unloaded: FloatArray
+    pressed: FloatArray
+    zero_n: float
+    zero_deviation_n: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """One thing that may have changed since.
+
+    Attributes:
+        value: Of the change, in the unit that ``unit`` says.
+        uncertainty: Standard uncertainty, likewise.
+        limit: Beyond it either way the change counts, if it is told.
+    """
+
+    name: str
+    value: float
+    uncertainty: float
+    limit: float
+    unit: str = ""
+
+    @property
+    def counts(self) -> bool:
+        """True where it is beyond its limit and no chance."""
+        return abs(self.value) > max(self.limit, COVERAGE * self.uncertainty)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GelState:
+    """The verdict, and why."""
+
+    advice: Advice
+    reason: str
+    changes: tuple[Change, ...]
+
+
+def compare_presses(before: Seen, now: Seen, *, depth_uncertainty_m: float) -> GelState:
+    """Say what became of a sensor between two presses by the same tool at the same place.
+
+    Args:
+        before: When it was known to be well.
+        now: The press to judge.
+        depth_uncertainty_m: Standard uncertainty of a depth of one press [m].
+
+    Raises:
+        RecordError: The presses have no forces in common, or images of different sizes.
+    """
+    if before.unloaded.shape != now.unloaded.shape:
+        raise RecordError(
+            f"images of {before.unloaded.shape} and {now.unloaded.shape} cannot be compared",
+            remedy="press with the camera mode and the sensor file of the earlier run",
+        )
+    modulus = _stiffness(before, now, depth_uncertainty_m)
+    light_now = float(now.unloaded.mean() / max(before.unloaded.mean(), 1.0))
+    light = Change(name="light", value=light_now - 1.0, uncertainty=LIGHT_DOUBT, limit=LIGHT_CHANGE)
+    image = _image(before, now, light_now)
+    spread_n = math.hypot(before.zero_deviation_n, now.zero_deviation_n)
+    zero = Change(
+        name="zero of the force cell",
+        value=now.zero_n - before.zero_n,
+        uncertainty=spread_n,
+        limit=ZERO_CHANGE_N,
+        unit="N",
+    )
+    changes = (modulus, light, image, zero)
+    advice, reason = _advice(modulus, light, image, zero)
+    return GelState(advice=advice, reason=reason, changes=changes)
+
+
+def _advice(modulus: Change, light: Change, image: Change, zero: Change) -> tuple[Advice, str]:
+    if modulus.counts:
+        way = "harder" if modulus.value > 0.0 else "softer"
+        return Advice.REPLACE, f"the gel is {way} by {abs(modulus.value):.0%}"
+    if image.counts:
+        return Advice.REPLACE, f"{image.value:.0%} of the contact looks otherwise at equal force"
+    if light.counts:
+        return (
+            Advice.RECALIBRATE,
+            f"the light changed by {light.value:+.0%}: `tacauchy-rig calibrate optics`",
+        )
+    if zero.counts:
+        return (
+            Advice.RECALIBRATE,
+            f"the cell's zero moved by {zero.value:+.2f} N: see its gain by `run --check-weight`",
+        )
+    return Advice.KEEP, "nothing changed beyond its limit"
+
+
+def _stiffness(before: Seen, now: Seen, depth_uncertainty_m: float) -> Change:
+    """Return k - 1 of force_now(d) = k force_before(d + s): s is a first contact that was missed.
+
+    Fitted by Gauss and Newton, s with its own uncertainty as a prior.
+    """
+    most_n = min(float(before.force_n.max()), float(now.force_n.max()))
+    if not most_n > 0.0:
+        raise RecordError("a press without force cannot be compared", remedy="press again")
+    levels = np.linspace(_FIRST_SHARE, 1.0, _LEVELS) * most_n
+    depth_m = _at_forces(now, levels)
+    order = np.argsort(before.depth_m)
+    degree = min(3, len(order) - 1)
+    curve = np.polynomial.Polynomial.fit(before.depth_m[order], before.force_n[order], degree)
+    slope = curve.deriv()
+    factor, shift_m, doubt_n = 1.0, 0.0, FORCE_DOUBT * most_n
+    shift_doubt_m = math.sqrt(2.0) * depth_uncertainty_m
+    for _ in range(_ROUNDS):
+        there = depth_m + shift_m
+        terms = np.column_stack([curve(there), factor * slope(there)]) / doubt_n
+        left = (levels - factor * curve(there)) / doubt_n
+        terms = np.vstack([terms, [0.0, 1.0 / shift_doubt_m]])
+        left = np.append(left, -shift_m / shift_doubt_m)
+        step = np.linalg.lstsq(terms, left, rcond=None)[0]
+        factor, shift_m = factor + float(step[0]), shift_m + float(step[1])
+    covariance = np.linalg.inv(terms.T @ terms)
+    return Change(
+        name="modulus",
+        value=factor - 1.0,
+        uncertainty=math.sqrt(float(covariance[0, 0])),
+        limit=MODULUS_CHANGE,
+    )
+
+
+def _at_forces(press: Seen, levels_n: FloatArray) -> FloatArray:
+    order = np.argsort(press.force_n)
+    return np.asarray(np.interp(levels_n, press.force_n[order], press.depth_m[order]))
+
+
+def _image(before: Seen, now: Seen, light: float) -> Change:
+    """Return the part of the contact's change that is shown otherwise; noise is averaged away."""
+    was = _reduced(before.pressed - before.unloaded)
+    shown = _reduced(now.pressed - now.unloaded) / max(light, 1e-3)
+    norm = float(np.linalg.norm(was))
+    value = float(np.linalg.norm(shown - was)) / max(norm, 1e-9)
+    return Change(name="image", value=value, uncertainty=0.0, limit=IMAGE_CHANGE)
+
+
+def _reduced(change: FloatArray) -> FloatArray:
+    size = max(1, change.shape[1] // _BLOCK_PX), max(1, change.shape[0] // _BLOCK_PX)
+    return np.asarray(cv2.resize(change, size, interpolation=cv2.INTER_AREA), dtype=np.float64)

@@ -1,0 +1,69 @@
+"""One recorded press as what tells a gel's state, and which press of a run that is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reports.evidence.attempt import AttemptReading, RunReading
+from tacauchy_rig.app.gel_health.comparison import GelState, Seen, compare_presses
+from tacauchy_rig.core.config.uncertainty import stated_uncertainty
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import FZ
+
+
+def compare_runs(before: RunReading, now: RunReading) -> GelState:
+    """Judge a run's press beside that of an earlier run nearest to it in force.
+
+    Raises:
+        RecordError: A run has no passed press, or one of its streams is missing.
+    """
+    press = _nearest(now, None)
+    error_m = stated_uncertainty(now.store.config, "depth").value
+    known = _nearest(before, press.record.force_measured_n)
+    return compare_presses(seen_of(known), seen_of(press), depth_uncertainty_m=error_m)
+
+
+def nearest_force_n(run: RunReading, force_n: float) -> float:
+    """Return the target [N] of the passed press of a run that is nearest to a force [N].
+
+    Raises:
+        RecordError: It has no passed press.
+    """
+    return _nearest(run, force_n).record.force_target_n
+
+
+def _nearest(run: RunReading, force_n: float | None) -> AttemptReading:
+    passed = [each for each in run.records.values() if each is not None and each.passed]
+    if not passed:
+        raise RecordError(
+            f"{run.store.paths.root}: no press of it passed",
+            remedy="name a run that went through: `tacauchy-rig run rig.toml --press-only`",
+        )
+    wanted_n = passed[0].force_target_n if force_n is None else force_n
+    return run.read(min(passed, key=lambda each: abs(each.force_target_n - wanted_n)))
+
+
+def seen_of(attempt: AttemptReading) -> Seen:
+    """Return what a passed press showed, up to the beginning of its dwell.
+
+    Raises:
+        RecordError: Its images, its tare or its contact are missing.
+    """
+    force, depth, images = attempt.force_curve, attempt.depth_curve, attempt.images
+    tare = attempt.record.tare_before
+    if force is None or depth is None or images is None or tare is None:
+        raise RecordError(
+            f"trial {attempt.record.index} of {attempt.store.paths.root}: images, zero or contact "
+            "are missing",
+            remedy="name another run",
+        )
+    depth_m = np.interp(force.time_s, depth.time_s, depth.value)
+    rises = (force.time_s < 0.0) & (force.time_s > depth.time_s[0]) & (depth_m > 0.0)
+    return Seen(
+        depth_m=depth_m[rises],
+        force_n=force.value[rises],
+        unloaded=images.reference.astype(np.float64),
+        pressed=images.real.astype(np.float64),
+        zero_n=tare.mean[FZ],
+        zero_deviation_n=tare.deviation[FZ],
+    )

@@ -1,0 +1,273 @@
+"""ROS 2 bags, MCAP or SQLite: images, wrenches and poses by topic.
+
+Messages are decoded by the definitions that come with the reader: those that a file brings are not
+looked at, since the reader would make code of them.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader, ReaderError
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+
+from tacauchy_rig.app.importing.mcap_chunks import check_chunks
+from tacauchy_rig.app.importing.press import Frame, Press, Recorded, Samples
+from tacauchy_rig.app.importing.source import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
+from tacauchy_rig.app.importing.streams import PressFinding, S, Streams, cut, find_presses
+from tacauchy_rig.core.config.fields import Length, Section
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.rgb import encode_png
+
+TYPES = get_typestore(Stores.ROS2_HUMBLE)
+MESSAGES_MOST = 2_000_000
+"""Of a topic: a kilohertz for half an hour."""
+FRAMES_BYTES = 4096 * MIB
+"""Of all images together, which are held while they are cut into presses."""
+IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
+WRENCH, POSE = "geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/PoseStamped"
+MCAP = ".mcap"
+STORAGES = (MCAP, ".db3")
+METADATA = "metadata.yaml"
+# Of what a broken file makes the reader say.
+_BROKEN = (
+    ReaderError,
+    OSError,
+    ValueError,
+    KeyError,
+    IndexError,
+    AssertionError,
+    EOFError,
+    RuntimeError,
+    struct.error,
+    TypeError,
+    AttributeError,
+    MemoryError,
+)
+
+
+class BagData(Section):
+    """``[data]`` of a ROS 2 bag.
+
+    Attributes:
+        file: A ``.mcap`` or ``.db3``, or the folder with ``metadata.yaml``.
+        image: Topic of the images; left out, the only one with images. Likewise the next two.
+        pad_centre: Where the tip's x and y are above the pad's centre; left out, the place is not
+            known.
+    """
+
+    file: str
+    image: str | None = None
+    force: str | None = None
+    pose: str | None = None
+    pad_centre: tuple[Length, Length] | None = None
+    presses: PressFinding = Field(default_factory=PressFinding)
+
+
+def read_bag(source: Source, data: BagData) -> Recorded:
+    """Read a bag and cut it into presses.
+
+    Raises:
+        RecordError: It is damaged, a topic is missing or of another type, or tells no press.
+    """
+    path = _checked(source, data.file)
+    try:
+        with Reader(path) as reader:
+            streams = _streams(reader, data)
+    except RecordError:
+        raise
+    except _BROKEN as error:
+        raise RecordError(
+            f"{data.file}: no whole ROS 2 bag: {type(error).__name__}: {str(error)[:200]}",
+            remedy="`ros2 bag reindex`, or record it anew",
+        ) from error
+    found = find_presses(streams.force, data.presses)
+    presses = tuple(_placed(press, data.pad_centre) for press in cut(streams, found))
+    return Recorded(
+        presses=presses,
+        has_clock=True,
+        unknown=tuple(_unknown(data, streams)),
+        notes=(_FOUND.format(count=len(presses)),),
+        contact_force_n=data.presses.contact_force,
+        name="bag",
+    )
+
+
+_FOUND = (
+    "{count} presses were found by the force. Zero and the no-contact image of each are of the "
+    "second before it; it counts as held while the force is nearly its largest, which no protocol "
+    "judged."
+)
+
+
+def _checked(source: Source, name: str) -> Path:
+    """Return the bag; every file of a folder lies within the source and is no pack of its own."""
+    if Path(name).suffix in STORAGES:
+        return _bounded(source.path(name, field="data.file", most_bytes=LARGE_BYTES))
+    folder = source.folder(name, field="data.file")
+    inside = "" if folder == source.root else f"{folder.relative_to(source.root)}/"
+    source.path(f"{inside}{METADATA}", field="data.file", most_bytes=MIB)
+    for path in sorted(folder.iterdir()):
+        if path.suffix in (".zstd", ".zst"):
+            raise RecordError(
+                f"data.file: {path.name} is packed as a whole", remedy="unpack it: `zstd -d`"
+            )
+        if path.suffix in STORAGES:
+            stored = source.path(f"{inside}{path.name}", field="data.file", most_bytes=LARGE_BYTES)
+            _bounded(stored)
+    return folder
+
+
+def _bounded(path: Path) -> Path:
+    """Return a file whose parts are none too large; SQLite's are within the file."""
+    if path.suffix == MCAP:
+        check_chunks(path, name=f"data.file: {path.name}")
+    return path
+
+
+def _unknown(data: BagData, streams: Streams) -> Iterator[str]:
+    yield "How much later than the moment itself the messages are stamped is not known."
+    if streams.pose is None:
+        yield "The depth is not known."
+    if data.pad_centre is None or streams.pose is None:
+        yield "Where on the pad was pressed is not known."
+
+
+def _streams(reader: Reader, data: BagData) -> Streams:
+    if reader.compression_mode:
+        raise RecordError(
+            f"{data.file}: its messages are packed one by one",
+            remedy="`ros2 bag convert` without compression_mode",
+        )
+    image = _topic(reader, data.image, IMAGES, "data.image")
+    force = _topic(reader, data.force, (WRENCH,), "data.force")
+    pose = _topic(reader, data.pose, (POSE,), "data.pose", optional=True)
+    if image is None or force is None:
+        raise RecordError(f"{data.file}: has no images or no forces", remedy="name its topics")
+    return Streams(
+        force=_samples(reader, force, _wrench),
+        frames=tuple(_frames(reader, image)),
+        pose=None if pose is None else _samples(reader, pose, _pose),
+    )
+
+
+def _topic(
+    reader: Reader,
+    name: str | None,
+    types: tuple[str, ...],
+    field: str,
+    *,
+    optional: bool = False,
+) -> Connection | None:
+    """Return a topic by its name, or the only one of its types."""
+    there = {each.topic: each.msgtype for each in reader.connections}
+    fitting = [c for c in reader.connections if c.msgtype in types and name in (None, c.topic)]
+    if len(fitting) == 1 and fitting[0].msgcount <= MESSAGES_MOST:
+        return fitting[0]
+    if not fitting and optional and name is None:
+        return None
+    told = ", ".join(f"{topic} ({kind})" for topic, kind in list(there.items())[:20]) or "nothing"
+    raise RecordError(
+        f"{field}: {'no topic' if name is None else name} is the one of type {' or '.join(types)} "
+        f"with at most {MESSAGES_MOST} messages; {len(fitting)} of that name and type",
+        remedy=f"name one of its topics: {told}",
+    )
+
+
+def _messages(reader: Reader, topic: Connection) -> Iterator[tuple[int, Any]]:
+    """Yield stamp and content; the stamp is the header's, the log's where that says nothing."""
+    for _, logged_ns, raw in reader.messages([topic]):
+        message: Any = TYPES.deserialize_cdr(raw, topic.msgtype)
+        stamp = message.header.stamp
+        said_ns = int(stamp.sec) * S + int(stamp.nanosec)
+        yield said_ns or int(logged_ns), message
+
+
+def _samples(reader: Reader, topic: Connection, values: Any) -> Samples:
+    rows = sorted(
+        ((stamp, values(message)) for stamp, message in _messages(reader, topic)),
+        key=lambda row: row[0],
+    )
+    value = np.array([row for _, row in rows], dtype=np.float64).reshape(-1, 6)
+    if not np.isfinite(value).all():
+        raise RecordError(
+            f"{topic.topic}: holds values that are no finite numbers", remedy="leave them out"
+        )
+    return Samples(stamp_ns=np.array([stamp for stamp, _ in rows], dtype=np.int64), value=value)
+
+
+def _wrench(message: Any) -> list[float]:
+    force, torque = message.wrench.force, message.wrench.torque
+    return [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+
+
+def _pose(message: Any) -> list[float]:
+    place, turned = message.pose.position, message.pose.orientation
+    quaternion = np.array([turned.x, turned.y, turned.z, turned.w])
+    vector = np.zeros(3)  # of a message that says nothing of its orientation
+    if np.isfinite(quaternion).all() and np.linalg.norm(quaternion) > 0.0:
+        vector = Rotation.from_quat(quaternion).as_rotvec()
+    return [place.x, place.y, place.z, *vector]
+
+
+def _frames(reader: Reader, topic: Connection) -> Iterator[Frame]:
+    size = 0
+    found = []
+    for number, (stamp_ns, message) in enumerate(_messages(reader, topic)):
+        size += len(message.data)
+        if size > FRAMES_BYTES:
+            raise RecordError(
+                f"{topic.topic}: more than {FRAMES_BYTES} bytes of images", remedy="split the bag"
+            )
+        name = f"{topic.topic} {number}"
+        raw = topic.msgtype == IMAGES[1]
+        data = _raw(message, name) if raw else message.data.tobytes()
+        found.append(Frame(stamp_ns=stamp_ns, name=name, read=partial(bytes, data)))
+    yield from sorted(found, key=lambda frame: frame.stamp_ns)
+
+
+_CHANNELS: Mapping[str, tuple[int, ...]] = {
+    "rgb8": (0, 1, 2),
+    "bgr8": (2, 1, 0),
+    "mono8": (0, 0, 0),
+}
+
+
+def _raw(message: Any, name: str) -> bytes:
+    """Return a raw image as PNG."""
+    order = _CHANNELS.get(message.encoding)
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    depth = 1 if message.encoding == "mono8" else 3
+    if (
+        order is None
+        or not 0 < height * width <= IMAGE_PIXELS
+        or step < width * depth
+        or len(message.data) != height * step
+    ):
+        raise RecordError(
+            f"{name}: {width} x {height} px, step {step}, {len(message.data)} bytes of "
+            f"{message.encoding[:40]!r}",
+            remedy=f"encodings that are read: {', '.join(_CHANNELS)}, whole images only",
+        )
+    rows = np.asarray(message.data, np.uint8).reshape(height, step)[:, : width * depth]
+    return encode_png(np.ascontiguousarray(rows.reshape(height, width, depth)[..., list(order)]))
+
+
+def _placed(press: Press, centre: tuple[float, float] | None) -> Press:
+    """Return a press with where the tip was beside the pad's centre, where that is stated."""
+    if press.pose is None or centre is None:
+        return press
+    held = press.pose.within(press.dwell).value
+    if not len(held):
+        return press
+    x, y = held[:, :2].mean(axis=0) - np.array(centre)
+    return replace(press, place_m=(float(x), float(y)))

@@ -1,0 +1,210 @@
+"""A folder of NumPy records, one a press: ``.npz`` of arrays by name, or a structured ``.npy``.
+
+FEATS' records hold so an image, the indenter's place and way, and the cell's forces (Helmut et al.,
+arXiv 2411.03315). As they are published they are pickles, which are never loaded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from tacauchy_rig.app.importing.archive import members, read_member, read_npy
+from tacauchy_rig.app.importing.csv_folder import image_files
+from tacauchy_rig.app.importing.press import Recorded
+from tacauchy_rig.app.importing.rows import RowsData, presses_of
+from tacauchy_rig.app.importing.source import IMAGE_PIXELS, MIB, Source
+from tacauchy_rig.app.importing.table import Table
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.rgb import ColourOrder, encode_png
+
+Record = Mapping[str, NDArray[Any]]
+NPY, NPZ = ".npy", ".npz"
+RECORD_BYTES = 256 * MIB
+"""Of a record: an image and some maps of forces are a few."""
+RECORDS_MOST = 10_000
+"""Of a folder, of which a run takes a few."""
+_PRESS, _INDENTER = "(record)", "(indenter)"
+"""Columns that no key of a record makes; no key is written so."""
+_NUMBERS, _TEXT = "fiu", "U"
+"""Kinds of NumPy's."""
+
+
+class RecordsData(RowsData):
+    """``[data]`` of a folder of records; a column is a key of each record.
+
+    Attributes:
+        records: Their folder.
+        colour_order: Of the images' channels.
+        starts: Beginning of the names of records to take; left out, all.
+        still: Keys of ways aside and turns: records in which one is not zero are left out, since a
+            replay presses straight.
+        indenters: Terms as ``press --indenter`` has them, by a part of the record's name.
+        no_contact: A PNG or JPEG, or an ``.npy``.
+    """
+
+    colour_order: ColourOrder
+    records: str = "."
+    starts: str = ""
+    still: tuple[str, ...] = ()
+    indenters: dict[str, str] = Field(default_factory=dict)
+
+
+def read_records(source: Source, data: RecordsData) -> Recorded:
+    """Read a folder of records.
+
+    Raises:
+        RecordError: A record is damaged, of Python objects, or lacks a key.
+        ConfigError: A unit is not of what it is to measure.
+    """
+    names = _names(source, data)
+    rows = [row for name in names if (row := _row(_read(source, name), name, data)) is not None]
+    if not rows:
+        raise RecordError(
+            f"data.records: all of {len(names)} records move aside or turn",
+            remedy="a replay presses straight: name straight presses, or correct data.still",
+        )
+    columns = {key: k for k, key in enumerate(dict.fromkeys(key for row in rows for key in row))}
+    table = Table(
+        name=f"records of {data.records}",
+        columns=columns,
+        rows=[[row.get(key, "") for key in columns] for row in rows],
+    )
+    told = {"press": _PRESS, **({"indenter": _INDENTER} if data.indenters else {})}
+    recorded = presses_of(
+        table,
+        data.model_copy(update={"columns": data.columns.model_copy(update=told)}),
+        image=lambda name, field: _image(source, name, field, data),
+        at_rest=lambda name, field: _at_rest(source, name, field, data),
+    )
+    left_out = len(names) - len(rows)
+    note = f"{left_out} records were left out: the indenter went aside or turned in them."
+    return replace(recorded, notes=(*recorded.notes, note)) if left_out else recorded
+
+
+def _names(source: Source, data: RecordsData) -> list[str]:
+    """Return the records' files; an ``.npy`` beside an ``.npz`` of its name is its origin."""
+    folder = source.folder(data.records, field="data.records").relative_to(source.root)
+    inside = "" if str(folder) == "." else f"{folder}/"
+    there = {
+        path.name
+        for path in (source.root / folder).iterdir()
+        if path.suffix in (NPY, NPZ) and path.name.startswith(data.starts)
+    }
+    kept = sorted(
+        name
+        for name in there
+        if not (name.endswith(NPY) and f"{name.removesuffix(NPY)}{NPZ}" in there)
+        and f"{inside}{name}" != data.no_contact
+    )
+    if not 0 < len(kept) <= RECORDS_MOST:
+        raise RecordError(
+            f"data.records: {data.records!r} has {len(kept)} files {NPY} or {NPZ}; 1 to "
+            f"{RECORDS_MOST} are read",
+            remedy="name the folder that the records are in, or some of them by data.starts",
+        )
+    return [f"{inside}{name}" for name in kept]
+
+
+def _read(source: Source, name: str) -> Record:
+    """Return a record's arrays by name."""
+    data = source.read(name, field="a record", most_bytes=RECORD_BYTES)
+    if name.endswith(NPZ):
+        keys = [each.removesuffix(NPY) for each in members(data, name=name)]
+        return {
+            key: read_npy(read_member(data, f"{key}{NPY}", name=name), name=f"{name}: {key}")
+            for key in keys
+        }
+    found = _unpickled(data, name)
+    if found.dtype.names is None or found.size != 1:
+        raise RecordError(
+            f"{name}: holds {list(found.shape)} of {found.dtype}, no record with named fields",
+            remedy="docs/importing.md shows how a record is saved with numpy.savez",
+        )
+    return {key: found.reshape(())[key] for key in found.dtype.names}
+
+
+def _unpickled(data: bytes, name: str) -> NDArray[Any]:
+    try:
+        return read_npy(data, name=name)
+    except RecordError as error:
+        if "pickle" not in error.message:
+            raise
+        raise RecordError(
+            error.message,
+            remedy="if you trust who made it, save its arrays by name with numpy.savez: "
+            "docs/importing.md has the lines",
+        ) from error
+
+
+def _row(record: Record, name: str, data: RecordsData) -> dict[str, str] | None:
+    """Return a record's numbers and words as cells; None for one that does not press straight."""
+    cells = {key: text for key, each in record.items() if (text := _cell(each)) is not None}
+    for key in data.still:
+        if key not in cells:
+            raise RecordError(f"data.still: {name} has no number {key!r}", remedy=_keys(record))
+        if float(cells[key]) != 0.0:
+            return None
+    wanted = [each.column for each in dict(data.columns).values() if hasattr(each, "column")]
+    for key in (*wanted, data.columns.image):
+        if key not in record:
+            raise RecordError(f"data.columns: {name} has no {key!r}", remedy=_keys(record))
+    terms = [term for part, term in data.indenters.items() if part in PurePath(name).stem]
+    if data.indenters and len(terms) != 1:
+        raise RecordError(
+            f"data.indenters: {len(terms)} of {', '.join(data.indenters)} are in the name {name}",
+            remedy="write for each indenter a part of the records' names that no other has",
+        )
+    own = {_PRESS: PurePath(name).stem, data.columns.image: name}
+    return {**cells, **own, **({_INDENTER: terms[0]} if terms else {})}
+
+
+def _cell(array: NDArray[Any]) -> str | None:
+    """Return a single number or word as text; None for an array."""
+    if array.size != 1 or array.dtype.kind not in _NUMBERS + _TEXT:
+        return None
+    value = array.reshape(-1)[0]
+    return str(value) if array.dtype.kind == _TEXT else repr(float(value))
+
+
+def _keys(record: Record) -> str:
+    return f"its keys: {', '.join(list(record)[:40])[:300] or 'none'}"
+
+
+def _image(source: Source, name: str, field: str, data: RecordsData) -> Callable[[], bytes]:
+    key = data.columns.image
+
+    def read() -> bytes:
+        return _png(_read(source, name)[key], f"{field}: {name}: {key}", data.colour_order)
+
+    return read
+
+
+def _at_rest(source: Source, name: str, field: str, data: RecordsData) -> Callable[[], bytes]:
+    if not name.endswith(NPY):
+        return image_files(source)(name, field)
+    found = read_npy(source.read(name, field=field, most_bytes=RECORD_BYTES), name=name)
+    return partial(_png, found, f"{field}: {name}", data.colour_order)
+
+
+def _png(image: NDArray[Any], where: str, order: ColourOrder) -> bytes:
+    """Return an image [height, width, 3] of 8 bits as PNG."""
+    if (
+        image.dtype != np.uint8
+        or image.ndim != 3
+        or image.shape[2] != 3
+        or not 0 < image.shape[0] * image.shape[1] <= IMAGE_PIXELS
+    ):
+        raise RecordError(
+            f"{where}: is {list(image.shape)} of {image.dtype}; images are [height, width, 3] of "
+            "uint8",
+            remedy="name the key of the image as data.columns.image",
+        )
+    return encode_png(np.ascontiguousarray(image[..., ::-1] if order is ColourOrder.BGR else image))

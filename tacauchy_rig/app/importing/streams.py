@@ -1,0 +1,232 @@
+"""Presses within a recording that runs on: found by the force, each with its rest before it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from tacauchy_rig.app.importing.press import FloatArray, Frame, Press, Samples, Window
+from tacauchy_rig.core.config.fields import Force, Section
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import FZ
+
+S = 1_000_000_000
+"""Nanoseconds of a second."""
+REST_NS = S
+"""Of a rest: long enough to average noise, too short for a cell's drift."""
+APART_NS = S // 5
+"""Between a rest and the press after it, so that no approach is taken for rest."""
+SHORTEST_NS = 3 * S // 10
+"""Of a press: what is shorter is a knock."""
+HALF = 4
+SMOOTHED = 2 * HALF + 1
+"""Samples of force whose median decides where it is held: one that jumps does not."""
+RELEASED = 0.5
+"""Of the force that begins a press: below it the press is over, so noise makes no second one."""
+MAX_PRESSES = 10_000
+
+
+def _text(quantity: str) -> Any:
+    """Return a default as a file would have it, which is read as one."""
+    return Field(default=quantity, validate_default=True)
+
+
+class PressFinding(Section):
+    """How presses are told in a recording.
+
+    Attributes:
+        press_force: More than this is a press; the recording begins with less.
+        contact_force: Depth counts from here.
+        held_share: Of a press's largest force: as long as there is more, it is held.
+    """
+
+    press_force: Force = _text("0.2 N")
+    contact_force: Force = _text("0.05 N")
+    held_share: float = Field(default=0.99, gt=0.0, lt=1.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Streams:
+    """All of a recording, in one clock.
+
+    Attributes:
+        force: Raw wrenches.
+        frames: In order of time.
+        pose: Of the tip; None where nobody recorded it.
+    """
+
+    force: Samples
+    frames: Sequence[Frame]
+    pose: Samples | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """When a press was, in the clock of the force.
+
+    Attributes:
+        name: For messages, with its time.
+        rest: Quiet time before it, for zero and no-contact frames.
+        pressed: From its first force to its last.
+        held: The longest stretch with nearly its largest force.
+        touched_ns: When the gel was touched.
+    """
+
+    name: str
+    rest: Window
+    pressed: Window
+    held: Window
+    touched_ns: int
+
+
+def find_presses(force: Samples, finding: PressFinding) -> list[Found]:
+    """Find when a recording's presses were.
+
+    Raises:
+        RecordError: There is no force, no press, or no rest before one.
+    """
+    if len(force.stamp_ns) < SMOOTHED:
+        raise RecordError(
+            f"the recording has {len(force.stamp_ns)} samples of force, which tell no press",
+            remedy="check the name of the force's topic or column",
+        )
+    felt = felt_along(force)
+    spans = list(_spans(force.stamp_ns, felt, finding.press_force))
+    if not 0 < len(spans) < MAX_PRESSES:
+        raise RecordError(
+            f"the force is above data.presses.press_force ({finding.press_force:g} N) in "
+            f"{len(spans)} stretches; the largest is {felt.max():.3g} N",
+            remedy="set data.presses.press_force between the noise and the weakest press",
+        )
+    found, free_ns = [], int(force.stamp_ns[0])
+    for number, pressed in enumerate(spans, start=1):
+        name = f"press {number}, {(pressed[0] - int(force.stamp_ns[0])) / S:.2f} s from the start"
+        rest = _rest(force, (free_ns, pressed[0] - APART_NS), finding, name)
+        found.append(_found(name, force, rest, pressed, finding))
+        free_ns = pressed[1] + APART_NS
+    return found
+
+
+def cut(streams: Streams, found: Sequence[Found]) -> tuple[Press, ...]:
+    """Return the presses of a recording, each with its rest before it.
+
+    Raises:
+        RecordError: One has no image of the gel at rest.
+    """
+    return tuple(_press(streams, each) for each in found)
+
+
+def _spans(stamp_ns: np.ndarray, felt: FloatArray, above: float) -> Iterator[Window]:
+    """Yield when a signal is above a level, from there until it falls below half of it."""
+    inside, start = False, 0
+    for index in np.flatnonzero((felt > above) | (felt < RELEASED * above)).tolist():
+        if felt[index] > above and not inside:
+            inside, start = True, index
+        elif inside and felt[index] < RELEASED * above:
+            inside = False
+            if stamp_ns[index] - stamp_ns[start] >= SHORTEST_NS:
+                yield int(stamp_ns[start]), int(stamp_ns[index])
+    if inside and stamp_ns[-1] - stamp_ns[start] >= SHORTEST_NS:
+        yield int(stamp_ns[start]), int(stamp_ns[-1])
+
+
+def felt_along(force: Samples, rest: Window | None = None) -> FloatArray:
+    """Return how much is felt along the axis [N]; zero is that of a rest, or of the start."""
+    axis, start_ns = force.value[:, FZ], force.stamp_ns[0]
+    zero = rest or (start_ns, start_ns + REST_NS)
+    return np.asarray(np.abs(axis - np.median(force.within(zero).value[:, FZ])))
+
+
+def _rest(force: Samples, free: Window, finding: PressFinding, name: str) -> Window:
+    """Return the last quiet second of the time before a press, or the longest quiet there is.
+
+    Quiet is what is within half the force of contact of the median: who looks for the gel touches
+    it for a moment, and a cell's zero drifts.
+    """
+    gap = force.within(free)
+    if len(gap.stamp_ns) < SMOOTHED:
+        raise RecordError(
+            f"{name}: {len(gap.stamp_ns)} samples of force without contact before it",
+            remedy="record at least a second without contact before each press",
+        )
+    axis = _smooth(gap.value[:, FZ])
+    quiet = np.flatnonzero(np.abs(axis - np.median(axis)) < 0.5 * finding.contact_force)
+    pieces = np.split(quiet, np.flatnonzero(np.diff(quiet) > 1) + 1)
+    ends = [gap.stamp_ns[piece[[0, -1]]].tolist() for piece in pieces if len(piece)]
+    long = [(end - REST_NS, end) for start, end in ends if end - start >= REST_NS]
+    start, end = long[-1] if long else max(ends, key=lambda pair: pair[1] - pair[0])
+    return int(start), int(end)
+
+
+def _found(
+    name: str, force: Samples, rest: Window, pressed: Window, finding: PressFinding
+) -> Found:
+    stamp_ns, felt = force.stamp_ns, felt_along(force, rest)
+    return Found(
+        name=name,
+        rest=rest,
+        pressed=pressed,
+        held=_held(stamp_ns, felt, pressed, finding.held_share),
+        touched_ns=_touched(stamp_ns, felt, pressed, rest[1], finding.contact_force),
+    )
+
+
+def _press(streams: Streams, found: Found) -> Press:
+    rest, whole = found.rest, (found.rest[0], found.pressed[1])
+    frames = tuple(f for f in streams.frames if whole[0] <= f.stamp_ns <= whole[1])
+    unloaded = [f.stamp_ns for f in frames if f.stamp_ns <= rest[1]]
+    if not unloaded:
+        raise RecordError(
+            f"{found.name}: no image of the gel at rest before it",
+            remedy="record images for at least a second without contact before each press",
+        )
+    pose = None if streams.pose is None else streams.pose.within(whole)
+    return Press(
+        name=found.name,
+        frames=frames,
+        reference=(unloaded[0], unloaded[-1]),
+        dwell=found.held,
+        force=streams.force.within(whole),
+        pose=pose if pose is not None and len(pose.stamp_ns) else None,
+        tare=rest,
+        contact_z_m=_height(pose, found.touched_ns),
+    )
+
+
+def _held(stamp_ns: np.ndarray, felt: FloatArray, pressed: Window, share: float) -> Window:
+    """Return the longest stretch of a press with nearly its largest force."""
+    inside = np.flatnonzero((stamp_ns >= pressed[0]) & (stamp_ns <= pressed[1]))
+    smooth = _smooth(felt[inside])
+    high = np.flatnonzero(smooth >= share * smooth.max())
+    pieces = np.split(high, np.flatnonzero(np.diff(high) > 1) + 1)
+    longest = max(
+        pieces, key=lambda piece: stamp_ns[inside[piece[-1]]] - stamp_ns[inside[piece[0]]]
+    )
+    return int(stamp_ns[inside[longest[0]]]), int(stamp_ns[inside[longest[-1]]])
+
+
+def _smooth(values: FloatArray) -> FloatArray:
+    padded = np.pad(values, HALF, mode="edge")
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, SMOOTHED), axis=1))
+
+
+def _touched(
+    stamp_ns: np.ndarray, felt: FloatArray, pressed: Window, after_ns: int, contact_n: float
+) -> int:
+    """Return when the force passed that of contact for good, before it was a press."""
+    before = (stamp_ns >= after_ns) & (stamp_ns <= pressed[0])
+    below = np.flatnonzero(before & (felt < contact_n))
+    return int(stamp_ns[below[-1]]) if len(below) else pressed[0]
+
+
+def _height(pose: Samples | None, at_ns: int) -> float | None:
+    """Return the height of the tip at a time [m]; None where it is not known."""
+    if pose is None or len(pose.stamp_ns) < 2 or not pose.stamp_ns[0] <= at_ns <= pose.stamp_ns[-1]:
+        return None
+    height = float(np.interp(at_ns, pose.stamp_ns, pose.value[:, 2]))
+    return None if math.isnan(height) else height

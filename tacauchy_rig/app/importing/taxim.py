@@ -1,0 +1,182 @@
+"""Ball presses of Taxim's calibration sets: ``dataPack.npz``, alone or within the ``taxim`` wheel.
+
+Taxim: Si and Yuan, RA-L 2022. Each set is a no-contact frame, images of a pressed ball and a circle
+that was drawn into each. It states neither force nor depth, place, time or ball.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacauchy_rig.app.importing.archive import ARRAY_BYTES, members, read_member, read_npz
+from tacauchy_rig.app.importing.press import ORDER_NS, Frame, Press, Recorded
+from tacauchy_rig.app.importing.source import IMAGE_PIXELS, Source
+from tacauchy_rig.core.config.fields import Section
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.rgb import encode_png
+
+WHEEL = ".whl"
+_WANTED = {
+    "f0": "the no-contact frame",
+    "imgs": "the images",
+    "touch_center": "column and row of each contact's middle [px]",
+    "touch_radius": "radius of each contact's edge [px]",
+}
+_UNKNOWN = (
+    "What ball was pressed is not known, nor by which scale it was seen.",
+    "The force is not known.",
+    "The depth is not known.",
+    "Where on the pad was pressed is known from the images alone.",
+    "How the indenter leans is not known.",
+)
+_ORDER = "Stamps of this run count images; no time was stated."
+_BALL = (
+    "The ball is a statement of whoever imports. At one radius of contact a ball twice as large is "
+    "pressed half as deep and its gel slopes half as much, and colours are fitted to those slopes: "
+    "images of this ball are rendered nearly as well with a wrong one, any other indenter's with "
+    "slopes that are wrong by the same factor. No depth can be believed further than the ball."
+)
+_FOUND = (
+    "The circles drawn into this set's images are about twice as wide as what the ball touches, so "
+    "they are left out and contacts are found in the images."
+)
+
+
+class TaximSet(StrEnum):
+    """Sets of the wheel; each has its own folder in it."""
+
+    GELSIGHT = "gelsight"
+    GELSIGHT_MINI = "gelsight_mini"
+
+
+ASSUMED: Mapping[TaximSet, Mapping[str, str]] = {
+    TaximSet.GELSIGHT: {
+        "sensor.name": "taxim-gelsight",
+        "replay.indenter": "sphere:diameter=4mm",
+    },
+    TaximSet.GELSIGHT_MINI: {
+        "sensor.name": "taxim-gelsight-mini",
+        "replay.indenter": "sphere:diameter=2mm",
+    },
+}
+"""Of each set what nothing in it says: balls with which its own images fit well (docs/importing.md
+has the scores of others)."""
+
+
+class TaximData(Section):
+    """``[data]`` of Taxim's presses.
+
+    Attributes:
+        file: ``dataPack.npz``, or the wheel.
+        set: Which of the wheel's.
+        circles: Take those that were drawn; if not, contacts are found in the images.
+    """
+
+    file: str
+    set: TaximSet | None = None
+    circles: bool | None = None
+
+
+def read_taxim(source: Source, data: TaximData) -> Recorded:
+    """Read a set of ball presses.
+
+    Raises:
+        RecordError: It is no such file, or its arrays do not belong together.
+    """
+    packed = source.read(data.file, field="data.file", most_bytes=ARRAY_BYTES)
+    name = data.file
+    if name.endswith(WHEEL):
+        name, packed = _of_wheel(packed, data)
+    found = read_npz(packed, _WANTED, name=name)
+    frame, images = found["f0"], found["imgs"]
+    if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2:] != (3,):
+        raise _odd(f"{name}: f0 is {frame.shape} of {frame.dtype}")
+    if images.dtype != np.uint8 or images.shape[1:] != frame.shape:
+        raise _odd(f"{name}: imgs is {images.shape} of {images.dtype}, f0 is {frame.shape}")
+    if not 0 < frame.shape[0] * frame.shape[1] <= IMAGE_PIXELS:
+        raise _odd(f"{name}: f0 is {frame.shape[1]} x {frame.shape[0]} px")
+    drawn = _circles(found, len(images), frame.shape, name)
+    taken = data.set is not TaximSet.GELSIGHT_MINI if data.circles is None else data.circles
+    return Recorded(
+        presses=tuple(
+            _press(k, frame, image, drawn[k] if taken else None) for k, image in enumerate(images)
+        ),
+        has_clock=False,
+        unknown=_UNKNOWN,
+        notes=(_ORDER, _BALL) if taken else (_ORDER, _BALL, _FOUND),
+        rig=ASSUMED[data.set] if data.set else {},
+        name=f"taxim-{data.set}" if data.set else "taxim",
+    )
+
+
+def _of_wheel(wheel: bytes, data: TaximData) -> tuple[str, bytes]:
+    """Return name and bytes of a set within the wheel."""
+    there = [name for name in members(wheel, name=data.file) if name.endswith("/dataPack.npz")]
+    known = [each for each in TaximSet if f"taxim/calib/{each}/dataPack.npz" in there]
+    if data.set not in known:
+        raise RecordError(
+            f"data.set: {data.set!s} is no set of {data.file}",
+            remedy=f"--set data.set= one of: {', '.join(known)}"
+            if known
+            else "it is not the wheel of `pip download taxim --no-deps`",
+        )
+    member = f"taxim/calib/{data.set}/dataPack.npz"
+    return f"{data.file}: {member}", read_member(wheel, member, name=data.file)
+
+
+def _circles(
+    found: Mapping[str, NDArray[Any]], count: int, shape: tuple[int, ...], name: str
+) -> list[tuple[float, float, float]]:
+    """Return column, row and radius of each contact's edge [px]."""
+    centres, radii = found["touch_center"], found["touch_radius"]
+    if centres.shape != (count, 2) or radii.shape != (count,):
+        raise _odd(f"{name}: {centres.shape} and {radii.shape} circles for {count} images")
+    try:
+        circles = np.column_stack([centres, radii]).astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise _odd(f"{name}: circles of {centres.dtype} and {radii.dtype}") from error
+    height, width = shape[:2]
+    inside = (circles >= 0.0) & (circles <= [width, height, width])
+    for k in np.flatnonzero(~inside.all(axis=1) | ~(circles[:, 2] > 0.0)):
+        raise _odd(f"{name}: press {k + 1} has its circle at {circles[k].tolist()} px")
+    return [(x, y, radius) for x, y, radius in circles.tolist()]
+
+
+def _press(
+    index: int,
+    frame: NDArray[np.uint8],
+    image: NDArray[np.uint8],
+    circle: tuple[float, float, float] | None,
+) -> Press:
+    stamps = {"no contact": ORDER_NS, "pressed": 2 * ORDER_NS}
+    frames = tuple(
+        Frame(stamp_ns=stamp, name=f"imgs[{index}], {what}", read=partial(_png, pixels))
+        for (what, stamp), pixels in zip(stamps.items(), (frame, image), strict=True)
+    )
+    unloaded, pressed = stamps.values()
+    return Press(
+        name=f"imgs[{index}]",
+        frames=frames,
+        reference=(unloaded, unloaded),
+        dwell=(pressed, pressed),
+        contact_px=circle,
+    )
+
+
+def _png(bgr: NDArray[np.uint8]) -> bytes:
+    """Return an image as PNG; OpenCV, which read it for them, has blue first."""
+    return encode_png(np.ascontiguousarray(bgr[..., ::-1]))
+
+
+def _odd(what: str) -> RecordError:
+    return RecordError(
+        what,
+        remedy="f0 [height, width, 3] and imgs [n, height, width, 3] are uint8 of one size, "
+        "touch_center [n, 2] and touch_radius [n] lie within them [px]",
+    )

@@ -1,0 +1,246 @@
+"""Presses of others as a run folder: recordings, results and seals as the store writes its own."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Mapping
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tacauchy_rig.app.importing.press import FloatArray, Press, Recorded, Samples
+from tacauchy_rig.app.importing.source import image_size
+from tacauchy_rig.core.config.load import LoadedConfig
+from tacauchy_rig.core.errors import RecordError, RigError
+from tacauchy_rig.core.imported import Imported, ImportedTrial
+from tacauchy_rig.core.run import (
+    FZ,
+    ArmSample,
+    ForceSample,
+    ImageFrame,
+    Outcome,
+    Pose,
+    Tare,
+    TrialRecord,
+    Vector3,
+    Vector6,
+    Wrench,
+)
+from tacauchy_rig.core.store.recording.messages import Recorded as Message
+from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.versions import versions
+
+PRESSES_MOST = 200
+"""Of a run: each image is scored against each simulated one, so 200 make 40,000 scores."""
+FRAMES_MOST = 2000
+"""Of a press: a minute at 30 Hz."""
+CHUNK_BYTES = 4 * 2**20
+"""Of a recording that nothing can cut off: it can be made again."""
+Z = 2  # of a position
+UNKNOWN_STATE = -1
+"""Of an arm that nobody here knows: no state of RTDE's."""
+UNKNOWN_VELOCITY: Vector6 = (np.nan,) * 6
+
+
+def write_run(
+    parent: Path,
+    loaded: LoadedConfig,
+    recorded: Recorded,
+    *,
+    kind: str,
+    source: str,
+    files: Mapping[str, str],
+    config_text: str,
+    simulated: bool,
+) -> RunStore:
+    """Write presses as a new run folder in ``parent``; what fails leaves none behind.
+
+    Args:
+        loaded: The run's configuration.
+        recorded: What was read.
+        kind: Of the source.
+        source: Its name.
+        files: SHA-256 of what was read, by name.
+        config_text: What ``rig.toml`` is to say.
+        simulated: The source says that its presses are of a simulator or an emulator.
+
+    Raises:
+        RecordError: An image is damaged, a press lacks what every press has, or the disk is full.
+    """
+    _check_counts(recorded)
+    store = RunStore.create(
+        parent, loaded, config_text=config_text, simulated=simulated, versions=versions()
+    )
+    try:
+        trials = []
+        for index, press in enumerate(recorded.presses, start=1):
+            _write_press(store, index, press)
+            trials.append(_told(index, press))
+        store.imported.save(
+            Imported(
+                kind=kind,
+                source=source,
+                has_clock=recorded.has_clock,
+                unknown=recorded.unknown,
+                notes=recorded.notes,
+                trials=tuple(trials),
+                files=dict(files),
+            )
+        )
+    except (RigError, OSError):
+        shutil.rmtree(store.paths.root, ignore_errors=True)
+        raise
+    return store
+
+
+def _check_counts(recorded: Recorded) -> None:
+    presses = recorded.presses
+    if not 1 <= len(presses) <= PRESSES_MOST:
+        raise RecordError(
+            f"the source holds {len(presses)} presses; a run has 1 to {PRESSES_MOST}",
+            remedy="split it into several folders"
+            if presses
+            else "check how presses are told: columns, topics, and the force at which one begins",
+        )
+    for press in presses:
+        if len(press.frames) > FRAMES_MOST:
+            raise RecordError(
+                f"press {press.name}: {len(press.frames)} frames; at most {FRAMES_MOST} are read",
+                remedy="leave out frames that show neither the gel at rest nor the press held",
+            )
+        for what, (start, end) in (("no-contact", press.reference), ("held", press.dwell)):
+            if not any(start <= frame.stamp_ns <= end for frame in press.frames):
+                raise RecordError(
+                    f"press {press.name}: has no {what} frame",
+                    remedy="every press needs an image of the gel without contact and one with it",
+                )
+
+
+def _told(index: int, press: Press) -> ImportedTrial:
+    there = {"force": press.force, "arm": press.pose, "image": press.frames}
+    return ImportedTrial(
+        index=index,
+        name=press.name,
+        place_m=press.place_m,
+        indenter=press.indenter,
+        streams=tuple(name for name, stream in there.items() if stream),
+        contact_px=press.contact_px,
+    )
+
+
+def _write_press(store: RunStore, index: int, press: Press) -> None:
+    metadata = {
+        "run": store.paths.root.name,
+        "trial": str(index),
+        "attempt": "1",
+        "config_hash": store.config_hash,
+        "imported": press.name,
+    }
+    path = store.paths.recording(index, 1)
+    path.parent.mkdir(parents=True)
+    with RecordingWriter(path, metadata=metadata, chunk_size=CHUNK_BYTES) as writer:
+        writer.write(_force(press.force))
+        writer.write(_arm(press.pose))
+        for number, frame in enumerate(press.frames):
+            data = frame.read()
+            width, height = image_size(data, name=frame.name)
+            image = ImageFrame(
+                stamp_ns=frame.stamp_ns,
+                counter=number,
+                device_stamp_s=None,
+                width=width,
+                height=height,
+                jpeg=data,
+            )
+            writer.write([image])
+        writer.close()
+        sha256 = writer.sha256
+    store.save_result(_result(store, index, press, sha256))
+
+
+def _force(samples: Samples | None) -> Iterator[Message]:
+    if samples is None:
+        return
+    for number, stamp_ns, wrench in zip(count(), samples.stamp_ns, samples.value, strict=False):
+        force, torque = _halves(wrench)
+        yield ForceSample(
+            stamp_ns=int(stamp_ns), counter=number, wrench=Wrench(force=force, torque=torque)
+        )
+
+
+def _arm(samples: Samples | None) -> Iterator[Message]:
+    if samples is None:
+        return
+    for stamp_ns, pose in zip(samples.stamp_ns, samples.value, strict=True):
+        position, rotation = _halves(pose)
+        yield ArmSample(
+            stamp_ns=int(stamp_ns),
+            controller_time_s=np.nan,
+            pose=Pose(position=position, rotation_vector=rotation),
+            velocity=UNKNOWN_VELOCITY,
+            runtime_state=UNKNOWN_STATE,
+            safety_bits=UNKNOWN_STATE,
+            robot_mode=UNKNOWN_STATE,
+        )
+
+
+def _halves(values: FloatArray) -> tuple[Vector3, Vector3]:
+    a, b, c, d, e, f = (float(value) for value in values)
+    return (a, b, c), (d, e, f)
+
+
+def _result(store: RunStore, index: int, press: Press, sha256: str | None) -> TrialRecord:
+    return TrialRecord(
+        index=index,
+        attempt=1,
+        outcome=Outcome.IMPORTED,
+        force_target_n=np.nan,
+        reason=f"imported: {press.name}",
+        contact_z_m=press.contact_z_m,
+        depth_measured_m=_depth(press),
+        dwell_start_ns=press.dwell[0],
+        dwell_end_ns=press.dwell[1],
+        reference_start_ns=press.reference[0],
+        reference_end_ns=press.reference[1],
+        recording_sha256=sha256,
+        **_forces(press, store.config.force_sensor.compression_sign),
+    )
+
+
+def _depth(press: Press) -> float | None:
+    if press.pose is None or press.contact_z_m is None:
+        return press.depth_m
+    held = press.pose.within(press.dwell).value[:, Z]
+    return press.contact_z_m - float(held.mean()) if len(held) else press.depth_m
+
+
+def _forces(press: Press, sign: int) -> dict[str, Any]:
+    """Return the mean force over the dwell, its scatter and its zero, as far as they are known."""
+    if press.force is None:
+        return {}
+    held = press.force.within(press.dwell).value[:, FZ]
+    if not len(held):
+        return {}
+    tare = None if press.tare is None else _tare(press.force.within(press.tare), press.tare)
+    measured = float(held.mean()) - (0.0 if tare is None else tare.mean[FZ])
+    return {
+        "tare_before": tare,
+        "force_measured_n": sign * measured,
+        "force_deviation_n": float(held.std(ddof=1)) if len(held) > 1 else None,
+    }
+
+
+def _tare(samples: Samples, window: tuple[int, int]) -> Tare | None:
+    if len(samples.stamp_ns) < 2:  # of which a scatter can be told
+        return None
+    mean, deviation = samples.value.mean(axis=0), samples.value.std(axis=0, ddof=1)
+    return Tare(
+        start_ns=window[0],
+        end_ns=window[1],
+        mean=(*_halves(mean)[0], *_halves(mean)[1]),
+        deviation=(*_halves(deviation)[0], *_halves(deviation)[1]),
+        sample_count=len(samples.stamp_ns),
+    )

@@ -1,0 +1,236 @@
+"""Read a simulator's folder; what is missing, odd or hostile is refused by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacauchy_rig.app.importing.source import IMAGE_BYTES, Source, image_size
+from tacauchy_rig.app.importing.table import read_table
+from tacauchy_rig.app.judging.arrays import read_fields, read_pixels
+from tacauchy_rig.app.judging.description import (
+    DESCRIPTION,
+    DIMENSIONS,
+    FIELDS,
+    FORCES,
+    HEIGHT,
+    IMAGE,
+    PRESSURE,
+    SHEAR,
+    Description,
+    read_description,
+)
+from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
+from tacauchy_rig.core.outputs import Outputs, PressOutput
+from tacauchy_rig.core.rgb import ColourOrder, decode_rgb
+
+ColorImage = NDArray[np.uint8]
+SWAPPED_SHARE = 0.5
+"""Of the difference from the no-contact frame: so much less with channels swapped is no chance."""
+SWAPPED_LEVELS = 5.0
+"""[grey level] that a swap has to gain: less is noise on a nearly grey sensor."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """What of a run a simulator's folder has to answer.
+
+    Attributes:
+        trials: Their numbers, which are its folders' names.
+        size_px: Width and height of the scored images [px].
+        references: No-contact frames by trial, as far as they can be read.
+    """
+
+    trials: tuple[int, ...]
+    size_px: tuple[int, int]
+    references: Mapping[int, ColorImage]
+
+
+def read_outputs(folder: Path, asked: Asked) -> Outputs:
+    """Read a simulator's outputs for the presses of a run.
+
+    Raises:
+        RecordError: A press is missing, or a file is odd; names file, value and remedy.
+        ConfigError: ``simulator.toml`` is damaged, or a unit or the colour order is not stated.
+    """
+    try:
+        return _read(Source(folder), asked)
+    except RigError as error:
+        raise type(error)(f"{folder}: {error.message}", remedy=error.remedy) from error
+
+
+def _read(source: Source, asked: Asked) -> Outputs:
+    told = read_description(source)
+    folders = _folders(source, asked, told)
+    forces = _forces(source, asked, told)
+    presses: dict[int, PressOutput] = {}
+    for trial in asked.trials:
+        if trial in told.left_out:
+            continue
+        if trial not in folders and trial not in forces:
+            raise RecordError(
+                f"press {trial} is missing: no folder {trial:02d} and no line in {FORCES}",
+                remedy=f"simulate it, or admit it: left_out = [{trial}] in {DESCRIPTION}",
+            )
+        force, depth = forces.get(trial, (None, None))
+        shown = _shown(source, folders[trial], asked, told) if trial in folders else {}
+        presses[trial] = PressOutput(force_n=force, depth_m=depth, **shown)
+    _check_all_or_none(presses)
+    _check_colours(presses, asked, told)
+    return Outputs(simulator=told.simulator, presses=presses, left_out=tuple(sorted(told.left_out)))
+
+
+def _folders(source: Source, asked: Asked, told: Description) -> dict[int, str]:
+    """Return the folders of presses by trial; files and other folders are no business of ours."""
+    found: dict[int, str] = {}
+    for path in sorted(source.root.iterdir()):
+        if not (path.name.isascii() and path.name.isdecimal()):
+            continue
+        trial = int(path.name[:9])
+        if trial in found or trial not in asked.trials or not path.is_dir():
+            raise RecordError(
+                f"{path.name}: the run has no such press, or has it already"
+                f" (presses {asked.trials[0]} to {asked.trials[-1]})",
+                remedy="one folder a press, named by its number: 01, 02, ...",
+            )
+        if trial in told.left_out:
+            raise RecordError(
+                f"{path.name}: {DESCRIPTION} says that this press was left out",
+                remedy="take its number off left_out, or its folder away",
+            )
+        found[trial] = path.name
+    return found
+
+
+def _forces(
+    source: Source, asked: Asked, told: Description
+) -> dict[int, tuple[float | None, float | None]]:
+    """Return force [N] and depth [m] by trial, as ``forces.csv`` has them."""
+    if not (source.root / FORCES).exists():
+        return {}
+    table = read_table(source, FORCES, field="the forces")
+    if told.driven_by is None:
+        raise ConfigError(
+            f"{DESCRIPTION}: driven_by is not stated, and {FORCES} has forces",
+            remedy='write driven_by = "depth" (its forces are at the measured depths) or "force" '
+            "(its depths are at the measured forces)",
+        )
+    columns = {}
+    for name in ("force", "depth"):
+        there = name in table.columns
+        column = told.units.column(name, file=FORCES) if there else None
+        columns[name] = table.numbers(column, DIMENSIONS[name], field=FORCES)
+    found: dict[int, tuple[float | None, float | None]] = {}
+    names = table.text("press", field=FORCES)
+    for line, (name, force, depth) in enumerate(
+        zip(names, columns["force"], columns["depth"], strict=True), start=2
+    ):
+        is_number = name.isascii() and name.isdecimal()
+        trial = int(name[:9]) if is_number else -1
+        if trial not in asked.trials or trial in found or trial in told.left_out:
+            raise RecordError(
+                f'{FORCES} line {line}: press "{name[:40]}" is none of the run, stands twice, or '
+                "was left out",
+                remedy=f"one line a press, {asked.trials[0]} to {asked.trials[-1]}",
+            )
+        found[trial] = (None if np.isnan(force) else force, None if np.isnan(depth) else depth)
+    return found
+
+
+def _shown(source: Source, folder: str, asked: Asked, told: Description) -> dict[str, Any]:
+    """Return image, heights, pressure and shear of a press, as far as they are there."""
+    found: dict[str, Any] = {}
+    width, height = asked.size_px
+    root = source.root / folder
+    if (root / IMAGE).exists():
+        found["image"] = _image(source, f"{folder}/{IMAGE}", asked, told)
+    if (root / HEIGHT).exists():
+        name = f"{folder}/{HEIGHT}"
+        unit = told.units.column("height", file=name)
+        factor = unit.factor(DIMENSIONS["height"], field=DESCRIPTION)
+        found["height_m"] = factor * read_pixels(source, name, (height, width))
+    if (root / FIELDS).exists():
+        name = f"{folder}/{FIELDS}"
+        unit = told.units.column(PRESSURE, file=name)
+        factor = unit.factor(DIMENSIONS[PRESSURE], field=DESCRIPTION)
+        arrays = read_fields(source, name, (height, width), known=(PRESSURE, *SHEAR))
+        if PRESSURE in arrays:
+            found["pressure_pa"] = factor * arrays[PRESSURE]
+        if along := [arrays[key] for key in SHEAR if key in arrays]:
+            if len(along) < len(SHEAR):
+                raise RecordError(
+                    f"{name}: holds one of {' and '.join(SHEAR)} without the other",
+                    remedy="give the shear on the gel along the pad's x and along its y",
+                )
+            found["shear_pa"] = factor * np.stack(along, axis=-1)
+    if not found:
+        raise RecordError(
+            f"{folder}: holds none of {IMAGE}, {HEIGHT} and {FIELDS}",
+            remedy="put there what was simulated, or take the folder away",
+        )
+    return found
+
+
+def _image(source: Source, name: str, asked: Asked, told: Description) -> ColorImage:
+    data = source.read(name, field="an image", most_bytes=IMAGE_BYTES)
+    size = image_size(data, name=name)
+    if size != asked.size_px:
+        raise RecordError(
+            f"{name}: is {size[0]} x {size[1]} px; the run's images are scored at "
+            f"{asked.size_px[0]} x {asked.size_px[1]} px",
+            remedy="crop and resize as the run's sensor does: `judge --task` writes a frame of it",
+        )
+    if told.colour_order is None:
+        raise ConfigError(
+            f"{DESCRIPTION}: colour_order is not stated, and there are images",
+            remedy='write "RGB" if a viewer shows red as red, "BGR" if it shows red as blue',
+        )
+    image = decode_rgb(data)
+    if image is None:
+        raise RecordError(f"{name}: no readable image", remedy="write it as PNG with 8 bits")
+    return np.ascontiguousarray(image[..., ::-1] if told.colour_order is ColourOrder.BGR else image)
+
+
+def _check_all_or_none(presses: Mapping[int, PressOutput]) -> None:
+    """Refuse a folder that has something of some presses and not of others."""
+    for name, what in (
+        ("image", IMAGE),
+        ("height_m", HEIGHT),
+        ("pressure_pa", f"{PRESSURE} in {FIELDS}"),
+        ("shear_pa", f"shear in {FIELDS}"),
+        ("force_n", f"a force in {FORCES}"),
+        ("depth_m", f"a depth in {FORCES}"),
+    ):
+        without = [trial for trial, press in presses.items() if getattr(press, name) is None]
+        if without and len(without) < len(presses):
+            listed = ", ".join(map(str, without))
+            raise RecordError(
+                f"presses {listed} have no {what}, the others have",
+                remedy="a mean over presses has to be of all: give it for each, or admit them as "
+                f"left_out = [{listed}] in {DESCRIPTION}",
+            )
+
+
+def _check_colours(presses: Mapping[int, PressOutput], asked: Asked, told: Description) -> None:
+    """Refuse images that look like the sensor only with red and blue exchanged."""
+    pairs = [
+        (press.image.astype(np.float64), asked.references[trial].astype(np.float64))
+        for trial, press in presses.items()
+        if press.image is not None and trial in asked.references
+    ]
+    if not pairs or told.colour_order is None:
+        return
+    as_said = float(np.median([np.abs(a - b).mean() for a, b in pairs]))
+    swapped = float(np.median([np.abs(a[..., ::-1] - b).mean() for a, b in pairs]))
+    if swapped < SWAPPED_SHARE * as_said and as_said - swapped > SWAPPED_LEVELS:
+        other = ColourOrder.RGB if told.colour_order is ColourOrder.BGR else ColourOrder.BGR
+        raise RecordError(
+            f'colour_order = "{told.colour_order.value}": so read, images are {as_said:.1f} grey '
+            f"levels from the no-contact frames; with red and blue exchanged {swapped:.1f}",
+            remedy=f'write colour_order = "{other.value}", or exchange the channels',
+        )

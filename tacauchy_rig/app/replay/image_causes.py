@@ -1,0 +1,294 @@
+"""What each thing that may be wrong of a replay would change of its images: pressed again coarsely.
+
+A cause is what a run may have wrong (a lean, a modulus, a lamp), a mode what one number of it does
+to the images of all trials. Modes are differences of coarse presses, either way of what was
+replayed and on one mesh, so that the mesh's own error drops out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+
+from reports.arrays import ColorImage, FloatArray
+from reports.evidence.attempt import AttemptReading
+from reports.evidence.evidence import TrialImages
+from reports.scores.residual_split import Cause, Mode, split_residual
+from sim.effects.called_for import everything
+from sim.effects.scene_path import path_for
+from sim.fields.press_fields import surface_state
+from sim.fields.surface import SurfaceState
+from sim.leaning import can_lean
+from sim.optics.markers.printed_markers import printed_markers
+from sim.scene.indenter import MeshIndenter
+from sim.scene.scene import Preset
+from sim.sensitivity import COARSE
+from tacauchy_rig.app.replay.inputs import ReplayInputs
+from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
+from tacauchy_rig.app.replay.rendering import image_of
+from tacauchy_rig.app.replay.uncertainty import NEARLY_UPRIGHT, rounded_rim
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.uncertainty import stated_uncertainty
+from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.replayed import ResidualSplit
+
+MOST_TRIALS = 12
+"""That are pressed again; of more, so many evenly spread over the forces: each takes two seconds,
+and 15 MB for what each of the modes changes of its image."""
+# Steps: large beside what a coarse mesh gets wrong from point to point, small beside a bend of the
+# image's answer (half of them finds half as much of a planted lean or modulus).
+_MORE = 1.15
+_LEANS_RAD = math.radians(1.0)
+_POISSON = -0.02
+# Standard uncertainties that nothing states. A lamp ages, or an exposure is set anew, by a tenth;
+# light drifts by some per cent within a press; a lens is as sharp as in the calibration to a third
+# of a pixel and as near to a per cent.
+_LAMP, _DRIFT, _BLUR_PX, _SCALE = 0.1, 0.02, 0.3, 0.01
+_UNIFORM = 1.0 / math.sqrt(3.0)
+_COLOURS = ("red", "green", "blue")
+
+Images = dict[int, FloatArray]
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SplitPart:
+    """Trials of one indenter at one place.
+
+    Attributes:
+        inputs: Of the replay, with the modulus that it was pressed with.
+        forces_n: What was simulated of trials whose force nobody measured [N].
+    """
+
+    attempts: Sequence[AttemptReading]
+    inputs: ReplayInputs
+    forces_n: Mapping[int, float] = field(default_factory=dict)
+
+
+def split_images(
+    parts: Sequence[SplitPart],
+    images: Mapping[int, ColorImage],
+    optics: OpticalCalibration,
+    config: RigConfig,
+    *,
+    on_progress: Say,
+) -> ResidualSplit | None:
+    """Say what the residual of a replay's images is made of; None where nothing tells it.
+
+    Args:
+        parts: Each has its own coarse presses; what is uncertain is of all together.
+        images: What was rendered of them, by trial.
+        optics: What it was rendered with.
+        config: States what is uncertain.
+        on_progress: Told why there is nothing to say.
+    """
+    pressable = [part for part in parts if not isinstance(part.inputs.indenter, MeshIndenter)]
+    if len(pressable) < len(parts):
+        on_progress("  of triangles the residual is not split: a press of them takes minutes")
+    chosen, seen = _chosen(pressable, images, optics), {}
+    modes: dict[str, Mode] = {}
+    for part, presses in chosen:
+        try:
+            found = list(_Again(presses, part.inputs, optics, config).modes())
+        except RigError as error:
+            on_progress(f"  the residual is not split: no coarse press: {error.message}")
+            return None
+        seen.update({press.index: press.images for press in presses})
+        for mode in found:
+            known = modes.get(mode.name, mode)
+            modes[mode.name] = replace(known, changes={**known.changes, **mode.changes})
+    if not seen:
+        return None
+    view, offset_m = optics.geometry, stated_uncertainty(config, "offset").value
+    return split_residual(
+        seen,
+        {index: image for index, image in images.items() if index in seen},
+        list(modes.values()),
+        pose_px=(offset_m / view.scale_x_m, offset_m / view.scale_y_m),
+    )
+
+
+def _chosen(
+    parts: Sequence[SplitPart], images: Mapping[int, ColorImage], optics: OpticalCalibration
+) -> list[tuple[SplitPart, list[_Press]]]:
+    """Return the presses that are pressed again, the smallest force of each part first."""
+    found = []
+    for part in parts:
+        there = (each for each in part.attempts if each.record.index in images)
+        presses = [press for each in there if (press := _press_of(each, part, optics))]
+        if presses:
+            found.append((part, sorted(presses, key=lambda press: press.force_n)))
+    found = _spread(found, MOST_TRIALS)
+    return [(part, _spread(presses, MOST_TRIALS // len(found))) for part, presses in found]
+
+
+@dataclass(frozen=True, slots=True)
+class _Press:
+    """A trial's force [N] and images; ``bare`` is its no-contact frame without markers."""
+
+    index: int
+    force_n: float
+    images: TrialImages
+    bare: ColorImage
+
+
+def _press_of(
+    attempt: AttemptReading, part: SplitPart, optics: OpticalCalibration
+) -> _Press | None:
+    images, record = attempt.images, attempt.record
+    force_n = record.force_measured_n or part.forces_n.get(record.index, 0.0)
+    if images is None or force_n <= 0.0:
+        return None
+    printed = printed_markers(images.reference, part.inputs.sensor.markers, optics.geometry)
+    bare = images.reference if printed is None else printed.bare
+    return _Press(attempt.record.index, force_n, images, bare)
+
+
+def _spread(items: list[Item], most: int) -> list[Item]:
+    if len(items) <= most:
+        return items
+    return [items[k] for k in np.linspace(0, len(items) - 1, most).round().astype(int)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Again:
+    """The presses of a run again, coarsely, the smallest force first."""
+
+    presses: Sequence[_Press]
+    inputs: ReplayInputs
+    optics: OpticalCalibration
+    config: RigConfig
+
+    def modes(self) -> Iterator[Mode]:
+        """Yield what may be wrong, and what it does to the images.
+
+        Raises:
+            RigError: A coarse press failed.
+        """
+        forces_n = [press.force_n for press in self.presses]
+        tried = sorted({f * by for f in forces_n for by in (1.0 / _MORE, 1.0, _MORE)})
+        upright = self._pressed(self._leaning(NEARLY_UPRIGHT, 0.0), tried)
+        pressed = dict(zip(tried, upright, strict=True))
+        less, even, more = ([pressed[f * by] for f in forces_n] for by in (1.0 / _MORE, 1.0, _MORE))
+        base = self._seen(even)
+        by_force = _apart(self._seen(more), self._seen(less), 1.0 / (_MORE - 1.0 / _MORE))
+        yield from self._of_force(by_force)
+        yield from self._of_material(by_force, base)
+        if can_lean(self.inputs.indenter):
+            yield from self._of_tilt()
+        change = {press.index: base[press.index] - press.bare for press in self.presses}
+        yield from self._of_light(change)
+        yield from self._of_optics(change, even, base)
+
+    def _of_force(self, by_force: Images) -> Iterator[Mode]:
+        """Yield a force beyond what the cell read: in proportion, in all trials alike, in one."""
+        scale = stated_uncertainty(self.config, "force_scale").value
+        yield _mode("force, in proportion", Cause.FORCE, scale, "1", _times(by_force, scale))
+        zero_n = _UNIFORM * self.config.protocol.drift
+        of_zero = {p.index: zero_n / p.force_n * by_force[p.index] for p in self.presses}
+        yield _mode("force, all trials alike", Cause.FORCE, zero_n, "N", of_zero)
+        for index, changed in of_zero.items():
+            yield _mode(f"force of trial {index}", Cause.FORCE, zero_n, "N", {index: changed})
+
+    def _of_material(self, by_force: Images, base: Images) -> Iterator[Mode]:
+        """Yield modulus and Poisson's ratio; a gel as many times stiffer sees a force so less."""
+        sensor = self.inputs.sensor
+        young = sensor.young_uncertainty()[0]
+        yield _mode("modulus", Cause.MATERIAL, young, "1", _times(by_force, -young))
+        numbers = [n for name, n in sensor.numbers.items() if name.endswith(".poisson")]
+        ratio = max((number.uncertainty for number in numbers), default=0.0)
+        other = replace(
+            self._leaning(NEARLY_UPRIGHT, 0.0), sensor=self.inputs.sensor.with_poisson(_POISSON)
+        )
+        changed = _apart(self._seen(self._pressed(other)), base, ratio / _POISSON)
+        yield _mode("Poisson's ratio", Cause.MATERIAL, ratio, "1", changed)
+
+    def _of_tilt(self) -> Iterator[Mode]:
+        size = stated_uncertainty(self.config, "tilt").value
+        for name, (x, y) in (("x", (_LEANS_RAD, 0.0)), ("y", (0.0, _LEANS_RAD))):
+            there, back = (
+                self._seen(self._pressed(self._leaning(sign * x, sign * y))) for sign in (1, -1)
+            )
+            changed = _apart(there, back, 0.5 * size / _LEANS_RAD)
+            yield _mode(f"lean towards {name}", Cause.TILT, size, "rad", changed)
+
+    def _of_light(self, change: Images) -> Iterator[Mode]:
+        """Yield lamps as bright as never before, and ones that drift from frame to frame."""
+        for k, colour in enumerate(_COLOURS):
+            only = np.eye(3)[k]
+            lamp = {i: _LAMP * only * each for i, each in change.items()}
+            yield _mode(f"{colour} lamp", Cause.LIGHT, _LAMP, "1", lamp)
+            drift = {press.index: _DRIFT * only * press.bare for press in self.presses}
+            since = f"{colour} light since the no-contact frame"
+            yield _mode(since, Cause.LIGHT, _DRIFT, "1", drift)
+
+    def _of_optics(
+        self, change: Images, surfaces: Sequence[SurfaceState], base: Images
+    ) -> Iterator[Mode]:
+        """Yield colours that go otherwise over the image, the lens's blur, and the scale."""
+        view = self.optics.geometry
+        for name, count, axis in (("x", view.width, 1), ("y", view.height, 0)):
+            along = np.expand_dims(np.linspace(-1.0, 1.0, count), (2, 1 - axis))
+            for k, colour in enumerate(_COLOURS):
+                bent = {i: _LAMP * np.eye(3)[k] * along * each for i, each in change.items()}
+                yield _mode(f"{colour} lamp along {name}", Cause.OPTICS, _LAMP, "1", bent)
+        blurred = replace(self.optics, blur_px=self.optics.blur_px + _BLUR_PX)
+        changed = _apart(self._seen(surfaces, blurred), base, 1.0)
+        yield _mode("blur", Cause.OPTICS, _BLUR_PX, "px", changed)
+        for name in "xy":
+            wide = {f"scale_{name}_m": getattr(view, f"scale_{name}_m") * (1.0 + _SCALE)}
+            scaled = replace(self.optics, geometry=replace(view, **wide))
+            changed = _apart(self._seen(surfaces, scaled), base, 1.0)
+            yield _mode(f"scale along {name}", Cause.OPTICS, _SCALE, "1", changed)
+
+    def _leaning(self, by_x: float, by_y: float) -> ReplayInputs:
+        mounting = self.inputs.mounting
+        x, y = mounting.lean_rad
+        return replace(self.inputs, mounting=replace(mounting, lean_rad=(x + by_x, y + by_y)))
+
+    def _pressed(
+        self, inputs: ReplayInputs, forces_n: Sequence[float] | None = None
+    ) -> list[SurfaceState]:
+        """Press to rising forces [N]; None is those that were measured."""
+        measured = [press.force_n for press in self.presses]
+        plain = replace(inputs, sensor=inputs.sensor.relaxing(()), tolerance=None)
+        # One mesh for all: under a ball it follows the largest force.
+        scene = plain.scene([_MORE * measured[-1]])
+        coarse = replace(
+            scene,
+            indenter=rounded_rim(scene.indenter),
+            preset=Preset.FAST,
+            refinement=COARSE,
+            outputs=frozenset(),
+        )
+        path = path_for(coarse, everything(coarse))
+        return [surface_state(path, path.push(force_n)) for force_n in forces_n or measured]
+
+    def _seen(
+        self, surfaces: Sequence[SurfaceState], optics: OpticalCalibration | None = None
+    ) -> Images:
+        seen = optics or self.optics
+        rendered = (
+            image_of(surface, self.inputs.sensor, seen, unloaded=press.bare)
+            for press, surface in zip(self.presses, surfaces, strict=True)
+        )
+        return {
+            press.index: image.astype(np.float64)
+            for press, image in zip(self.presses, rendered, strict=True)
+        }
+
+
+def _mode(name: str, cause: Cause, size: float, unit: str, changes: Images) -> Mode:
+    return Mode(name=name, cause=cause, size=size, unit=unit, changes=changes)
+
+
+def _times(images: Images, factor: float) -> Images:
+    return {index: factor * image for index, image in images.items()}
+
+
+def _apart(images: Images, others: Images, factor: float) -> Images:
+    return {index: factor * (image - others[index]) for index, image in images.items()}

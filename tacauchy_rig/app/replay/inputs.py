@@ -1,0 +1,155 @@
+"""What a run's measured forces are pressed with, as a configuration says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from sim.effects.plan import PRESET_TOLERANCE
+from sim.error.settings import setting_of
+from sim.error.tolerance import Tolerance, keeping
+from sim.replay import replay_scene
+from sim.scene.indenter import Indenter
+from sim.scene.scene import Drive, Preset, Scene
+from sim.sensor.sensor import Sensor
+from tacauchy_rig.app.replay.settings import (
+    AUTO,
+    OF_AUTO,
+    check_optics,
+    drive_of,
+    indenter_of,
+    preset_of,
+    sensor_of,
+    tolerance_of,
+)
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mounting:
+    """How the indenter hangs on the arm.
+
+    Attributes:
+        lean_rad: How far its axis leans towards x and y of the pad, from the tip upwards [rad].
+        offset_m: Where its tip comes down beside the pad's centre, along x and y [m].
+    """
+
+    lean_rad: tuple[float, float] = (0.0, 0.0)
+    offset_m: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def tilt_rad(self) -> tuple[float, float]:
+        """The lean as rotations about x and y [rad]."""
+        return -self.lean_rad[1], self.lean_rad[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayInputs:
+    """What a run's measured forces are pressed with.
+
+    Attributes:
+        tolerance: Take the cheapest preset that keeps it; None takes ``preset``.
+        is_auto: ``preset`` counts only until forces are known, or if they tell no cheaper one.
+        refinement: Every edge so many times shorter than the preset's.
+        effects_error: Relative error of F_z that what is left out may have; None is the preset's.
+        promised: The tolerance that preset and refinement were chosen for.
+        force_tolerance_n: Largest |F_z simulated - measured| [N].
+        friction: Coulomb coefficient between indenter and gel.
+        duration_s: Time from touch to dwell [s], for a gel that relaxes.
+    """
+
+    sensor: Sensor
+    indenter: Indenter
+    preset: Preset
+    drive: Drive
+    force_tolerance_n: float
+    tolerance: Tolerance | None = None
+    is_auto: bool = False
+    refinement: float = 1.0
+    effects_error: float | None = None
+    promised: Tolerance | None = None
+    friction: float = 0.0
+    mounting: Mounting = field(default_factory=Mounting)
+    duration_s: float = 1.0
+
+    def scene(self, forces_n: Sequence[float]) -> Scene:
+        """Return the press to the largest of some forces [N].
+
+        Raises:
+            ConfigError: No preset keeps the tolerance.
+        """
+        scene = replay_scene(
+            self.sensor,
+            self.indenter,
+            forces_n,
+            preset=self.preset,
+            drive=self.drive,
+            tolerance_n=self.force_tolerance_n,
+            friction=self.friction,
+            tilt_rad=self.mounting.tilt_rad,
+            centre_m=self.mounting.offset_m,
+            duration_s=self.duration_s,
+        )
+        if self.tolerance is not None:
+            return keeping(scene, self.tolerance)
+        return replace(scene, refinement=self.refinement, tolerance=self.effects_error)
+
+    def settled(self, forces_n: Sequence[float]) -> ReplayInputs:
+        """Return the inputs with the preset that ``auto`` is for some forces [N].
+
+        What is left out may cost as much as the named preset allows: the mesh alone is chosen.
+        """
+        if not self.is_auto:
+            return self
+        named = replace(self, is_auto=False)
+        try:
+            chosen = keeping(named.scene(forces_n), OF_AUTO)
+        except ConfigError:
+            return named
+        return replace(
+            named,
+            preset=chosen.preset,
+            refinement=chosen.refinement,
+            effects_error=PRESET_TOLERANCE[self.preset],
+            promised=OF_AUTO,
+        )
+
+
+def inputs_of(config: RigConfig) -> ReplayInputs:
+    """Return what a configuration says of its replay.
+
+    Raises:
+        ConfigError: It names something that does not exist.
+    """
+    return ReplayInputs(
+        sensor=sensor_of(config),
+        indenter=indenter_of(config),
+        preset=preset_of(config),
+        drive=drive_of(config),
+        force_tolerance_n=config.replay.force_tolerance,
+        tolerance=tolerance_of(config),
+        is_auto=config.replay.preset == AUTO and config.replay.tolerance is None,
+        friction=config.replay.friction,
+        mounting=Mounting(
+            lean_rad=config.replay.tilt or (0.0, 0.0), offset_m=config.replay.offset or (0.0, 0.0)
+        ),
+    )
+
+
+def check_replay(config: RigConfig) -> str:
+    """Refuse what no replay could be made with, before six presses are done for it.
+
+    Returns:
+        What a replay would be made with, in words.
+
+    Raises:
+        ConfigError: No such sensor, preset, law or indenter, no preset keeps the tolerance, or the
+            optics' calibration file is missing or damaged.
+    """
+    inputs = inputs_of(config)
+    scene = inputs.scene(config.protocol.force_targets)
+    chosen = AUTO if inputs.is_auto else setting_of(scene)
+    kept = "" if inputs.tolerance is None else f" for a tolerance of {inputs.tolerance}"
+    optics = check_optics(config, inputs.sensor)
+    return f"{inputs.sensor.title}, preset {chosen}{kept}, {optics}"

@@ -1,0 +1,340 @@
+"""How a run's indenter hangs on the arm: what its moments and images tell, and what to simulate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from reports.arrays import ColorImage, FloatArray
+from reports.evidence.attempt import AttemptReading
+from reports.evidence.force_depth import fit_modulus, merge_histories
+from reports.evidence.leaning import TRIALS_MIN, LeanFit, fit_lean
+from reports.scores.contact import contact_footprint, contact_region, image_change
+from reports.scores.correction import register_changes
+from sim.effects.plan import output_tolerances, plan_effects
+from sim.leaning import can_lean, lean_costs, press_leaning, restoring_moments
+from sim.sensor.camera_geometry import CameraGeometry
+from sim.walk import History
+from tacauchy_rig.app.replay.inputs import ReplayInputs
+from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import ModulusSource, PoseSource, RigConfig
+from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.replayed import FoundValue
+from tacauchy_rig.core.run import TrialRecord
+
+TAKEN_FROM = 2.0
+"""Standard uncertainties: what is found within them of zero stays zero."""
+PLACE_ERROR_M = {RobotModel.E_SERIES: 30e-6, RobotModel.CB3: 100e-6}
+"""To which an arm comes back to a pose, as data sheets say: once to calibrate, once to press."""
+_TRIED_RAD = math.radians(1.0)
+"""The moment grows in proportion up to there: at a quarter of it K is the same to 2 %."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundMounting:
+    """What was found and what of it is simulated.
+
+    Attributes:
+        inputs: Of the replay, with what is simulated.
+        values: What was found.
+        effects: Rows of the plan, as a replay keeps them.
+    """
+
+    inputs: ReplayInputs
+    values: tuple[FoundValue, ...] = ()
+    effects: tuple[dict[str, Any], ...] = field(default=())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dwell:
+    """A held press, as the cell felt it.
+
+    Attributes:
+        wrench: Mean and standard error in the cell's frame [N, N m], shape [6] each; None where
+            the recording does not tell.
+    """
+
+    record: TrialRecord
+    wrench: tuple[FloatArray, FloatArray] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Restoring:
+    """How a gel answers a lean, as coarse presses tell.
+
+    Attributes:
+        forces_n: Rising [N], shape [force_count].
+        moments_nm: Against a lean of one radian at each [N m], likewise.
+        history: (depth [m], force [N]) at each.
+    """
+
+    forces_n: FloatArray
+    moments_nm: FloatArray
+    history: History
+
+
+def tried_forces(config: RigConfig) -> list[float]:
+    """Return where the answer to a lean is pressed [N]: from below to above what may be measured.
+
+    They are known before anything is measured, so that it can be told then.
+    """
+    targets_n, allowed_n = config.protocol.force_targets, config.protocol.force_tolerance
+    ends_n = {min(targets_n) - allowed_n, max(targets_n) + allowed_n}
+    return sorted(force_n for force_n in {*targets_n, *ends_n} if force_n > 0.0)
+
+
+def restoring_of(inputs: ReplayInputs, forces_n: Sequence[float]) -> Restoring:
+    """Press coarsely with a lean to rising forces [N].
+
+    Raises:
+        RigError: It cannot be meshed or solved.
+    """
+    moments_nm, pressed = restoring_moments(inputs.scene(forces_n), forces_n, _TRIED_RAD)
+    return Restoring(forces_n=np.array(forces_n), moments_nm=moments_nm, history=pressed.history)
+
+
+def dwells_of(attempts: Sequence[AttemptReading]) -> list[Dwell]:
+    """Return what the cell felt in each trial."""
+    return [Dwell(record=each.record, wrench=each.dwell_wrench) for each in attempts]
+
+
+def with_found_lean(
+    dwells: Sequence[Dwell],
+    inputs: ReplayInputs,
+    config: RigConfig,
+    *,
+    foreseen: Restoring | None = None,
+) -> FoundMounting:
+    """Return how a run is replayed with the lean that its moments tell, where that is asked for.
+
+    Args:
+        foreseen: How the gel answers a lean, if that is known; else it is pressed.
+    """
+    if config.replay.pose is not PoseSource.FOUND:
+        return FoundMounting(inputs=inputs)
+    fit, why = lean_of(dwells, inputs, config, foreseen=foreseen)
+    mounting = inputs.mounting
+    if fit is None:
+        values = tuple(_unknown(f"lean towards {axis}", "rad", why) for axis in "xy")
+        row = _row(any(mounting.lean_rad), f"as stated: {why}")
+        return FoundMounting(inputs=inputs, values=values, effects=(row,))
+    size = float(np.linalg.norm(fit.lean_rad))
+    doubt = float(np.linalg.norm(fit.lean_rad * fit.uncertainty_rad)) / max(size, 1e-30)
+    taken = size > TAKEN_FROM * doubt
+    values = tuple(
+        FoundValue(
+            name=f"lean towards {axis}",
+            value=float(value),
+            uncertainty=float(uncertainty),
+            unit="rad",
+            taken=taken,
+            basis=why,
+        )
+        for axis, value, uncertainty in zip("xy", fit.lean_rad, fit.uncertainty_rad, strict=True)
+    )
+    found = f"found {_degrees(size)} +- {_degrees(doubt)} by {why}"
+    row = _row(False, f"{found}; within {TAKEN_FROM:g} times its uncertainty of none")
+    if taken:
+        row = _planned(inputs, [d.record.force_measured_n or 0.0 for d in dwells], size, found)
+    lean = (float(fit.lean_rad[0]), float(fit.lean_rad[1])) if row["on"] else (0.0, 0.0)
+    inputs = replace(inputs, mounting=replace(mounting, lean_rad=lean))
+    return FoundMounting(inputs=inputs, values=values, effects=(row,))
+
+
+def lean_of(
+    dwells: Sequence[Dwell],
+    inputs: ReplayInputs,
+    config: RigConfig,
+    *,
+    foreseen: Restoring | None = None,
+) -> tuple[LeanFit | None, str]:
+    """Return what moments tell, and how; None and the reason where they tell nothing."""
+    known = sorted(
+        ((d.record, d.wrench) for d in dwells if d.wrench and (d.record.force_measured_n or 0) > 0),
+        key=lambda pair: pair[0].force_measured_n or 0.0,
+    )
+    forces_n = np.array([record.force_measured_n for record, _ in known])
+    if not can_lean(inputs.indenter):
+        return None, "a ball looks alike from all sides"
+    if len(known) < TRIALS_MIN:
+        return None, f"{len(known)} trials tell no lean: {TRIALS_MIN} do"
+    if not config.force_sensor.is_stand_in and config.force_sensor.to_tip is None:
+        return None, "force_sensor.to_tip is not stated, so nobody knows what moments refer to"
+    tried_n = np.array(tried_forces(config))
+    if config.is_imported or forces_n[0] < tried_n[0] or tried_n[-1] < forces_n[-1]:
+        tried_n, foreseen = forces_n, None
+    try:
+        restoring = foreseen or restoring_of(inputs, tried_n.tolist())
+    except RigError as error:
+        return None, f"no coarse press with a lean: {error.message}"
+    factor = 1.0
+    if tells_modulus(config):
+        curve = merge_histories([restoring.history])
+        contact_n = config.protocol.contact_force
+        told = fit_modulus([([r for r, _ in known], curve)], contact_force_n=contact_n)
+        factor = 1.0 if told is None else told.factor
+    moments, errors = _about_tip(np.array([w for _, w in known]), config)
+    against = np.interp(forces_n / factor, restoring.forces_n, restoring.moments_nm)
+    fit = fit_lean(forces_n, moments, errors, factor * against)
+    size, most = float(np.linalg.norm(fit.lean_rad)), config.workspace.max_tilt
+    if size > most:
+        return None, (
+            f"moments tell {_degrees(size)}, more than workspace.max_tilt, {_degrees(most)}: check "
+            "force_sensor.to_tip and how the cell is turned"
+        )
+    return fit, f"the moments of {len(known)} trials"
+
+
+def tells_modulus(config: RigConfig) -> bool:
+    """Return whether a run's depths tell the gel's modulus."""
+    return config.replay.modulus is ModulusSource.DEPTHS and config.replay.young is None
+
+
+def upright(inputs: ReplayInputs) -> ReplayInputs:
+    """Return the inputs with an indenter that does not lean."""
+    return replace(inputs, mounting=replace(inputs.mounting, lean_rad=(0.0, 0.0)))
+
+
+def leaned(curve: FloatArray | None, inputs: ReplayInputs) -> FloatArray | None:
+    """Return the (depth [m], force [N]) of an upright press as a lean changes it.
+
+    By as much as it changes coarse presses: it begins deeper, off the middle.
+
+    Raises:
+        RigError: One of them cannot be solved.
+    """
+    if curve is None:
+        return None
+    forces_n = np.unique(curve[curve[:, 1] > 0.0, 1]).tolist()
+    scene, lean_rad = inputs.scene(forces_n), math.hypot(*inputs.mounting.lean_rad)
+    even, leaning = (np.array(press_leaning(scene, forces_n, by).history) for by in (0.0, lean_rad))
+    extra_m = np.concatenate([[0.0], leaning[:, 0] - even[:, 0]])
+    shifted = curve.copy()
+    shifted[:, 0] += np.interp(curve[:, 1], [0.0, *forces_n], extra_m)
+    return shifted
+
+
+def _about_tip(wrenches: FloatArray, config: RigConfig) -> tuple[FloatArray, FloatArray]:
+    """Return moments about x and y of the base frame at the tip, and their errors [N m].
+
+    The cell's axes are the tool's, turned by half a turn about x where its Fz is positive while
+    something presses.
+
+    Args:
+        wrenches: Mean and standard error in the cell's frame, shape [trial_count, 2, 6].
+    """
+    sign, to_tip_m = config.force_sensor.compression_sign, config.force_sensor.to_tip or 0.0
+    tool = Rotation.from_rotvec(config.robot.tool_rotation).as_matrix()
+    turn = tool @ np.diag([1.0, -sign, -sign])
+    x, y, z = to_tip_m * tool[:, 2]
+    # Of a force at the tip, the moment about the cell's point.
+    lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    maps = np.concatenate([-lever @ turn, turn], axis=1)[:2]
+    mean, error = wrenches[:, 0], wrenches[:, 1]
+    return mean @ maps.T, np.sqrt(np.square(error) @ np.square(maps).T)
+
+
+def _planned(
+    inputs: ReplayInputs, forces_n: Sequence[float], lean_rad: float, found: str
+) -> dict[str, Any]:
+    """Return whether a lean is simulated: what leaving it out costs is tried, as for effects."""
+    scene = inputs.scene(forces_n)
+    try:
+        costs = lean_costs(scene, max(forces_n), lean_rad)
+    except RigError as error:
+        return _row(True, f"{found}; on, as a coarse press failed: {error.message}")
+    plan, allowed = plan_effects(upright(inputs).scene(forces_n)), output_tolerances(scene)
+    sums = {output: cost + plan.left_out(output) for output, cost in costs.items()}
+    worst = max(sums, key=lambda output: sums[output] / allowed[output])
+    on = sums[worst] > allowed[worst]
+    verb = "would be" if on else "is"
+    reason = (
+        f"{found}; tried coarsely: with all that is left out {worst.value} {verb} "
+        f"{sums[worst]:.2%} off, {allowed[worst]:.2%} allowed"
+    )
+    return _row(on, reason, {output.value: cost for output, cost in costs.items()})
+
+
+def _row(on: bool, reason: str, costs: dict[str, float] | None = None) -> dict[str, Any]:
+    known = {} if costs is None and not on else costs
+    error = None if known is None else max(known.get(name, 0.0) for name in ("force", "depth"))
+    return {
+        "name": "tilt",
+        "on": on,
+        "reason": reason,
+        "estimated_error": error,
+        "costs": known,
+        "asked": False,
+    }
+
+
+def find_offset(
+    attempts: Sequence[AttemptReading],
+    images: Mapping[int, ColorImage],
+    geometry: CameraGeometry,
+    config: RigConfig,
+) -> tuple[FoundValue, ...]:
+    """Return how far beside its simulated place the contact is seen, along x and y."""
+    scale_m = np.array([geometry.scale_x_m, geometry.scale_y_m])
+    shifts = []
+    for attempt in attempts:
+        seen, simulated = attempt.images, images.get(attempt.record.index)
+        if seen is None or simulated is None:
+            continue
+        real, made = (image_change(each, seen.reference) for each in (seen.real, simulated))
+        footprint = contact_footprint(real)
+        if footprint is None:
+            continue
+        shift = register_changes(real, made, contact_region(footprint))
+        if shift is not None:
+            shifts.append(np.array(shift) * scale_m)
+    names = [f"offset along {axis}" for axis in "xy"]
+    if len(shifts) < 2:
+        why = f"{len(shifts)} images show the contact: two tell its place"
+        return tuple(_unknown(name, "m", why) for name in names)
+    mean = np.mean(shifts, axis=0)
+    scatter = np.std(shifts, axis=0, ddof=1) / math.sqrt(len(shifts))
+    arm_m = 0.0 if config.is_imported else PLACE_ERROR_M[config.robot.model]
+    doubt = np.hypot(scatter, arm_m)
+    taken = bool(np.any(np.abs(mean) > TAKEN_FROM * doubt))
+    arm = "; the arm is not known" if config.is_imported else " and the arm's repeatability"
+    basis = f"the images of {len(shifts)} trials{arm}"
+    return tuple(
+        FoundValue(
+            name=name,
+            value=float(mean[k]),
+            uncertainty=float(doubt[k]),
+            unit="m",
+            taken=taken,
+            basis=basis,
+        )
+        for k, name in enumerate(names)
+    )
+
+
+def offset_of(values: Sequence[FoundValue]) -> tuple[float, float] | None:
+    """Return the offset that is to be simulated [m]; None where none is."""
+    if not all(value.taken for value in values):
+        return None
+    x, y = (value.value or 0.0 for value in values)
+    return x, y
+
+
+def moved(inputs: ReplayInputs, by_m: tuple[float, float]) -> ReplayInputs:
+    """Return the inputs with the indenter coming down elsewhere."""
+    x, y = inputs.mounting.offset_m
+    place = (x + by_m[0], y + by_m[1])
+    return replace(inputs, mounting=replace(inputs.mounting, offset_m=place))
+
+
+def _unknown(name: str, unit: str, why: str) -> FoundValue:
+    return FoundValue(name=name, value=None, uncertainty=None, unit=unit, taken=False, basis=why)
+
+
+def _degrees(angle_rad: float) -> str:
+    return f"{math.degrees(angle_rad):.2f} deg"

@@ -1,0 +1,204 @@
+"""How a run's images are rendered: optics and scale, and where they are from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sim.optics.calibrate.colours import Calibration
+from sim.optics.calibrate.presses.ball_press import BallPress, read_ball_presses, read_rgb
+from sim.optics.calibrate.presses.scene import pressed_scene
+from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale, read_positions
+from sim.optics.calibrate.sensor_fit import BLUR_PX, calibrate_presses
+from sim.optics.calibrate.shadow_fit import SHADOWS, read_shadows
+from sim.optics.colour.nominal import exponents_for, nominal_model
+from sim.optics.colour.photometric import load_photometric
+from sim.optics.colour.pixel_colours import ColourModel
+from sim.optics.height.rest_slope import rest_slopes, touching_places
+from sim.sensor.camera_geometry import CameraGeometry
+from sim.sensor.optics import ShadowCaster
+from sim.sensor.sensor import Sensor
+from tacauchy_rig.app.calibration.optics.run import HEIGHT, SCALE_X, SCALE_Y, WIDTH
+from tacauchy_rig.core.errors import ConfigError
+
+CIRCLES, POSITIONS, NO_CONTACT = "circles.csv", "positions.csv", "no_contact.png"
+_SCALES_APART = 0.05  # of each other: a calibration's and the sensor file's
+
+Say = Callable[[str], None]
+"""Told of progress, a line of text each time."""
+
+
+def say_nothing(_: str) -> None:
+    """Take a line of progress and drop it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpticalCalibration:
+    """Colour of a surface, where each pixel looks, what casts shadows, the camera's blur [px]."""
+
+    model: ColourModel
+    geometry: CameraGeometry
+    shadows: ShadowCaster | None = None
+    blur_px: float = 0.0
+
+
+Calibrate = Callable[[Sensor, Say], OpticalCalibration]
+"""Calibrates the optics of a sensor, telling of progress."""
+
+
+def calibrate_folder(
+    folder: Path, sensor: Sensor, *, ball_diameter_m: float, on_progress: Say = say_nothing
+) -> OpticalCalibration:
+    """Fit scale and optics to a folder of ball presses.
+
+    Clicked circles are off by a pixel or two; the optical fit nudges them, so the scale is fitted
+    to the nudged ones and the optics once more to that scale.
+
+    Args:
+        folder: ``circles.csv``, the images that it names, ``no_contact.png`` and, for the scale,
+            ``positions.csv``.
+        sensor: Its pad is pressed in the simulator to know the gel around the ball; the camera of
+            its file is kept where there are no positions.
+        ball_diameter_m: Diameter of the ball [m].
+        on_progress: Told the scale that was found.
+
+    Raises:
+        ConfigError: A file is missing or damaged, or there are too few presses.
+    """
+    nominal = sensor.camera
+    presses = read_ball_presses(folder, folder / CIRCLES)
+    places = read_positions(folder / POSITIONS) if (folder / POSITIONS).exists() else {}
+    unloaded = read_rgb(folder / NO_CONTACT)
+    scene = pressed_scene(sensor, unloaded, nominal, ball_diameter_m=ball_diameter_m)
+    geometry, residual_px = nominal, None
+    if places:
+        circles = calibrate_presses(presses, scene, sensor.optics.shadows, blurred=False)
+        touched = _touched(places, sensor, ball_diameter_m)
+        fit, known = _fit_scale(presses, circles, touched, nominal)
+        geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
+        scene = replace(scene, geometry=geometry, rest_slope=rest_slopes(sensor.pad, geometry))
+        residual_px = fit.residual_px
+        on_progress(
+            f"  scale {fit.geometry.scale_x_m * 1e3:.4f} x {fit.geometry.scale_y_m * 1e3:.4f} mm/px"
+            f", residual {residual_px:.2f} px over {known} presses"
+        )
+    found = calibrate_presses(presses, scene, sensor.optics.shadows)
+    shadows = found.shadows
+    source = {
+        BLUR_PX: found.blur_px,
+        SHADOWS: None if shadows is None else asdict(shadows),
+        "source": f"{len(presses)} ball presses in {folder.name}",
+        "ball_diameter_m": ball_diameter_m,
+        "scale_residual_px": residual_px,
+    }
+    model = replace(found.model, provenance={**found.model.provenance, **source})
+    return OpticalCalibration(
+        model=model, geometry=geometry, shadows=shadows, blur_px=found.blur_px
+    )
+
+
+def _touched(
+    places: Mapping[str, tuple[float, float]], sensor: Sensor, ball_diameter_m: float
+) -> dict[str, tuple[float, float]]:
+    """Return where the ball touches the gel, of where the robot put its axis [m]."""
+    axes = np.array(list(places.values()))
+    touched = touching_places(axes, sensor.pad, ball_radius_m=0.5 * ball_diameter_m)
+    return {name: (x, y) for name, (x, y) in zip(places, touched.tolist(), strict=True)}
+
+
+def _fit_scale(
+    presses: Sequence[BallPress],
+    found: Calibration,
+    places: Mapping[str, tuple[float, float]],
+    nominal: CameraGeometry,
+) -> tuple[ScaleFit, int]:
+    """Return the scale of the presses whose place is known, and how many those are."""
+    known = [(p, c) for p, c in zip(presses, found.circles, strict=True) if p.name in places]
+    fit = fit_scale(
+        np.array([places[press.name] for press, _ in known]),
+        np.array([(circle.x_px, circle.y_px) for _, circle in known]),
+        width=nominal.width,
+        height=nominal.height,
+    )
+    return fit, len(known)
+
+
+def optics_of(
+    given: str, sensor: Sensor, *, calibrate: Calibrate | None = None, on_progress: Say
+) -> OpticalCalibration:
+    """Return how a sensor's images are rendered.
+
+    A calibration file wins; without one the sensor is calibrated if there is a way to and its
+    renderer can be, or else its file's nominal optics have to do, and the model's provenance says
+    so.
+
+    Args:
+        given: The calibration file, or nothing.
+        sensor: Its camera looks where its file says.
+        calibrate: How the sensor is calibrated without a file.
+        on_progress: Told of what is done.
+
+    Raises:
+        ConfigError: The calibration file is missing or damaged, or the sensor names no lamps.
+    """
+    if given:
+        return calibrated_optics(given, sensor)
+    if calibrate is not None and sensor.optics.renderer.exponents is not None:
+        return calibrate(sensor, on_progress)
+    on_progress("  optics not calibrated: rendering with the nominal optics of the sensor's file")
+    return nominal_optics(sensor)
+
+
+def nominal_optics(sensor: Sensor) -> OpticalCalibration:
+    """Return the lamps that a sensor's file names, as they are without a calibration.
+
+    Raises:
+        ConfigError: The file names no lamps.
+    """
+    return OpticalCalibration(
+        model=nominal_model(sensor),
+        geometry=sensor.camera,
+        shadows=sensor.optics.shadows,
+    )
+
+
+def calibrated_optics(given: str, sensor: Sensor) -> OpticalCalibration:
+    """Return what a calibration file holds, for images that look where a sensor's file says.
+
+    Raises:
+        ConfigError: The file is missing or damaged, or is of images of another size or scale, or
+            the sensor's renderer cannot be calibrated.
+    """
+    exponents_for(sensor)
+    nominal = sensor.camera
+    model = load_photometric(Path(given))
+    _check_view(given, model.provenance, nominal)
+    blur_px = model.provenance.get(BLUR_PX, 0.0)
+    return OpticalCalibration(
+        model=model,
+        geometry=nominal,
+        shadows=read_shadows(model.provenance),
+        blur_px=blur_px if isinstance(blur_px, float) else 0.0,
+    )
+
+
+def _check_view(given: str, provenance: Mapping[str, object], nominal: CameraGeometry) -> None:
+    """Refuse a calibration of images of another size or scale than a run's are scored at."""
+    made = tuple(provenance.get(name) for name in (WIDTH, HEIGHT))
+    if made[0] is not None and made != (nominal.width, nominal.height):
+        raise ConfigError(
+            f"sensor.optics_calibration {given} is of images of {made[0]} x {made[1]} px, the "
+            f"sensor's are scored at {nominal.width} x {nominal.height} px",
+            remedy="calibrate with images of the sensor's crop and size, or give its own file",
+        )
+    for name, scale_m in ((SCALE_X, nominal.scale_x_m), (SCALE_Y, nominal.scale_y_m)):
+        known = provenance.get(name)
+        if isinstance(known, float) and abs(known / scale_m - 1.0) > _SCALES_APART:
+            raise ConfigError(
+                f"sensor.optics_calibration {given} is of {known * 1e3:.4f} mm per pixel, the "
+                f"sensor's file says {scale_m * 1e3:.4f} mm",
+                remedy="calibrate with this sensor's --scale, or correct the sensor's file",
+            )

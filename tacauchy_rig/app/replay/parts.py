@@ -1,0 +1,135 @@
+"""Parts of a run: presses of one indenter at one place, which share a mesh and a loading path."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from reports.evidence.attempt import RunReading
+from sim.error.tolerance import Tolerance
+from tacauchy_rig.app.replay.foreseen import Foreseen
+from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.imported import SAME_PLACE_M, ImportedTrial
+
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """Trials that are pressed with one model.
+
+    Attributes:
+        run: Their reading.
+        config: The run's, with their indenter and place.
+        place_known: It is stated where the tip came down.
+        told: What they are, for who watches; empty where all trials are alike.
+    """
+
+    run: RunReading
+    inputs: ReplayInputs
+    config: RigConfig
+    place_known: bool = True
+    told: str = ""
+
+    def moved(self, by_m: Place) -> Part:
+        """Return the part with its indenter coming down elsewhere."""
+        mounting = self.inputs.mounting
+        place = (mounting.offset_m[0] + by_m[0], mounting.offset_m[1] + by_m[1])
+        mounting = replace(mounting, offset_m=place)
+        return replace(self, inputs=replace(self.inputs, mounting=mounting))
+
+
+def parts_of(
+    run: RunReading, *, tolerance: Tolerance | None = None, foreseen: Foreseen | None = None
+) -> list[Part]:
+    """Return the parts of a run: one, unless it was imported and its presses differ.
+
+    Args:
+        tolerance: Counts more than the configured one.
+        foreseen: Of the run's configuration, if that is known.
+
+    Raises:
+        ConfigError: An indenter, or what a replay is made with, does not exist.
+        RecordError: The run was imported, and the file that says so is missing or damaged.
+    """
+    trials, config = run.store.imported_trials, run.store.config
+    groups = list(_alike(trials)) or [[]]
+    if len(groups) == 1:
+        told = [trials[index].place_m for index in groups[0]]
+        known = not told or None not in told or config.replay.offset is not None
+        inputs = _inputs(config, tolerance, run, foreseen)
+        return [Part(run=run, inputs=inputs, config=config, place_known=known)]
+    parts = []
+    for indices in groups:
+        own, reading = [trials[index] for index in indices], run.of(indices)
+        place, indenter = _place(own), own[0].indenter
+        own_config = _pressed_so(config, indenter, place)
+        where = "place unknown" if place is None else _millimetres(place)
+        parts.append(
+            Part(
+                run=reading,
+                inputs=_inputs(own_config, tolerance, reading),
+                config=own_config,
+                place_known=place is not None or config.replay.offset is not None,
+                told=f", {indenter or 'the indenter of the run'}, {where}",
+            )
+        )
+    return parts
+
+
+def _alike(trials: dict[int, ImportedTrial]) -> Iterator[list[int]]:
+    """Yield numbers of trials of one indenter and one place, in order of the first."""
+    groups: list[list[ImportedTrial]] = []
+    for trial in trials.values():
+        for group in groups:
+            if group[0].indenter == trial.indenter and _is_near(group[0].place_m, trial.place_m):
+                group.append(trial)
+                break
+        else:
+            groups.append([trial])
+    yield from ([trial.index for trial in group] for group in groups)
+
+
+def _is_near(first: Place | None, second: Place | None) -> bool:
+    if first is None or second is None:
+        return first is second
+    return max(abs(a - b) for a, b in zip(first, second, strict=True)) <= SAME_PLACE_M
+
+
+def _place(trials: list[ImportedTrial]) -> Place | None:
+    known = [trial.place_m for trial in trials if trial.place_m is not None]
+    if not known:
+        return None
+    x, y = np.mean(known, axis=0).tolist()
+    return x, y
+
+
+def _pressed_so(config: RigConfig, indenter: str, place: Place | None) -> RigConfig:
+    told = {"indenter": indenter or None, "offset": place}
+    said = {name: value for name, value in told.items() if value is not None}
+    return config.model_copy(update={"replay": config.replay.model_copy(update=said)})
+
+
+def _inputs(
+    config: RigConfig,
+    tolerance: Tolerance | None,
+    run: RunReading,
+    foreseen: Foreseen | None = None,
+) -> ReplayInputs:
+    inputs = inputs_of(config)
+    if tolerance is not None:
+        return replace(inputs, tolerance=tolerance, is_auto=False)
+    if not config.is_imported:  # what is pressed ahead of measuring knows the targets alone
+        if foreseen is not None and foreseen.settles(config):
+            return foreseen.settled
+        return inputs.settled(config.protocol.force_targets)
+    known = [record.force_measured_n for record in run.records.values() if record is not None]
+    forces_n = [force_n for force_n in known if force_n is not None]
+    return inputs.settled(forces_n) if forces_n else replace(inputs, is_auto=False)
+
+
+def _millimetres(place: Place) -> str:
+    return f"at {place[0] * 1e3:.2f}, {place[1] * 1e3:.2f} mm"

@@ -1,0 +1,117 @@
+"""A press of the command line on disk: everything that a replay writes, and what it is made of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.tri import Triangulation
+
+from sim.effects.plan import plan_effects
+from sim.effects.scene_path import path_for
+from sim.fields.press_fields import TrialFields, trial_fields
+from sim.fields.vtu import gel_vtu, indenter_vtu
+from sim.mesh.elements import linear_facets
+from sim.optics.height.height_map import HeightMaps, height_maps
+from sim.optics.markers.material_points import surface_displacement
+from sim.optics.markers.printed_markers import draw_markers, marker_places
+from sim.optics.render.renderer import GREY_LEVEL
+from sim.press import PressResult
+from sim.scene.scene import Scene
+from sim.sensor.camera_geometry import ImageArray
+from sim.sensor.sensor import Sensor, load_sensor
+from tacauchy_rig.app.replay.optics import nominal_optics
+from tacauchy_rig.app.replay.rendering import image_of
+from tacauchy_rig.core.figure_style import FRAMED_STYLE, PAGE_IN, save_figure
+from tacauchy_rig.core.store.durable import write_atomically
+from tacauchy_rig.core.store.replay_files import ReplayFields, write_fields
+
+_MM, _KPA = 1e3, 1e-3
+# Half the width of the maps over the contact's radius.
+_REACH = 1.6
+
+
+def write_press(folder: Path, scene: Scene, result: PressResult) -> list[Path]:
+    """Write fields, whole gel, indenter and figure; of a sensor image, height map and markers too.
+
+    Returns:
+        The files.
+
+    Raises:
+        ConfigError: The sensor's file names no lamps.
+        RecordError: A file cannot be written.
+    """
+    path = path_for(scene, plan_effects(scene), model=result.model)
+    fields = trial_fields(path, result.point)
+    seen, kept = None, ReplayFields(fields=fields.arrays, surface_vtu=fields.surface_vtu)
+    if scene.sensor:
+        sensor = load_sensor(scene.sensor)
+        seen = _seen(fields, sensor)
+        maps, image = seen
+        heights = {"loaded_m": maps.loaded, "rest_m": maps.rest, "contact": maps.contact}
+        kept = ReplayFields(
+            fields={**fields.arrays, **_markers(fields, sensor)},
+            surface_vtu=fields.surface_vtu,
+            height=heights,
+            image=image,
+        )
+    write_fields(folder, kept)
+    write_atomically(folder / "gel.vtu", gel_vtu(result.model, result.point))
+    write_atomically(folder / "indenter.vtu", indenter_vtu(fields.surface))
+    with mpl.rc_context(FRAMED_STYLE):
+        save_figure(_figure(fields, result, seen), folder, "figure")
+    return sorted(path for path in folder.iterdir() if path.is_file())
+
+
+def _seen(fields: TrialFields, sensor: Sensor) -> tuple[HeightMaps, ImageArray]:
+    """Return height maps and image, by the sensor file's optics over an evenly grey frame."""
+    optics = nominal_optics(sensor)
+    shape = (optics.geometry.height, optics.geometry.width, 3)
+    even = np.full(shape, GREY_LEVEL, dtype=np.uint8)
+    maps = height_maps(fields.surface, optics.geometry, pad=sensor.pad)
+    image = image_of(fields.surface, sensor, optics, unloaded=even)
+    found = _markers(fields, sensor)
+    if sensor.markers is not None:
+        places = found["marker_rest_m"] + found["marker_displacement_m"]
+        image = draw_markers(image, places, sensor.markers.radius_m, optics.geometry)
+    return maps, image
+
+
+def _markers(fields: TrialFields, sensor: Sensor) -> dict[str, np.ndarray]:
+    """Return where the sensor's markers are at rest, and how far they moved, x and y [m]."""
+    if sensor.markers is None:
+        return {}
+    places = marker_places(sensor.markers)
+    moved = surface_displacement(fields.surface, places)[:, :2]
+    return {"marker_rest_m": places, "marker_displacement_m": moved}
+
+
+def _figure(
+    fields: TrialFields, result: PressResult, seen: tuple[HeightMaps, ImageArray] | None
+) -> Figure:
+    """Return pressure and shear over the contact, and what the camera sees."""
+    arrays = fields.arrays
+    parts = 2 if seen is None else 4
+    figure = Figure(figsize=(PAGE_IN, 2.2), layout="constrained")
+    row = figure.subplots(1, parts)
+    points = arrays["node_m"][:, :2] * _MM
+    plan = Triangulation(points[:, 0], points[:, 1], linear_facets(arrays["faces"]))
+    shear = np.linalg.norm(arrays["contact_shear_pa"], axis=1)
+    named = (("$-p_n$ (kPa)", arrays["contact_pressure_pa"]), (r"$|t_\tau|$ (kPa)", shear))
+    tip, reach = arrays["indenter_tip_m"] * _MM, _REACH * result.contact_radius_m * _MM
+    for axes, (name, values) in zip(row, named, strict=False):
+        most = max(float(values.max()) * _KPA, 1e-9)
+        shown = axes.tripcolor(plan, values * _KPA, shading="gouraud", cmap="cividis", vmax=most)
+        axes.set(title=name, aspect="equal", xlabel="$x$ (mm)")
+        axes.set(xlim=(tip[0] - reach, tip[0] + reach), ylim=(tip[1] - reach, tip[1] + reach))
+        figure.colorbar(shown, ax=axes, shrink=0.8)
+    if seen is not None:
+        maps, image = seen
+        shown = row[2].imshow((maps.rest - maps.loaded) * _MM, cmap="cividis")
+        row[2].set(title="indented (mm)", xticks=[], yticks=[])
+        figure.colorbar(shown, ax=row[2], shrink=0.8)
+        row[3].imshow(image)
+        row[3].set(title="image", xticks=[], yticks=[])
+    return figure

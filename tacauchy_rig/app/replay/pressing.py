@@ -1,0 +1,287 @@
+"""Presses of a run again: to the forces or depths that were measured, with one gel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from statistics import median
+
+from reports.evidence.attempt import AttemptReading, RunReading
+from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
+from sim.effects.plan import plan_effects
+from sim.error.settings import setting_of
+from sim.fields.press_fields import TrialFields
+from sim.replay import replay_forces
+from sim.scene.scene import Scene
+from sim.sensitivity import forces_at
+from sim.walk import History, Walk, goes_its_own_way, walked
+from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
+from tacauchy_rig.app.replay.mounting import (
+    FoundMounting,
+    dwells_of,
+    leaned,
+    tells_modulus,
+    upright,
+    with_found_lean,
+)
+from tacauchy_rig.app.replay.optics import Say, say_nothing
+from tacauchy_rig.app.replay.parts import Part
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.replayed import Replay, ReplayModel
+from tacauchy_rig.core.run import TrialRecord
+
+REPLAY_NAME = "force-matched"
+Pressed = tuple[Replay, dict[int, TrialFields]]
+"""A replay of which nothing is rendered yet, and fields by trial."""
+
+
+def measured_depths(run: RunReading) -> list[float]:
+    """Return the measured depths of a run's trials [m]; empty where nobody measured any."""
+    return [each.depth_measured_m for each in measured_records(run) if each.depth_measured_m]
+
+
+def mounted(
+    run: RunReading,
+    inputs: ReplayInputs,
+    *,
+    on_progress: Say = say_nothing,
+    find: Callable[..., FoundMounting] = with_found_lean,
+) -> FoundMounting:
+    """Return how a run is replayed in its own time, and with the lean that its moments tell.
+
+    Args:
+        find: Finds it as ``with_found_lean`` does.
+
+    Raises:
+        RecordError: No trial has a measured force.
+        ConfigError: No preset keeps the tolerance.
+    """
+    attempts = measured_attempts(run)
+    lasted = [each.press_duration_s for each in attempts]
+    known = [seconds for seconds in lasted if seconds is not None]
+    if known:
+        inputs = replace(inputs, duration_s=median(known))
+    found = find(dwells_of(attempts), inputs, run.store.config)
+    for row in found.effects:
+        on_progress(f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}")
+    return found
+
+
+def press_again(
+    run: RunReading, inputs: ReplayInputs, *, on_progress: Say = say_nothing
+) -> Pressed:
+    """Press a run's trials of one indenter at one place, as ``press_parts`` does."""
+    part = Part(run=run, inputs=inputs, config=run.store.config)
+    (pressed,) = press_parts([part], on_progress=on_progress)
+    return pressed
+
+
+def press_parts(
+    parts: Sequence[Part], *, on_progress: Say = say_nothing, walks: Sequence[Walk] = ()
+) -> list[Pressed]:
+    """Press every measured force, with the modulus that all depths tell if the run asks so.
+
+    Where the indenter leans, an upright one and coarse presses of both tell the modulus: a lean
+    breaks the symmetry, and a press with it takes ten times as long. A press without a force is
+    pressed to its depth.
+
+    Args:
+        walks: That were taken before, of which one may serve.
+
+    Raises:
+        RecordError: No trial has a measured force.
+        ConfigError: No preset keeps the tolerance.
+        ConvergenceError: A force cannot be reached.
+    """
+    counts = [len(measured_records(part.run)) for part in parts]
+    at = f" at {len(parts)} places or with as many indenters" if len(parts) > 1 else ""
+    on_progress(f"replaying {sum(counts)} trials{at}")
+    fit: ModulusFit | None = None
+    taken: list[Walk | None] = [None] * len(parts)
+    if tells_modulus(parts[0].run.store.config):
+        fit, taken = _told(parts, walks, on_progress)
+    return [_pressed(part, fit, walk, on_progress) for part, walk in zip(parts, taken, strict=True)]
+
+
+def walk_ahead(config: RigConfig) -> Walk | None:
+    """Press what is configured to the largest force that a passed trial may have, before any has.
+
+    Returns:
+        None where that would not serve: the indenter is known to lean, the gel remembers or has
+        mass, or nothing is to be told of its modulus.
+
+    Raises:
+        ConfigError: A configured name does not exist, or no preset keeps the tolerance.
+        ConvergenceError: The force cannot be reached.
+    """
+    inputs = inputs_of(config).settled(config.protocol.force_targets)
+    if any(inputs.mounting.lean_rad) or not tells_modulus(config):
+        return None
+    scene = _walk_scene(inputs, config, config.protocol.force_targets)
+    return None if scene is None else walked(scene, [scene.target.force_n or 0.0], to_go_on=True)
+
+
+def _pressed(part: Part, fit: ModulusFit | None, walk: Walk | None, on_progress: Say) -> Pressed:
+    inputs = part.inputs
+    if fit is not None:
+        inputs = replace(inputs, sensor=inputs.sensor.stiffer(fit.factor))
+    records = measured_records(part.run)
+    forces_n = _forces(inputs, records, part.run.store.config.protocol.contact_force, on_progress)
+    scene = inputs.scene(forces_n)
+    on_progress(f"  meshing {inputs.sensor.title}, preset {setting_of(scene)}{part.told}")
+    replay, fields = replay_forces(
+        scene,
+        forces_n,
+        tolerance=inputs.tolerance or inputs.promised,
+        name=REPLAY_NAME,
+        on_progress=lambda _, text: on_progress(f"  {text}"),
+        walk=walk,
+        stiffer=1.0 if fit is None else fit.factor,
+    )
+    trials = tuple(
+        replace(trial, index=record.index, force_measured_n=_measured_n(record))
+        for trial, record in zip(replay.trials, records, strict=True)
+    )
+    model = _with_modulus(replay.model, fit, () if walk is None else walk.history)
+    by_trial = {record.index: found for record, found in zip(records, fields, strict=True)}
+    return replace(replay, trials=trials, model=model), by_trial
+
+
+def _measured_n(record: TrialRecord) -> float:
+    """Return what was measured [N]; not a number where an imported run has depths alone."""
+    return math.nan if record.force_measured_n is None else record.force_measured_n
+
+
+def _forces(
+    inputs: ReplayInputs, records: Sequence[TrialRecord], contact_force_n: float, on_progress: Say
+) -> list[float]:
+    """Return the measured forces [N]; where there is none, the simulated one at the measured depth.
+
+    Pressed to that, the depth is met.
+    """
+    without = [record for record in records if record.force_measured_n is None]
+    found: dict[int, float] = {}
+    if without:
+        on_progress(f"  no force of {len(without)} trials was measured: pressing to the depths")
+        depths_m = [record.depth_measured_m or 0.0 for record in without]
+        forces_n = _forces_met(replace(inputs, tolerance=None), depths_m, contact_force_n)
+        found = {r.index: force for r, force in zip(without, forces_n, strict=True)}
+    return [found.get(record.index, _measured_n(record)) for record in records]
+
+
+def _forces_met(
+    inputs: ReplayInputs, depths_m: Sequence[float], contact_force_n: float
+) -> list[float]:
+    """Return F_z at depths [N], on the mesh that a press to these forces has."""
+    about_n = forces_at(inputs.scene([]), depths_m, contact_force_n=contact_force_n, planned=True)
+    scene = inputs.scene(about_n.tolist())
+    found = forces_at(
+        scene, depths_m, contact_force_n=contact_force_n, planned=True, own_target=True
+    )
+    return list(found.tolist())
+
+
+def _walk_scene(inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[float]) -> Scene | None:
+    """Return the press to the largest force that a passed trial may have, if it is one of these.
+
+    So far it goes whatever was measured, so that it can be taken before. None where forces or times
+    that are not measured yet would change the way to it, or others pressed as they liked.
+    """
+    protocol = config.protocol
+    most_n = max(protocol.force_targets) + protocol.force_tolerance
+    if config.is_imported or not most_n - 2.0 * protocol.force_tolerance <= max(forces_n) <= most_n:
+        return None
+    scene = inputs.scene([most_n])
+    return None if goes_its_own_way(plan_effects(scene)) else scene
+
+
+def _walked(
+    inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[float], walks: Sequence[Walk]
+) -> Walk:
+    scene = _walk_scene(inputs, config, forces_n)
+    if scene is None:
+        return walked(inputs.scene(forces_n), forces_n, to_go_on=True)
+    known = (walk for walk in walks if walk.leads(scene))
+    return next(known, None) or walked(scene, [scene.target.force_n or 0.0], to_go_on=True)
+
+
+def _told(
+    parts: Sequence[Part], walks: Sequence[Walk], on_progress: Say
+) -> tuple[ModulusFit | None, list[Walk | None]]:
+    """Return what the gel's modulus is to be multiplied by, as the run's depths tell, and why.
+
+    Returns:
+        The factor, and of each part the stated gel's walk to the forces; None where the indenter
+        leans, or no force was measured.
+    """
+    contact_force_n = parts[0].run.store.config.protocol.contact_force
+    simulated, taken = [], list[Walk | None]()
+    for part in parts:
+        inputs = part.inputs
+        records = measured_records(part.run)
+        forces_n = [r.force_measured_n for r in records if r.force_measured_n is not None]
+        leans = any(inputs.mounting.lean_rad)
+        walk: Walk | None = None
+        if forces_n and leans:
+            walk = walked(upright(inputs).scene(forces_n), forces_n, to_go_on=False)
+        elif forces_n:
+            walk = _walked(inputs, part.config, forces_n, walks)
+        curve = merge_histories([() if walk is None else walk.history])
+        simulated.append((records, leaned(curve, inputs) if leans else curve))
+        taken.append(None if leans else walk)
+    fit = fit_modulus(simulated, contact_force_n=contact_force_n)
+    if fit is None:
+        on_progress("  too few depths were measured to tell the modulus: the stated one is taken")
+        return None, taken
+    on_progress(
+        f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
+        f"modulus (+-{fit.factor_deviation:.3f} between them)"
+    )
+    return fit, taken
+
+
+def _with_modulus(model: ReplayModel, fit: ModulusFit | None, stated: History) -> ReplayModel:
+    """Add what the run's depths say of the modulus, if they decided it."""
+    if fit is None:
+        return model
+    return replace(
+        model,
+        modulus_factor=fit.factor,
+        modulus_factor_deviation=fit.factor_deviation,
+        modulus_trials=fit.trial_count,
+        stated_force_history=stated,
+    )
+
+
+def measured_attempts(run: RunReading) -> list[AttemptReading]:
+    """Return the attempts that ``measured_records`` names.
+
+    Raises:
+        RecordError: There is none, or a recording is missing or damaged.
+    """
+    return [run.read(record) for record in measured_records(run)]
+
+
+def measured_records(run: RunReading) -> list[TrialRecord]:
+    """Return what has a force to replay; of an imported run also what has a depth.
+
+    Raises:
+        RecordError: There is none.
+    """
+    records = [record for record in run.records.values() if record is not None]
+    measured = [record for record in records if is_measured(record, run)]
+    if not measured:
+        root = run.store.paths.root
+        raise RecordError(
+            f"{root}: no trial has a measured force to replay",
+            remedy=f"`tacauchy-rig resume {root}` records them",
+        )
+    return measured
+
+
+def is_measured(record: TrialRecord, run: RunReading) -> bool:
+    """Return whether a trial has what it can be pressed to."""
+    by_depth = run.store.config.is_imported and record.depth_measured_m is not None
+    return record.force_measured_n is not None or by_depth

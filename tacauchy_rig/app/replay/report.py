@@ -1,0 +1,36 @@
+"""The report of a run, made from what was recorded and replayed."""
+
+from __future__ import annotations
+
+from reports.comparison.compare import compare
+from reports.comparison.results import ValidationReport
+from reports.evidence.attempt import RunReading, readable
+from reports.evidence.evidence import RunEvidence
+from reports.evidence.loading import load_evidence
+from reports.page.writing import ReportPaths, write_report
+from tacauchy_rig.app.replay.pressing import REPLAY_NAME
+
+
+def evidence_of(run: RunReading) -> RunEvidence:
+    """Return forces, depths and images of a run, each beside what its replay made of it.
+
+    Raises:
+        RecordError: Nothing is left to report.
+    """
+    store, is_replayed = run.store, REPLAY_NAME in run.store.replays()
+    return load_evidence(
+        run, readable(lambda: store.load_replay(REPLAY_NAME)) if is_replayed else None
+    )
+
+
+def report_run(run: RunReading) -> tuple[ValidationReport, ReportPaths]:
+    """Judge a run and write its report into its folder; an older report there is overwritten.
+
+    Returns:
+        Every score and verdict, and where the report's files lie.
+
+    Raises:
+        RecordError: The run cannot be read, or the report cannot be written.
+    """
+    report = compare(evidence_of(run))
+    return report, write_report(report, run.store.paths.report)

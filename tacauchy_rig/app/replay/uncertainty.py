@@ -1,0 +1,303 @@
+"""By how much each uncertain input of a press changes the force at a measured depth.
+
+The simulator itself is asked: a coarse press with the input one standard uncertainty up and down
+(GUM 5.1.3, note 2). The mean of both changes is taken by size, so that what has its least or its
+largest force where it is, such as a tilt of none, counts as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from reports.arrays import FloatArray
+from sim.leaning import can_lean
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
+from sim.scene.pad import BoxPad, SurfacePad
+from sim.scene.scene import Scene
+from sim.sensitivity import COARSE, FINER, forces_at
+from tacauchy_rig.app.replay.inputs import ReplayInputs
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.uncertainty import Stated, stated_uncertainty
+from tacauchy_rig.core.errors import ConfigError, RigError
+from tacauchy_rig.core.replayed import ForceInput, FoundValue
+
+_DEPTHS = 4
+"""At which an input is tried; between them its change is interpolated."""
+NEARLY_UPRIGHT = 1e-9
+"""A lean [rad] or way [m] that is none, and has the mesh of a press that is not mirrored."""
+_ROUNDED_M = 0.1e-3
+"""A sharp rim takes eight times as long, and fails on long edges; what nu, height, diameter and
+tilt change of it is within a tenth the same."""
+_FOOTPRINT_POINTS = 64
+"""Along either side of the box around a footprint."""
+_DIMENSIONS = {
+    "gel height": "height",
+    "dome along x": "dome_radius_x",
+    "dome along y": "dome_radius_y",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variation:
+    """An input and what a press is like with it off by so much.
+
+    Attributes:
+        value: SI, as ``unit`` has it.
+        stated: Its standard uncertainty.
+        changed: From a difference to the inputs of a replay; raises ConfigError where the input
+            cannot be that.
+        aside: Either way is alike, and no press is mirrored.
+        stiff_if_coarse: Longer edges change too much by it.
+    """
+
+    name: str
+    value: float
+    unit: str
+    stated: Stated
+    changed: Callable[[float], ReplayInputs]
+    aside: bool = False
+    stiff_if_coarse: bool = False
+
+
+def force_inputs(
+    inputs: ReplayInputs,
+    config: RigConfig,
+    depths_m: Sequence[float],
+    *,
+    found: Sequence[FoundValue] = (),
+) -> tuple[ForceInput, ...]:
+    """Try what every input changes of the force at measured depths.
+
+    Args:
+        inputs: Of the replay, with the stated modulus.
+        config: Says what is uncertain of the indenter and its mounting.
+        depths_m: Measured depths [m]; they count from the contact force. Without any nothing is
+            tried.
+        found: What moments and images told of the mounting.
+    """
+    if not depths_m:
+        return ()
+    most_m, least_m = max(depths_m), min(depths_m)
+    tried_m = np.unique(np.linspace(least_m, most_m, _DEPTHS))
+    stiffest_n = [max(config.protocol.force_targets)]
+    contact_n = config.protocol.contact_force
+    inputs = replace(inputs, tolerance=None)  # that would choose a preset, of which none is asked
+    inputs, how = _quick(inputs, most_m)
+
+    pressed_before: dict[tuple[Scene, float], FloatArray] = {}
+
+    def pressed(changed: ReplayInputs, refinement: float) -> FloatArray:
+        scene = replace(changed, sensor=changed.sensor.relaxing(())).scene(stiffest_n)
+        scene = replace(scene, indenter=rounded_rim(scene.indenter))
+        known = scene, refinement
+        if known not in pressed_before:
+            pressed_before[known] = forces_at(
+                scene, tried_m.tolist(), contact_force_n=contact_n, refinement=refinement
+            )
+        return pressed_before[known]
+
+    tried = [_tried(each, pressed, tried_m) for each in variations(inputs, config, found=found)]
+    return tuple(replace(each, basis=f"{each.basis}{how}") for each in tried)
+
+
+def _quick(inputs: ReplayInputs, depth_m: float) -> tuple[ReplayInputs, str]:
+    """Return what is pressed in a second in place of triangles, and how it is told.
+
+    A press of triangles takes minutes even on long edges. A round punch of the same footprint in a
+    flat pad feels a gel's height and Poisson's ratio alike.
+    """
+    indenter, pad, how = inputs.indenter, inputs.sensor.pad, ""
+    if isinstance(indenter, MeshIndenter):
+        half_m = 0.5 * indenter.size_m[:2].max()
+        side = np.linspace(-half_m, half_m, _FOOTPRINT_POINTS)
+        touched = indenter.lower_surface(*np.meshgrid(side, side)) <= depth_m
+        area_m2 = (2.0 * half_m) ** 2 * float(touched.mean())
+        diameter_m = 2.0 * math.sqrt(max(area_m2, (2.0 * _ROUNDED_M) ** 2) / math.pi)
+        indenter, how = Cylinder(diameter_m=diameter_m, fillet_m=0.0), "; tried on a round punch"
+    if isinstance(pad, SurfacePad):
+        half_x, half_y = pad.half_extents()
+        pad = BoxPad(size_x_m=2.0 * half_x, size_y_m=2.0 * half_y, height_m=pad.height_m)
+        how += "; tried on a flat pad"
+    return replace(inputs, indenter=indenter, sensor=replace(inputs.sensor, pad=pad)), how
+
+
+def _tried(
+    each: Variation, pressed: Callable[[ReplayInputs, float], FloatArray], depths_m: FloatArray
+) -> ForceInput:
+    by = each.stated.value
+    basis = f"{_shown(each)}: {each.stated.source}"
+    if by == 0.0:
+        none = (0.0,) * len(depths_m)
+        return ForceInput(
+            name=each.name, basis=basis, depths_m=tuple(depths_m.tolist()), changes=none
+        )
+    # Under a ball edges follow its contact: by a ring more or less they change its force by 12 % on
+    # long edges, by 1 % on these.
+    fine = each.stiff_if_coarse or isinstance(each.changed(0.0).indenter, Sphere)
+    for refinement in (FINER, COARSE) if fine else (COARSE, FINER):
+        try:
+            base = pressed(each.changed(NEARLY_UPRIGHT if each.aside else 0.0), refinement)
+            steps = [by] if each.aside else [by, -by]
+            sides = [pressed(inputs, refinement) for inputs in _possible(each, steps)]
+        except RigError as error:
+            failure = error.message
+            continue
+        changes = np.mean([np.abs(side / base - 1.0) for side in sides], axis=0)
+        return ForceInput(
+            name=each.name,
+            basis=basis,
+            depths_m=tuple(depths_m.tolist()),
+            changes=tuple(changes.tolist()),
+        )
+    return ForceInput(name=each.name, basis=f"unknown: no coarse press: {failure}")
+
+
+def rounded_rim(indenter: Indenter) -> Indenter:
+    """Return a punch with its sharp rim rounded, for what else changes its force."""
+    if isinstance(indenter, Cylinder):
+        return replace(indenter, fillet_m=_rounded_m(indenter))
+    return indenter
+
+
+def _rounded_m(punch: Cylinder) -> float:
+    return punch.fillet_m or min(_ROUNDED_M, 0.5 * punch.radius_m)
+
+
+def _possible(each: Variation, steps: Sequence[float]) -> list[ReplayInputs]:
+    """Return the inputs of steps that can be; a fillet below zero cannot."""
+    found = []
+    for step in steps:
+        try:
+            found.append(each.changed(step))
+        except ConfigError as error:
+            refused = error
+    if not found:
+        raise refused
+    return found
+
+
+def variations(
+    inputs: ReplayInputs, config: RigConfig, *, found: Sequence[FoundValue] = ()
+) -> Iterator[Variation]:
+    """Yield what is uncertain of a press besides its modulus."""
+    yield from _of_gel(inputs)
+    yield from _of_indenter(inputs, config)
+    yield from _of_mounting(inputs, config, {value.name: value for value in found})
+
+
+def _of_gel(inputs: ReplayInputs) -> Iterator[Variation]:
+    sensor = inputs.sensor
+    ratios = [number for name, number in sensor.numbers.items() if name.endswith(".poisson")]
+    worst = max(ratios, key=lambda number: number.uncertainty)
+    yield Variation(
+        name="Poisson's ratio",
+        value=worst.value,
+        unit="",
+        stated=Stated(value=worst.uncertainty, source=worst.source),
+        changed=lambda by: replace(inputs, sensor=sensor.with_poisson(by)),
+        stiff_if_coarse=True,
+    )
+    pad = sensor.pad
+    for name, key in _DIMENSIONS.items():
+        number = sensor.numbers.get(f"pad.{key}")
+        if number is None or not isinstance(pad, BoxPad):
+            continue
+        field = f"{key}_m"
+
+        def sized(by: float, field: str = field) -> ReplayInputs:
+            other = replace(pad, **{field: getattr(pad, field) + by})
+            return replace(inputs, sensor=replace(sensor, pad=other))
+
+        yield Variation(
+            name=name,
+            value=number.value,
+            unit="m",
+            stated=Stated(value=number.uncertainty, source=number.source),
+            changed=sized,
+        )
+
+
+def _of_indenter(inputs: ReplayInputs, config: RigConfig) -> Iterator[Variation]:
+    indenter = inputs.indenter
+    wide = stated_uncertainty(config, "diameter")
+    if isinstance(indenter, Cylinder | Sphere):
+        diameter_m = indenter.diameter_m
+        yield Variation(
+            name="indenter's diameter",
+            value=diameter_m,
+            unit="m",
+            stated=wide,
+            changed=lambda by: replace(
+                inputs, indenter=replace(indenter, diameter_m=diameter_m + by)
+            ),
+        )
+    if isinstance(indenter, Cylinder):
+        rounded = replace(indenter, fillet_m=_rounded_m(indenter))
+        yield Variation(
+            name="indenter's fillet",
+            value=indenter.fillet_m,
+            unit="m",
+            stated=stated_uncertainty(config, "fillet"),
+            changed=lambda by: replace(
+                inputs, indenter=replace(rounded, fillet_m=rounded.fillet_m + by)
+            ),
+            stiff_if_coarse=True,
+        )
+
+    def rough(by: float) -> ReplayInputs:
+        if inputs.friction + by < 0.0:
+            raise ConfigError("friction below 0", remedy="give 0 or more")
+        return replace(inputs, friction=inputs.friction + by)
+
+    stated = stated_uncertainty(config, "friction")
+    yield Variation(name="friction", value=inputs.friction, unit="", stated=stated, changed=rough)
+
+
+def _of_mounting(
+    inputs: ReplayInputs, config: RigConfig, found: dict[str, FoundValue]
+) -> Iterator[Variation]:
+    mounting = inputs.mounting
+    (lean_x, lean_y), (x, y) = mounting.lean_rad, mounting.offset_m
+    if can_lean(inputs.indenter):
+        yield Variation(
+            name="tilt of the indenter",
+            value=math.hypot(lean_x, lean_y),
+            unit="rad",
+            stated=_of_found(found, "lean towards", stated_uncertainty(config, "tilt")),
+            changed=lambda by: replace(
+                inputs, mounting=replace(mounting, lean_rad=(lean_x + by, lean_y))
+            ),
+            aside=True,
+        )
+    yield Variation(
+        name="place of the indenter",
+        value=math.hypot(x, y),
+        unit="m",
+        stated=_of_found(found, "offset along", stated_uncertainty(config, "offset")),
+        changed=lambda by: replace(inputs, mounting=replace(mounting, offset_m=(x + by, y))),
+        aside=True,
+    )
+
+
+def _of_found(found: dict[str, FoundValue], name: str, default: Stated) -> Stated:
+    """Return how uncertain both components of what was found are together.
+
+    What was found and is not simulated is missed by as much.
+    """
+    parts, basis = [], default.source
+    for axis in "xy":
+        each = found.get(f"{name} {axis}")
+        if each is None or each.uncertainty is None or each.value is None:
+            return Stated(value=math.sqrt(2.0) * default.value, source=default.source)
+        parts += [each.uncertainty, 0.0 if each.taken else each.value]
+        basis = each.basis
+    return Stated(value=math.hypot(*parts), source=basis)
+
+
+def _shown(each: Variation) -> str:
+    factor, unit = {"m": (1e3, " mm"), "rad": (180.0 / math.pi, " deg"), "": (1.0, "")}[each.unit]
+    return f"{factor * each.value:.4g} +- {factor * each.stated.value:.2g}{unit}"

@@ -1,0 +1,165 @@
+"""What lies in a folder of runs; a damaged run is one of them, and says what is wrong with it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sim.scene.indenter import describe
+from tacauchy_rig.app.replay.settings import indenter_of
+from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
+from tacauchy_rig.core.run import Outcome, TrialRecord
+from tacauchy_rig.core.store.run_store import RunStore
+
+DESCRIPTION = "run.json"
+REPORT = Path("report", "report.html")
+SUMMARY = Path("report", "summary.json")
+FIGURES = Path("report", "figures")
+# An imported press was watched by no protocol: it can neither pass nor fail.
+_USED = (Outcome.PASSED, Outcome.IMPORTED)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundRun:
+    """A run's folder at a glance.
+
+    Attributes:
+        name: Of the folder.
+        fault: Why it cannot be read; empty where it can.
+        created: In ISO 8601.
+        kind: ``live``, ``dry`` or ``imported``.
+        trial_count: Trials that it was to have.
+        passed_count: Trials that passed.
+        forces_n: Least and most measured force of these [N]; None where none passed.
+        summary: ``summary.json`` of its report; empty where there is none.
+        figures: Names of the PDF figures of its report.
+        next_command: What to do next with it; empty where nothing is left to do.
+    """
+
+    name: str
+    folder: Path
+    fault: str = ""
+    created: str = ""
+    kind: str = ""
+    sensor: str = ""
+    indenter: str = ""
+    trial_count: int = 0
+    passed_count: int = 0
+    forces_n: tuple[float, float] | None = None
+    summary: dict[str, Any] = field(default_factory=dict)
+    figures: tuple[str, ...] = ()
+    next_command: str = ""
+
+    @property
+    def has_report(self) -> bool:
+        """There is a page to open."""
+        return (self.folder / REPORT).is_file()
+
+    @property
+    def alike(self) -> tuple[str, str, str]:
+        """What runs have in common whose presses can be compared."""
+        return self.kind, self.sensor, self.indenter
+
+
+def folder_of_runs(path: Path) -> tuple[Path, str]:
+    """Return the folder that runs lie in, and the one run that was asked for.
+
+    Args:
+        path: A folder of runs, or a run.
+
+    Raises:
+        ConfigError: It does not exist, or holds no run.
+    """
+    if not path.is_dir():
+        raise ConfigError(
+            f"{path}: there is no such folder",
+            remedy="name the folder that runs were written to; `tacauchy-rig dry-run` makes one",
+        )
+    if (path / DESCRIPTION).is_file():
+        return path.resolve().parent, path.resolve().name
+    if not any(_folders(path)):
+        raise ConfigError(
+            f"{path}: no run lies in it",
+            remedy="`tacauchy-rig dry-run` or `tacauchy-rig run rig.toml` record one",
+        )
+    return path.resolve(), ""
+
+
+def find_runs(root: Path, *, only: str = "") -> list[FoundRun]:
+    """Return the runs in a folder, the newest first."""
+    folders = [folder for folder in _folders(root) if not only or folder.name == only]
+    found = [_found(folder) for folder in folders]
+    return sorted(found, key=lambda run: (run.created, run.name), reverse=True)
+
+
+def _folders(root: Path) -> list[Path]:
+    inside = [each for each in root.iterdir() if each.is_dir() and not each.is_symlink()]
+    return [each for each in inside if (each / DESCRIPTION).is_file()]
+
+
+def _found(folder: Path) -> FoundRun:
+    try:
+        return _read(folder)
+    except RigError as error:
+        return FoundRun(name=folder.name, folder=folder, fault=error.message)
+
+
+def _read(folder: Path) -> FoundRun:
+    store = RunStore.open(folder)
+    records = [store.counting(index) for index in store.trial_indices()]
+    passed = [each for each in records if each is not None and each.outcome in _USED]
+    forces = [each.force_measured_n for each in passed if each.force_measured_n is not None]
+    config = store.config
+    wanted = (
+        len(store.imported_trials) if config.is_imported else len(config.protocol.force_targets)
+    )
+    summary = _summary(folder / SUMMARY)
+    kind = "imported" if config.is_imported else "dry" if store.simulated else "live"
+    return FoundRun(
+        name=folder.name,
+        folder=folder,
+        created=str(store.description["created"]),
+        kind=kind,
+        sensor=config.sensor.name,
+        indenter=describe(indenter_of(config)),
+        trial_count=wanted,
+        passed_count=len(passed),
+        forces_n=(min(forces), max(forces)) if forces else None,
+        summary=summary,
+        figures=_figures(folder / FIGURES),
+        next_command=_next_command(store, passed, wanted, summary),
+    )
+
+
+def _next_command(
+    store: RunStore, passed: list[TrialRecord], wanted: int, summary: dict[str, Any]
+) -> str:
+    folder = store.paths.root
+    if len(passed) < wanted and not store.config.is_imported:
+        return f"tacauchy-rig resume {folder}"
+    if not store.replays():
+        return f"tacauchy-rig replay {folder}"
+    return "" if summary else f"tacauchy-rig report {folder}"
+
+
+def _summary(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        return {}
+    try:
+        found = json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise RecordError(
+            f"{path}: it cannot be read: {error}",
+            remedy=f"`tacauchy-rig report {path.parent.parent}` writes it again",
+        ) from error
+    if not isinstance(found, dict):
+        raise RecordError(f"{path}: it is no table", remedy="write the report again")
+    return found
+
+
+def _figures(folder: Path) -> tuple[str, ...]:
+    if not folder.is_dir():
+        return ()
+    return tuple(sorted(each.name for each in folder.iterdir() if each.suffix == ".pdf"))

@@ -1,0 +1,150 @@
+"""The server of results: pages made from what lies there, and the files of reports."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
+from protocols.processes.page.door import Door
+from tacauchy_rig.app.results.chart import charts_of, in_words
+from tacauchy_rig.app.results.found_runs import FoundRun, find_runs
+from tacauchy_rig.app.results.health import Health
+from tacauchy_rig.app.results.rows import compare
+
+MEDIA_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".json": "application/json",
+    ".csv": "text/csv; charset=utf-8",
+    ".xml": "application/xml",
+    ".pdf": "application/pdf",
+    ".png": "image/png",
+}
+"""What of a run's report is served, by the end of a file's name."""
+OPENED = ("report/", "watch.html")
+"""Where in a run's folder that lies."""
+_OWN = {
+    "content-security-policy": "default-src 'self'; img-src 'self' data:; form-action 'self'; "
+    "base-uri 'none'; frame-ancestors 'none'"
+}
+# A report is one file with a script of its own; it runs where it can reach nothing of this page.
+_OF_RUNS = {
+    "content-security-policy": "sandbox allow-scripts allow-popups; default-src 'none'; "
+    "img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'; font-src data:"
+}
+
+
+class ResultsServer:
+    """Answers what a browser asks of a folder of runs; it writes nothing.
+
+    Args:
+        root: The folder.
+        only: The one run that is shown; empty shows all.
+        door: Who may come in.
+    """
+
+    def __init__(self, root: Path, door: Door, *, only: str = "", health: Health | None = None):
+        self._root, self._only, self._door = root, only, door
+        self._health = health or Health()
+        self._pages = Environment(
+            loader=PackageLoader("tacauchy_rig.app.results"),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        self._pages.filters["in_words"] = in_words
+        style = resources.files("tacauchy_rig.app.results").joinpath("templates", "results.css")
+        self._style = style.read_bytes()
+
+    @property
+    def app(self) -> ASGIApp:
+        """The application, behind its door."""
+        routes = [
+            Route("/", self._answer(self._list)),
+            Route("/compare", self._answer(self._compare)),
+            Route("/health/{name}", self._answer(self._trend)),
+            Route("/results.css", self._styled),
+            Route("/run/{name}/{path:path}", self._file),
+        ]
+        return self._door.before(Starlette(routes=routes))
+
+    def _answer(self, page: Callable[[Request], Response]) -> Callable[[Request], Any]:
+        """Return a page's answer, made beside the loop: recordings take a second to read."""
+
+        async def answer(request: Request) -> Response:
+            return await asyncio.to_thread(page, request)
+
+        return answer
+
+    def _list(self, _request: Request) -> Response:
+        return self._page("list.html.jinja", base="", runs=self._runs(), root=self._root)
+
+    def _compare(self, request: Request) -> Response:
+        runs = {run.name: run for run in self._runs() if not run.fault}
+        chosen = [runs.get(request.query_params.get(each, "")) for each in ("a", "b")]
+        one, other = chosen
+        rows, judged = [], None
+        if one is not None and other is not None:
+            rows = compare(one, other)
+            judged = self._health.of(*sorted((one, other), key=lambda run: run.created))
+        return self._page(
+            "compare.html.jinja",
+            base="",
+            runs=list(runs.values()),
+            chosen=chosen,
+            rows=rows,
+            judged=judged,
+        )
+
+    def _trend(self, request: Request) -> Response:
+        runs = self._runs()
+        like = self._named(runs, request)
+        if like is None:
+            return PlainTextResponse("there is no such run\n", 404)
+        first, judged = self._health.trend(runs, like)
+        return self._page(
+            "trend.html.jinja", base="../", first=first, judged=judged, charts=charts_of(judged)
+        )
+
+    def _styled(self, _request: Request) -> Response:
+        return Response(self._style, media_type="text/css; charset=utf-8")
+
+    def _file(self, request: Request) -> Response:
+        run, path = self._named(self._runs(), request), request.path_params["path"]
+        found = None if run is None else _inside(run.folder, path)
+        if found is None:
+            return PlainTextResponse("there is no such file of a report\n", 404)
+        return FileResponse(found, media_type=MEDIA_TYPES[found.suffix], headers=_OF_RUNS)
+
+    def _runs(self) -> list[FoundRun]:
+        return find_runs(self._root, only=self._only)
+
+    @staticmethod
+    def _named(runs: list[FoundRun], request: Request) -> FoundRun | None:
+        name = request.path_params["name"]
+        return next((run for run in runs if run.name == name), None)
+
+    def _page(self, template: str, **facts: object) -> Response:
+        return HTMLResponse(self._pages.get_template(template).render(**facts), headers=_OWN)
+
+
+def _inside(folder: Path, path: str) -> Path | None:
+    """Return a file of a run's report; None for whatever lies elsewhere, links included."""
+    if not path.startswith(OPENED) or "\0" in path:
+        return None
+    try:
+        found = (folder / path).resolve(strict=True)
+        inside = found.relative_to(folder.resolve()).as_posix().startswith(OPENED)
+    except (OSError, ValueError, RuntimeError):
+        return None
+    return found if inside and found.is_file() and found.suffix in MEDIA_TYPES else None

@@ -1,0 +1,87 @@
+"""The twin's process: follows a run at the lowest priority; nobody waits for it."""
+
+from __future__ import annotations
+
+import logging
+import os
+import select
+import sys
+import threading
+import time
+from contextlib import closing
+
+from protocols.processes.channel import Channel
+from protocols.processes.child import ignore_signals, run_child
+from protocols.processes.feed import VIEWERS, FeedReader, FeedWriters
+from protocols.processes.messages import Job, Order
+from protocols.processes.viewing import PRODUCERS
+from tacauchy_rig.app.twin.accompany import Accompaniment
+from tacauchy_rig.app.twin.wish import DEVICE, FOLLOWS, Follows, twin_of
+from tacauchy_rig.core.run import JournalEvent
+from tacauchy_rig.core.store.line_log import LineLog
+
+logger = logging.getLogger(__name__)
+
+NICENESS = 19
+ALIVE_S = 1.0
+LOOK_S = 0.1
+HUNG_S = 120.0
+
+
+def follow_run(job: Job, supervisor: Channel) -> None:
+    """Do the twin's job.
+
+    Raises:
+        ConfigError: The configuration has nothing that could be simulated or rendered.
+    """
+    ignore_signals()
+    os.nice(NICENESS)
+    pulse = _Pulse(supervisor)
+    seen = twin_of(job.config, device=job.options[DEVICE])
+    logger.info("ready; its force error: %s", seen.follower.worth.basis)
+    twin = Accompaniment(seen, Follows(job.options[FOLLOWS]), job.config.camera.width)
+    found = (FeedReader.inherited(job.descriptors, source=source) for source in PRODUCERS)
+    readers = [reader for reader in found if reader is not None]
+    writers = FeedWriters(job.descriptors, VIEWERS)
+    waiting = [supervisor.fileno(), *(reader.fileno() for reader in readers)]
+    with closing(LineLog(job.root / "twin.jsonl")) as log:
+        while not supervisor.closed:
+            pulse.beat()
+            select.select(waiting, [], [], LOOK_S)
+            for reader in readers:
+                for shown in reader.receive():
+                    twin.take(shown)
+            for message in supervisor.receive():
+                if message is Order.STOP:
+                    return
+                if isinstance(message, JournalEvent):
+                    twin.note(message)
+            made = twin.step()
+            if made is None:
+                continue
+            line, pictures = made
+            for shown in pictures:
+                writers.show(shown.stream, shown.stamp_ns, shown.numbers, shown.picture)
+            log.append(line)
+
+
+class _Pulse:
+    """Tells the supervisor that this process lives, while it gets on with its work."""
+
+    def __init__(self, supervisor: Channel) -> None:
+        self._supervisor = supervisor
+        self._beaten_s = time.monotonic()
+        threading.Thread(target=self._tell, name="pulse", daemon=True).start()
+
+    def beat(self) -> None:
+        """Say that work goes on."""
+        self._beaten_s = time.monotonic()
+
+    def _tell(self) -> None:
+        while not self._supervisor.closed and time.monotonic() - self._beaten_s < HUNG_S:
+            self._supervisor.send(Order.ALIVE)
+            time.sleep(ALIVE_S)
+
+
+if __name__ == "__main__":
+    sys.exit(run_child("twin", follow_run))

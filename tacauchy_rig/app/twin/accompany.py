@@ -1,0 +1,179 @@
+"""A run's twin: follows its presses phase by phase, and says what it shows of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from time import monotonic_ns, process_time
+from typing import Any
+
+from protocols.processes.feed import Shown
+from reports.arrays import ColorImage
+from reports.evidence.attempt import median_image
+from sim.twin.frame import Goal, TwinFrame
+from tacauchy_rig.app.twin.camera_image import CameraImages, contact_residual
+from tacauchy_rig.app.twin.newest import Newest
+from tacauchy_rig.app.twin.pictures import jpeg_of, map_picture
+from tacauchy_rig.app.twin.wish import Follows, Seen
+from tacauchy_rig.core.run import JournalEvent, Phase
+
+FOLLOWED = {Phase.APPROACH, Phase.SEARCH, Phase.PRESS, Phase.DWELL, Phase.RETRACT}
+MAPS_EVERY = 4
+"""Frames: maps take as long as press and image together."""
+RESIDUAL_EVERY = 2
+STALE_NS = 500_000_000
+"""What is older is not followed: a feed that was full keeps its oldest."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinLine:
+    """What is kept of a frame, a line of ``twin.jsonl``.
+
+    Attributes:
+        stamp_ns: Of the force or depth that was followed, by ``time.monotonic_ns``.
+        asked_n: The force that was followed; None where it was a depth.
+        force_n: The twin's F_z [N].
+        force_error_n: What that is worth [N].
+        residual: Of the images inside the contact; None where it was not looked at.
+        lag_ms: From that stamp to the picture.
+        processor_ms: Processor time of all of it; what others take is not in it.
+        dropped: Forces that were left out so far, as newer ones had come.
+        note: Why the frame is not of what was followed.
+    """
+
+    stamp_ns: int
+    trial: int
+    asked_n: float | None
+    force_n: float
+    force_error_n: float | None
+    depth_m: float
+    residual: float | None
+    lag_ms: float
+    solve_ms: float
+    draw_ms: float
+    processor_ms: float
+    dropped: int
+    note: str
+
+
+@dataclass(slots=True)
+class Accompaniment:
+    """Takes in what a run shows and tells, and presses the twin after it.
+
+    Args:
+        seen: The twin's simulator.
+        follows: Force or depth.
+        frame_width_px: Of the camera's frames.
+    """
+
+    seen: Seen
+    follows: Follows
+    frame_width_px: int
+    newest: Newest = field(init=False)
+    _images: CameraImages = field(init=False)
+    _unloaded: ColorImage | None = None
+    _phase: str = ""
+    _trial: int = 0
+    _count: int = 0
+    _height_m: float = 0.0
+    _depth_m: float = 0.0
+    _residual: float | None = None
+
+    def __post_init__(self) -> None:
+        self.newest = Newest(self.follows)
+        self._images = CameraImages(
+            self.seen.follower.view,
+            crop_fraction=self.seen.crop_fraction,
+            frame_width_px=self.frame_width_px,
+        )
+
+    def take(self, shown: Shown) -> None:
+        """Take what a feed shows."""
+        if shown.stream == "arm":
+            self._height_m = float(shown.numbers["position_m"][2])
+        self.newest.take(shown)
+
+    def note(self, event: JournalEvent) -> None:
+        """Take in an event of the journal."""
+        self._trial = event.trial or self._trial
+        if event.name != "phase":
+            return
+        before, self._phase = self._phase, str(event.detail.get("phase", ""))
+        if before == Phase.REFERENCE:
+            self._take_unloaded()
+        if self._phase == Phase.PRESS:
+            self.newest.begin_press(self._height_m, self._depth_m)
+        elif self._phase not in FOLLOWED:
+            self.newest.end_press()
+
+    def step(self) -> tuple[TwinLine, list[Shown]] | None:
+        """Follow the newest goal; None where there is none, or nothing is pressed now."""
+        goal = self.newest.goal()
+        if goal is None or self._phase not in FOLLOWED:
+            return None
+        if monotonic_ns() - goal.stamp_s * 1e9 > STALE_NS:
+            self.newest.dropped_count += 1
+            return None
+        started_s = process_time()
+        with_maps = self._count % MAPS_EVERY == 0
+        frame = self.seen.follower.follow(goal, maps=with_maps)
+        self._depth_m = frame.depth_m
+        if self._count % RESIDUAL_EVERY == 0:
+            self._residual = self._left(goal, frame)
+        self._count += 1
+        stamp_ns = round(goal.stamp_s * 1e9)
+        picture = jpeg_of(frame.image)
+        line = TwinLine(
+            stamp_ns=stamp_ns,
+            trial=self._trial,
+            asked_n=goal.force_n,
+            force_n=frame.force_n,
+            force_error_n=frame.force_error_n,
+            depth_m=frame.depth_m,
+            residual=self._residual,
+            lag_ms=(monotonic_ns() - stamp_ns) * 1e-6,
+            solve_ms=1e3 * frame.solve_s,
+            draw_ms=1e3 * frame.draw_s,
+            processor_ms=1e3 * (process_time() - started_s),
+            dropped=self.newest.dropped_count,
+            note=frame.note,
+        )
+        return line, list(_shown(line, frame, picture))
+
+    def _take_unloaded(self) -> None:
+        found = [self._images.of(picture) for picture in self.newest.pictures()]
+        readable = [image for image in found if image is not None]
+        if readable:
+            self._unloaded = median_image(readable)
+            self.seen.follower.unloaded(self._unloaded)
+
+    def _left(self, goal: Goal, frame: TwinFrame) -> float | None:
+        jpeg = self.newest.picture(goal.stamp_s)
+        real = None if jpeg is None else self._images.of(jpeg)
+        if real is None or self._unloaded is None or frame.force_n == 0.0:
+            return None
+        return contact_residual(real, frame.image, self._unloaded)
+
+
+def _shown(line: TwinLine, frame: TwinFrame, picture: bytes) -> Iterator[Shown]:
+    numbers: dict[str, Any] = {
+        "force_n": line.force_n,
+        "force_error_n": line.force_error_n,
+        "depth_mm": 1e3 * line.depth_m,
+        "lag_ms": line.lag_ms,
+        "residual": line.residual,
+        "left_out": line.dropped,
+    }
+    if line.note:
+        numbers["note"] = line.note
+    yield Shown(stream="twin", stamp_ns=line.stamp_ns, numbers=numbers, picture=picture)
+    for name, values in (("pressure", frame.pressure_pa), ("shear", frame.shear_pa)):
+        if values is None:
+            continue
+        highest = float(values.max())
+        yield Shown(
+            stream=f"twin {name}",
+            stamp_ns=line.stamp_ns,
+            numbers={"max_kpa": 1e-3 * highest},
+            picture=map_picture(values, highest=highest),
+        )

@@ -1,0 +1,156 @@
+"""A recorded run and its twin side by side, on one page with a time slider."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator
+from importlib import resources
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from reports.arrays import ColorImage
+from reports.evidence.attempt import AttemptReading, RunReading, median_image
+from sim.twin.follower import NO_FORCE_N
+from sim.twin.frame import Goal
+from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, say_nothing
+from tacauchy_rig.app.twin.camera_image import CameraImages, contact_residual
+from tacauchy_rig.app.twin.pictures import jpeg_of, map_picture
+from tacauchy_rig.app.twin.wish import Seen, twin_of
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import ImageFrame
+
+FRAMES_PER_S = 5.0
+_MARGIN_NS = 400_000_000
+_TEMPLATE, _DATA = "watch.html", "{{ data }}"
+
+
+def watch_run(
+    run: RunReading,
+    *,
+    optics: OpticalCalibration | None = None,
+    on_progress: Say = say_nothing,
+) -> Path:
+    """Have a twin follow what was recorded, at its own pace, and write the page of it.
+
+    Args:
+        run: The run; the page is written into its folder.
+        optics: How images are made; None takes the configured calibration, or the nominal lamps.
+        on_progress: Told of every trial.
+
+    Returns:
+        The page: one file that needs no other.
+
+    Raises:
+        RecordError: No trial has a recorded contact.
+        ConfigError: There is nothing to simulate or render with.
+    """
+    config = run.store.config
+    seen = twin_of(config, optics=optics)
+    images = CameraImages(
+        seen.follower.view,
+        crop_fraction=seen.crop_fraction,
+        frame_width_px=config.camera.width,
+    )
+    trials: list[tuple[int, list[dict[str, Any]]]] = []
+    for trial in run.records:
+        attempt = run.attempt(trial)
+        frames = [] if attempt is None else list(_frames(attempt, seen, images))
+        if frames:
+            on_progress(f"trial {trial}: {len(frames)} frames")
+            trials.append((trial, frames))
+    if not trials:
+        raise RecordError(
+            f"{run.store.paths.root}: no trial has images of a contact",
+            remedy="press, or look at the run with `tacauchy-rig recover`",
+        )
+    facts = {
+        "run": run.store.paths.root.name,
+        "simulated": config.is_simulated,
+        "basis": seen.follower.worth.basis,
+        "trials": [{"trial": trial, "frames": frames} for trial, frames in trials],
+    }
+    template = resources.files(__package__).joinpath(_TEMPLATE).read_text("utf-8")
+    page = template.replace(_DATA, json.dumps(facts).replace("</", "<\\/"))
+    run.store.paths.watch.write_text(page, "utf-8")
+    return run.store.paths.watch
+
+
+def _frames(attempt: AttemptReading, seen: Seen, images: CameraImages) -> Iterator[dict[str, Any]]:
+    """Yield a trial's frames from before the contact until after it."""
+    record, force = attempt.record, attempt.force
+    curve = attempt.force_curve
+    if curve is None or record.reference_start_ns is None:
+        return
+    touched = force.stamp_ns[_lasting(curve.value > NO_FORCE_N)]
+    if not len(touched):
+        return
+    before = attempt.recording.frames(record.reference_start_ns, record.reference_end_ns)
+    unloaded = [image for image in (images.of(each.jpeg) for each in before) if image is not None]
+    if not unloaded:
+        return
+    background = median_image(unloaded)
+    seen.follower.unloaded(background)
+    start_ns, end_ns = int(touched[0]) - _MARGIN_NS, int(touched[-1]) + _MARGIN_NS
+    for frame in _thinned(attempt.recording.frames(start_ns, end_ns)):
+        real = images.of(frame.jpeg)
+        if real is None:
+            continue
+        measured = float(np.interp(frame.stamp_ns, force.stamp_ns, curve.value))
+        touches = touched[0] <= frame.stamp_ns <= touched[-1]
+        goal = Goal(stamp_s=frame.stamp_ns * 1e-9, force_n=measured if touches else 0.0)
+        row = _row(goal, (frame.stamp_ns - start_ns) * 1e-9, seen, real, background)
+        yield row | {"measured_n": measured}
+
+
+def _lasting(touching: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Return the longest stretch without a gap: a cell's noise touches for a sample or two."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], touching, [False]]).astype(int)))
+    kept = np.zeros_like(touching)
+    stretches = list(pairwise(edges.tolist()))[::2]
+    if stretches:
+        start, stop = max(stretches, key=lambda each: each[1] - each[0])
+        kept[start:stop] = True
+    return kept
+
+
+def _thinned(frames: Iterator[ImageFrame]) -> Iterator[ImageFrame]:
+    """Yield at most ``FRAMES_PER_S`` of them."""
+    last_ns = None
+    for frame in frames:
+        if last_ns is None or frame.stamp_ns - last_ns >= 0.99e9 / FRAMES_PER_S:
+            last_ns = frame.stamp_ns
+            yield frame
+
+
+def _row(
+    goal: Goal, time_s: float, seen: Seen, real: ColorImage, background: ColorImage
+) -> dict[str, Any]:
+    made = seen.follower.follow(goal)
+    maps = {"pressure": made.pressure_pa, "shear": made.shear_pa}
+    drawn = {
+        name: _uri(map_picture(values, highest=float(values.max())))
+        for name, values in maps.items()
+        if values is not None
+    }
+    residual = contact_residual(real, made.image, background) if made.force_n else None
+    return {
+        "time_s": round(time_s, 3),
+        "force_n": made.force_n,
+        "error_n": made.force_error_n,
+        "depth_mm": 1e3 * made.depth_m,
+        "residual": residual,
+        "pressure_kpa": 0.0 if made.pressure_pa is None else 1e-3 * float(made.pressure_pa.max()),
+        "shear_kpa": 0.0 if made.shear_pa is None else 1e-3 * float(made.shear_pa.max()),
+        "note": made.note,
+        "real": _uri(jpeg_of(real)),
+        "twin": _uri(jpeg_of(made.image)),
+        **drawn,
+    }
+
+
+def _uri(jpeg: bytes) -> str:
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode("ascii")

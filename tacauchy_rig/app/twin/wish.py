@@ -1,0 +1,67 @@
+"""Whether a run has a twin, what it follows, and with what it is made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from protocols.processes.messages import ViewerWish
+from sim.sensor.sensor import Sensor
+from sim.twin.follower import Follower, Look
+from tacauchy_rig.app.replay.inputs import inputs_of
+from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_of, say_nothing
+from tacauchy_rig.core.config.model import RigConfig
+
+NAME, MODULE = "twin", "tacauchy_rig.app.twin"
+FOLLOWS, DEVICE = "follows", "device"
+
+
+class Follows(StrEnum):
+    """What a twin is pressed to."""
+
+    FORCE = "force"
+    DEPTH = "depth"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """A twin's simulator, and how frames of the real sensor become images of its size.
+
+    Attributes:
+        crop_fraction: Part of a frame's width and height cut off at each border.
+    """
+
+    follower: Follower
+    crop_fraction: float
+
+
+def twin_wish(follows: Follows, *, device: str = "cpu") -> ViewerWish:
+    """Return what the supervisor starts; its images are drawn on a device of Warp."""
+    options = {FOLLOWS: follows.value, DEVICE: device}
+    return ViewerWish(name=NAME, module=MODULE, options=options)
+
+
+def twin_of(
+    config: RigConfig, *, optics: OpticalCalibration | None = None, device: str = "cpu"
+) -> Seen:
+    """Return what follows the presses of a configuration.
+
+    Args:
+        config: Of the run.
+        optics: How images are made; None takes the configured calibration, or the nominal lamps.
+        device: Where images are drawn.
+
+    Raises:
+        ConfigError: There is no such sensor or indenter, or nothing to render with.
+        ConvergenceError: The largest target cannot be pressed.
+    """
+    inputs = inputs_of(config)
+    found = optics or optics_of(
+        config.sensor.optics_calibration, inputs.sensor, on_progress=say_nothing
+    )
+    look = Look(colours=found.model, geometry=found.geometry, blur_px=found.blur_px, device=device)
+    sensor: Sensor = replace(
+        inputs.sensor, optics=replace(inputs.sensor.optics, shadows=found.shadows)
+    )
+    follower = Follower(inputs.scene(config.protocol.force_targets), sensor, look)
+    return Seen(follower=follower, crop_fraction=found.geometry.crop_fraction)

@@ -1,0 +1,35 @@
+"""Whether a run is shown to Foxglove, Lichtblick or PlotJuggler, and where."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+from protocols.processes.messages import ViewerWish
+from protocols.processes.viewing import LOOPBACK, listen
+from tacauchy_rig.core.errors import ConfigError
+
+NAME, MODULE, PORT = "foxglove", "tacauchy_rig.app.viewers", "port"
+PACKAGE = "foxglove"
+USUAL_PORT = 8765
+OPTION = "--foxglove"
+SOURCES = ("twin",)
+
+
+def live_wish(port: int) -> ViewerWish:
+    """Return what the supervisor starts.
+
+    Raises:
+        ConfigError: The package is missing, or the port is taken.
+    """
+    if find_spec(PACKAGE) is None:
+        raise ConfigError(
+            f"{OPTION}: the package foxglove-sdk is not installed",
+            remedy="pip install 'tacauchy-rig[foxglove]', or leave the option out",
+        )
+    listen(port, option=OPTION).close()
+    return ViewerWish(name=NAME, module=MODULE, options={PORT: str(port)}, sources=SOURCES)
+
+
+def address(port: int) -> str:
+    """Return what a viewer is to be connected to."""
+    return f"ws://{LOOPBACK}:{port}"

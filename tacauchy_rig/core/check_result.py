@@ -1,0 +1,76 @@
+"""What one check of ``doctor`` found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from tacauchy_rig.core.errors import RigError
+
+
+class CheckStatus(StrEnum):
+    """How a check ended; only ``fail`` keeps a run from starting."""
+
+    OK = "ok"
+    WARN = "warn"
+    FAIL = "fail"
+    SKIP = "skip"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckResult:
+    """One line of ``doctor``.
+
+    Attributes:
+        name: Part and property, such as ``disk.rate``.
+        finding: What was found, in words, numbers with their unit.
+        value: The number that decided, in ``unit``; None where there is none.
+        remedy: What to do, unless the status is ok.
+    """
+
+    name: str
+    status: CheckStatus
+    finding: str
+    value: float | None = None
+    unit: str = ""
+    remedy: str = ""
+
+
+def passed(name: str, finding: str, *, value: float | None = None, unit: str = "") -> CheckResult:
+    """Return a check that found nothing wrong."""
+    return CheckResult(name=name, status=CheckStatus.OK, finding=finding, value=value, unit=unit)
+
+
+def judged(
+    name: str,
+    finding: str,
+    *,
+    is_good: bool,
+    remedy: str,
+    value: float | None = None,
+    unit: str = "",
+) -> CheckResult:
+    """Return a check that warns, and says what to do, unless what was found is good."""
+    found = passed(name, finding, value=value, unit=unit)
+    return found if is_good else replace(found, status=CheckStatus.WARN, remedy=remedy)
+
+
+def skipped(name: str, reason: str) -> CheckResult:
+    """Return a check that had nothing to look at."""
+    return CheckResult(name=name, status=CheckStatus.SKIP, finding=reason)
+
+
+def failed(name: str, error: RigError) -> CheckResult:
+    """Return a check that ended in an error that knows its remedy."""
+    return CheckResult(
+        name=name, status=CheckStatus.FAIL, finding=error.message, remedy=error.remedy
+    )
+
+
+def checked(name: str, check: Callable[[], str]) -> CheckResult:
+    """Return what a check says that refuses by an error and otherwise tells what it found."""
+    try:
+        return passed(name, check())
+    except RigError as error:
+        return failed(name, error)

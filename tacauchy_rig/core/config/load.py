@@ -1,0 +1,198 @@
+"""Read ``rig.toml`` over the built-in defaults, check it, and remember where values came from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from tacauchy_rig.core.config.explain import explain
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.real_devices import ARM_REQUIRES, required_but_missing
+from tacauchy_rig.core.config.rules import broken_rules
+from tacauchy_rig.core.errors import ConfigError
+
+BUILT_IN = "built-in default"
+# Fields that recorded runs may have and that mean nothing any more.
+_GONE = frozenset({"report.ssim", "report.require_discrimination"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadedConfig:
+    """A checked configuration with its history.
+
+    Attributes:
+        written: The merged values as they were written, by dotted field.
+        sources: Where each dotted field came from.
+    """
+
+    config: RigConfig
+    written: dict[str, Any]
+    sources: dict[str, str]
+
+    @property
+    def config_hash(self) -> str:
+        """SHA-256 of the checked values; equal settings have equal hashes."""
+        return config_hash(self.config)
+
+
+def config_hash(config: RigConfig) -> str:
+    """Return the SHA-256 of a configuration's values."""
+    text = json.dumps(config.model_dump(mode="json"), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def default_text() -> str:
+    """Return the text of the built-in dry-run configuration."""
+    return resources.files("tacauchy_rig.core.config").joinpath("default.toml").read_text("utf-8")
+
+
+def example_text() -> str:
+    """Return the commented example for a real rig."""
+    return resources.files("tacauchy_rig.core.config").joinpath("example.toml").read_text("utf-8")
+
+
+def load_config(path: Path | None = None, *, overrides: Sequence[str] = ()) -> LoadedConfig:
+    """Load a configuration.
+
+    Args:
+        path: A ``rig.toml``, or None for the dry run's defaults.
+        overrides: ``table.field=value`` from the command line.
+
+    Raises:
+        ConfigError: Unreadable, unknown key, wrong unit, a limit that cannot hold, or a value of a
+            real device that only the built-in defaults give; every problem is listed at once.
+    """
+    written: dict[str, Any] = {}
+    sources: dict[str, str] = {}
+    layers = [(BUILT_IN, tomllib.loads(default_text()))]
+    if path is not None:
+        layers.append((str(path), _read_toml(path)))
+    layers += [("--set", parse_override(text)) for text in overrides]
+    for source, tables in layers:
+        for field, value in leaves(tables):
+            written[field] = value
+            sources[field] = source
+    defaulted = {field for field, source in sources.items() if source == BUILT_IN}
+    config = check_config(nest(written), defaulted=defaulted)
+    return LoadedConfig(config=config, written=written, sources=sources)
+
+
+def restore_config(written: Mapping[str, Any]) -> RigConfig:
+    """Build the configuration of a recorded run from ``LoadedConfig.written``.
+
+    Fields that this version has and that one had not take their built-in default. What was
+    pressed was pressed: neither ceilings nor rules are asked again.
+
+    Raises:
+        ConfigError: A field is no longer known, or its value of another kind.
+    """
+    return check_config(nest(with_defaults(written)))
+
+
+def with_defaults(written: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a recorded run's values as written, by dotted field, over the built-in ones."""
+    known = {field: value for field, value in written.items() if field not in _GONE}
+    return {**dict(leaves(tomllib.loads(default_text()))), **known}
+
+
+def check_config(tables: Mapping[str, Any], *, defaulted: Set[str] | None = None) -> RigConfig:
+    """Validate nested tables.
+
+    Args:
+        tables: The merged values as they were written.
+        defaulted: Dotted fields that only the built-in defaults give; None for a recorded run,
+            which is read: its drivers need not be installed, and no rule is asked.
+
+    Raises:
+        ConfigError: One line for each field that is wrong.
+    """
+    context = {"recorded": defaulted is None}
+    try:
+        config = RigConfig.model_validate(tables, context=context)
+    except ValidationError as error:
+        raise ConfigError("\n".join(explain(error, tables)), remedy=_SHOW) from error
+    if defaulted is None:
+        return config
+    missing = list(required_but_missing(config, defaulted))
+    # Rules that tie places together say nothing where some of the places are the dry run's.
+    broken = broken_rules(config, placed=not any(name in ARM_REQUIRES for name, *_ in missing))
+    problems = [f"{name}: {what}; {remedy}" for name, what, remedy in (*missing, *broken)]
+    if problems:
+        remedy = f"{_EXAMPLE}; {_SHOW}" if missing else _SHOW
+        raise ConfigError("\n".join(problems), remedy=remedy)
+    return config
+
+
+_EXAMPLE = "`tacauchy-rig config example` shows each as it is written"
+_SHOW = "`tacauchy-rig config show` lists every field, its value and where it came from"
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text("utf-8"))
+    except FileNotFoundError as error:
+        raise ConfigError(
+            f"{path}: no such configuration file",
+            remedy="`tacauchy-rig config example > rig.toml` writes a commented one",
+        ) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    except (ValueError, RecursionError) as error:  # a whole number of 5000 digits, lists in lists
+        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+
+
+def parse_override(text: str) -> dict[str, Any]:
+    """Read ``table.field=value``; the value as in TOML, or as text.
+
+    Raises:
+        ConfigError: It has another form.
+    """
+    field, separator, value = text.partition("=")
+    if not separator or "." not in field:
+        raise ConfigError(
+            f"--set {text!r}: expected table.field=value",
+            remedy='for example --set camera.width=1280 or --set robot.press_speed="0.2 mm/s"',
+        )
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except (ValueError, RecursionError):
+        parsed = value
+    return nest({field.strip(): parsed})
+
+
+def leaves(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield each value of nested tables with its dotted name."""
+    for key, value in tables.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            yield from leaves(value, f"{name}.")
+        else:
+            yield name, value
+
+
+def nest(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested tables of values by dotted name.
+
+    Raises:
+        ConfigError: A name goes on below a value.
+    """
+    tables: dict[str, Any] = {}
+    for name, value in values.items():
+        *path, last = name.split(".")
+        table = tables
+        for part in path:
+            table = table.setdefault(part, {})
+            if not isinstance(table, dict):
+                raise ConfigError(
+                    f"{name}: unknown key; {'.'.join(path)} is a value, not a table", remedy=_SHOW
+                )
+        table[last] = value
+    return tables

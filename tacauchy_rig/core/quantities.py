@@ -1,0 +1,126 @@
+"""Numbers with units: text such as ``5 mm`` or ``19.58px/mm`` to SI floats and back.
+
+SI is used everywhere inside; conversion happens here, at configuration, wire and figure.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from enum import StrEnum
+
+from tacauchy_rig.core.errors import ConfigError
+
+
+class Dimension(StrEnum):
+    """What a quantity measures; each has the units listed in ``UNITS``."""
+
+    LENGTH = "length"
+    FORCE = "force"
+    TORQUE = "torque"
+    PRESSURE = "pressure"
+    TIME = "time"
+    SPEED = "speed"
+    ACCELERATION = "acceleration"
+    ANGLE = "angle"
+    ANGULAR_SPEED = "angular speed"
+    FREQUENCY = "frequency"
+    FORCE_RATE = "force rate"
+    MASS = "mass"
+    IMAGE_SCALE = "image scale"
+    RATIO = "ratio"
+
+
+UNITS: dict[Dimension, dict[str, float]] = {
+    Dimension.LENGTH: {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    Dimension.FORCE: {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    Dimension.TORQUE: {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "N mm": 1e-3, "Nmm": 1e-3},
+    Dimension.PRESSURE: {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6},
+    Dimension.TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
+    Dimension.SPEED: {"m/s": 1.0, "mm/s": 1e-3, "um/s": 1e-6},
+    Dimension.ACCELERATION: {"m/s^2": 1.0, "mm/s^2": 1e-3},
+    Dimension.ANGLE: {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3},
+    Dimension.ANGULAR_SPEED: {"rad/s": 1.0, "deg/s": math.pi / 180.0},
+    Dimension.FREQUENCY: {"Hz": 1.0, "kHz": 1e3, "fps": 1.0},
+    Dimension.FORCE_RATE: {"N/s": 1.0, "mN/s": 1e-3},
+    Dimension.MASS: {"kg": 1.0, "g": 1e-3},
+    Dimension.IMAGE_SCALE: {"px/m": 1.0, "px/mm": 1e3},
+    Dimension.RATIO: {"": 1.0, "%": 1e-2},
+}
+
+_EXAMPLES: dict[Dimension, str] = {
+    Dimension.LENGTH: "5 mm",
+    Dimension.FORCE: "5 N",
+    Dimension.TORQUE: "0.1 N m",
+    Dimension.PRESSURE: "0.3 MPa",
+    Dimension.TIME: "1 s",
+    Dimension.SPEED: "0.3 mm/s",
+    Dimension.ACCELERATION: "100 mm/s^2",
+    Dimension.ANGLE: "3 deg",
+    Dimension.ANGULAR_SPEED: "5 deg/s",
+    Dimension.FREQUENCY: "25 Hz",
+    Dimension.FORCE_RATE: "0.05 N/s",
+    Dimension.MASS: "0.4 kg",
+    Dimension.IMAGE_SCALE: "19.58 px/mm",
+    Dimension.RATIO: "3 %",
+}
+
+_NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
+_COMMA = re.compile(r"^\s*[-+]?\d*,\d")
+
+
+def split_quantity(text: str) -> tuple[float, str] | None:
+    """Return the number and the unit that ``text`` consists of, or None if it has no number."""
+    match = _NUMBER.match(text)
+    return (float(match.group(1)), match.group(2)) if match else None
+
+
+def parse_quantity(text: str, *, dimension: Dimension, field: str = "value") -> float:
+    """Read a number with a unit, and return it in the SI unit.
+
+    Args:
+        text: For example ``"5 mm"``, ``"0.3MPa"``, ``"3 %"``.
+        dimension: What the number must measure.
+        field: Name used in the error message.
+
+    Raises:
+        ConfigError: The text has no number, a decimal comma, an infinite number, no unit, or a
+            unit of another dimension.
+    """
+    units = UNITS[dimension]
+    remedy = f'write it as text with a unit, for example {field} = "{example(dimension)}"'
+    if _COMMA.match(text):
+        problem = "has a comma in its number; write a decimal point"
+        raise ConfigError(f'{field}: "{text}" {problem}', remedy=remedy)
+    match = _NUMBER.match(text)
+    if match is None:
+        raise ConfigError(f'{field}: "{text}" is not a number with a unit', remedy=remedy)
+    number, unit = match.groups()
+    if unit not in units:
+        listed = ", ".join(known or "no unit" for known in units)
+        problem = f'has the unit "{unit}"' if unit else "has no unit"
+        raise ConfigError(
+            f'{field}: "{text}" {problem}; a {dimension.value} needs one of: {listed}',
+            remedy=remedy,
+        )
+    value = _scaled(number, units[unit])
+    if not math.isfinite(value):
+        raise ConfigError(f'{field}: "{text}" is not a finite number', remedy=remedy)
+    return value
+
+
+def _scaled(number: str, factor: float) -> float:
+    """Return a number times a factor; by a power of ten just what the shifted digits say.
+
+    So 0.35 mm is the same float as 0.35e-3, where 0.35 * 1e-3 need not be.
+    """
+    shift = math.log10(factor)
+    if not shift.is_integer():
+        return float(number) * factor
+    digits, _, exponent = number.lower().partition("e")
+    return float(f"{digits}e{int(exponent or 0) + int(shift)}")
+
+
+def example(dimension: Dimension) -> str:
+    """Return a quantity as one writes it, for example ``5 mm``."""
+    return _EXAMPLES[dimension]

@@ -1,0 +1,286 @@
+"""What was asked and what happened in a run: the types that folders exchange.
+
+Drivers, protocols, sim and reports never import one another; they meet in these types, in those of
+``tacauchy_rig.core.replayed``, and in the run folder that ``tacauchy_rig.core.store`` reads and
+writes. All
+values are SI.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+Vector3 = tuple[float, float, float]
+Vector6 = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pose:
+    """Pose of the indenter's tip in the robot's base frame.
+
+    Attributes:
+        position: x, y, z [m]; z points up, away from the gel.
+        rotation_vector: Axis times angle [rad], as UR controllers report it.
+    """
+
+    position: Vector3
+    rotation_vector: Vector3
+
+    def as_vector(self) -> Vector6:
+        """Return ``(x, y, z, rx, ry, rz)`` [m, rad]."""
+        return (*self.position, *self.rotation_vector)
+
+    def shifted(self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
+        """Return the pose moved by (x, y, z) [m] with the same orientation."""
+        px, py, pz = self.position
+        return Pose(position=(px + x, py + y, pz + z), rotation_vector=self.rotation_vector)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wrench:
+    """Force [N] and moment [N m] in the force sensor's frame, as the sensor reports them."""
+
+    force: Vector3
+    torque: Vector3
+
+
+FZ = 2
+"""Where the force along the sensor's axis stands in a wrench."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceSample:
+    """One frame of the force sensor, raw: no tare, no sign, no filter.
+
+    Attributes:
+        stamp_ns: ``time.monotonic_ns`` of this host at arrival.
+        counter: The box's package number, unwrapped: a gap is a lost frame.
+    """
+
+    stamp_ns: int
+    counter: int
+    wrench: Wrench
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmSample:
+    """One state of the arm.
+
+    Attributes:
+        stamp_ns: ``time.monotonic_ns`` of this host when the state was read.
+        controller_time_s: The controller's own time stamp [s].
+        velocity: Tool velocity [m/s, rad/s].
+        runtime_state: RTDE runtime_state (2 playing).
+        safety_bits: RTDE safety_status_bits.
+        robot_mode: RTDE robot_mode (7 running).
+        tcp_force: What the arm itself takes for force [N] and moment [N m] on its tool, axes of the
+            base frame, not tared; None where it has no such estimate. Of UR's controllers this is
+            RTDE's actual_TCP_force: a pressed tool is pushed up, +Fz. UR's guide does not state the
+            sign: ``robot.force_sign`` is -1 where it is the other. An e-Series arm may refer the
+            moments to its flange.
+    """
+
+    stamp_ns: int
+    controller_time_s: float
+    pose: Pose
+    velocity: Vector6
+    runtime_state: int
+    safety_bits: int
+    robot_mode: int
+    tcp_force: Vector6 | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageFrame:
+    """One compressed camera image, exactly as the camera sent it or an imported file holds it.
+
+    Attributes:
+        stamp_ns: ``time.monotonic_ns`` of this host at arrival.
+        counter: Frames read since the camera was started.
+        device_stamp_s: The driver's own stamp [s], or None where it has none worth keeping.
+        jpeg: The untouched JPEG bytes; PNG of a source that has those.
+    """
+
+    stamp_ns: int
+    counter: int
+    device_stamp_s: float | None
+    width: int
+    height: int
+    jpeg: bytes
+
+
+class Phase(StrEnum):
+    """Where a trial is; every change is a line of the journal."""
+
+    PREFLIGHT = "preflight"
+    AIR_PRESS = "air-press"
+    HOME = "home"
+    TARE = "tare"
+    REFERENCE = "reference"
+    APPROACH = "approach"
+    SEARCH = "search"
+    PRESS = "press"
+    DWELL = "dwell"
+    SWAY = "sway"
+    RETRACT = "retract"
+    DRIFT_CHECK = "drift-check"
+    VERDICT = "verdict"
+    FAULT = "fault"
+
+
+class Outcome(StrEnum):
+    """How an attempt ended; ``imported`` is none of ours: no protocol watched it."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    FAULT = "fault"
+    ABORTED = "aborted"
+    IMPORTED = "imported"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Criterion:
+    """One checked number.
+
+    Attributes:
+        name: For example ``force_mean``.
+        measured: Value in ``unit``; ``limit`` says what it had to satisfy, in words and numbers.
+        remedy: What to do when it failed.
+    """
+
+    name: str
+    passed: bool
+    measured: float
+    limit: str
+    unit: str
+    remedy: str = ""
+
+    @classmethod
+    def judged(
+        cls, name: str, measured: float, *, passed: bool, limit: str, unit: str, remedy: str
+    ) -> Criterion:
+        """Return a criterion; one that is met needs no remedy."""
+        return cls(
+            name=name,
+            passed=passed,
+            measured=measured,
+            limit=limit,
+            unit=unit,
+            remedy="" if passed else remedy,
+        )
+
+    @classmethod
+    def at_most(
+        cls, name: str, measured: float, limit: float, *, unit: str = "", remedy: str
+    ) -> Criterion:
+        """Return whether ``measured`` is no larger than ``limit``."""
+        return cls(
+            name=name,
+            passed=measured <= limit,
+            measured=measured,
+            limit=f"<= {limit:g} {unit}".strip(),
+            unit=unit,
+            remedy=remedy,
+        )
+
+    @classmethod
+    def at_least(
+        cls, name: str, measured: float, limit: float, *, unit: str, remedy: str
+    ) -> Criterion:
+        """Return whether ``measured`` is no smaller than ``limit``."""
+        return cls(
+            name=name,
+            passed=measured >= limit,
+            measured=measured,
+            limit=f">= {limit:g} {unit}",
+            unit=unit,
+            remedy=remedy,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tare:
+    """Mean raw wrench of an unloaded interval, the software zero of a trial.
+
+    Attributes:
+        mean: Fx, Fy, Fz [N], Mx, My, Mz [N m] as the sensor reports them.
+        deviation: Standard deviation of each.
+    """
+
+    start_ns: int
+    end_ns: int
+    mean: Vector6
+    deviation: Vector6
+    sample_count: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialRecord:
+    """What one attempt at a trial gave; ``result.json`` beside its recording.
+
+    Attributes:
+        force_target_n: What the press was to reach [N]; NaN where nobody of ours asked for a force.
+        force_measured_n: Mean pressing force over the dwell [N], tared, positive in compression.
+        force_deviation_n: Standard deviation of that force over the dwell [N].
+        force_drift_n: Unloaded force after minus before [N].
+        contact_z_m: Tip height at which contact was found, in the robot's base frame.
+        depth_measured_m: Travel below ``contact_z_m`` averaged over the dwell.
+        arm_force_n: Mean force over the dwell as the arm itself felt it [N], less what it felt
+            above the gel; None where it has no estimate.
+        force_expected_n: Least and most force of the stated gel at that depth [N]; None where
+            nothing was expected.
+        dwell_start_ns: First and last arrival stamp of the window that counts.
+        reference_start_ns: Window of no-contact frames taken before the press.
+        rates: Achieved rates, losses and latencies (keys carry their unit, such as
+            ``force_rate_hz``, ``force_lost_count``, ``image_rate_hz``, ``image_gap_max_ms``).
+        recording_sha256: Of ``recording.mcap`` as it was closed; None where it never was.
+    """
+
+    index: int
+    attempt: int
+    outcome: Outcome
+    force_target_n: float
+    reason: str = ""
+    force_measured_n: float | None = None
+    force_deviation_n: float | None = None
+    force_rate_n_s: float | None = None
+    force_drift_n: float | None = None
+    contact_z_m: float | None = None
+    depth_measured_m: float | None = None
+    arm_force_n: float | None = None
+    force_expected_n: tuple[float, float] | None = None
+    tare_before: Tare | None = None
+    tare_after: Tare | None = None
+    dwell_start_ns: int | None = None
+    dwell_end_ns: int | None = None
+    reference_start_ns: int | None = None
+    reference_end_ns: int | None = None
+    criteria: tuple[Criterion, ...] = ()
+    rates: dict[str, float] = field(default_factory=dict)
+    recording_sha256: str | None = None
+
+    @property
+    def passed(self) -> bool:
+        """True when the attempt ran to its end and met every criterion."""
+        return self.outcome is Outcome.PASSED
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JournalEvent:
+    """One line of ``journal.jsonl``.
+
+    Attributes:
+        name: ``phase``, ``attempt-start``, ``attempt-end``, ``attempt-repeated``,
+            ``fault``, ``abort``, ``process-died``, ``force-check``, ``resume-set``, ``resume``,
+            ``run-start``, ``run-end``; and of the run
+            folder itself ``written``, ``sealed``, ``recovered``, ``cut-off`` and ``replayed``.
+        detail: Plain JSON values, units in the keys.
+    """
+
+    stamp_ns: int
+    name: str
+    trial: int = 0
+    attempt: int = 0
+    detail: dict[str, Any] = field(default_factory=dict)

@@ -1,0 +1,245 @@
+"""What is at hand to check an attempt, and what holds of its files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import Criterion, JournalEvent, Outcome, TrialRecord
+from tacauchy_rig.core.store.check.contradiction import SET_ASIDE, agreement, shown, unlike
+from tacauchy_rig.core.store.check.journal import JournalReading
+from tacauchy_rig.core.store.codec import dumps, to_json
+from tacauchy_rig.core.store.recording.reading import ArmArrays, ForceArrays, Recording
+from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.store.seals import Seal
+
+RESULT_WHOLE, RESULT_HASH = "result_whole", "result_hash"
+RECOVER = "`tacauchy-rig recover RUN` repairs what can be repaired of it; " + SET_ASIDE
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """An attempt at a trial: its files, and what the journal says of it."""
+
+    store: RunStore
+    journal: JournalReading
+    trial: int
+    attempt: int
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """Trial and attempt."""
+        return self.trial, self.attempt
+
+    @property
+    def name(self) -> str:
+        """The attempt's folder within the run."""
+        return str(self.path.parent.relative_to(self.store.paths.root))
+
+    @property
+    def path(self) -> Path:
+        """Its recording."""
+        return self.store.paths.recording(*self.key)
+
+    @cached_property
+    def result(self) -> TrialRecord | RecordError | None:
+        """The result, or why it cannot be read; None where it was cut off before it had one."""
+        try:
+            return self.store.load_result(*self.key)
+        except RecordError as error:
+            return error
+
+    @property
+    def record(self) -> TrialRecord | None:
+        """The result; None where there is none, or none that can be read."""
+        return None if isinstance(self.result, RecordError) else self.result
+
+    @cached_property
+    def recording(self) -> Recording | RecordError:
+        """The recording, or why it cannot be opened."""
+        try:
+            return Recording.open(self.path)
+        except RecordError as error:
+            return error
+
+    @cached_property
+    def force(self) -> ForceArrays:
+        """The force stream; only where the recording opens."""
+        return self._opened().force()
+
+    @cached_property
+    def arm(self) -> ArmArrays:
+        """The arm's states; only where the recording opens."""
+        return self._opened().arm()
+
+    def _opened(self) -> Recording:
+        if isinstance(self.recording, RecordError):
+            raise self.recording
+        return self.recording
+
+    @cached_property
+    def seal(self) -> JournalEvent | None:
+        """What the journal says that its files were when they were written."""
+        return next(iter(self.seals(Seal.SEALED)), None)
+
+    @property
+    def is_whole(self) -> bool:
+        """True where the recording was closed in its time and never repacked since."""
+        closed = self.record is not None and self.record.recording_sha256 is not None
+        return closed and not self.seals(Seal.RECOVERED)
+
+    def seals(self, name: Seal) -> list[JournalEvent]:
+        """Return what the store wrote into the journal about this attempt."""
+        return self.journal.seals(name, trial=self.trial, attempt=self.attempt)
+
+
+def judge_files(attempt: Attempt) -> Iterator[Criterion]:
+    """Yield whether the files are readable, in their place, and those that were sealed."""
+    yield agreement(
+        "recording_whole",
+        f"every message of {attempt.name}/recording.mcap is readable",
+        _damage(attempt),
+        remedy=RECOVER,
+    )
+    if isinstance(attempt.recording, Recording):
+        yield agreement(
+            "recording_place",
+            f"{attempt.name}/recording.mcap is of this run, trial and attempt",
+            _misplaced(attempt, attempt.recording),
+        )
+        yield agreement(
+            "recording_hash",
+            f"{attempt.name}/recording.mcap is the file that was closed",
+            _exchanged_recording(attempt),
+        )
+    yield agreement(
+        RESULT_WHOLE,
+        f"{attempt.name}/result.json is readable",
+        [attempt.result.message] if isinstance(attempt.result, RecordError) else [],
+    )
+    yield agreement(
+        RESULT_HASH,
+        f"{attempt.name}/result.json is the file that was written",
+        _exchanged_result(attempt),
+    )
+    if attempt.record is not None:
+        yield agreement(
+            "recorded_result",
+            f"{attempt.name}/result.json says what journal.jsonl and run.json say",
+            _told_otherwise(attempt, attempt.record),
+        )
+
+
+def _damage(attempt: Attempt) -> Iterator[str]:
+    recording, record = attempt.recording, attempt.record
+    if isinstance(recording, RecordError):
+        if attempt.path.exists() or (record is not None and record.outcome is not Outcome.FAULT):
+            yield recording.message
+    elif recording.damage:
+        yield f"{attempt.name}/recording.mcap: {recording.damage}; {recording.readable()}"
+    elif not recording.finished and attempt.is_whole:
+        yield f"{attempt.name}/recording.mcap is {recording.describe()}, and it was closed once"
+
+
+def _misplaced(attempt: Attempt, recording: Recording) -> Iterator[str]:
+    store = attempt.store
+    wanted = {
+        "run": store.description.get("run"),
+        "trial": str(attempt.trial),
+        "attempt": str(attempt.attempt),
+        "config_hash": store.config_hash,
+    }
+    for key, value in wanted.items():
+        found = recording.metadata.get(key)
+        unknown = value is None or (found is None and not attempt.is_whole)
+        if not unknown and found != value:
+            yield f"its {key} is {found!r}, the folder's is {value!r}"
+
+
+def _exchanged_recording(attempt: Attempt) -> Iterator[str]:
+    record, seal, repacked = attempt.record, attempt.seal, attempt.seals(Seal.RECOVERED)
+    in_result = None if record is None else record.recording_sha256
+    in_journal = None if seal is None else seal.detail.get("recording_sha256")
+    if seal is not None and record is not None and in_result != in_journal:
+        yield (
+            f"result.json says that its sha256 was {shown(in_result)}, journal.jsonl "
+            f"{shown(in_journal)}"
+        )
+    known = repacked[-1].detail.get("recording_sha256") if repacked else in_result or in_journal
+    if known is not None:
+        yield from unlike(attempt.path, known)
+    originals = [event.detail.get("original_sha256") for event in repacked]
+    if in_result is not None and repacked and in_result not in originals:
+        yield (
+            f"it was closed with the sha256 {shown(in_result)}, then damaged, and what was "
+            f"readable of {shown(originals[0])} was repacked"
+        )
+
+
+def _exchanged_result(attempt: Attempt) -> Iterator[str]:
+    seal, journal = attempt.seal, attempt.journal
+    if seal is not None:
+        path = attempt.store.paths.result(*attempt.key)
+        yield from unlike(path, seal.detail.get("result_sha256"))
+    elif attempt.record is not None and journal.is_sealed and not journal.may_lack_a_seal:
+        yield "journal.jsonl does not know of it"
+
+
+def _told_otherwise(attempt: Attempt, record: TrialRecord) -> Iterator[str]:
+    """Yield what the result says otherwise than journal and configuration do."""
+    if (record.index, record.attempt) != attempt.key:
+        yield f"it tells of attempt {record.attempt} at trial {record.index}"
+    targets = attempt.store.config.protocol.force_targets
+    target = targets[attempt.trial - 1] if attempt.trial <= len(targets) else None
+    if record.force_target_n != target and not attempt.store.config.is_imported:
+        yield f"its force_target_n is {record.force_target_n!r}, run.json says {target!r}"
+    missed = [c.name for c in record.criteria if not c.passed]
+    if record.passed and (missed or not record.criteria):
+        yield f"its outcome is passed, with criteria missed: {', '.join(missed) or 'all'}"
+    for event in attempt.journal.of_attempt(*attempt.key):
+        if event.name != "attempt-end":
+            continue
+        for field, told in event.detail.items():
+            said = to_json(getattr(record, field, told))
+            if said != told and not (field == "reason" and record.outcome is Outcome.FAULT):
+                yield f"its {field} is {said!r}, journal.jsonl says {told!r}"
+
+
+def judge_events(attempt: Attempt, recording: Recording) -> Criterion:
+    """Say whether journal and recording tell the same of the attempt."""
+    return agreement(
+        "recorded_events",
+        f"journal.jsonl and {attempt.name}/recording.mcap hold the same events",
+        _other_events(attempt, recording),
+    )
+
+
+def _other_events(attempt: Attempt, recording: Recording) -> Iterator[str]:
+    in_recording = {dumps(event, indent=None): event for event in recording.events()}
+    told = _until_its_end(attempt.journal.of_attempt(*attempt.key))
+    in_journal = {dumps(event, indent=None): event for event in told}
+    if attempt.journal.exists:
+        for key, event in in_recording.items():
+            if key not in in_journal:
+                yield f"journal.jsonl lacks {_named(event)}"
+    shared = [key for key in in_journal if key in in_recording]
+    for key, wanted in zip(shared, [k for k in in_recording if k in in_journal], strict=True):
+        if key != wanted:
+            yield f"journal.jsonl has {_named(in_journal[key])} in another order"
+    if attempt.is_whole:
+        for key, event in in_journal.items():
+            if key not in in_recording:
+                yield f"the recording lacks {_named(event)}"
+
+
+def _until_its_end(events: Sequence[JournalEvent]) -> Sequence[JournalEvent]:
+    """Leave out what is told of an attempt after its recording was closed."""
+    ends = [place for place, event in enumerate(events) if event.name == "attempt-end"]
+    return events[: ends[-1] + 1] if ends else events
+
+
+def _named(event: JournalEvent) -> str:
+    return f"{event.name} {event.detail.get('phase', '')}".strip() + f" at {event.stamp_ns} ns"

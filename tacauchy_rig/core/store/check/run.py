@@ -1,0 +1,160 @@
+"""All checks of a run: what its report, its replay, ``recover`` and ``resume`` ask first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import Criterion
+from tacauchy_rig.core.store.check.attempt import Attempt, judge_events, judge_files
+from tacauchy_rig.core.store.check.contradiction import TRIAL, agreement
+from tacauchy_rig.core.store.check.description import judge_description
+from tacauchy_rig.core.store.check.journal import JournalReading, judge_journal
+from tacauchy_rig.core.store.check.press import judge_contact, judge_press
+from tacauchy_rig.core.store.check.replay import judge_replays
+from tacauchy_rig.core.store.check.streams import judge_streams
+from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.store.seals import Seal
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunCheck:
+    """What was checked, met or not.
+
+    Attributes:
+        run: Of the run as a whole.
+        attempts: By trial and attempt.
+        notes: What is no contradiction and should be known: sessions and attempts that were cut
+            off, settings that were changed for a session, recordings that were repaired, and what
+            was never sealed.
+        journal_head: SHA-256 of the journal's last line. It stands for all that is sealed: written
+            down elsewhere, it shows any later change.
+    """
+
+    run: tuple[Criterion, ...]
+    attempts: dict[tuple[int, int], tuple[Criterion, ...]]
+    notes: tuple[str, ...]
+    journal_head: str
+
+    @property
+    def passed(self) -> bool:
+        """True where nothing contradicts anything."""
+        return not any(self._missed())
+
+    def missed(self) -> Iterator[str]:
+        """Yield a line for each criterion that is not met: where, which, what, and what to do."""
+        return (f"{where}{_told(criterion)}" for where, criterion in self._missed())
+
+    def missed_names(self) -> tuple[str, ...]:
+        """Return the names of the criteria that are not met, each once."""
+        return tuple(dict.fromkeys(criterion.name for _, criterion in self._missed()))
+
+    def _missed(self) -> Iterator[tuple[str, Criterion]]:
+        places = [("", self.run)]
+        places += [(f"trial {t}, attempt {a}: ", each) for (t, a), each in self.attempts.items()]
+        return ((where, c) for where, each in places for c in each if not c.passed)
+
+
+def check_run(store: RunStore) -> RunCheck:
+    """Hold all that a run says of itself against its recordings, its journal and its hashes.
+
+    Raises:
+        RecordError: The journal is no longer readable; the message names the line.
+    """
+    journal = JournalReading.of(store.paths.journal)
+    attempts = [Attempt(store, journal, *key) for key in store.paths.attempts()]
+    return RunCheck(
+        run=tuple(_judge_run(store, journal, attempts)),
+        attempts={
+            each.key: tuple(
+                replace(c, remedy=c.remedy.replace(TRIAL, str(each.trial)))
+                for c in _judge_attempt(each)
+            )
+            for each in attempts
+        },
+        notes=tuple(_notes(journal, attempts)),
+        journal_head=journal.head,
+    )
+
+
+def _judge_run(
+    store: RunStore, journal: JournalReading, attempts: Sequence[Attempt]
+) -> Iterator[Criterion]:
+    yield judge_description(store, journal)
+    if journal.is_sealed or "rig_toml_sha256" in store.description:
+        yield from judge_journal(journal, was_begun=bool(attempts))
+    yield agreement(
+        "journal_attempts",
+        "every attempt that journal.jsonl tells of has its folder, and the other way round",
+        _strangers(journal, attempts),
+    )
+    yield from judge_replays(store, journal)
+
+
+def _strangers(journal: JournalReading, attempts: Sequence[Attempt]) -> Iterator[str]:
+    told = {
+        (e.trial, e.attempt) for e in journal.events if e.name in ("attempt-start", Seal.SEALED)
+    }
+    for trial, attempt in sorted(told - {each.key for each in attempts}):
+        yield f"attempt {attempt} at trial {trial} is in journal.jsonl and has no folder"
+    for each in attempts:
+        if each.result is not None and each.key not in told:
+            yield f"{each.name} is unknown to journal.jsonl"
+
+
+def _judge_attempt(attempt: Attempt) -> Iterator[Criterion]:
+    yield from judge_files(attempt)
+    record, recording = attempt.record, attempt.recording
+    if not isinstance(recording, Recording):
+        return
+    try:
+        yield judge_events(attempt, recording)
+        if record is not None:
+            yield from judge_streams(attempt, recording, record)
+            yield from judge_press(attempt, record)
+            yield from judge_contact(attempt, record)
+    except (RecordError, ValueError, TypeError) as error:  # a message that no longer decodes
+        yield agreement(
+            "recording_decodes",
+            "every message of the recording decodes",
+            [f"{attempt.name}/recording.mcap: {error}"],
+        )
+
+
+def _notes(journal: JournalReading, attempts: Sequence[Attempt]) -> Iterator[str]:
+    if not journal.is_sealed:
+        yield (
+            "This run was recorded without hashes, by an earlier version of the program: what was "
+            "edited in it since can be found only where its files contradict each other."
+        )
+    if journal.was_cut:
+        yield "A session of this run was cut off; what was on the disk then was kept."
+    yield from _changed_settings(journal)
+    for each in attempts:
+        for event in each.seals(Seal.RECOVERED):
+            yield (
+                f"The recording of trial {each.trial}, attempt {each.attempt} was repacked by "
+                f"recover: it was {event.detail.get('before')}."
+            )
+
+
+def _changed_settings(journal: JournalReading) -> Iterator[str]:
+    """Yield a sentence for each field that a session went on with changed."""
+    since = "before the first attempt"
+    for event in journal.events:
+        if event.name == "attempt-start":
+            since = f"after trial {event.trial}, attempt {event.attempt}"
+        elif event.name == "resume-set":
+            for change in event.detail.get("changes", ()):
+                old = change.get("old") or "nothing"
+                yield (
+                    f"`resume --set` changed {change.get('field')} from {old} to "
+                    f"{change.get('new')} for one session, {since}."
+                )
+
+
+def _told(criterion: Criterion) -> str:
+    measured = f"{criterion.measured:.6g} {criterion.unit}".rstrip()
+    return f"{criterion.name}: {measured}, asked: {criterion.limit} -> {criterion.remedy}"

@@ -1,0 +1,127 @@
+"""Writing files so that a crash leaves the old or the new one, and saying why it failed."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import shutil
+from pathlib import Path
+
+from tacauchy_rig.core.errors import RecordError
+
+_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+_FORBIDDEN = {errno.EACCES, errno.EPERM}
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Replace ``path`` by ``data``; after a crash it holds the old or the new bytes.
+
+    Raises:
+        RecordError: The disk is full, or the folder cannot be written.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+        sync_folder(path.parent)
+    except OSError as error:
+        with contextlib.suppress(OSError):  # a read-only disk refuses this too, even of no file
+            temporary.unlink(missing_ok=True)
+        raise write_error(path, error) from error
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring the names in ``folder`` to the disk."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def read_bytes(path: Path, *, what: str) -> bytes:
+    """Read a file that has to be there.
+
+    Args:
+        path: The file.
+        what: What the file is, for the message: ``"the run's description"``.
+
+    Raises:
+        RecordError: It is missing, or may not be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise read_error(path, error, what=what) from error
+
+
+def write_error(path: Path, error: OSError) -> RecordError:
+    """Return what to tell the operator after ``path`` could not be written."""
+    if error.errno in _FULL:
+        return RecordError(
+            f"{path}: no space left to write ({_space(path)}): {error.strerror}",
+            remedy="free some space, or set run.output_directory to a disk that has it",
+        )
+    if error.errno in _FORBIDDEN:
+        return RecordError(
+            f"{path}: no permission to write: {error.strerror}",
+            remedy="give yourself write permission there (ls -ld shows it), "
+            "or set run.output_directory to a folder of your own",
+        )
+    if error.errno == errno.EROFS:
+        return RecordError(
+            f"{path}: its disk is read-only",
+            remedy="mount it for writing (`dmesg` says whether it failed), or set "
+            "run.output_directory to another one",
+        )
+    if isinstance(error, FileExistsError):
+        return RecordError(
+            f"{path}: exists already, and nothing recorded is ever overwritten",
+            remedy="start a new attempt or a new run; move the old file away if it is not needed",
+        )
+    return RecordError(
+        f"{path}: cannot be written: {error.strerror or error}",
+        remedy="check the disk (dmesg, df -h), or set run.output_directory to another one",
+    )
+
+
+def read_error(path: Path, error: OSError, *, what: str) -> RecordError:
+    """Return what to tell the operator after ``path`` could not be read."""
+    if isinstance(error, FileNotFoundError):
+        return RecordError(
+            f"{path}: {what} is missing",
+            remedy=f"check the path; `ls {path.parent}` shows what is there",
+        )
+    if error.errno in _FORBIDDEN:
+        return RecordError(
+            f"{path}: no permission to read {what}: {error.strerror}",
+            remedy=f"ask the owner of the file for permission (ls -l {path} shows it)",
+        )
+    return RecordError(
+        f"{path}: {what} cannot be read: {error.strerror or error}",
+        remedy="check the path and the disk (dmesg)",
+    )
+
+
+def free_bytes(path: Path) -> int:
+    """Return the free space [bytes] where ``path`` is or will be.
+
+    Raises:
+        OSError: No part of the path may be read.
+    """
+    existing = path.absolute()
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    return shutil.disk_usage(existing).free
+
+
+def _space(path: Path) -> str:
+    try:
+        return f"{free_bytes(path.parent) / 1e6:.1f} MB free"
+    except OSError:
+        return "free space unknown"

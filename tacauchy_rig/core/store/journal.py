@@ -1,0 +1,152 @@
+"""``journal.jsonl``: one line for each change of state, on the disk before the run goes on.
+
+Every line has its number and the SHA-256 of the line before it, so that a line that is taken out,
+doubled, moved or edited afterwards shows.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import logging
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import JournalEvent
+from tacauchy_rig.core.store.codec import from_json, to_json
+from tacauchy_rig.core.store.durable import read_bytes, sync_folder, write_error
+
+logger = logging.getLogger(__name__)
+
+_NUMBER, _PREVIOUS = "number", "previous"
+_LOCK_TIMEOUT_S = 1.0
+"""A writer holds the journal for as long as it takes to read and to append: about a millisecond."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JournalLine:
+    """A line as it stands in the file.
+
+    Attributes:
+        raw: Its bytes, without the newline.
+        number: The number written in it; None in half a line, and in journals without numbers.
+        previous: SHA-256 of the line before it, as written in it.
+        event: None for half a line, which a crash leaves.
+    """
+
+    raw: bytes
+    number: int | None
+    previous: str | None
+    event: JournalEvent | None
+
+
+def append_event(path: Path, event: JournalEvent) -> None:
+    """Append one line and bring it to the disk.
+
+    The line goes out in one write while the file is locked, so lines of several processes never
+    mix. Where a crash or a full disk left half a line behind, the new one starts on its own.
+
+    Raises:
+        RecordError: The disk is full, or the journal cannot be written.
+    """
+    try:
+        is_new = not path.exists()
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        try:
+            _lock(path, descriptor)
+            before = os.pread(descriptor, os.fstat(descriptor).st_size, 0)
+            line = _following(before, event)
+            written = os.write(descriptor, line)
+            fcntl.flock(descriptor, fcntl.LOCK_UN)  # a slow disk must hold nobody up
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+        if is_new:
+            sync_folder(path.parent)
+    except OSError as error:
+        raise write_error(path, error) from error
+    if written != len(line):
+        raise RecordError(
+            f"{path}: only {written} of {len(line)} bytes of a line could be written",
+            remedy="free some space on that disk; the journal stays readable",
+        )
+
+
+def read_journal(path: Path) -> list[JournalEvent]:
+    """Return the events, oldest first; half a line that a crash left is passed over.
+
+    Raises:
+        RecordError: Missing, unreadable, or a whole line that is no event.
+    """
+    return [line.event for line in read_lines(path) if line.event is not None]
+
+
+def read_lines(path: Path) -> list[JournalLine]:
+    """Return every line that is not empty, half ones included, oldest first.
+
+    Raises:
+        RecordError: Missing, unreadable, or a whole line that is no event.
+    """
+    data = read_bytes(path, what="the journal")
+    numbered = enumerate(data.split(b"\n"), start=1)
+    return [_parsed(raw, f"{path} line {number}") for number, raw in numbered if raw]
+
+
+def line_hash(raw: bytes) -> str:
+    """Return the SHA-256 of a line; that of the last one stands for all before it."""
+    return hashlib.sha256(raw).hexdigest()
+
+
+def _parsed(raw: bytes, source: str) -> JournalLine:
+    try:
+        content = json.loads(raw)
+    except ValueError:
+        logger.warning("%s: incomplete, left by a crash; passed over", source)
+        return JournalLine(raw=raw, number=None, previous=None, event=None)
+    number = content.pop(_NUMBER, None) if isinstance(content, dict) else None
+    previous = content.pop(_PREVIOUS, None) if isinstance(content, dict) else None
+    return JournalLine(
+        raw=raw,
+        number=from_json(int | None, number, source=f"{source}: {_NUMBER}"),  # type: ignore[arg-type]
+        previous=from_json(str | None, previous, source=f"{source}: {_PREVIOUS}"),  # type: ignore[arg-type]
+        event=from_json(JournalEvent, content, source=source),
+    )
+
+
+def _following(before: bytes, event: JournalEvent) -> bytes:
+    """Return the bytes to append after ``before``: a newline first if that ends in half a line."""
+    is_torn = bool(before) and not before.endswith(b"\n")
+    whole = before if is_torn else before[:-1]
+    last = whole.rpartition(b"\n")[2]
+    content = {
+        _NUMBER: whole.count(b"\n") + bool(whole) + 1,
+        _PREVIOUS: line_hash(last) if last else "",
+        **to_json(event),
+    }
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False)
+    return b"\n" * is_torn + f"{text}\n".encode()
+
+
+def _lock(path: Path, descriptor: int) -> None:
+    """Lock the journal against other writers; closing the descriptor lets go of it.
+
+    Raises:
+        RecordError: Another process holds it and does not let go.
+    """
+    deadline = time.monotonic() + _LOCK_TIMEOUT_S
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            if time.monotonic() > deadline:
+                raise RecordError(
+                    f"{path}: another process has held it for {_LOCK_TIMEOUT_S:g} s",
+                    remedy=f"see which one: `fuser -v {path}`",
+                ) from error
+            time.sleep(0.001)
+        else:
+            return

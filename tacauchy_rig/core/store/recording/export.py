@@ -1,0 +1,171 @@
+"""Handing a run to other tools: force and arm as CSV, frames as JPEG files."""
+
+from __future__ import annotations
+
+import csv
+import logging
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import TrialRecord
+from tacauchy_rig.core.store.durable import write_error
+from tacauchy_rig.core.store.recording.export_kind import ExportKind
+from tacauchy_rig.core.store.recording.messages import (
+    ARM_STATES,
+    POSE_FIELDS,
+    TCP_FORCE_FIELDS,
+    VELOCITY_FIELDS,
+    WRENCH_FIELDS,
+)
+from tacauchy_rig.core.store.recording.reading import FloatArray, IntArray, Recording
+from tacauchy_rig.core.store.run_store import RunStore
+
+logger = logging.getLogger(__name__)
+
+_TARED_FIELDS = tuple(f"{name}_tared" for name in WRENCH_FIELDS)
+_TRIAL_FIELDS = (
+    "outcome",
+    "force_target_n",
+    "force_measured_n",
+    "force_deviation_n",
+    "force_drift_n",
+    "contact_z_m",
+    "depth_measured_m",
+    "dwell_start_ns",
+    "dwell_end_ns",
+    "reference_start_ns",
+    "reference_end_ns",
+    "reason",
+)
+
+
+def export_run(root: Path, out: Path, *, kind: ExportKind) -> list[Path]:
+    """Write every attempt that has a recording to ``out/trial-01-attempt-1/`` and so on.
+
+    ``csv`` gives ``trials.csv`` and for each attempt ``force.csv`` (raw, and with the attempt's
+    first tare taken off) and ``arm.csv``; ``images`` gives the untouched JPEG frames and
+    ``frames.csv`` with their stamps. ``time_s`` counts from the attempt's first message, the same
+    zero in all its files.
+
+    Returns:
+        The CSV files and image folders that were written.
+
+    Raises:
+        RecordError: No run folder, no recording in it, a file exists already, or no space.
+    """
+    store = RunStore.open(root)
+    attempts = [
+        (trial, attempt)
+        for trial, attempt in store.paths.attempts()
+        if store.paths.recording(trial, attempt).exists()
+    ]
+    if not attempts:
+        raise RecordError(
+            f"{root}: holds no recording to export",
+            remedy=f"`tacauchy-rig resume {root}` presses the trials that are missing",
+        )
+    written = [_write_trials(store, attempts, out / "trials.csv")] if kind is ExportKind.CSV else []
+    for trial, attempt in attempts:
+        folder = out / f"trial-{trial:02d}-attempt-{attempt}"
+        recording = Recording.open(store.paths.recording(trial, attempt))
+        if not recording.is_intact:
+            logger.warning("%s: %s", recording.path, recording.describe())
+        if kind is ExportKind.IMAGES:
+            written.append(_write_frames(recording, folder))
+        else:
+            result = store.load_result(trial, attempt)
+            sign = store.config.force_sensor.compression_sign
+            written.append(_write_force(recording, result, sign, folder / "force.csv"))
+            written.append(_write_arm(recording, folder / "arm.csv"))
+    return written
+
+
+def _write_trials(store: RunStore, attempts: list[tuple[int, int]], path: Path) -> Path:
+    rows = []
+    for trial, attempt in attempts:
+        result, accepted = store.load_result(trial, attempt), store.accepted(trial)
+        is_accepted = accepted is not None and accepted.attempt == attempt
+        values = [getattr(result, name, None) for name in _TRIAL_FIELDS]
+        rows.append([trial, attempt, int(is_accepted), *values])
+    return _write_table(path, ("trial", "attempt", "accepted", *_TRIAL_FIELDS), rows)
+
+
+def _write_force(recording: Recording, result: TrialRecord | None, sign: int, path: Path) -> Path:
+    force = recording.force()
+    tare = result.tare_before if result else None
+    zero = np.array(tare.mean) if tare else np.full(6, np.nan)
+    tared = force.wrench - zero
+    names = ("stamp_ns", "time_s", "counter", *WRENCH_FIELDS, *_TARED_FIELDS, "pressing_force_n")
+    times = _times(recording, force.stamp_ns)
+    rows = zip(
+        force.stamp_ns.tolist(),
+        times.tolist(),
+        force.counter.tolist(),
+        *force.wrench.T.tolist(),
+        *tared.T.tolist(),
+        (sign * tared[:, 2]).tolist(),
+        strict=True,
+    )
+    return _write_table(path, names, rows)
+
+
+def _write_arm(recording: Recording, path: Path) -> Path:
+    arm = recording.arm()
+    numbers = (*POSE_FIELDS, *VELOCITY_FIELDS, *TCP_FORCE_FIELDS)
+    names = ("stamp_ns", "time_s", "controller_time_s", *numbers, *ARM_STATES)
+    rows = zip(
+        arm.stamp_ns.tolist(),
+        _times(recording, arm.stamp_ns).tolist(),
+        arm.controller_time_s.tolist(),
+        *arm.pose.T.tolist(),
+        *arm.velocity.T.tolist(),
+        *arm.tcp_force.T.tolist(),
+        *(getattr(arm, name).tolist() for name in ARM_STATES),
+        strict=True,
+    )
+    return _write_table(path, names, rows)
+
+
+def _write_frames(recording: Recording, folder: Path) -> Path:
+    kept = ("counter", "device_stamp_s", "width", "height")
+    names = ("file", "stamp_ns", "time_s", *kept)
+    _write_table(folder / "frames.csv", names, _frame_rows(recording, folder, kept))
+    return folder
+
+
+def _frame_rows(recording: Recording, folder: Path, kept: tuple[str, ...]) -> Iterator[list[Any]]:
+    """Write each frame beside the table, and yield its row."""
+    for number, frame in enumerate(recording.frames(), start=1):
+        path = folder / f"frame-{number:06d}.jpg"
+        try:
+            path.write_bytes(frame.jpeg)
+        except OSError as error:
+            raise write_error(path, error) from error
+        time_s = f"{(frame.stamp_ns - recording.start_ns) * 1e-9:.9f}"
+        yield [path.name, frame.stamp_ns, time_s, *(getattr(frame, name) for name in kept)]
+
+
+def _times(recording: Recording, stamps: IntArray) -> FloatArray:
+    return np.round((stamps - recording.start_ns) * 1e-9, 9)
+
+
+def _write_table(path: Path, names: Iterable[str], rows: Iterable[Iterable[Any]]) -> Path:
+    """Write a table; a number that is not known is left empty."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("x", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(names)
+            for row in rows:
+                writer.writerow("" if value != value else value for value in row)
+    except FileExistsError as error:
+        raise RecordError(
+            f"{path}: exists already", remedy="name a new folder to export to"
+        ) from error
+    except OSError as error:
+        raise write_error(path, error) from error
+    return path

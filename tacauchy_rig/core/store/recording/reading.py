@@ -1,0 +1,286 @@
+"""Reading a recording back, finished or not, whole or damaged."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import ImageFrame, JournalEvent
+from tacauchy_rig.core.store.durable import read_error
+from tacauchy_rig.core.store.layout import run_root_of
+from tacauchy_rig.core.store.recording.messages import (
+    ARM_STATES,
+    MESSAGES,
+    POSE_FIELDS,
+    TCP_FORCE_FIELDS,
+    VELOCITY_FIELDS,
+    WRENCH_FIELDS,
+    RawMessage,
+    Topic,
+    decode_event,
+    decode_jpeg,
+)
+from tacauchy_rig.core.store.recording.scan import Entry, Scan, scan_file
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Numbers that RecordingWriter gives to its channels, for files whose own list is damaged.
+_USUAL_CHANNELS = {1: Topic.FORCE, 2: Topic.ARM, 3: Topic.EVENT}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceArrays:
+    """The force stream as recorded: raw, no tare, no sign.
+
+    Attributes:
+        stamp_ns: Arrival on this host [ns], shape [n].
+        counter: The box's package number, unwrapped, shape [n].
+        wrench: Fx, Fy, Fz [N], Mx, My, Mz [N m], shape [n, 6].
+    """
+
+    stamp_ns: IntArray
+    counter: IntArray
+    wrench: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmArrays:
+    """The arm's states as recorded.
+
+    Attributes:
+        stamp_ns: When this host read the state [ns], shape [n].
+        controller_time_s: The controller's own stamp [s], shape [n].
+        pose: x, y, z [m], rotation vector [rad] of the tip in the base frame, shape [n, 6].
+        velocity: Tool velocity [m/s, rad/s], shape [n, 6].
+        tcp_force: The arm's own estimate of force [N] and moment [N m] on its tool, base frame,
+            not tared, shape [n, 6]; NaN where it gave none.
+        safety_bits: RTDE safety_status_bits, shape [n].
+        runtime_state: RTDE runtime_state, shape [n].
+        robot_mode: RTDE robot_mode, shape [n].
+    """
+
+    stamp_ns: IntArray
+    controller_time_s: FloatArray
+    pose: FloatArray
+    velocity: FloatArray
+    tcp_force: FloatArray
+    safety_bits: IntArray
+    runtime_state: IntArray
+    robot_mode: IntArray
+
+
+class Recording:
+    """One attempt's streams. What it returns passed its checksums when it was opened.
+
+    Attributes:
+        path: The MCAP file.
+        finished: It was closed by its writer, so public viewers can open it.
+        damage: What is wrong with it beside being unfinished, in words; empty if nothing is.
+        torn_bytes: Bytes at the end of an unfinished file that are no whole message.
+        metadata: What the writer was told about the attempt.
+        message_count: Readable messages.
+    """
+
+    def __init__(self, path: Path, scan: Scan) -> None:
+        self.path = path
+        self.finished = scan.finished
+        self.damage = "; ".join(scan.problems)
+        self.torn_bytes = scan.torn_bytes
+        self.metadata = dict(scan.metadata)
+        self.message_count = len(scan.entries)
+        self._sizes = {
+            channel.id: (
+                int(channel.metadata.get("width", 0)),
+                int(channel.metadata.get("height", 0)),
+            )
+            for channel in scan.channels.values()
+        }
+        self._topics = {channel.id: Topic(channel.topic) for channel in scan.channels.values()}
+        self._entries: dict[Topic, list[Entry]] = {topic: [] for topic in Topic}
+        for entry in sorted(scan.entries, key=lambda item: item.log_time):
+            self._entries[self._topic(entry)].append(entry)
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Read what is readable of a recording, and check all of it.
+
+        Raises:
+            RecordError: Missing, no permission, empty, or no recording at all. An unfinished or
+                damaged one opens: see ``is_intact`` and ``describe``.
+        """
+        with _open(path) as descriptor:
+            scan = scan_file(descriptor)
+        if scan.size == 0:
+            raise RecordError(
+                f"{path}: the recording is empty (0 bytes): its writer ended before its first "
+                "write, so nothing can be recovered",
+                remedy=f"`tacauchy-rig resume {run_root_of(path)}` presses this trial again",
+            )
+        if not scan.has_magic and not scan.entries:
+            raise RecordError(
+                f"{path}: not an MCAP recording: {scan.size} bytes, and no whole message in them",
+                remedy="check the path; the file was replaced, or its disk is failing",
+            )
+        foreign = {channel.topic for channel in scan.channels.values()} - set(Topic)
+        if foreign:
+            raise RecordError(
+                f"{path}: holds {', '.join(sorted(foreign))}, which this program never records",
+                remedy="check the path: this MCAP file comes from another program",
+            )
+        return cls(path, scan)
+
+    @property
+    def is_intact(self) -> bool:
+        """True when the file was closed and every message in it is readable."""
+        return self.finished and not self.damage
+
+    @property
+    def start_ns(self) -> int:
+        """Arrival of the first message [ns]; 0 when there is none."""
+        return min((entries[0].log_time for entries in self._filled()), default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """Arrival of the last message [ns]; 0 when there is none."""
+        return max((entries[-1].log_time for entries in self._filled()), default=0)
+
+    @property
+    def duration_s(self) -> float:
+        """Time between the first and the last message [s]."""
+        return (self.end_ns - self.start_ns) * 1e-9
+
+    def describe(self) -> str:
+        """Return one line: what state the file is in and how much of it is readable."""
+        state = "finished" if self.finished else "unfinished (its writer was killed or is at work)"
+        if self.torn_bytes:
+            state += f", its last {self.torn_bytes} bytes are torn"
+        if self.damage:
+            state += f", damaged: {self.damage}"
+        return f"{state}; {self.readable()}"
+
+    def readable(self) -> str:
+        """Return how many messages can be read and what time they span."""
+        parts = ", ".join(f"{topic[1:]} {len(self._entries[topic])}" for topic in Topic)
+        return f"{self.message_count} messages over {self.duration_s:.2f} s are readable ({parts})"
+
+    def force(self) -> ForceArrays:
+        """Return the force stream."""
+        messages = self._decoded(Topic.FORCE)
+        return ForceArrays(
+            stamp_ns=_column(messages, "stamp_ns"),
+            counter=_column(messages, "counter"),
+            wrench=_table(messages, WRENCH_FIELDS),
+        )
+
+    def arm(self) -> ArmArrays:
+        """Return the arm's states."""
+        messages = self._decoded(Topic.ARM)
+        states = {name: _column(messages, name) for name in ARM_STATES}
+        return ArmArrays(
+            stamp_ns=_column(messages, "stamp_ns"),
+            controller_time_s=_table(messages, ("controller_time_s",))[:, 0],
+            pose=_table(messages, POSE_FIELDS),
+            velocity=_table(messages, VELOCITY_FIELDS),
+            tcp_force=_optional_table(messages, TCP_FORCE_FIELDS),
+            **states,
+        )
+
+    def frame_stamps(self) -> tuple[IntArray, IntArray]:
+        """Return arrival stamps [ns] and counters of all frames, each of shape [n]."""
+        entries = self._entries[Topic.IMAGE]
+        stamps = np.array([entry.log_time for entry in entries], dtype=np.int64)
+        counters = np.array([entry.sequence for entry in entries], dtype=np.int64)
+        return stamps, counters
+
+    def frames(
+        self, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[ImageFrame]:
+        """Yield the frames that arrived from ``start_ns`` to ``end_ns`` [ns], both included.
+
+        Width and height are 0 in a file whose own list of channels is damaged.
+        """
+        first_ns, last_ns = start_ns or 0, math.inf if end_ns is None else end_ns
+        entries = self._entries[Topic.IMAGE]
+        for frame in self._read(e for e in entries if first_ns <= e.log_time <= last_ns):
+            has_stamp = frame.publish_time != frame.log_time
+            yield ImageFrame(
+                stamp_ns=frame.log_time,
+                counter=frame.sequence,
+                device_stamp_s=frame.publish_time / 1e9 if has_stamp else None,
+                width=frame.width,
+                height=frame.height,
+                jpeg=decode_jpeg(frame.data),
+            )
+
+    def events(self) -> list[JournalEvent]:
+        """Return the journal events that were recorded beside the streams."""
+        return [decode_event(each.data) for each in self._read(self._entries[Topic.EVENT])]
+
+    def raw_messages(self) -> Iterator[RawMessage]:
+        """Yield all messages as they were encoded, in order of arrival."""
+        entries = (entry for stream in self._entries.values() for entry in stream)
+        return self._read(sorted(entries, key=lambda entry: (entry.log_time, entry.offset)))
+
+    def _filled(self) -> list[list[Entry]]:
+        return [entries for entries in self._entries.values() if entries]
+
+    def _decoded(self, topic: Topic) -> list[Any]:
+        kind = MESSAGES[topic]
+        return [kind.FromString(each.data) for each in self._read(self._entries[topic])]
+
+    def _read(self, entries: Iterable[Entry]) -> Iterator[RawMessage]:
+        with _open(self.path) as descriptor:
+            for entry in entries:
+                width, height = self._sizes.get(entry.channel, (0, 0))
+                yield RawMessage(
+                    topic=self._topic(entry),
+                    log_time=entry.log_time,
+                    publish_time=entry.publish_time,
+                    sequence=entry.sequence,
+                    data=os.pread(descriptor, entry.length, entry.offset),
+                    width=width,
+                    height=height,
+                )
+
+    def _topic(self, entry: Entry) -> Topic:
+        return self._topics.get(entry.channel) or _USUAL_CHANNELS.get(entry.channel, Topic.IMAGE)
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[int]:
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError as error:
+        raise read_error(path, error, what="the recording") from error
+    try:
+        yield descriptor
+    except OSError as error:
+        raise read_error(path, error, what="the recording") from error
+    finally:
+        os.close(descriptor)
+
+
+def _column(messages: list[Any], name: str) -> IntArray:
+    return np.array([getattr(message, name) for message in messages], dtype=np.int64)
+
+
+def _table(messages: list[Any], names: tuple[str, ...]) -> FloatArray:
+    rows = [[getattr(message, name) for name in names] for message in messages]
+    return np.array(rows, dtype=np.float64).reshape(len(messages), len(names))
+
+
+def _optional_table(messages: list[Any], names: tuple[str, ...]) -> FloatArray:
+    table = _table(messages, names)
+    absent = [[not message.HasField(name) for name in names] for message in messages]
+    table[np.array(absent, dtype=bool).reshape(table.shape)] = np.nan
+    return table

@@ -1,0 +1,105 @@
+"""A replayed trial's arrays and image on disk."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.rgb import decode_rgb, encode_png
+from tacauchy_rig.core.store.durable import read_bytes, write_atomically
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayFields:
+    """What the simulator leaves of one trial.
+
+    Attributes:
+        fields: Named arrays of the mechanics (SI), into ``fields.npz``.
+        height: Named arrays of the deformed surface seen by the camera (SI), into ``height.npz``.
+        image: Rendered tactile image, RGB uint8, shape [height, width, 3], into ``image.png``.
+        surface_vtu: The deformed surface for ParaView, the whole file, into ``surface.vtu``.
+        passed: Small images and maps on the way to the force, into ``passed.npz``; empty where
+            the replay is from before they were kept.
+    """
+
+    fields: dict[str, NDArray[Any]] = field(default_factory=dict)
+    height: dict[str, NDArray[Any]] = field(default_factory=dict)
+    image: NDArray[np.uint8] | None = None
+    surface_vtu: bytes | None = None
+    passed: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+
+def write_fields(folder: Path, fields: ReplayFields) -> None:
+    """Write one trial's arrays and image, each file whole or not at all.
+
+    Raises:
+        RecordError: The disk is full or gone.
+    """
+    if fields.fields:
+        write_atomically(folder / "fields.npz", _pack(fields.fields))
+    if fields.height:
+        write_atomically(folder / "height.npz", _pack(fields.height))
+    if fields.image is not None:
+        write_atomically(folder / "image.png", encode_png(fields.image))
+    if fields.surface_vtu is not None:
+        write_atomically(folder / "surface.vtu", fields.surface_vtu)
+    if fields.passed:
+        write_atomically(folder / "passed.npz", _pack(fields.passed))
+
+
+def read_fields(folder: Path) -> ReplayFields:
+    """Read what there is of one trial.
+
+    Raises:
+        RecordError: The folder is missing, or a file in it is damaged.
+    """
+    if not folder.is_dir():
+        raise RecordError(
+            f"{folder}: this trial was not replayed",
+            remedy="replay the run again: `tacauchy-rig replay RUN`",
+        )
+    image, surface = folder / "image.png", folder / "surface.vtu"
+    return ReplayFields(
+        fields=_unpack(folder / "fields.npz"),
+        height=_unpack(folder / "height.npz"),
+        image=_read_png(image) if image.exists() else None,
+        surface_vtu=read_bytes(surface, what="the surface") if surface.exists() else None,
+        passed=_unpack(folder / "passed.npz"),
+    )
+
+
+def _read_png(path: Path) -> NDArray[np.uint8]:
+    """Return a PNG as RGB, shape [height, width, 3].
+
+    Raises:
+        RecordError: Missing or damaged.
+    """
+    image = decode_rgb(read_bytes(path, what="the image"))
+    if image is None:
+        raise RecordError(f"{path}: not a readable PNG", remedy="replay the run again")
+    return image
+
+
+def _pack(arrays: dict[str, NDArray[Any]]) -> bytes:
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, **arrays)
+    return buffer.getvalue()
+
+
+def _unpack(path: Path) -> dict[str, NDArray[Any]]:
+    if not path.exists():
+        return {}
+    try:
+        with np.load(io.BytesIO(read_bytes(path, what="the fields")), allow_pickle=False) as data:
+            return dict(data)
+    except (ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise RecordError(
+            f"{path}: damaged: {error}", remedy="replay the run again: `tacauchy-rig replay RUN`"
+        ) from error

@@ -1,0 +1,361 @@
+"""One run's folder: the only way in and out for results, replays and what the run is."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from datetime import UTC, datetime
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, Self
+
+from tacauchy_rig.core.calibrated import CalibratedOptics
+from tacauchy_rig.core.config.load import LoadedConfig, restore_config
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.expected_press import ExpectedPress
+from tacauchy_rig.core.force_check import ForceCheck
+from tacauchy_rig.core.imported import Imported, ImportedTrial
+from tacauchy_rig.core.replayed import Replay
+from tacauchy_rig.core.run import TrialRecord
+from tacauchy_rig.core.store.codec import dumps, loads, to_json
+from tacauchy_rig.core.store.durable import write_atomically, write_error
+from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.layout import RunPaths, run_folder
+from tacauchy_rig.core.store.replay_files import ReplayFields, read_fields, write_fields
+from tacauchy_rig.core.store.run_lock import run_lock
+from tacauchy_rig.core.store.sealed_file import SealedFile, read_json
+from tacauchy_rig.core.store.seals import Seal, bytes_sha256, file_sha256, seal
+
+logger = logging.getLogger(__name__)
+
+
+FORMAT = 1
+_DESCRIPTION = "the run's description"
+
+
+class RunStore:
+    """Reads and writes one run folder.
+
+    Attributes:
+        paths: Where everything lies.
+        config: The run's configuration, checked.
+        config_hash: Hash of the configuration as it was when the run was created.
+        simulated: Any device of the run was not real.
+        expected: What the presses of the run should give; made before the first.
+        force_check: The newest check of the cell; the journal holds those before it.
+        imported: What others recorded of it, and how; only of an imported run.
+        optics: What its presses gave when optics were calibrated from them.
+        truth: What the emulated world really is, as its emulators wrote it; never of a real rig.
+    """
+
+    def __init__(self, root: Path, description: dict[str, Any]) -> None:
+        self.paths = RunPaths(root)
+        self.description = description
+        self.config: RigConfig = restore_config(description["written"])
+        self.config_hash: str = description["config_hash"]
+        self.simulated: bool = description["simulated"]
+        sealed = partial(SealedFile, journal=self.paths.journal)
+        self._run_json: SealedFile[Any] = sealed(self.paths.run_json, Any, what=_DESCRIPTION)
+        self.expected: SealedFile[ExpectedPress] = sealed(
+            self.paths.expected, ExpectedPress, what="the expectation"
+        )
+        self.force_check: SealedFile[ForceCheck] = sealed(
+            self.paths.force_check, ForceCheck, what="the check of the cell"
+        )
+        self.imported: SealedFile[Imported] = sealed(
+            self.paths.imported, Imported, what="the word on what was imported"
+        )
+        self.optics: SealedFile[CalibratedOptics] = sealed(
+            self.paths.optics_json, CalibratedOptics, what="the calibration of its optics"
+        )
+        self.truth: SealedFile[dict[str, Any]] = sealed(
+            self.paths.truth, dict[str, Any], what="the emulated world's truth"
+        )
+
+    @classmethod
+    def create(
+        cls,
+        parent: Path,
+        loaded: LoadedConfig,
+        *,
+        config_text: str,
+        simulated: bool,
+        versions: dict[str, str],
+    ) -> Self:
+        """Make a new run folder ``YYYYmmdd-HHMMSS-NAME`` in ``parent``.
+
+        Raises:
+            RecordError: ``parent`` cannot be written, or its disk is full.
+        """
+        created = datetime.now(UTC)
+        root = _new_folder(parent, f"{created:%Y%m%d-%H%M%S}-{loaded.config.run.name}")
+        description = {
+            "format": FORMAT,
+            "run": root.name,
+            "name": loaded.config.run.name,
+            "created": created.isoformat(timespec="seconds"),
+            "simulated": simulated,
+            "seed": loaded.config.emulation.seed,
+            "config_hash": loaded.config_hash,
+            "config": loaded.config.model_dump(mode="json"),
+            "written": loaded.written,
+            "sources": loaded.sources,
+            "rig_toml_sha256": bytes_sha256(config_text.encode()),
+            "versions": versions,
+            "devices": {},
+            "clock": {"monotonic_ns": time.monotonic_ns(), "epoch_ns": time.time_ns()},
+        }
+        paths = RunPaths(root)
+        write_atomically(paths.rig_toml, config_text.encode())
+        write_atomically(paths.run_json, dumps(description))
+        return cls(root, loads(dumps(description), source=str(paths.run_json)))
+
+    @classmethod
+    def open(cls, root: Path) -> Self:
+        """Open a run folder.
+
+        Raises:
+            RecordError: ``root`` is no run folder, or its description is damaged.
+            ConfigError: Its configuration is no longer accepted.
+        """
+        path = run_folder(root).run_json
+        description = read_json(Any, path, what=_DESCRIPTION)
+        _check_description(description, path)
+        return cls(root, description)
+
+    def set_devices(self, devices: Mapping[str, Any]) -> None:
+        """Record who answered: name of the device to its DeviceIdentity.
+
+        A device that turns out to be a program on this computer makes the run a simulated one,
+        whatever driver the configuration names.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        answered = to_json(devices)
+        self.simulated = self.simulated or any(d.get("simulated") for d in answered.values())
+        self.description = {
+            **self.description,
+            "devices": answered,
+            "simulated": self.simulated,
+        }
+        self._run_json.save(self.description)
+
+    @cached_property
+    def imported_trials(self) -> dict[int, ImportedTrial]:
+        """Return what was imported of each trial, by its index; nothing of a run of ours.
+
+        Raises:
+            RecordError: It is an imported run, and the file that says so is missing or damaged.
+        """
+        if not self.config.is_imported:
+            return {}
+        found = self.imported.load()
+        if found is None:
+            raise RecordError(
+                f"{self.paths.imported}: missing, and this run was imported",
+                remedy="import it again from its source: `tacauchy-rig import FOLDER`",
+            )
+        return {trial.index: trial for trial in found.trials}
+
+    def trial_indices(self) -> list[int]:
+        """Return the trials that a run has or is to have, ascending.
+
+        Raises:
+            RecordError: As for ``imported_trials``.
+        """
+        count = len(self.config.protocol.force_targets)
+        return sorted(self.imported_trials) or list(range(1, count + 1))
+
+    def next_attempt(self, trial: int) -> int:
+        """Return the number that the next attempt at a trial has to take."""
+        return max(self.paths.attempt_indices(trial), default=0) + 1
+
+    def save_result(self, record: TrialRecord) -> None:
+        """Write ``result.json`` and seal it; one that is there already is only sealed.
+
+        Raises:
+            RecordError: The attempt has another result already, or the disk is full.
+        """
+        previous = self.load_result(record.index, record.attempt)
+        path = self.paths.result(record.index, record.attempt)
+        if previous is None:
+            write_atomically(path, dumps(record))
+        elif _without_hash(previous) != _without_hash(record):
+            raise RecordError(
+                f"{path}: attempt {record.attempt} at trial {record.index} has ended already: "
+                f"{previous.outcome}",
+                remedy="results are never overwritten: start a new attempt",
+            )
+        self.seal_result(record.index, record.attempt)
+
+    def seal_result(self, trial: int, attempt: int) -> None:
+        """Write the hashes of a result and its recording into the journal, once.
+
+        Raises:
+            RecordError: There is no result, or the disk is full or gone.
+        """
+        journal, path = self.paths.journal, self.paths.result(trial, attempt)
+        known = read_journal(journal) if journal.exists() else []
+        if any((e.name, e.trial, e.attempt) == (Seal.SEALED, trial, attempt) for e in known):
+            return
+        record: TrialRecord = read_json(TrialRecord, path, what="the result")
+        seal(
+            journal,
+            Seal.SEALED,
+            trial=trial,
+            attempt=attempt,
+            result_sha256=file_sha256(path, what="the result"),
+            recording_sha256=record.recording_sha256,
+        )
+
+    def load_result(self, trial: int, attempt: int) -> TrialRecord | None:
+        """Return an attempt's result, or None if it has none (it was cut off).
+
+        Raises:
+            RecordError: The file is damaged; names file and field.
+        """
+        path = self.paths.result(trial, attempt)
+        return read_json(TrialRecord, path, what="the result") if path.exists() else None
+
+    def latest(self, trial: int) -> TrialRecord | None:
+        """Return the result of the latest attempt that has one."""
+        return next(self._results(trial), None)
+
+    def accepted(self, trial: int) -> TrialRecord | None:
+        """Return the result of the latest attempt that passed."""
+        return next((result for result in self._results(trial) if result.passed), None)
+
+    def _results(self, trial: int) -> Iterator[TrialRecord]:
+        """Yield the readable results of a trial's attempts, the latest first.
+
+        One that is damaged is passed over, as if its attempt had been cut off; the check of the
+        run names it (``tacauchy_rig.core.store.check``).
+        """
+        for number in reversed(self.paths.attempt_indices(trial)):
+            try:
+                result = self.load_result(trial, number)
+            except RecordError as error:
+                logger.info("%s; passed over", error.message)
+                continue
+            if result is not None:
+                yield result
+
+    def counting(self, trial: int) -> TrialRecord | None:
+        """Return the result that counts: the latest that passed, or else the latest that ended."""
+        return self.accepted(trial) or self.latest(trial)
+
+    def save_replay(self, replay: Replay, fields: Mapping[int, ReplayFields]) -> None:
+        """Write a replay, the arrays and images of its trials, and the hashes of all of it.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        folder = self.paths.replays / replay.name
+        for trial, trial_fields in fields.items():
+            write_fields(self.paths.replay_trial(replay.name, trial), trial_fields)
+        files = {
+            str(path.relative_to(folder)): file_sha256(path, what="a file of the replay")
+            for trial in fields
+            for path in sorted(self.paths.replay_trial(replay.name, trial).glob("*"))
+        }
+        sources = {"config": self.config_hash, **self._recorded_hashes(replay)}
+        content = dumps(replace(replay, made_from=sources, files=files))
+        write_atomically(self.paths.replay_json(replay.name), content)
+        seal(
+            self.paths.journal,
+            Seal.REPLAYED,
+            name=replay.name,
+            replay_sha256=bytes_sha256(content),
+        )
+
+    def _recorded_hashes(self, replay: Replay) -> dict[str, str]:
+        """Return the SHA-256 of results and recordings of the trials, by file within the run."""
+        records = [self.counting(trial.index) for trial in replay.trials]
+        keys = [(record.index, record.attempt) for record in records if record is not None]
+        paths = [p for key in keys for p in (self.paths.result(*key), self.paths.recording(*key))]
+        return {
+            str(path.relative_to(self.paths.root)): file_sha256(path, what="what was recorded")
+            for path in paths
+            if path.exists()
+        }
+
+    def load_replay(self, name: str) -> Replay:
+        """Read a replay.
+
+        Raises:
+            RecordError: There is none of that name, or it is damaged.
+        """
+        path = self.paths.replay_json(name)
+        if not path.exists():
+            names = ", ".join(self.replays()) or "none"
+            raise RecordError(
+                f"{self.paths.root}: has no finished replay {name!r}; it has: {names}",
+                remedy=f"`tacauchy-rig replay {self.paths.root}` makes one",
+            )
+        replay: Replay = read_json(Replay, path, what="the replay")
+        return replay
+
+    def replays(self) -> list[str]:
+        """Return the names of finished replays."""
+        return sorted(path.parent.name for path in self.paths.replays.glob("*/replay.json"))
+
+    def load_replay_fields(self, name: str, trial: int) -> ReplayFields:
+        """Read one replayed trial's arrays and image.
+
+        Raises:
+            RecordError: Missing or damaged.
+        """
+        return read_fields(self.paths.replay_trial(name, trial))
+
+    def lock(self) -> AbstractContextManager[None]:
+        """Hold the run against other programs while in the returned context.
+
+        Raises:
+            RecordError: (on entering) Another program is working on this run.
+        """
+        return run_lock(self.paths.lock)
+
+
+def _without_hash(record: TrialRecord) -> bytes:
+    """Return what two processes that tell of the same attempt agree on."""
+    return dumps(replace(record, recording_sha256=None))
+
+
+def _new_folder(parent: Path, name: str) -> Path:
+    number = 1
+    while True:
+        root = parent / (name if number == 1 else f"{name}-{number}")
+        try:
+            root.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        except OSError as error:
+            raise write_error(root, error) from error
+        else:
+            return root
+
+
+def _check_description(description: Any, path: Path) -> None:
+    wanted = {
+        "format": int,
+        "written": dict,
+        "config_hash": str,
+        "simulated": bool,
+        "devices": dict,
+    }
+    for field, kind in wanted.items():
+        if not isinstance(description, dict) or not isinstance(description.get(field), kind):
+            raise RecordError(
+                f"{path}: {field}: missing or of the wrong type",
+                remedy="the file was edited, or is not this program's",
+            )
+    if description["format"] != FORMAT:
+        raise RecordError(
+            f"{path}: written in format {description['format']}; this program reads {FORMAT}",
+            remedy="use the version of the program named under versions in that file",
+        )

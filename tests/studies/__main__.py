@@ -1,0 +1,39 @@
+"""``python -m tests.studies NAME``: run one of the studies that validate this program."""
+
+from __future__ import annotations
+
+import typer
+
+from tacauchy_rig.app.cli.app import run_program
+from tacauchy_rig.app.cli.lazy import lazy_group
+
+STUDIES = {
+    "fault-table": "tests.studies.fault_table.command:fault_table",
+    "tampering": "tests.studies.tampering.command:tamper_table",
+    "page": "tests.studies.page.command:page_check",
+    "verdict": "tests.studies.verdict.command:verdict_check",
+    "budget": "tests.studies.budget.command:budget_check",
+    "gel": "tests.studies.gel.command:gel_check",
+    "press": "tests.studies.press.command:press_check",
+    "mounting": "tests.studies.mounting.command:mounting_check",
+    "residual": "tests.studies.residual.command:residual_check",
+    "judge-page": "tests.studies.judge_page.command:judge_page",
+}
+"""Where each study's command is."""
+
+app = typer.Typer(
+    cls=lazy_group(STUDIES),
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Studies that validate this program itself.",
+)
+
+
+@app.callback()
+def options() -> None:
+    """Run one study; its page is written to where ``--out`` or ``--page`` says."""
+
+
+if __name__ == "__main__":
+    run_program(app)

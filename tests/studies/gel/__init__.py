@@ -1,0 +1,1 @@
+"""How often calibrated gel parameters' intervals contain the truth, over drawn emulated gels."""

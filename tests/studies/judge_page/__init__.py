@@ -1,0 +1,1 @@
+"""The page that compares other simulators on the same presses."""

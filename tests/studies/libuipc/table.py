@@ -1,0 +1,66 @@
+"""libuipc's rows as tables, each beside ours of as many environments."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from sim.studies.bench.scenes.own_process import SceneRow
+from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress
+from sim.studies.bench.scenes.suite import SceneBench
+from tacauchy_rig.core.page import table_prose
+from tacauchy_rig.core.tables import Cell, Table, table_of
+
+
+def peer_tables(found: SceneBench) -> Iterator[Table]:
+    """Return a table for every way in which the peer pressed."""
+    ours = {(row.scene, row.environments or 1): row.press for rows in found.groups for row in rows}
+    for rows in found.peers:
+        yield _beside(rows, ours, found)
+
+
+def _beside(
+    rows: Sequence[SceneRow], ours: dict[tuple[str, int], ScenePress | None], found: SceneBench
+) -> Table:
+    def our(row: SceneRow) -> ScenePress | None:
+        return ours.get((row.scene, row.environments or 1))
+
+    def error(row: SceneRow, press: ScenePress | None) -> Cell:
+        known = found.references.get(row.scene)
+        if known is None or press is None:
+            return None
+        return f"{1e2 * known.force_error(press):+.1f}"
+
+    def speed(row: SceneRow, press: ScenePress | None) -> float | None:
+        return None if press is None else FRAME_COUNT * (row.environments or 1) / press.wall_s
+
+    def ratio(row: SceneRow) -> Cell:
+        own, theirs = speed(row, our(row)), speed(row, row.press)
+        return None if own is None or theirs is None else f"{own / theirs:.3g}"
+
+    def shown(value: float | None) -> Cell:
+        return None if value is None else round(value)
+
+    def balance(press: ScenePress | None) -> Cell:
+        return None if press is None else f"{press.balance:.0e}"
+
+    return table_of(
+        rows,
+        {
+            "scene": lambda row: row.scene,
+            "ours [1/s]": lambda row: shown(speed(row, our(row))),
+            "libuipc [1/s]": lambda row: row.failure or shown(speed(row, row.press)),
+            "ours over it": ratio,
+            "F_z off by [%]": lambda row: error(row, our(row)),
+            "its [%]": lambda row: error(row, row.press),
+            "balance": lambda row: balance(our(row)),
+            "its balance": lambda row: balance(row.press),
+        },
+        **table_prose(
+            "sim.studies.bench.scenes",
+            "scenes.md.jinja",
+            "peer",
+            engine=rows[0].engine,
+            environments=rows[0].environments,
+            remarks=[f"{row.scene}: {row.remark}" for row in rows if row.remark],
+        ),
+    )

@@ -1,0 +1,1 @@
+"""How well a tool's tilt is found, and what simulating it gains."""

@@ -1,0 +1,1 @@
+"""Whether one press tells an aged sensor from a new one."""

@@ -1,0 +1,1 @@
+"""Whether the split of an image residual names the cause that was planted."""

@@ -1,0 +1,160 @@
+"""Emulated runs with a twin and a page: how often it shows something, how late, what is lost."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.device.faults import Device
+from drivers.emulators.launch import Emulation, with_addresses
+from drivers.emulators.plant.unit import EmulatedUnit
+from protocols.guard.abort import Abort
+from protocols.processes.messages import PageWish
+from protocols.session import run_session
+from sim.sensor.sensor import Sensor, load_sensor
+from tacauchy_rig.app.twin.wish import Follows, twin_wish
+from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.run import TrialRecord
+from tacauchy_rig.core.store.line_log import read_log
+from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.tables import Table, table_of_rows
+from tests.studies.twin_bench.scenes import TwinScene
+
+LAG_WANTED_MS = 200.0
+_PAUSE_S = 1.0  # between two frames: longer ones lie between presses
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinRow:
+    """What a run with a twin gave; frames are those with contact.
+
+    Attributes:
+        busy: Processes that wanted a processor at the end, over the processors there are.
+    """
+
+    name: str
+    frames: int
+    rate_hz: float
+    lag_median_ms: float
+    lag_late_ms: float
+    solve_median_ms: float
+    draw_median_ms: float
+    processor_median_ms: float
+    processor_late_ms: float
+    failed: int
+    error_relative: float
+    lost_force: int
+    lost_images: int
+    outcomes: str
+    busy: float
+
+    def keeps_up(self, rate_wanted_hz: float) -> bool:
+        """Return whether it is as quick as is wanted, and nothing was lost."""
+        quick = self.rate_hz >= rate_wanted_hz and self.lag_median_ms < LAG_WANTED_MS
+        return quick and self.lost_force == self.lost_images == 0
+
+
+def press_with_twin(
+    scene: TwinScene, folder: Path, *, unit_of: Callable[[Sensor], EmulatedUnit], device: str
+) -> TwinRow:
+    """Press a scene's trials on emulated devices, with a page and a twin.
+
+    Args:
+        unit_of: Makes the emulated unit of a sensor.
+        device: Where the twin's images are drawn.
+
+    Raises:
+        RigError: The run does not begin.
+    """
+    out = f'run.output_directory="{folder}"'
+    loaded = load_config(None, overrides=[out, *scene.overrides])
+    store = RunStore.create(folder, loaded, config_text=default_text(), simulated=True, versions={})
+    emulation = Emulation(
+        loaded.config,
+        folder=store.paths.emulation,
+        devices=frozenset(Device),
+        unit=unit_of(load_sensor(loaded.config.sensor.name)),
+    )
+    with emulation:
+        result = run_session(
+            store,
+            with_addresses(loaded.config, emulation.addresses),
+            on_event=lambda _event: None,
+            abort=Abort(),
+            page=PageWish(),
+            viewers=[twin_wish(Follows.FORCE, device=device)],
+        )
+    busy = os.getloadavg()[0] / (os.cpu_count() or 1)
+    return row_of(scene.name, read_log(store.paths.twin), result.records, busy=busy)
+
+
+def row_of(
+    name: str, lines: Sequence[dict[str, Any]], records: Sequence[TrialRecord], *, busy: float
+) -> TwinRow:
+    """Return what a twin's lines and a run's results say."""
+    pressed = [line for line in lines if line["force_n"] > 0.0]
+    stamps = np.array([line["stamp_ns"] for line in pressed]) * 1e-9
+    between = np.diff(stamps)
+    between = between[between < _PAUSE_S]
+    lags = [line["lag_ms"] for line in pressed]
+    spent = [line["processor_ms"] for line in pressed]
+    errors = [line["force_error_n"] / line["force_n"] for line in pressed if line["force_error_n"]]
+    return TwinRow(
+        name=name,
+        frames=len(pressed),
+        rate_hz=1.0 / float(between.mean()) if len(between) else 0.0,
+        lag_median_ms=_at(lags, 50),
+        lag_late_ms=_at(lags, 95),
+        solve_median_ms=_at([line["solve_ms"] for line in pressed], 50),
+        draw_median_ms=_at([line["draw_ms"] for line in pressed], 50),
+        processor_median_ms=_at(spent, 50),
+        processor_late_ms=_at(spent, 95),
+        failed=sum(bool(line["note"]) for line in lines),
+        error_relative=max(errors, default=float("nan")),
+        lost_force=sum(round(each.rates["force_lost_count"]) for each in records),
+        lost_images=sum(round(each.rates["image_lost_count"]) for each in records),
+        outcomes=", ".join(each.outcome.value for each in records),
+        busy=busy,
+    )
+
+
+def twin_table(rows: Sequence[TwinRow], *, rate_wanted_hz: float) -> Table:
+    """Return the rates as a table."""
+    return table_of_rows(
+        [
+            {
+                "scene": row.name,
+                "frames": row.frames,
+                "frames/s": row.rate_hz,
+                "lag, median [ms]": row.lag_median_ms,
+                "lag, 95 % [ms]": row.lag_late_ms,
+                "processor time of a frame, median [ms]": row.processor_median_ms,
+                "of it, 95 % [ms]": row.processor_late_ms,
+                "failed": row.failed,
+                "error of F_z, at most": row.error_relative,
+                "lost force": row.lost_force,
+                "lost images": row.lost_images,
+                "trials": row.outcomes,
+                "load": row.busy,
+            }
+            for row in rows
+        ],
+        title="A twin beside emulated runs, with a page",
+        criterion=f"at least {rate_wanted_hz:g} frames/s, median lag below {LAG_WANTED_MS:g} ms, "
+        "and not one sample of force or image lost",
+        passed=all(row.keeps_up(rate_wanted_hz) for row in rows),
+        note="Of frames with contact. Load: processes that wanted a processor when the run ended, "
+        "the run's own included, over the processors there are; where that is far above 1, others "
+        "worked on the machine, and a twin of the lowest priority has what they leave. Processor "
+        "time is what a frame costs whoever else works there; an idle processor gives a frame in "
+        "that, and at most 40 a second, as often as the force is shown.",
+    )
+
+
+def _at(values: Sequence[float], percent: float) -> float:
+    return float(np.percentile(values, percent)) if len(values) else float("nan")

@@ -1,0 +1,71 @@
+"""Responses that were made up: what an indenter feels of nu and friction stands in a formula."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reports.arrays import FloatArray
+from tacauchy_rig.app.calibration.material.presses import IndenterPresses
+from tacauchy_rig.app.calibration.material.response import FRICTION, POISSON, Response
+from tacauchy_rig.app.replay.inputs import inputs_of
+from tacauchy_rig.core.config.load import load_config
+
+DEPTHS_M = np.linspace(1e-4, 8e-4, 8)
+NOISE_N = 0.005
+SURE = (
+    'uncertainty.depth="1 um"',
+    'uncertainty.force_scale="0.1 %"',
+)
+
+
+def area(
+    depth_m: FloatArray, *, poisson: float, friction: float, power: float, confined: float
+) -> FloatArray:
+    """Return force over modulus [m^2]; ``confined`` is how much nu counts."""
+    size = 5e-3 ** (2.0 - power)
+    grip = 1.0 + 0.2 * friction * depth_m / 1e-3
+    return np.asarray(size * depth_m**power * grip * np.exp(confined * (poisson - 0.45)))
+
+
+def made_response(*, power: float, confined: float) -> Response:
+    """Return the formula at the nodes."""
+    depth = np.concatenate([[0.0], np.geomspace(2e-5, 1e-3, 24)])
+    return Response(
+        depth_m=depth,
+        area_m2=np.array(
+            [
+                [
+                    area(depth, poisson=nu, friction=mu, power=power, confined=confined)
+                    for mu in FRICTION
+                ]
+                for nu in POISSON
+            ]
+        ),
+        uncertain=0.002,
+        inputs=(),
+    )
+
+
+def made_presses(
+    indenter: str,
+    *,
+    young_pa: float,
+    poisson: float,
+    friction: float,
+    power: float,
+    confined: float,
+    seed: int = 1,
+) -> IndenterPresses:
+    """Return presses of the formula, with noise."""
+    config = load_config(overrides=(*SURE, f'replay.indenter="{indenter}"')).config
+    formula = {"poisson": poisson, "friction": friction, "power": power, "confined": confined}
+    noise_n = NOISE_N * np.random.default_rng(seed).standard_normal(len(DEPTHS_M))
+    return IndenterPresses(
+        config=config,
+        inputs=inputs_of(config),
+        contact_force_n=0.0,
+        press=np.arange(len(DEPTHS_M)),
+        depth_m=DEPTHS_M,
+        force_n=young_pa * area(DEPTHS_M, **formula) + noise_n,
+        noise_n=np.full(len(DEPTHS_M), NOISE_N),
+    )

@@ -1,0 +1,64 @@
+"""The page of the paper's claims, of made-up measurements."""
+
+from __future__ import annotations
+
+from sim.studies.paper.claims import claims
+from sim.studies.paper.comparison import Ours, compared, model_ours
+from sim.studies.paper.mesh_search import Trial
+from sim.studies.paper.verdict import Verdict
+from tacauchy_rig.app.cli.studies.paper import Found, paper_page
+from tests.sim.studies.paper.made_up import model, presses, report, speeds
+
+EXACT = {name: claim.value for name, claim in claims().items() if name.startswith("mesh.")}
+
+
+def page(measured: dict[str, Ours], *, emulated: bool = False, ours: bool = False) -> str:
+    """Return the page of some measurements, one report and a mesh that is the paper's."""
+    found = Found(
+        comparison=compared(measured),
+        presses=presses(),
+        reference=model("reference"),
+        tet_count=1369,
+        speeds=speeds(),
+        reports=[report(emulated=emulated, ours=ours)],
+        trials=[Trial(pad="a pad", share=0.08, found=EXACT)],
+    )
+    return paper_page(found, command="x")
+
+
+def test_every_claim_is_a_row_with_its_verdict_and_reason() -> None:
+    """With nothing measured, and with everything far off, each has a reason beside it."""
+    nothing = page({})
+    far = page({name: Ours(value=1e6, source="made up") for name in claims()})
+    for text in (nothing, far):
+        rows = text.splitlines()
+        for claim in claims().values():
+            (row,) = [line for line in rows if line.startswith(f"| {claim.says} | {claim.where} |")]
+            *_, verdict, why = row.removesuffix(" |").split(" | ")
+            assert verdict.strip("*") in set(Verdict)
+            assert why.strip()
+    assert "**not reproduced**" in nothing
+    assert "made up" in far
+
+
+def test_a_changed_measurement_changes_the_page() -> None:
+    """The force of the paper's model is a number of the page, not of the template."""
+    texts = [
+        page(model_ours(presses(paper_force_n=force), model("r"), rest_stress_pa=1e5))
+        for force in (6.0, 4.5)
+    ]
+    assert "| 100 % | **different** |" in texts[0]
+    assert "| 50 % | **different** |" in texts[1]
+
+
+def test_the_floor_is_said_of_real_sensors_alone() -> None:
+    """An emulated no-contact frame beats nothing."""
+    said = "no contact at all reaches or exceeds"
+    assert said in page({}, emulated=False)
+    assert said not in page({}, emulated=True)
+    assert "a sensor, **emulated**" in page({}, emulated=True, ours=True)
+
+
+def test_a_mesh_that_meets_the_table_is_said() -> None:
+    """The search's end is a rule's, not the template's."""
+    assert "One comes within the rule's 5 % in all rows" in page({})

@@ -1,0 +1,131 @@
+"""The program as a process: exit codes and messages."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from tacauchy_rig.app.cli.app import COMMANDS, app, foreseen
+from tacauchy_rig.core.config.load import example_text
+from tacauchy_rig.core.errors import AbortedError
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def call(*arguments: str, cwd: Path, stdin: str = "") -> subprocess.CompletedProcess[str]:
+    """Run ``tacauchy-rig`` as an operator does."""
+    return subprocess.run(
+        [sys.executable, "-m", "tacauchy_rig.app.cli.app", *arguments],
+        cwd=cwd,
+        input=stdin,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+
+
+def test_an_error_is_two_lines_and_status_2(tmp_path: Path) -> None:
+    """No traceback reaches a person who did not ask for it."""
+    done = call("report", "nowhere", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: nowhere: not a run folder")
+    assert "->" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_debug_shows_the_traceback(tmp_path: Path) -> None:
+    """``--debug`` is for those who want it."""
+    done = call("--debug", "report", "nowhere", cwd=tmp_path)
+    assert done.returncode != 0
+    assert "Traceback" in done.stderr
+
+
+def test_unknown_key_names_field_and_remedy(tmp_path: Path) -> None:
+    """A misspelt key is refused before anything is made."""
+    (tmp_path / "rig.toml").write_text('[robot]\npress_spead = "0.2 mm/s"\n')
+    done = call("run", "rig.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "robot.press_spead" in done.stderr
+    assert not (tmp_path / "runs").exists()
+
+
+FILLED_IN = [
+    "--set=robot.host=127.0.0.99",
+    "--set=robot.connect_timeout=2 s",
+    "--set=force_sensor.port=/dev/ttyUSB77",
+    "--set=force_sensor.calibration_sheet=no. 7 of 2026-01-01",
+    "--set=sensor.optics_calibration=",
+]
+"""The example's labels, read at a rig where nothing is plugged in."""
+
+
+def test_what_is_missing_is_told_before_a_word_is_asked_for(tmp_path: Path) -> None:
+    """Every device at once, each with its remedy; no run folder is begun."""
+    assert call("config", "example", "rig.toml", cwd=tmp_path).returncode == 0
+    done = call("run", "rig.toml", *FILLED_IN, cwd=tmp_path, stdin="gelsight-mini\n")
+    assert done.returncode == 2
+    for name in ("robot 127.0.0.99", "/dev/ttyUSB77", "camera: no camera matches"):
+        assert name in done.stderr
+    assert done.stderr.count("->") == 3
+    assert "Type the sensor's name" not in done.stdout
+    assert not (tmp_path / "runs").exists()
+
+
+def test_nothing_moves_without_the_sensors_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A real arm's run shows what will move and stops at a wrong answer, with status 3."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("drivers.presence.require_devices", lambda _: None)
+    (tmp_path / "rig.toml").write_text(example_text())
+    unchecked = ["--set", "limits.allow_unchecked_force=true"]
+    done = CliRunner().invoke(app, ["run", "rig.toml", *FILLED_IN, *unchecked], input="yes\n")
+    assert isinstance(done.exception, AbortedError)
+    assert done.exception.exit_code == 3
+    assert "nothing moved" in done.exception.message
+
+
+@pytest.mark.parametrize("command", ["dry-run", "run", "doctor", "press", "emulate", "fault-table"])
+def test_every_command_has_help(command: str) -> None:
+    """Help costs no device."""
+    assert CliRunner().invoke(app, [command, "--help"]).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "remedy"),
+    [
+        (MemoryError("Unable to allocate 8 GiB"), "out of memory: Unable", "ulimit -v"),
+        (OSError(errno.EMFILE, "Too many open files"), "too many open files", "ulimit -n"),
+        (
+            OSError(errno.EROFS, "Read-only", "/a/b"),
+            "/a/b: its disk is read-only",
+            "output_directory",
+        ),
+        (OSError(errno.ENOSPC, "No space", "/a/b"), "/a/b: no space left", "free some space"),
+        (ValueError("odd"), "ValueError: odd", "fault of the program"),
+    ],
+)
+def test_what_the_computer_refuses_is_no_fault_of_the_program(
+    error: Exception, message: str, remedy: str
+) -> None:
+    """Memory, files and disks have their own words; the rest is called what it is."""
+    told = foreseen(error)
+    assert told.message.startswith(message)
+    assert remedy in told.remedy
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_is_whole_on_a_terminal_of_80_columns(command: str) -> None:
+    """No word of an option's help is cut."""
+    shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "80"})
+    assert shown.exit_code == 0
+    assert max(map(len, shown.output.splitlines())) <= 80
+    assert "…" not in shown.output

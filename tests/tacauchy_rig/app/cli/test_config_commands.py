@@ -1,0 +1,74 @@
+"""``config show`` and ``config example`` as an operator calls them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from tacauchy_rig.app.cli.app import app
+from tacauchy_rig.core.config.load import example_text, load_config
+from tacauchy_rig.core.errors import ConfigError
+
+runner = CliRunner()
+
+
+def test_show_names_the_source_of_each_value(tmp_path: Path) -> None:
+    """A value from the file is told from a built-in default and from --set."""
+    path = tmp_path / "rig.toml"
+    path.write_text('[robot]\npress_speed = "0.2 mm/s"\n')
+    out = tmp_path / "show.json"
+    arguments = ["config", "show", str(path), "--set", "camera.width=1280", "--json", str(out)]
+    assert runner.invoke(app, arguments).exit_code == 0
+    sources = {row["field"]: row["source"] for row in json.loads(out.read_text())["fields"]}
+    assert sources["robot.press_speed"] == str(path)
+    assert sources["camera.width"] == "--set"
+    assert sources["camera.height"] == "built-in default"
+
+
+@pytest.mark.parametrize(
+    "setting",
+    ["sensor.name=gelsight-maxi", "replay.preset=finest", "sensor.optics_calibration=gone.npz"],
+)
+def test_show_refuses_what_no_replay_is_made_with(setting: str) -> None:
+    """The fields are listed all the same: that is where the wrong one is found."""
+    done = runner.invoke(app, ["config", "show", "--set", setting])
+    assert isinstance(done.exception, ConfigError)
+    assert setting.partition("=")[2] in done.exception.message
+    assert "replay.preset" in done.stdout
+
+
+def test_example_is_written(tmp_path: Path) -> None:
+    """The file is the commented example, whose placeholders wait to be filled in."""
+    path = tmp_path / "rig.toml"
+    assert runner.invoke(app, ["config", "example", str(path)]).exit_code == 0
+    assert path.read_text("utf-8") == example_text()
+    with pytest.raises(ConfigError, match="is not filled in"):
+        load_config(path)
+
+
+@pytest.mark.parametrize("out", [None, "rig.toml"])
+def test_example_as_json(tmp_path: Path, out: str | None) -> None:
+    """The JSON has the text and where it was written."""
+    place, file = None if out is None else str(tmp_path / out), tmp_path / "example.json"
+    arguments = [] if place is None else [place]
+    done = runner.invoke(app, ["config", "example", *arguments, "--json", str(file)])
+    assert done.exit_code == 0
+    assert json.loads(file.read_text("utf-8")) == {"file": place, "text": example_text()}
+
+
+def test_example_overwrites_nothing(tmp_path: Path) -> None:
+    """A rig.toml that somebody filled in is not lost to a second call."""
+    path = tmp_path / "rig.toml"
+    path.write_text("precious")
+    with pytest.raises(ConfigError, match="cannot be written"):
+        runner.invoke(app, ["config", "example", str(path)], catch_exceptions=False)
+    assert path.read_text() == "precious"
+
+
+def test_the_page_of_ceilings_is_what_the_command_prints() -> None:
+    """docs/ceilings.md is made, not written."""
+    page = Path(__file__).parents[3] / "docs" / "ceilings.md"
+    assert runner.invoke(app, ["config", "ceilings"]).stdout == page.read_text("utf-8")

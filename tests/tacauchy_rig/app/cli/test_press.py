@@ -1,0 +1,154 @@
+"""What ``press`` says besides numbers."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from tacauchy_rig.app.cli.app import app
+from tacauchy_rig.core.errors import ConfigError
+
+DISC = ("--pad", "disc:radius=6mm,height=2mm", "--young", "0.43MPa", "--poisson", "0.45")
+PRESS = ("--indenter", "sphere:diameter=4mm", "--depth", "0.05mm", "--preset", "fast")
+
+
+def test_printed_law_warns_of_its_stress_at_rest() -> None:
+    """The paper's Eq. 4 is run, with the tension and the shrinkage it brings named."""
+    done = CliRunner().invoke(app, ["press", *DISC, *PRESS, "--law", "paper-eq4"])
+    assert done.exit_code == 0
+    assert "tension of 148.3 kPa at rest" in done.stderr
+    assert "shrink by 4.0% per axis" in done.stderr
+    assert "force" in done.stdout
+
+
+def test_gel_that_is_inside_out_is_told() -> None:
+    """A bonded rim half way through a compressible pad crushes the elements at its edge."""
+    bonded = ["--indenter", "cylinder:diameter=3mm,fillet=0.1mm", "--contact", "bonded"]
+    deep = [*bonded, "--depth", "1mm", "--preset", "fast", "--no-estimate-error"]
+    done = CliRunner().invoke(app, ["press", *DISC[:-1], "0.3", *deep])
+    assert done.exit_code == 0
+    assert "inside out somewhere (det F -" in done.stderr
+    usual = CliRunner().invoke(app, ["press", *DISC, *PRESS, "--no-estimate-error"])
+    assert "inside out" not in usual.stderr
+
+
+def test_every_output_has_an_error_unless_that_is_refused(tmp_path: Path) -> None:
+    """A bonded press is pressed again on longer edges."""
+    bonded = ["press", *DISC, *PRESS, "--contact", "bonded"]
+    file = tmp_path / "press.json"
+    done = CliRunner().invoke(app, [*bonded, "--json", str(file)])
+    assert done.exit_code == 0
+    assert "Richardson" in done.stdout
+    found = json.loads(file.read_text("utf-8"))
+    assert 0.0 < found["estimated_force_error_relative"] < 0.5
+    assert {"force", "pressure", "shear", "image", "markers"} == set(found["estimated_errors"])
+    assert "errors     pressure " in done.stdout
+    assert found["surface_traction_gap_relative"] > 0.0
+    refused = CliRunner().invoke(app, [*bonded, "--no-estimate-error"])
+    assert "not known" in refused.stdout
+
+
+def test_tolerance_chooses_the_preset(tmp_path: Path) -> None:
+    """A wide one takes the cheapest; the neighbours' cost is printed and kept."""
+    scene = ["press", *DISC, *PRESS[:4]]
+    file = tmp_path / "press.json"
+    done = CliRunner().invoke(app, [*scene, "--tolerance", "20%", "--json", str(file)])
+    assert done.exit_code == 0
+    assert "preset fast, edges 1.33 times as long" in done.stdout.splitlines()[0]
+    assert "force error believed to be" in done.stdout
+    assert "cost       " in done.stdout
+    assert "better     preset fast, edges 1.11 times as long: about" in done.stdout
+    found = json.loads(file.read_text("utf-8"))
+    assert found["preset"] == "fast, edges 1.33 times as long"
+    assert found["estimated_force_error_relative"] <= 0.2
+    assert found["alternatives"][-1]["time_ratio"] > 1.0
+
+
+def test_a_mesh_between_two_presets_is_named() -> None:
+    """A tolerance may choose one; the output says which."""
+    done = CliRunner().invoke(app, ["press", *DISC, *PRESS[:4], "--tolerance", "2%"])
+    assert done.exit_code == 0
+    assert "preset fast, edges 0.625 times as long" in done.stdout.splitlines()[0]
+
+
+def test_a_plan_states_tolerances_cost_and_neighbours(tmp_path: Path) -> None:
+    """Before the press: what each output may lose, the time over preset fast's, and both sides."""
+    file = tmp_path / "plan.json"
+    scene = ["plan", *DISC, *PRESS[:4], "--preset", "balanced", "--json", str(file)]
+    done = CliRunner().invoke(app, scene)
+    assert done.exit_code == 0
+    for line in ("allowed of force", "trying took", "cost       about", "cheaper    ", "better  "):
+        assert line in done.stdout
+    found = json.loads(file.read_text("utf-8"))
+    assert found["tolerances"]["force"] == 0.02
+    assert found["time_over_fast"] > 1.0
+    assert {other["role"] for other in found["alternatives"]} == {"cheaper", "better"}
+    assert {other["wall_s"] for other in found["alternatives"]} == {None}
+
+
+def test_tolerance_that_no_preset_keeps_is_refused() -> None:
+    """The refusal names the best that can be had; so does one that is no tolerance."""
+    refused = CliRunner().invoke(app, ["press", *DISC, *PRESS[:4], "--tolerance", "1e-6N"])
+    assert isinstance(refused.exception, ConfigError)
+    assert "comes nearest with" in refused.exception.message
+    wrong = CliRunner().invoke(app, ["press", *DISC, *PRESS[:4], "--tolerance", "1 mm"])
+    assert isinstance(wrong.exception, ConfigError)
+    assert "--tolerance" in wrong.exception.message
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        (("--force", "-1N"), "--force -1N is negative"),
+        (("--depth", "-0.2mm"), "--depth -0.2mm is negative"),
+        (("--depth", "2mm"), "--depth of 2 mm goes through a gel that is 2 mm thick"),
+        (("--depth", "0.3cm"), "--depth of 3 mm goes through a gel that is 2 mm thick"),
+    ],
+)
+@pytest.mark.parametrize("command", ["press", "plan"])
+def test_target_that_no_press_reaches_is_refused(
+    command: str, target: tuple[str, str], message: str
+) -> None:
+    """Nothing is simulated; the option is named, and lengths are in millimetres."""
+    refused = CliRunner().invoke(app, [command, *DISC, *PRESS[:2], *target])
+    assert isinstance(refused.exception, ConfigError)
+    assert refused.exception.message == message
+    assert refused.exception.remedy
+
+
+def test_a_negative_target_is_told_what_to_write() -> None:
+    """The remedy has the option and a number with its unit."""
+    refused = CliRunner().invoke(app, ["press", *DISC, *PRESS[:2], "--force", "-1N"])
+    assert isinstance(refused.exception, ConfigError)
+    assert refused.exception.remedy.endswith("--force 1N")
+
+
+def test_a_plan_takes_the_way_to_a_force() -> None:
+    """What was given to ``press`` can be given to ``plan``; another way is refused by name."""
+    scene = ["plan", *DISC, *PRESS[:2], "--force", "0.1N"]
+    assert CliRunner().invoke(app, [*scene, "--drive", "search"]).exit_code == 0
+    refused = CliRunner().invoke(app, [*scene, "--drive", "push"])
+    assert refused.exit_code == 2
+    assert "--drive" in refused.stderr
+
+
+def test_out_writes_what_a_replay_writes(tmp_path: Path) -> None:
+    """Of a sensor image, heights and markers too; a bare pad has no camera, and says so."""
+    folder = tmp_path / "found"
+    sensor = ["press", "--sensor", "gelsight-mini", *PRESS, "--out", str(folder)]
+    assert CliRunner().invoke(app, sensor).exit_code == 0
+    always = {"press.json", "fields.npz", "surface.vtu", "gel.vtu", "indenter.vtu", "figure.png"}
+    written = {path.name for path in folder.iterdir()}
+    assert written == always | {"figure.pdf", "image.png", "height.npz"}
+    with np.load(folder / "fields.npz") as fields:
+        assert fields["cauchy_stress_pa"].shape == (len(fields["node_m"]), 6)
+        assert fields["marker_displacement_m"].shape == (63, 2)
+        pressed = fields["contact_pressure_pa"] > 0.0
+        assert fields["contact_pressure_error_pa"][pressed].max() > 0.0
+    bare = CliRunner().invoke(app, ["press", *DISC, *PRESS, "--out", str(tmp_path / "bare")])
+    assert "a bare pad has no camera" in bare.stdout
+    assert {path.name for path in (tmp_path / "bare").iterdir()} == always | {"figure.pdf"}

@@ -1,0 +1,69 @@
+"""A run that went through to its end says which criteria it missed, on standard error."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import typer
+
+from protocols.processes.supervisor import SessionResult
+from tacauchy_rig.app.cli import session
+from tacauchy_rig.app.session.record import missed_lines
+from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.run import Criterion, Outcome, TrialRecord
+from tacauchy_rig.core.store.run_store import RunStore
+
+RATE = Criterion(
+    name="image_rate_hz",
+    passed=False,
+    measured=16.6123,
+    limit=">= 20 Hz",
+    unit="Hz",
+    remedy="see `tacauchy-rig doctor`: camera",
+)
+LOST = replace(RATE, name="image_lost_ratio", measured=0.2345, limit="<= 0.05", unit="", remedy="")
+MISSED = TrialRecord(
+    index=3,
+    attempt=2,
+    outcome=Outcome.FAILED,
+    force_target_n=2.0,
+    criteria=(RATE, LOST, replace(RATE, name="force_mean", passed=True)),
+)
+TRIAL = "missed: trial 3, attempt 2"
+LINES = [
+    f"{TRIAL}: image_rate_hz is 16.61 Hz, asked: >= 20 Hz -> see `tacauchy-rig doctor`: camera",
+    f"{TRIAL}: image_lost_ratio is 0.2345, asked: <= 0.05",
+]
+
+
+def test_each_criterion_that_was_missed_has_a_line() -> None:
+    """Trial, criterion, measured, asked, what to do; nothing of trials that passed."""
+    passed = replace(MISSED, outcome=Outcome.PASSED, criteria=())
+    assert list(missed_lines([passed, MISSED])) == LINES
+    assert list(missed_lines([replace(MISSED, attempt=1)]))[1].startswith("missed: trial 3: image")
+
+
+def test_the_program_tells_it_and_ends_with_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Standard error holds the lines and what to do next; the exit code is 1."""
+    store = RunStore.create(
+        tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
+    )
+    result = SessionResult(
+        outcome=Outcome.FAILED,
+        records=(MISSED,),
+        reason="trials without a passed attempt: 3",
+        remedy="",
+        died={},
+        acknowledged={},
+    )
+    monkeypatch.setattr(session, "press", lambda *_, **__: result)
+    with pytest.raises(typer.Exit) as caught:
+        session.resume(store.paths.root, press_only=True)
+    assert caught.value.exit_code == 1
+    told = capfd.readouterr().err.splitlines()
+    assert told[:3] == [*LINES, "trials without a passed attempt: 3"]
+    assert f"tacauchy-rig resume {store.paths.root}" in told[3]

@@ -1,0 +1,165 @@
+"""Emulated presses seen by a video and felt by a log, whose offset is known: how well it is found.
+
+``python -m tests.tacauchy_rig.app.importing.offsets`` writes the table of docs/importing.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.emulators.camera.frames import DEPTH_STEP_M, FrameFactory, PressKey
+from drivers.emulators.plant.gel import Plant
+from drivers.emulators.plant.tips import CylinderTip
+from drivers.emulators.plant.truth import PlantTruth, draw_truth
+from tacauchy_rig.app.importing.onset import Offset, Signal, find_offset
+from tacauchy_rig.app.importing.press import FloatArray, Samples
+from tacauchy_rig.app.importing.streams import PressFinding, S, felt_along, find_presses
+from tacauchy_rig.app.importing.video import SMALL, followed, image_change
+from tacauchy_rig.core.run import FZ, Pose
+
+SEEDS = range(10)
+STEP_S, LOG_S, FRAME_S = 0.002, 0.01, 0.04
+PRESS_M_S, SLOW_M_S, FAST_M_S = 0.3e-3, 0.3e-3, 10e-3
+SIZE = (320, 240)  # of a frame [px]
+PRESSES = 5
+EVERY = 2  # steps of the emulator's depth that are rendered
+LOOKS: dict[int, dict[PressKey, np.ndarray]] = {}
+"""By seed, how a gel looks at a depth."""
+DOWN = (math.pi, 0.0, 0.0)
+PAGE = Path(__file__).parents[3] / "docs" / "importing.md"
+BEGIN, END = "<!-- offsets: begin -->", "<!-- offsets: end -->"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recorded:
+    """What a world left in both; times are of the log's clock, frames' when the gel was so."""
+
+    force: Samples
+    height: Signal
+    frames: list[np.ndarray]
+    frame_s: FloatArray
+    true_s: float
+
+
+def recorded(seed: int, *, release_m_s: float) -> Recorded:
+    """Press a drawn gel to drawn forces in drawn times, and let go at a speed."""
+    random = np.random.default_rng([seed, 77])
+    truth = replace(draw_truth(seed), tilt_rad=(0.0, 0.0))
+    plant = Plant(truth, CylinderTip(diameter_m=5e-3), (0.0, 0.0, 0.0))
+    time_s, height_m, felt_n = np.array(list(_pressed(plant, random, release_m_s))).T
+    log_s = np.arange(LOG_S, time_s[-1], LOG_S)
+    frame_s = np.arange(LOG_S + random.uniform(0.0, FRAME_S), time_s[-1], FRAME_S)
+    stamp_ns = np.rint((log_s + 1.0) * S).astype(np.int64)
+    wrench = np.zeros((len(log_s), 6))
+    wrench[:, FZ] = np.interp(log_s, time_s, felt_n) + _noise(truth, log_s, random)
+    return Recorded(
+        force=Samples(stamp_ns=stamp_ns, value=wrench),
+        height=Signal(time_s=stamp_ns / S, value=np.interp(log_s, time_s, height_m)),
+        frames=list(_seen(plant, np.interp(frame_s, time_s, height_m), random)),
+        frame_s=frame_s - frame_s[0],
+        true_s=1.0 + float(frame_s[0]),
+    )
+
+
+def _noise(truth: PlantTruth, log_s: FloatArray, random: np.random.Generator) -> FloatArray:
+    still = truth.force_offset_n[FZ] + truth.force_drift_n_s * log_s
+    return np.asarray(still + truth.force_noise_n * random.standard_normal(len(log_s)))
+
+
+def _pressed(
+    plant: Plant, random: np.random.Generator, release_m_s: float
+) -> Iterator[tuple[float, float, float]]:
+    """Yield time [s], height of the tip [m] and its force [N]: down to a force, held, and up."""
+    z, now_s, felt_n = 1e-3, 0.0, 0.0
+
+    def moved(speed_m_s: float) -> tuple[float, float, float]:
+        nonlocal z, now_s, felt_n
+        z, now_s = z + speed_m_s * STEP_S, now_s + STEP_S
+        wrench, _ = plant.wrench(Pose(position=(0.0, 0.0, z), rotation_vector=DOWN), _ns(now_s))
+        felt_n = wrench[FZ]
+        return now_s, z, felt_n
+
+    for target_n in random.permutation(np.linspace(1.26, 4.73, PRESSES)):
+        for _ in range(round(random.uniform(1.8, 3.0) / STEP_S)):
+            yield moved(0.0)
+        while felt_n < target_n:
+            yield moved(-PRESS_M_S)
+        for _ in range(round(random.uniform(1.2, 1.8) / STEP_S)):
+            yield moved(float(np.clip(0.4e-3 * (felt_n - target_n), -PRESS_M_S, PRESS_M_S)))
+        while z < 1e-3:
+            yield moved(release_m_s)
+    for _ in range(round(1.5 / STEP_S)):
+        yield moved(0.0)
+
+
+def _ns(time_s: float) -> int:
+    return round(time_s * S)
+
+
+def _seen(plant: Plant, heights_m: FloatArray, random: np.random.Generator) -> Iterator[np.ndarray]:
+    """Yield frames scaled down, each depth rendered once and with noise of its own each time."""
+    factory, known = FrameFactory(plant, *SIZE), LOOKS.setdefault(plant.truth.seed, {})
+    factory._stamped = False  # a number that changes in each frame would fill a tenth of it
+    noise = plant.truth.image_noise_levels * SMALL[0] / SIZE[0]
+    for z in heights_m.tolist():
+        depth_m = plant.depth(Pose(position=(0.0, 0.0, z), rotation_vector=DOWN))
+        depth = EVERY * round(depth_m / DEPTH_STEP_M / EVERY)
+        key = PressKey(depth=max(0, depth), x=0, y=0, light=0)
+        if key not in known:
+            factory.prepare(key)
+            data = np.frombuffer(factory.compose(key, 0), np.uint8)
+            image = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))
+            known[key] = cv2.resize(image, SMALL, interpolation=cv2.INTER_AREA)
+        yield known[key] + noise * random.standard_normal(known[key].shape)
+
+
+def offset_of(world: Recorded, *, with_height: bool) -> Offset:
+    """Find the offset as an import does."""
+    force = world.force
+    felt = Signal(time_s=force.stamp_ns / S, value=felt_along(force))
+    spans = [each.pressed for each in find_presses(force, PressFinding())]
+    seen = Signal(time_s=world.frame_s, value=image_change(world.frames, 1.0 / FRAME_S))
+    return find_offset(
+        Signal(time_s=felt.time_s, value=np.sqrt(felt.value)),
+        seen,
+        [(start / S, end / S) for start, end in spans],
+        followed=followed(felt, world.height if with_height else None),
+    )
+
+
+def _row(release_m_s: float, worlds: list[Recorded], *, with_height: bool) -> str:
+    found = [(world, offset_of(world, with_height=with_height)) for world in worlds]
+    errors_s = np.array([offset.seconds - world.true_s for world, offset in found])
+    doubts_s = np.array([offset.uncertainty_s for _, offset in found])
+    ratios = errors_s / doubts_s
+    told = "height of the tip" if with_height else "force alone"
+    return (
+        f"| {told} | {release_m_s * 1e3:g} mm/s | {1e3 * errors_s.mean():+.1f} "
+        f"| {1e3 * np.abs(errors_s).max():.1f} | {1e3 * doubts_s.mean():.1f} "
+        f"| {math.sqrt(float(np.mean(ratios**2))):.2f} | {np.abs(ratios).max():.2f} |"
+    )
+
+
+def main() -> None:
+    """Write the table anew."""
+    rows = []
+    for release_m_s in (FAST_M_S, SLOW_M_S):
+        worlds = [recorded(seed, release_m_s=release_m_s) for seed in SEEDS]
+        rows += [_row(release_m_s, worlds, with_height=told) for told in (True, False)]
+    head = (
+        "| the log has | let go at | mean error [ms] | largest [ms] | stated [ms] "
+        "| error over stated, rms | largest |"
+    )
+    table = "\n".join(["", head, "|---|---|---|---|---|---|---|", *rows, ""])
+    before, _, after = PAGE.read_text("utf-8").partition(BEGIN)
+    PAGE.write_text(f"{before}{BEGIN}{table}{END}{after.partition(END)[2]}", "utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,212 @@
+"""Sources in others' formats, made of a run of ours."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+from scipy.spatial.transform import Rotation
+
+from tacauchy_rig.app.importing.bag import POSE, TYPES, WRENCH
+from tacauchy_rig.core.run import TrialRecord
+from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.run_store import RunStore
+
+CSV_SPEC = """
+kind = "csv"
+name = "from-csv"
+[data]
+contact_force = "0.05 N"
+[data.columns]
+image = "image"
+press = "press"
+state = "state"
+time = { column = "time", unit = "s" }
+force_x = { column = "fx", unit = "N" }
+force_y = { column = "fy", unit = "N" }
+force = { column = "fz", unit = "N" }
+moment_x = { column = "mx", unit = "N m" }
+moment_y = { column = "my", unit = "N m" }
+moment_z = { column = "mz", unit = "N m" }
+depth = { column = "depth", unit = "mm" }
+[rig.sensor]
+name = "gelsight-mini"
+[rig.replay]
+indenter = "cylinder:diameter=5mm,fillet=0.1mm"
+"""
+_HEAD = ("press", "state", "time", "image", "fx", "fy", "fz", "mx", "my", "mz", "depth")
+
+
+def counting(store: RunStore) -> list[TrialRecord]:
+    """Return the results of a run's trials."""
+    found = [store.counting(index) for index in store.trial_indices()]
+    return [record for record in found if record is not None]
+
+
+def write_csv(store: RunStore, folder: Path, *, spec: str = CSV_SPEC) -> Path:
+    """Write images and a CSV of the windows that count, and how to import them."""
+    folder.mkdir(parents=True)
+    rows: list[dict[str, object]] = []
+    for record in counting(store):
+        recording = Recording.open(store.paths.recording(record.index, record.attempt))
+        tare = record.tare_before
+        assert tare is not None
+        force = recording.force()
+        for state, start, end in (
+            ("unloaded", tare.start_ns, tare.end_ns),
+            ("pressed", record.dwell_start_ns or 0, record.dwell_end_ns or 0),
+        ):
+            held = (force.stamp_ns >= start) & (force.stamp_ns <= end)
+            for stamp, wrench in zip(force.stamp_ns[held], force.wrench[held], strict=True):
+                row = dict(zip(_HEAD[4:10], (repr(float(v)) for v in wrench), strict=True))
+                rows.append(
+                    {"press": record.index, "state": state, "time": f"{stamp / 1e9:.9f}", **row}
+                )
+        depth = record.depth_measured_m
+        for state, start, end in (
+            ("unloaded", record.reference_start_ns, record.reference_end_ns),
+            ("pressed", record.dwell_start_ns, record.dwell_end_ns),
+        ):
+            for frame in recording.frames(start, end):
+                name = f"{record.index:02d}-{frame.counter}.jpg"
+                (folder / name).write_bytes(frame.jpeg)
+                row = {"press": record.index, "state": state, "image": name}
+                row["time"] = f"{frame.stamp_ns / 1e9:.9f}"
+                if state == "pressed" and depth is not None:
+                    row["depth"] = repr(depth * 1e3)
+                rows.append(row)
+    with (folder / "presses.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, _HEAD, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
+    (folder / "import.toml").write_text(spec, encoding="utf-8")
+    return folder
+
+
+BAG_SPEC = """
+kind = "bag"
+name = "from-bag"
+[data]
+file = "recorded"
+[rig.sensor]
+name = "gelsight-mini"
+[rig.replay]
+indenter = "cylinder:diameter=5mm,fillet=0.1mm"
+"""
+IMAGE = "sensor_msgs/msg/CompressedImage"
+
+
+def write_bag(
+    store: RunStore,
+    folder: Path,
+    *,
+    spec: str = BAG_SPEC,
+    storage: StoragePlugin = StoragePlugin.MCAP,
+) -> Path:
+    """Write all of a run as a ROS 2 bag, and how to import it."""
+    folder.mkdir(parents=True)
+    kinds = {"/gel/image": IMAGE, "/cell/wrench": WRENCH, "/tip/pose": POSE}
+    with Writer(folder / "recorded", version=9, storage_plugin=storage) as writer:
+        topics = {
+            name: writer.add_connection(name, kind, typestore=TYPES) for name, kind in kinds.items()
+        }
+        for name, stamp_ns, message in sorted(_messages(store), key=lambda each: each[1]):
+            raw = TYPES.serialize_cdr(message, kinds[name])
+            writer.write(topics[name], stamp_ns, raw)
+    (folder / "import.toml").write_text(spec, encoding="utf-8")
+    return folder
+
+
+def _messages(store: RunStore) -> Iterator[tuple[str, int, Any]]:
+    kinds = TYPES.types
+    vector, point = kinds["geometry_msgs/msg/Vector3"], kinds["geometry_msgs/msg/Point"]
+    for record in counting(store):
+        recording = Recording.open(store.paths.recording(record.index, record.attempt))
+        force, arm = recording.force(), recording.arm()
+        for stamp, wrench in zip(force.stamp_ns.tolist(), force.wrench.tolist(), strict=True):
+            felt = kinds["geometry_msgs/msg/Wrench"](
+                force=vector(*wrench[:3]), torque=vector(*wrench[3:])
+            )
+            yield "/cell/wrench", stamp, kinds[WRENCH](header=_header(stamp), wrench=felt)
+        for stamp, pose in zip(arm.stamp_ns.tolist(), arm.pose.tolist(), strict=True):
+            turned = Rotation.from_rotvec(pose[3:]).as_quat().tolist()
+            place = kinds["geometry_msgs/msg/Pose"](
+                position=point(*pose[:3]),
+                orientation=kinds["geometry_msgs/msg/Quaternion"](*turned),
+            )
+            yield "/tip/pose", stamp, kinds[POSE](header=_header(stamp), pose=place)
+        for frame in recording.frames():
+            data = np.frombuffer(frame.jpeg, np.uint8)
+            image = kinds[IMAGE](header=_header(frame.stamp_ns), format="jpeg", data=data)
+            yield "/gel/image", frame.stamp_ns, image
+
+
+def _header(stamp_ns: int) -> Any:
+    sec, nanosec = divmod(stamp_ns, 10**9)
+    stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    return TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+
+
+VIDEO_SPEC = """
+kind = "video"
+name = "from-video"
+[data]
+video = "gel.avi"
+log = "force.csv"
+[data.columns]
+time = { column = "t", unit = "s" }
+force_x = { column = "fx", unit = "N" }
+force_y = { column = "fy", unit = "N" }
+force = { column = "fz", unit = "N" }
+moment_x = { column = "mx", unit = "N m" }
+moment_y = { column = "my", unit = "N m" }
+moment_z = { column = "mz", unit = "N m" }
+x = { column = "x", unit = "m" }
+y = { column = "y", unit = "m" }
+z = { column = "z", unit = "m" }
+[rig.sensor]
+name = "gelsight-mini"
+[rig.replay]
+indenter = "cylinder:diameter=5mm,fillet=0.1mm"
+"""
+VIDEO_HZ = 25.0
+
+
+def write_video(store: RunStore, folder: Path, *, later_s: float, spec: str = VIDEO_SPEC) -> Path:
+    """Write a run as a video without loss and a force log, which begins so much later."""
+    folder.mkdir(parents=True)
+    stamps: list[int] = []
+    frames: list[bytes] = []
+    rows: list[tuple[float, ...]] = []
+    for record in counting(store):
+        recording = Recording.open(store.paths.recording(record.index, record.attempt))
+        force, arm = recording.force(), recording.arm()
+        pose = [np.interp(force.stamp_ns, arm.stamp_ns, arm.pose[:, axis]) for axis in range(3)]
+        rows += zip(force.stamp_ns / 1e9, *force.wrench.T, *pose, strict=True)
+        for frame in recording.frames():
+            stamps.append(frame.stamp_ns)
+            frames.append(frame.jpeg)
+    begin_s = stamps[0] / 1e9
+    grid = begin_s + np.arange(0.0, (stamps[-1] - stamps[0]) / 1e9, 1.0 / VIDEO_HZ)
+    shown = np.clip(np.searchsorted(np.array(stamps) / 1e9, grid, side="right") - 1, 0, None)
+    first = cv2.imdecode(np.frombuffer(frames[0], np.uint8), cv2.IMREAD_COLOR)
+    code = cv2.VideoWriter.fourcc(*"FFV1")
+    video = cv2.VideoWriter(str(folder / "gel.avi"), code, VIDEO_HZ, first.shape[1::-1])
+    assert video.isOpened()
+    for number in shown.tolist():
+        video.write(cv2.imdecode(np.frombuffer(frames[number], np.uint8), cv2.IMREAD_COLOR))
+    video.release()
+    log_begins_s = begin_s + later_s
+    with (folder / "force.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("t", *_HEAD[4:10], "x", "y", "z"))
+        for row in sorted({row[0]: row for row in rows}.values()):  # trials share some samples
+            if row[0] >= log_begins_s:
+                writer.writerow(repr(float(v)) for v in (row[0] - log_begins_s, *row[1:]))
+    (folder / "import.toml").write_text(spec, encoding="utf-8")
+    return folder

@@ -1,0 +1,175 @@
+"""What moments and images of a run tell of its tool, and what becomes of it."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sim.sensor.sensor import load_sensor
+from tacauchy_rig.app.replay.inputs import inputs_of
+from tacauchy_rig.app.replay.mounting import (
+    Dwell,
+    find_offset,
+    lean_of,
+    leaned,
+    moved,
+    offset_of,
+    with_found_lean,
+)
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.config.model import RigConfig
+from tests.studies.mounting.drawn_tools import drawn_dwells
+
+DEGREE = math.radians(1.0)
+FAST = "replay.preset=fast"
+
+
+def configured(*overrides: str) -> RigConfig:
+    """Return the defaults with ``table.field=value`` overrides."""
+    return load_config(overrides=overrides).config
+
+
+def test_a_lean_that_costs_too_much_is_simulated() -> None:
+    """A degree, in an emulated world of another gel, arm and noise, is found and switched on."""
+    config = configured()
+    found = with_found_lean(
+        drawn_dwells(21, (0.8 * DEGREE, -0.6 * DEGREE), config), inputs_of(config), config
+    )
+    lean = np.array(found.inputs.mounting.lean_rad)
+    doubt = np.array([value.uncertainty for value in found.values])
+    assert np.all(np.abs(lean - np.array([0.8, -0.6]) * DEGREE) < 2.5 * doubt)
+    assert np.all(doubt < 0.25 * DEGREE)
+    (row,) = found.effects
+    assert row["on"]
+    assert "image would be" in row["reason"]
+    assert found.inputs.scene([2.0]).motion.tilt_rad == (-lean[1], lean[0])
+
+
+def test_an_upright_tool_stays_upright() -> None:
+    """Within twice its uncertainty of none, it is none, and the row says so."""
+    config = configured()
+    found = with_found_lean(
+        drawn_dwells(3, (0.02 * DEGREE, 0.0), config), inputs_of(config), config
+    )
+    assert found.inputs == inputs_of(config)
+    assert not any(value.taken for value in found.values)
+    assert "within 2 times its uncertainty of none" in found.effects[0]["reason"]
+    assert not found.effects[0]["on"]
+
+
+def test_a_lean_that_changes_nothing_asked_for_is_left_out() -> None:
+    """Preset fast allows an image to be 10 % off: a degree is found, and left out."""
+    config = configured(FAST)
+    found = with_found_lean(drawn_dwells(21, (DEGREE, 0.0), config), inputs_of(config), config)
+    assert all(value.taken for value in found.values)
+    assert not found.effects[0]["on"]
+    assert "10.00% allowed" in found.effects[0]["reason"]
+    assert found.inputs.mounting.lean_rad == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "kept", "why"),
+    [
+        (('indenter.kind="sphere"',), slice(None), "alike from all sides"),
+        ((), slice(2), "2 trials tell no lean"),
+        ((), slice(0), "0 trials tell no lean"),
+        (('workspace.max_tilt="0.5 deg"',), slice(None), "more than workspace.max_tilt"),
+    ],
+)
+def test_what_tells_no_lean_says_why(overrides: tuple[str, ...], kept: slice, why: str) -> None:
+    """Nothing is taken, and what was stated stays."""
+    dwells = drawn_dwells(3, (DEGREE, 0.0), configured())[kept]
+    config = configured(*overrides, 'replay.tilt=["0.5 deg", "0 deg"]')
+    found = with_found_lean(dwells, inputs_of(config), config)
+    assert all(value.value is None and why in value.basis for value in found.values)
+    assert found.inputs.mounting.lean_rad == (0.5 * DEGREE, 0.0)
+
+
+def test_moments_are_taken_about_the_tip() -> None:
+    """A side force at the tip is no lean, however far the cell's point is from it."""
+    config = configured('force_sensor.to_tip="80 mm"')
+    dwells = drawn_dwells(21, (0.8 * DEGREE, -0.6 * DEGREE), configured())
+    near, _ = lean_of(dwells, inputs_of(config), configured())
+    moved_dwells = [Dwell(record=d.record, wrench=_about(d.wrench, 0.08)) for d in dwells]
+    far, _ = lean_of(moved_dwells, inputs_of(config), config)
+    assert near is not None
+    assert far is not None
+    assert far.lean_rad == pytest.approx(near.lean_rad, abs=0.05 * DEGREE)
+    # Cross talk of half a per cent would be 0.4 mm on that lever.
+    assert far.arm_m == pytest.approx(near.arm_m, abs=2e-5)
+
+
+def _about(
+    wrench: tuple[np.ndarray, np.ndarray] | None, above_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a wrench of the emulated cell, its z up, about a point above the tip."""
+    assert wrench is not None
+    mean, error = wrench[0].copy(), wrench[1]
+    mean[3:] += np.cross([0.0, 0.0, -above_m], mean[:3])
+    return mean, error
+
+
+def test_a_stated_pose_is_taken_as_it_is() -> None:
+    """Nothing is looked for."""
+    config = configured("replay.pose=stated", 'replay.tilt=["0.5 deg", "0 deg"]')
+    unread: list[Dwell] = []
+    found = with_found_lean(unread, inputs_of(config), config)
+    assert found.inputs == inputs_of(config)
+    assert found.values == found.effects == ()
+
+
+def test_a_lean_begins_deeper() -> None:
+    """Depth counts from the first touch, which a leaning face has off the middle of the dome."""
+    config = configured('replay.tilt=["1 deg", "0 deg"]')
+    curve = np.array([[0.0, 0.0], [2e-4, 1.2], [4e-4, 2.5]])
+    shifted = leaned(curve, inputs_of(config))
+    assert shifted is not None
+    extra = shifted[1:, 0] - curve[1:, 0]
+    # The dome's radius along x is 185 mm: touched R l^2 / 2 = 28 um earlier.
+    assert np.all((extra > 1.5e-5) & (extra < 3.5e-5))
+    assert shifted[0, 0] == 0.0
+
+
+def _attempts(shift_px: float) -> list[SimpleNamespace]:
+    """Return trials with a dark disc, seen beside where it is simulated."""
+    rows, columns = np.mgrid[:240, :320]
+
+    def disc(beside: float) -> np.ndarray:
+        far = np.hypot(columns - 160.0 - beside, rows - 120.0) - 40.0
+        dark = 60.0 / (1.0 + np.exp(far / 3.0))
+        return np.repeat(np.rint(160.0 - dark)[..., None], 3, axis=2).astype(np.uint8)
+
+    reference = np.full((240, 320, 3), 160, np.uint8)
+    seen = SimpleNamespace(real=disc(shift_px), reference=reference)
+    return [
+        SimpleNamespace(record=SimpleNamespace(index=k), images=seen, made=disc(0.0))
+        for k in (1, 2, 3)
+    ]
+
+
+@pytest.mark.parametrize(("shift_px", "taken"), [(3.0, True), (0.3, False)])
+def test_a_place_beyond_what_the_arm_repeats_to_is_found(shift_px: float, taken: bool) -> None:
+    """Three pixels are 0.19 mm; a third of one, rounded to 8 bits, is within the arm's 0.03 mm."""
+    config, camera = configured(), load_sensor("gelsight-mini").camera
+    attempts = _attempts(shift_px)
+    images = {each.record.index: each.made for each in attempts}
+    values = find_offset(attempts, images, camera, config)  # type: ignore[arg-type]
+    assert values[0].value == pytest.approx(shift_px * camera.scale_x_m, abs=4e-6)
+    assert values[1].value == pytest.approx(0.0, abs=2e-6)
+    beside = offset_of(values)
+    assert (beside is not None) is taken
+    if beside is not None:
+        x, y = moved(inputs_of(config), beside).mounting.offset_m
+        assert (x, y) == pytest.approx(beside)
+
+
+def test_one_image_tells_no_place() -> None:
+    """A scatter takes two."""
+    camera = load_sensor("gelsight-mini").camera
+    (first, *_) = _attempts(3.0)
+    values = find_offset([first], {1: first.made}, camera, configured())  # type: ignore[list-item]
+    assert offset_of(values) is None
+    assert "two tell its place" in values[0].basis

@@ -1,0 +1,163 @@
+"""What a configuration says of the replay, checked before anything is pressed."""
+
+from __future__ import annotations
+
+import math
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from sim.effects.plan import PRESET_TOLERANCE
+from sim.error.tolerance import Tolerance
+from sim.optics.colour.nominal import nominal_photometric
+from sim.scene.indenter import describe
+from sim.scene.scene import ContactMode, Preset
+from sim.sensor.optics import Lamp
+from sim.sensor.sensor import load_sensor
+from tacauchy_rig.app.replay.inputs import check_replay, inputs_of
+from tacauchy_rig.app.replay.settings import check_optics
+from tacauchy_rig.core.check_result import CheckStatus, checked
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import ConfigError
+
+MOCKED = ("robot.driver=mock", "force_sensor.driver=mock", "camera.driver=mock")
+
+
+def configured(*overrides: str) -> RigConfig:
+    """Return the defaults with ``table.field=value`` overrides."""
+    return load_config(overrides=overrides).config
+
+
+def test_the_line_names_sensor_preset_and_tolerance() -> None:
+    """What chooses the preset stands beside it."""
+    assert check_replay(configured()).startswith("GelSight Mini, preset auto, optics")
+    named = configured("replay.preset=accurate")
+    assert check_replay(named).startswith("GelSight Mini, preset accurate, optics")
+    assert "for a tolerance of 5% of F_z" in check_replay(configured("replay.tolerance=5%"))
+
+
+def test_auto_is_the_cheapest_preset_that_promises_its_tolerance() -> None:
+    """The mesh is chosen, and effects are left out as on the preset that it would be else."""
+    settled = inputs_of(configured()).settled([1.0])
+    scene = settled.scene([1.0])
+    assert scene.preset is Preset.FAST
+    assert 1.0 < scene.refinement < 2.2
+    assert scene.tolerance == PRESET_TOLERANCE[Preset.BALANCED]
+    assert str(settled.promised) == "3% of F_z"
+    assert settled.settled([4.0]) is settled
+
+
+def test_auto_is_a_named_preset_where_none_promises_its_tolerance(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A run is replayed all the same, and nothing is promised."""
+    monkeypatch.setattr("tacauchy_rig.app.replay.inputs.OF_AUTO", Tolerance(relative=1e-7))
+    settled = inputs_of(configured()).settled([1.0])
+    scene = settled.scene([1.0])
+    assert (scene.preset, scene.refinement, scene.tolerance) == (Preset.BALANCED, 1.0, None)
+    assert settled.promised is None
+
+
+def test_a_preset_or_a_tolerance_that_is_given_is_not_chosen_anew() -> None:
+    """Each takes the place of ``auto``."""
+    for override in ("replay.preset=balanced", "replay.tolerance=5%"):
+        inputs = inputs_of(configured(override))
+        assert inputs.settled([1.0]) is inputs
+
+
+def test_the_line_names_the_calibration(tmp_path: Path) -> None:
+    """A file that can be read is named; without one it is said what the images come from."""
+    file = tmp_path / "calibration.npz"
+    nominal_photometric([Lamp(azimuth_rad=0.0, elevation_rad=0.5, colour=(9.0, 0.0, 0.0))]).save(
+        file
+    )
+    sensor = load_sensor("gelsight-mini")
+    given = configured(f"sensor.optics_calibration={file}")
+    assert check_optics(given, sensor) == f"optics from {file}"
+    assert "emulated sensor" in check_optics(configured(), sensor)
+    assert "not calibrated" in check_optics(configured(*MOCKED), sensor)
+
+
+@pytest.mark.parametrize(
+    ("override", "found"),
+    [
+        ("sensor.optics_calibration=gone.npz", "gone.npz does not exist"),
+        ("sensor.name=gelsight-maxi", "gelsight-maxi"),
+        ("replay.preset=finest", "'finest' is no preset"),
+        ("replay.drive=push", "'push' is no way to reach a force"),
+        ("replay.tolerance=1 mm", "replay.tolerance"),
+    ],
+)
+def test_doctor_fails_what_no_replay_is_made_with(override: str, found: str) -> None:
+    """Each has its finding and its remedy."""
+    config = configured(override)
+    result = checked("replay", lambda: check_replay(config))
+    assert result.status is CheckStatus.FAIL
+    assert found in result.finding
+    assert result.remedy
+
+
+CUBE = "".join(
+    [
+        *(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (0, 2)),
+        *(
+            f"f {a} {b} {c}\n"
+            for a, b, c in (
+                *((1, 2, 4), (1, 4, 3), (5, 7, 8), (5, 8, 6), (1, 5, 6), (1, 6, 2)),
+                *((3, 4, 8), (3, 8, 7), (1, 3, 7), (1, 7, 5), (2, 6, 8), (2, 8, 4)),
+            )
+        ),
+    ]
+)
+"""A body of triangles, 2 mm wide."""
+
+
+def test_what_the_replay_overrides_reaches_the_scene(tmp_path: Path) -> None:
+    """Law, friction, tilt, place and triangles of a configuration are those of the scene."""
+    cube = tmp_path / "cube.obj"
+    cube.write_text(CUBE)
+    config = configured(
+        'replay.law="neo-hookean"',
+        "replay.friction=0.3",
+        'replay.tilt=["1 deg", "-0.5 deg"]',
+        'replay.offset=["0.2 mm", "0 mm"]',
+        f'replay.indenter="mesh:{cube},unit=mm"',
+    )
+    scene = inputs_of(config).scene([2.0])
+    assert scene.material.law == "neo-hookean"
+    assert (scene.contact, scene.friction) == (ContactMode.FRICTION, 0.3)
+    assert scene.motion.tilt_rad == pytest.approx((math.radians(0.5), math.radians(1.0)))
+    assert scene.centre_m == (0.2e-3, 0.0)
+    assert describe(scene.indenter) == "mesh:cube.obj,unit=mm"
+
+
+def test_relaxation_may_be_left_out(tmp_path: Path) -> None:
+    """It comes from the sensor's file, and goes with one word."""
+    text = (files("sim.sensor") / "files" / "gelsight-mini.toml").read_text()
+    relaxing = '\n[[relaxation]]\nshare = "3 %"\ntime = "0.3 s"\nsource = "made up"\n'
+    (tmp_path / "mine.toml").write_text(text + relaxing)
+    named = f'sensor.name="{tmp_path / "mine.toml"}"'
+    assert inputs_of(configured(named)).sensor.material.relaxation
+    without = inputs_of(configured(named, "replay.relaxation=false"))
+    assert without.sensor.material.relaxation == ()
+
+
+@pytest.mark.parametrize(
+    ("override", "told"),
+    [
+        ('replay.law="rubber"', "replay.law: 'rubber' is no law"),
+        ('replay.indenter="cone:5mm"', "replay.indenter: 'cone:5mm': no such indenter"),
+        ('replay.indenter="mesh:absent.stl"', "replay.indenter"),
+        ('replay.friction="-0.1"', "replay.friction"),
+        ('replay.tilt=["20 deg", "0 deg"]', "replay.tilt"),
+        ('replay.pose="guessed"', "replay.pose"),
+    ],
+)
+def test_what_cannot_be_replayed_is_refused_by_its_field(override: str, told: str) -> None:
+    """Before anything is pressed, with a remedy."""
+    with pytest.raises(ConfigError) as caught:
+        inputs_of(configured(override))
+    assert told in caught.value.message
+    assert caught.value.remedy

@@ -1,0 +1,94 @@
+"""What uncertain inputs change of a force, tried by the simulator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from sim.arrays import FloatArray, IntArray
+from sim.scene.indenter import Cylinder, mesh_indenter
+from sim.sensitivity import forces_at
+from tacauchy_rig.app.replay.inputs import inputs_of
+from tacauchy_rig.app.replay.uncertainty import _quick, force_inputs, variations
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.replayed import FoundValue
+
+BALL = ('indenter.kind="sphere"', 'indenter.diameter="8 mm"', 'indenter.fillet="0 mm"')
+SMOOTH = ("replay.friction=0", "uncertainty.friction=0")
+
+
+def _found(name: str, value: float, uncertainty: float, *, taken: bool) -> FoundValue:
+    return FoundValue(
+        name=name, value=value, uncertainty=uncertainty, unit="rad", taken=taken, basis="made up"
+    )
+
+
+def test_a_ball_in_a_gel_by_what_hertz_says() -> None:
+    """F goes with the root of the diameter; a thinner gel and a larger nu are stiffer."""
+    config = load_config(overrides=(*BALL, *SMOOTH, 'uncertainty.diameter="0.4 mm"')).config
+    found = {each.name: each for each in force_inputs(inputs_of(config), config, [2e-4])}
+    assert "tilt of the indenter" not in found
+    (diameter,) = found["indenter's diameter"].changes or ()
+    assert diameter == pytest.approx(0.5 * 0.4 / 8.0, rel=0.35)
+    (friction,) = found["friction"].changes or ()
+    assert friction == 0.0
+    (poisson,), (height,) = (
+        found[name].changes or () for name in ("Poisson's ratio", "gel height")
+    )
+    assert 0.01 < poisson < 0.05
+    assert 0.005 < height < 0.03
+    assert "default" not in found["indenter's diameter"].basis
+
+
+def test_what_was_found_takes_the_place_of_a_default() -> None:
+    """A lean that is not simulated is missed by itself, one that is by its uncertainty."""
+    config = load_config(overrides=SMOOTH).config
+    missed = [_found("lean towards x", 3e-3, 4e-3, taken=False)]
+    missed += [_found("lean towards y", 0.0, 0.0, taken=False)]
+    for found, wanted in (
+        (missed, 5e-3),
+        ([replace(each, taken=True) for each in missed], 4e-3),
+        ([], np.sqrt(2.0 / 3.0) * np.radians(2.0)),
+    ):
+        tilt = {v.name: v for v in variations(inputs_of(config), config, found=found)}[
+            "tilt of the indenter"
+        ]
+        assert tilt.stated.value == pytest.approx(wanted)
+        assert tilt.changed(0.1).mounting.lean_rad == (0.1, 0.0)
+
+
+def test_triangles_are_tried_as_a_punch_of_their_footprint() -> None:
+    """A bar of 6 x 2 mm is a punch of 12 mm^2, and its terms say so."""
+    x, y, z = np.meshgrid([-3.0, 3.0], [-1.0, 1.0], [0.0, 4.0], indexing="ij")
+    corners = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+    faces = ConvexHull(corners).simplices
+    tool = replace(
+        inputs_of(load_config().config),
+        indenter=mesh_indenter(corners * 1e-3, turned_out(corners, faces), name="bar"),
+    )
+    quick, how = _quick(tool, 3e-4)
+    assert isinstance(quick.indenter, Cylinder)
+    area_mm2 = np.pi * (1e3 * quick.indenter.radius_m) ** 2
+    assert area_mm2 == pytest.approx(12.0, rel=0.05)
+    assert "round punch" in how
+
+
+def turned_out(corners: FloatArray, faces: IntArray) -> IntArray:
+    """Return the faces with their normals out."""
+    a, b, c = (corners[faces[:, k]] for k in range(3))
+    inwards = np.einsum("fi,fi->f", np.cross(b - a, c - a), a - corners.mean(axis=0)) < 0.0
+    return np.where(inwards[:, None], faces[:, ::-1], faces)
+
+
+def test_depths_count_from_the_contact_force() -> None:
+    """From a force on a press is deeper than from touch on, and so is its force."""
+    config = load_config(overrides=(*BALL, *SMOOTH)).config
+    scene = inputs_of(config).scene([2.0])
+    at_touch, later = (
+        forces_at(scene, [3e-4], contact_force_n=force_n, refinement=0.5)[0]
+        for force_n in (0.0, 0.05)
+    )
+    assert later > at_touch + 0.05

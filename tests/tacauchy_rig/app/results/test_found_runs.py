@@ -1,0 +1,34 @@
+"""A folder of runs is found, or refused with what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tacauchy_rig.app.results.found_runs import find_runs, folder_of_runs
+from tacauchy_rig.core.errors import ConfigError
+from tests.tacauchy_rig.app.results.made_runs import NAMES
+
+
+def test_a_run_alone_is_found_in_its_folder(runs: Path) -> None:
+    """The folder around it, and its name."""
+    assert folder_of_runs(runs) == (runs, "")
+    assert folder_of_runs(runs / NAMES[0]) == (runs, NAMES[0])
+
+
+@pytest.mark.parametrize(("name", "word"), [("absent", "no such folder"), ("notes", "no run")])
+def test_where_no_run_lies_the_remedy_is_told(runs: Path, name: str, word: str) -> None:
+    """What is wrong, and which command makes a run."""
+    with pytest.raises(ConfigError, match=word) as caught:
+        folder_of_runs(runs / name)
+    assert "tacauchy-rig" in caught.value.remedy
+
+
+def test_a_damaged_summary_is_a_fault_of_its_run_alone(runs: Path) -> None:
+    """It is named, with the file; the others are read."""
+    (runs / NAMES[0] / "report" / "summary.json").write_text("[1]", "utf-8")
+    found = {run.name: run for run in find_runs(runs)}
+    assert "summary.json" in found[NAMES[0]].fault
+    assert not found[NAMES[1]].fault
+    assert found[NAMES[1]].forces_n == (1.30, 1.30)

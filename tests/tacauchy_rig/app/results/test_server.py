@@ -1,0 +1,153 @@
+"""The page of results: what it shows, whom it lets in, and that it writes nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.tacauchy_rig.app.results.made_runs import NAMES, TOKEN, Client, served
+
+FIRST, SECOND, ABORTED, DAMAGED = NAMES
+PAGES = ("", "compare", f"compare?a={FIRST}&b={SECOND}", f"health/{FIRST}", "results.css")
+
+
+def test_every_run_is_listed_and_says_what_it_came_to(client: Client) -> None:
+    """A damaged one by name with what is wrong; one that broke off with what to do next."""
+    page = client.get("").text
+    assert page.index(DAMAGED) > 0
+    assert "cannot be read" in page
+    assert "&lt;b&gt;six" in page
+    assert "<b>six" not in page
+    assert f"tacauchy-rig resume {client_root(page)}{ABORTED}" in page
+    assert f"run/{FIRST}/report/report.html" in page
+    assert "notes" not in page
+
+
+def client_root(page: str) -> str:
+    """Return the folder that a page says its runs lie in."""
+    return page.split("4 in ")[1].split(". Nothing", maxsplit=1)[0] + "/"
+
+
+def test_two_runs_are_compared_against_their_deviations(client: Client) -> None:
+    """The modulus grew by a tenth of what is stated, which is 3.5 of both deviations."""
+    page = client.get(f"compare?a={FIRST}&b={SECOND}").text
+    assert "modulus, of the stated one" in page
+    assert "+3.5" in page
+    assert "replace the gel" in page
+
+
+def test_health_follows_a_sensor_with_the_limits_of_check_press(client: Client) -> None:
+    """A chart for each thing that may change; the change that counts is marked."""
+    page = client.get(f"health/{SECOND}").text
+    assert page.count("<svg") == 4
+    assert "8.0 %" in page
+    assert 'class="bad"' in page
+    assert f"{SECOND}: +20" in page
+
+
+def test_files_of_a_report_are_served_where_their_scripts_reach_nothing(client: Client) -> None:
+    """With a policy of their own: a sandbox without our origin."""
+    found = client.get(f"run/{FIRST}/report/report.html")
+    assert found.status == 200
+    policy = found.headers["content-security-policy"]
+    assert "sandbox" in policy
+    assert "allow-same-origin" not in policy
+    assert client.get(f"run/{FIRST}/report/figures/images.pdf").headers["content-type"] == (
+        "application/pdf"
+    )
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "run.json",
+        "journal.jsonl",
+        "report/../run.json",
+        "report/%2e%2e/run.json",
+        "report/..%2f..%2f20261102-second%2frun.json",
+        "report//etc/passwd",
+        "report/figures",
+        "report/link.html",
+        "report/out/secret.html",
+        "report/report.html%00.png",
+        "report/absent.html",
+    ],
+)
+def test_nothing_else_of_the_disk_is_served(client: Client, runs: Path, path: str) -> None:
+    """Neither what is no report's nor what a link or dots lead to."""
+    secret = runs.parent / "secret.html"
+    secret.write_text("secret", "utf-8")
+    (runs / FIRST / "report" / "link.html").symlink_to(secret)
+    (runs / FIRST / "report" / "out").symlink_to(runs.parent)
+    found = client.get(f"run/{FIRST}/{path}")
+    assert found.status == 404
+    assert "secret" not in found.text
+
+
+def test_a_link_among_the_runs_is_none_of_them(client: Client, runs: Path) -> None:
+    """It may lead anywhere."""
+    (runs / "linked").symlink_to(runs / FIRST)
+    assert "linked" not in client.get("").text
+    assert client.get("run/linked/report/report.html").status == 404
+
+
+@pytest.mark.parametrize(
+    ("path", "headers"),
+    [
+        ("/wrong/", {}),
+        ("/", {}),
+        (f"/{TOKEN}/", {"Host": "elsewhere.example"}),
+        (f"/{TOKEN}/", {"Origin": "http://elsewhere.example"}),
+    ],
+)
+def test_strangers_are_refused(client: Client, path: str, headers: dict[str, str]) -> None:
+    """Without the token, at another host's name, from another's page."""
+    assert client.get(path, whole=True, **headers).status == 403
+
+
+def test_looking_changes_nothing(client: Client, runs: Path) -> None:
+    """Every file is as it was, and there is none more; nothing can be sent."""
+
+    def state() -> dict[Path, tuple[int, int]]:
+        found = [runs, *runs.rglob("*")]
+        return {each: (each.stat().st_mtime_ns, each.stat().st_size) for each in found}
+
+    before = state()
+    for page in (*PAGES, f"run/{FIRST}/report/report.html"):
+        assert client.get(page).status == 200
+        for method in ("POST", "PUT", "DELETE"):
+            origin = client.address.removesuffix(f"/{TOKEN}/")
+            assert client.get(page, method=method, Origin=origin).status == 405
+    assert state() == before
+
+
+def test_one_run_alone_is_shown_alone(runs: Path) -> None:
+    """Its neighbours are neither listed nor served."""
+    with served(runs, only=FIRST) as client:
+        assert SECOND not in client.get("").text
+        assert client.get(f"run/{SECOND}/report/report.html").status == 404
+
+
+def test_in_a_browser_by_keyboard_and_on_a_phone(client: Client, chromium: Any) -> None:
+    """The list opens a report, and two runs are compared; nothing is wider than the screen."""
+    wrong: list[str] = []
+    page = chromium.new_page(viewport={"width": 390, "height": 700})
+    page.on("console", lambda message: wrong.append(message.text))
+    page.goto(client.address)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.keyboard.press("Tab")
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/compare")
+    page.select_option("select[name=a]", FIRST)
+    page.select_option("select[name=b]", SECOND)
+    page.press("button", "Enter")
+    page.wait_for_selector("text=replace the gel")
+    page.goto(client.address)
+    page.click('a:text-is("report") >> nth=0')
+    page.wait_for_url("**/report.html")
+    assert page.title() == "report"
+    page.close()
+    assert wrong == []

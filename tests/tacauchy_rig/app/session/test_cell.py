@@ -1,0 +1,129 @@
+"""The check of the cell in a run: kept whatever it found, and asked again when it is resumed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from tacauchy_rig.app.session import cell
+from tacauchy_rig.app.session.cell import (
+    ForceCheckError,
+    check_cell,
+    mark_expired,
+    needs_weight,
+    require_bounded_force,
+    require_right_cell,
+    standing_check,
+)
+from tacauchy_rig.app.session.record import record_run
+from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.force_check import Weight
+from tacauchy_rig.core.run import Tare
+from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.run_store import RunStore
+
+WEIGHT = Weight(mass_kg=0.2, uncertainty_kg=0.002)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> RunStore:
+    """Return a new run's folder."""
+    return RunStore.create(
+        tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
+    )
+
+
+def tare(fz_n: float) -> Tare:
+    """Return a reading of the cell."""
+    mean = (0.0, 0.0, fz_n, 0.0, 0.0, 0.0)
+    return Tare(start_ns=0, end_ns=1, mean=mean, deviation=(0.004,) * 6, sample_count=200)
+
+
+def weighs(monkeypatch: pytest.MonkeyPatch, scale: float) -> None:
+    """Let the cell read ``scale`` of what hangs on it."""
+    readings = (tare(1.4), tare(1.4 - scale * WEIGHT.force_n), tare(1.4))
+    monkeypatch.setattr(cell, "weigh", lambda _config, **_: readings)
+
+
+def _journalled(store: RunStore) -> int:
+    return [event.name for event in read_journal(store.paths.journal)].count("force-check")
+
+
+def test_a_right_cell_is_kept_and_stands(store: RunStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file, the journal and a resume agree."""
+    assert "force not checked" in standing_check(store)
+    weighs(monkeypatch, 1.01)
+    check = check_cell(store, store.config, WEIGHT, ask=lambda _: None)
+    assert store.force_check.load() == check
+    assert _journalled(store) == 1
+    assert not standing_check(store)
+
+
+def test_a_wrong_cell_refuses_the_run_until_it_is_right(
+    store: RunStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was found is kept; the run goes on only after a check that passed."""
+    weighs(monkeypatch, 0.1)
+    with pytest.raises(ForceCheckError, match=r"0\.1 of that") as caught:
+        check_cell(store, store.config, WEIGHT, ask=lambda _: None)
+    assert caught.value.exit_code == 2
+    assert "a tenth" in caught.value.remedy
+    with pytest.raises(ForceCheckError, match="wrong when it was checked last") as caught:
+        require_right_cell(store)
+    assert "--check-weight 200g" in caught.value.remedy
+    weighs(monkeypatch, 1.0)
+    check_cell(store, store.config, WEIGHT, ask=lambda _: None)
+    require_right_cell(store)
+    assert not standing_check(store)
+    assert _journalled(store) == 2
+
+
+def test_a_check_expires(store: RunStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a day it is marked, so that the report says what was pressed without it."""
+    weighs(monkeypatch, 1.0)
+    check = check_cell(store, store.config, WEIGHT, ask=lambda _: None)
+    made = datetime.fromisoformat(check.checked)
+    assert not standing_check(store, now=made + timedelta(hours=23.9))
+    later = made + timedelta(hours=24.1)
+    assert "has expired" in standing_check(store, now=later)
+    mark_expired(store, now=made)
+    assert store.force_check.load() == check
+    mark_expired(store, now=later)
+    assert store.force_check.load() == replace(check, expired=later.isoformat(timespec="seconds"))
+
+
+def coarse(parent: Path, *settings: str) -> RunStore:
+    """Return a new run on a CB3."""
+    loaded = load_config(overrides=['robot.model="cb3"', *settings])
+    return RunStore.create(parent, loaded, config_text=default_text(), simulated=True, versions={})
+
+
+def test_an_arm_that_hardly_feels_presses_only_by_a_checked_cell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Refused before anything is connected; a weight or a setting admits it."""
+    store = coarse(tmp_path)
+    with pytest.raises(ForceCheckError, match=r"robot\.model cb3 feels force to 7\.5 N") as caught:
+        record_run(store, on_event=lambda _: None)
+    assert "more than 2.38 N; nothing moved" in caught.value.message
+    assert "--check-weight 200g" in caught.value.remedy
+    assert "limits.allow_unchecked_force = true" in caught.value.remedy
+    weighs(monkeypatch, 1.0)
+    check = check_cell(store, store.config, WEIGHT, ask=lambda _: None)
+    require_bounded_force(store, store.config)
+    old = datetime.fromisoformat(check.checked) - timedelta(hours=25)
+    store.force_check.save(replace(check, checked=old.isoformat()))
+    with pytest.raises(ForceCheckError, match="has expired"):
+        require_bounded_force(store, store.config)
+    admitted = coarse(tmp_path, "run.name=admitted", "limits.allow_unchecked_force=true")
+    require_bounded_force(admitted, admitted.config)
+
+
+@pytest.mark.parametrize(("target", "needs"), [("0.42 N", True), ("0.44 N", False), ("4 N", False)])
+def test_an_arm_that_feels_bounds_all_but_the_smallest_target(target: str, needs: bool) -> None:
+    """An e-Series: 1.5 T + 0.5 N less T are 0.6 N and a tenth of the first at T = 0.43 N."""
+    config = load_config(overrides=[f'protocol.force_targets=["4.7 N", "{target}"]']).config
+    assert needs_weight(config) is needs

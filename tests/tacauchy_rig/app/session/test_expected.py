@@ -1,0 +1,82 @@
+"""What a press should give, made by the simulator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tacauchy_rig.app.session import expected as loop_expected
+from tacauchy_rig.app.session.expected import expected_press, kept_expectation
+from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.errors import ConvergenceError
+from tacauchy_rig.core.store.run_store import RunStore
+
+
+@pytest.fixture(scope="module")
+def mini():
+    """Return the default rig's expectation."""
+    return expected_press(load_config().config)
+
+
+def test_the_curve_is_that_of_the_stated_gel(mini):
+    """2 N at 0.34 mm into a GelSight Mini; the curve rises and goes beyond the largest target."""
+    assert mini.sensor == "gelsight-mini"
+    assert mini.depth_m[0] == mini.force_n[0] == 0.0
+    assert np.all(np.diff(mini.depth_m) > 0.0)
+    assert np.all(np.diff(mini.force_n) > 0.0)
+    assert np.interp(2.0, mini.force_n, mini.depth_m) == pytest.approx(0.343e-3, rel=0.05)
+    assert mini.force_n[-1] > 4.7332 / mini.low
+
+
+def test_the_factors_come_from_what_the_sensor_file_states(mini):
+    """A gel 20 % off lies inside, half the force in a stiff gel outside."""
+    assert mini.low < 0.8
+    assert mini.high > 1.2
+    assert mini.low > 0.5 * 1.2
+    assert mini.gel_height_m == 4e-3
+    assert mini.lean_m == pytest.approx(2.4e-3 * np.sin(np.radians(2.0)))
+
+
+@pytest.mark.parametrize("name", ["digit", pytest.param("9dtact", marks=pytest.mark.slow)])
+def test_an_uncertain_gel_has_a_wide_band(name):
+    """Their moduli are assumptions: a curve of theirs hardly bounds the force, and says so."""
+    wide = expected_press(
+        load_config(
+            overrides=[
+                f'sensor.name="{name}"',
+                'protocol.force_targets=["0.3 N"]',
+                'indenter.kind="sphere"',
+                'indenter.fillet="0 mm"',
+            ]
+        ).config
+    )
+    assert wide.high > 2.0
+    assert wide.low < 0.5
+    assert wide.lean_m == 0.0
+
+
+def test_it_is_made_once_a_run(mini, tmp_path, monkeypatch):
+    """The second time it is read from the folder, equal in every digit."""
+    loaded = load_config()
+    store = RunStore.create(
+        tmp_path, loaded, config_text=default_text(), simulated=True, versions={}
+    )
+    monkeypatch.setattr(loop_expected, "expected_press", lambda _config: mini)
+    assert kept_expectation(store) == mini
+    monkeypatch.setattr(loop_expected, "expected_press", lambda _config: None)
+    assert kept_expectation(store) == mini
+
+
+def test_a_press_that_cannot_be_simulated_leaves_the_other_witnesses(tmp_path, monkeypatch):
+    """The run goes on, and keeps no expectation."""
+    loaded = load_config()
+    store = RunStore.create(
+        tmp_path, loaded, config_text=default_text(), simulated=True, versions={}
+    )
+
+    def fail(_config):
+        raise ConvergenceError("no equilibrium")
+
+    monkeypatch.setattr(loop_expected, "expected_press", fail)
+    assert kept_expectation(store) is None
+    assert not store.paths.expected.exists()

@@ -1,0 +1,86 @@
+"""The page of a recorded run and its twin."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from reports.arrays import ColorImage
+from sim.twin import follower
+from tacauchy_rig.app.replay.opening import open_run
+from tacauchy_rig.app.twin.camera_image import CameraImages
+from tacauchy_rig.app.twin.watch import FRAMES_PER_S, _lasting, watch_run
+from tacauchy_rig.core.errors import RecordError
+from tests.recorded_run import new_run, press_run
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return the page of a run over mocks, whose frames are smaller than any sensor's.
+
+    Its twin would be pressed by any noise of the cell that it were given.
+    """
+    store = new_run(tmp_path_factory.mktemp("runs"))
+    press_run(store)
+
+    def enlarged(images: CameraImages, jpeg: bytes) -> ColorImage:
+        found = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+        size = images._geometry.width_px, images._geometry.height_px
+        return np.asarray(cv2.resize(found, size), dtype=np.uint8)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(CameraImages, "of", enlarged)
+        patched.setattr(follower, "NO_FORCE_N", 0.0)
+        return watch_run(open_run(store.paths.root)).read_text("utf-8")
+
+
+def _data(page: str) -> dict[str, Any]:
+    found = re.search(r'id="data">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    data: dict[str, Any] = json.loads(found[1])
+    return data
+
+
+def test_every_frame_has_its_twin_at_the_measured_force(page: str) -> None:
+    """From before the contact to after it, each force met, pictures of both and maps."""
+    data = _data(page)
+    assert [each["trial"] for each in data["trials"]] == [1, 2]
+    for trial in data["trials"]:
+        frames = trial["frames"]
+        assert frames[0]["force_n"] == frames[-1]["force_n"] == 0.0
+        times = np.array([frame["time_s"] for frame in frames])
+        assert np.diff(times).min() > 0.9 / FRAMES_PER_S
+        pressed = [frame for frame in frames if frame["force_n"] > 0.0]
+        assert max(frame["force_n"] for frame in pressed) > 1.0
+        for frame in pressed:
+            assert frame["note"] == ""
+            assert frame["force_n"] == pytest.approx(frame["measured_n"], rel=1e-3)
+            for name in ("real", "twin", "pressure", "shear"):
+                assert frame[name].startswith("data:image/jpeg;base64,")
+
+
+def test_the_page_needs_no_other_file(page: str) -> None:
+    """No address of anything but the pictures in it."""
+    assert "http" not in page
+    assert "{{" not in page
+    assert not re.search(r"""(src|href)=["'](?!data:)""", page)
+
+
+def test_a_run_without_a_contact_is_refused(tmp_path: Path) -> None:
+    """Nothing was pressed yet."""
+    store = new_run(tmp_path)
+    with pytest.raises(RecordError, match="no trial has images of a contact"):
+        watch_run(open_run(store.paths.root))
+
+
+def test_the_longest_touch_counts() -> None:
+    """Noise touches for a sample or two, before the press and after it."""
+    touching = np.array([0, 1, 0, 0, 1, 1, 1, 0, 1, 1], dtype=bool)
+    np.testing.assert_array_equal(np.flatnonzero(_lasting(touching)), [4, 5, 6])
+    assert not _lasting(np.zeros(4, dtype=bool)).any()

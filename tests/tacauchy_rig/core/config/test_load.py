@@ -1,0 +1,329 @@
+"""Reading rig.toml: where values come from, and what is said of those that cannot stay."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tacauchy_rig.core.config.load import (
+    BUILT_IN,
+    example_text,
+    load_config,
+    restore_config,
+)
+from tacauchy_rig.core.config.real_devices import ARM_REQUIRES, CELL_REQUIRES
+from tacauchy_rig.core.errors import ConfigError
+
+
+def _refused(*overrides: str, path: Path | None = None) -> list[str]:
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, overrides=overrides)
+    assert "tacauchy-rig config show" in caught.value.remedy
+    return caught.value.message.split("\n")
+
+
+def test_the_default_is_a_dry_run() -> None:
+    """Nothing real moves by default, and every value is the built-in one."""
+    loaded = load_config()
+    assert loaded.config.robot.driver == "emulated"
+    assert not loaded.config.moves_real_hardware
+    assert set(loaded.sources.values()) == {BUILT_IN}
+    assert loaded.config.protocol.force_targets[0] == 1.2556
+    assert loaded.config.protocol.force_targets[-1] == 4.7332
+
+
+def test_the_filled_in_example_is_a_real_rig(tmp_path: Path) -> None:
+    """The commented example is accepted once its labels are copied, and would move a real arm."""
+    path = tmp_path / "rig.toml"
+    text = example_text().replace("XXXXXXXX", "A50285BI")
+    path.write_text(text.replace("number and date of the sheet", "no. 7 of 2026-01-01"))
+    loaded = load_config(path)
+    assert loaded.config.moves_real_hardware
+    assert loaded.config.force_sensor.driver == "m3733c"
+    assert {loaded.sources[field] for field in (*ARM_REQUIRES, *CELL_REQUIRES)} == {str(path)}
+
+
+def test_each_value_remembers_where_it_came_from(tmp_path: Path) -> None:
+    """The command line is laid over the file, the file over the defaults, key by key."""
+    path = tmp_path / "rig.toml"
+    path.write_text('[robot]\npress_speed = "0.2 mm/s"\n[camera]\nwidth = 800\n')
+    loaded = load_config(path, overrides=["camera.width=1280", "run.name=bench"])
+    assert loaded.config.robot.press_speed == pytest.approx(2e-4)
+    assert loaded.sources["robot.press_speed"] == str(path)
+    assert loaded.config.camera.width == 1280
+    assert loaded.sources["camera.width"] == "--set"
+    assert loaded.config.run.name == "bench"
+    assert loaded.sources["camera.height"] == BUILT_IN
+    assert loaded.written["robot.press_speed"] == "0.2 mm/s"
+
+
+@pytest.mark.parametrize(
+    "override",
+    ['robot.press_speed="0.2 mm/s"', "robot.press_speed=0.2 mm/s", " robot.press_speed = 200um/s"],
+)
+def test_overrides_need_no_quotes(override: str) -> None:
+    """A shell that eats the quotes changes nothing."""
+    config = load_config(overrides=[override]).config
+    assert config.robot.press_speed == pytest.approx(2e-4)
+
+
+def test_overrides_take_lists() -> None:
+    """Lists are written as in TOML."""
+    config = load_config(overrides=['protocol.force_targets=["1 N", "2000 mN"]']).config
+    assert config.protocol.force_targets == (1.0, 2.0)
+
+
+@pytest.mark.parametrize("override", ["camera.width", "width=3", "=3"])
+def test_an_override_that_is_none(override: str) -> None:
+    """A malformed override is shown with one that works."""
+    with pytest.raises(ConfigError, match=r"expected table\.field=value") as caught:
+        load_config(overrides=[override])
+    assert "--set camera.width=1280" in caught.value.remedy
+
+
+def test_equal_settings_have_equal_hashes() -> None:
+    """The hash follows the values, not the way they are written."""
+    first = load_config(overrides=['protocol.drift="0.05 N"'])
+    second = load_config(overrides=['protocol.drift="50 mN"'])
+    assert first.config_hash == second.config_hash
+    assert first.config_hash != load_config().config_hash
+
+
+def test_a_recorded_configuration_is_restored() -> None:
+    """What a run keeps of its configuration is enough to build it again."""
+    loaded = load_config(overrides=["camera.width=1280"])
+    assert restore_config(loaded.written) == loaded.config
+    assert restore_config({}) == load_config().config
+
+
+@given(limit=st.floats(1e-6, 0.5e-3))
+def test_any_allowed_speed_is_taken_as_written(limit: float) -> None:
+    """A speed below the limit comes through in SI."""
+    config = load_config(overrides=[f'robot.press_speed="{limit * 1e6!r} um/s"']).config
+    assert config.robot.press_speed == pytest.approx(limit)
+
+
+@pytest.mark.parametrize(
+    ("override", "line"),
+    [
+        (
+            'robot.presspeed="1 mm/s"',
+            "robot.presspeed: unknown key; did you mean press_speed?",
+        ),
+        ("robt.host=1", "robt: unknown key; did you mean robot?"),
+        (
+            "run.colour=1",
+            "run.colour: unknown key; known here: name, output_directory, operator, sync_mode",
+        ),
+        (
+            "robot.press_speed.fast=1",
+            "robot.press_speed.fast: unknown key; robot.press_speed is a value, not a table",
+        ),
+        (
+            'indenter.diameter="5 N"',
+            (
+                'indenter.diameter: "5 N" has the unit "N"; a length needs one of: m, cm, mm, um; '
+                'write for example "5 mm"'
+            ),
+        ),
+        (
+            'indenter.diameter="5"',
+            (
+                'indenter.diameter: "5" has no unit; a length needs one of: m, cm, mm, um; '
+                'write for example "5 mm"'
+            ),
+        ),
+        (
+            "indenter.diameter=5",
+            (
+                "indenter.diameter: 5 has no unit; a length is written as text with its unit, "
+                'for example "5 mm"'
+            ),
+        ),
+        (
+            'robot.home=["0 mm", "1 N", "230 mm"]',
+            (
+                'robot.home[1]: "1 N" has the unit "N"; a length needs one of: m, cm, mm, um; '
+                'write for example "5 mm"'
+            ),
+        ),
+        ('robot.home=["0 mm"]', "robot.home: needs 3 values (x, y, z); 1 given"),
+        (
+            'sensor.surface=["0 mm", "0 mm", "0 mm", "0 mm"]',
+            "sensor.surface: needs 3 values (x, y, z); 4 given",
+        ),
+        ("robot.home=[]", "robot.home: needs 3 values (x, y, z); 0 given"),
+        (
+            'indenter.diameter="5,0 mm"',
+            (
+                'indenter.diameter: "5,0 mm" has a comma in its number; write a decimal point; '
+                'write for example "5 mm"'
+            ),
+        ),
+        (
+            'camera.exposure="156 us"',
+            (
+                'camera.exposure: "156 us" is not a whole number; it is the camera\'s own number, '
+                "without a unit: `v4l2-ctl -L` lists it"
+            ),
+        ),
+        (
+            "camera.gain=1.5",
+            (
+                "camera.gain: 1.5 is not a whole number; it is the camera's own number, without a "
+                "unit: `v4l2-ctl -L` lists it"
+            ),
+        ),
+        (
+            'robot.driver="UR5e"',
+            (
+                'robot.driver: "UR5e" is none of "ur5", "emulated", "mock"; write driver = "ur5" '
+                'and model = "e-series"'
+            ),
+        ),
+        (
+            'robot.driver="ur5-cb3"',
+            (
+                'robot.driver: "ur5-cb3" is none of "ur5", "emulated", "mock"; write '
+                'driver = "ur5" and model = "cb3"'
+            ),
+        ),
+        ('camera.driver="ur5e"', 'camera.driver: "ur5e" is none of "uvc", "emulated", "mock"'),
+        ("protocol.force_targets=[]", "protocol.force_targets: holds 0 values; write at least 1"),
+        (
+            'robot.driver="kuka"',
+            'robot.driver: "kuka" is none of "ur5", "emulated", "mock"',
+        ),
+        ('run.name="my run"', 'run.name: "my run" may hold only letters, digits, "_", "." and "-"'),
+        ("replay.tolerance=1", 'replay.tolerance: 1 has no unit; give "0.02N" or "1%"'),
+        ("run.name=7", "run.name: 7 is not text; write it in quotes"),
+        ("camera.width=640.5", "camera.width: 640.5 is not a whole number"),
+        (
+            "emulation.markers=maybe",
+            'emulation.markers: "maybe" is neither true nor false',
+        ),
+        (
+            "force_sensor.compression_sign=2",
+            "force_sensor.compression_sign: 2 is neither 1 nor -1",
+        ),
+        ("robot.force_sign=0", "robot.force_sign: 0 is neither 1 nor -1"),
+        (
+            'limits.soft_force="1e999 N"',
+            'limits.soft_force: "1e999 N" is not a finite number; write for example "5 N"',
+        ),
+        ("report.coverage_factor=nan", "report.coverage_factor: NaN is not a finite number"),
+    ],
+)
+def test_a_wrong_value_is_explained(override: str, line: str) -> None:
+    """Each line has the field, the value as it was written, and what to write instead."""
+    assert _refused(override) == [line]
+
+
+@pytest.mark.parametrize(
+    ("override", "line"),
+    [
+        (
+            'robot.press_speed="1 mm/s"',
+            (
+                'robot.press_speed: "1 mm/s" is above the limit 0.5 mm/s; write at most "0.5 mm/s" '
+                "(the loop and the arm need about 50 ms to stand still: 25 um, some 0.2 N on a "
+                "GelSight Mini)"
+            ),
+        ),
+        (
+            'robot.press_speed="600um/s"',
+            (
+                'robot.press_speed: "600um/s" is above the limit 500 um/s; write at most '
+                '"500 um/s" '
+                "(the loop and the arm need about 50 ms to stand still: 25 um, some 0.2 N on a "
+                "GelSight Mini)"
+            ),
+        ),
+        (
+            'robot.press_speed="0 mm/s"',
+            'robot.press_speed: "0 mm/s" is not above the limit 0 mm/s; write more than "0 mm/s"',
+        ),
+        (
+            'indenter.diameter="60 mm"',
+            'indenter.diameter: "60 mm" is not below the limit 50 mm; write less than "50 mm"',
+        ),
+        ("camera.width=100", "camera.width: 100 is below the limit 160; write at least 160"),
+        (
+            'camera.rate="0.5 fps"',
+            'camera.rate: "0.5 fps" is below the limit 1 fps; write at least "1 fps"',
+        ),
+        (
+            'limits.corrupt_ratio="500 %"',
+            'limits.corrupt_ratio: "500 %" is above the limit 100 %; write at most "100 %"',
+        ),
+        (
+            'replay.young="0 MPa"',
+            'replay.young: "0 MPa" is not above the limit 0 MPa; write more than "0 MPa"',
+        ),
+        (
+            "replay.poisson=0.5",
+            "replay.poisson: 0.5 is not below the limit 0.5; write less than 0.5",
+        ),
+        (
+            'robot.payload="9 kg"',
+            (
+                'robot.payload: "9 kg" is above the limit 5 kg; write at most "5 kg" '
+                "(a UR5 carries no more)"
+            ),
+        ),
+    ],
+)
+def test_a_crossed_limit_is_told_in_the_units_of_the_file(override: str, line: str) -> None:
+    """The limit and the remedy have the unit that the operator wrote."""
+    assert _refused(override) == [line]
+
+
+def test_all_problems_are_told_at_once(tmp_path: Path) -> None:
+    """One look at the message is enough to mend the file."""
+    path = tmp_path / "rig.toml"
+    path.write_text('[robot]\npress_speed = "1 mm/s"\nhots = ""\n[camera]\nwidth = 1\n')
+    lines = _refused(path=path)
+    assert [line.split(":")[0] for line in lines] == [
+        "robot.press_speed",
+        "robot.hots",
+        "camera.width",
+    ]
+
+
+def test_a_value_in_the_place_of_a_table(tmp_path: Path) -> None:
+    """A table that was written as a value is called that."""
+    path = tmp_path / "rig.toml"
+    path.write_text("robot = 5\n")
+    assert _refused(path=path) == ["robot: 5 is not a table"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"[robot\n", "rig.toml: not valid TOML"),
+        (b'[run]\nname = "\xff"\n', "rig.toml: cannot be read"),
+    ],
+)
+def test_a_file_that_is_no_toml(tmp_path: Path, content: bytes, message: str) -> None:
+    """Broken files are named."""
+    path = tmp_path / "rig.toml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    assert message in caught.value.message
+
+
+def test_a_missing_file(tmp_path: Path) -> None:
+    """A missing file is named, with the command that writes one."""
+    with pytest.raises(ConfigError, match=r"rig\.toml: no such configuration file") as caught:
+        load_config(tmp_path / "rig.toml")
+    assert "tacauchy-rig config example" in caught.value.remedy
+
+
+def test_a_folder_instead_of_a_file(tmp_path: Path) -> None:
+    """What cannot be read is named, with the reason."""
+    with pytest.raises(ConfigError, match=r"cannot be read: .*Is a directory"):
+        load_config(tmp_path)

@@ -1,0 +1,137 @@
+"""JSON of the run's types: what goes out comes back, and nothing else is let in."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.replayed import MarkerMotion, Replay, ReplayTrial
+from tacauchy_rig.core.run import Criterion, Outcome, Tare, TrialRecord
+from tacauchy_rig.core.store.codec import dumps, from_json, loads, to_json, to_plain
+from tests.made_model import made_model
+
+RECORD: dict[str, Any] = {
+    "index": 1,
+    "attempt": 2,
+    "outcome": "passed",
+    "force_target_n": 1.2556,
+    "criteria": [
+        {"name": "force_mean", "passed": True, "measured": 1.25, "limit": "", "unit": "N"}
+    ],
+}
+
+
+@given(st.from_type(TrialRecord))
+def test_any_trial_record_comes_back(record: TrialRecord) -> None:
+    """Every field survives, NaN and infinities included."""
+    text = dumps(record)
+    assert dumps(from_json(TrialRecord, json.loads(text))) == text
+
+
+@given(
+    st.builds(
+        Replay,
+        trials=st.lists(st.from_type(ReplayTrial), max_size=2).map(tuple),
+        model=st.builds(
+            made_model,
+            optics=st.dictionaries(st.text(), st.integers() | st.text()),
+            modulus_factor=st.none() | st.floats(),
+            stated_force_history=st.none() | st.just(((1e-4, 0.5), (2e-4, 1.1))),
+            markers=st.lists(st.from_type(MarkerMotion), max_size=2).map(tuple),
+        ),
+    )
+)
+def test_any_replay_comes_back(replay: Replay) -> None:
+    """Nested tuples of numbers come back as tuples."""
+    again = from_json(Replay, json.loads(dumps(replay)))
+    assert dumps(again) == dumps(replay)
+    assert isinstance(again.trials, tuple)
+    assert all(isinstance(pair, tuple) for trial in again.trials for pair in trial.force_history)
+
+
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])
+def test_what_json_lacks_comes_back_from_a_class_of_pydantic(value: float) -> None:
+    """Such classes leave out what is None; no number may look like that."""
+    motion = MarkerMotion(trial=1, drawn=2, apart_largest_m=value)
+    again = from_json(MarkerMotion, json.loads(dumps(motion))).apart_largest_m
+    assert again == value or (math.isnan(value) and again is not None and math.isnan(again))
+    assert to_plain(motion)["apart_largest_m"] is None
+
+
+def test_types_are_rebuilt() -> None:
+    """Enums, nested dataclasses and defaults are what the type says."""
+    record = from_json(TrialRecord, RECORD)
+    assert record.outcome is Outcome.PASSED
+    assert record.criteria == (
+        Criterion(name="force_mean", passed=True, measured=1.25, limit="", unit="N"),
+    )
+    assert record.tare_before is None
+    assert record.rates == {}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"indx": 3}, "result.json: indx: unknown field"),
+        ({"index": None}, "result.json: index: None is not a whole number"),
+        ({"index": True}, "result.json: index: True is not a whole number"),
+        ({"index": 1.5}, "result.json: index: 1.5 is not a whole number"),
+        ({"outcome": "good"}, "outcome: 'good' is not one of passed, failed, fault, aborted"),
+        ({"force_target_n": "1 N"}, "force_target_n: '1 N' is not a number"),
+        ({"reason": 3}, "reason: 3 is not a str"),
+        ({"criteria": [{"name": "a"}]}, "criteria[0].passed: missing field"),
+        ({"criteria": 3}, "criteria: 3 is not a list"),
+        ({"rates": {"force_rate_hz": "fast"}}, "rates.force_rate_hz: 'fast' is not a number"),
+        ({"tare_before": {"mean": [0.0]}}, "tare_before.start_ns: missing field"),
+    ],
+)
+def test_what_does_not_fit_is_named(change: dict[str, Any], message: str) -> None:
+    """Unknown, missing and mistyped fields are refused with file and field."""
+    with pytest.raises(RecordError) as caught:
+        from_json(TrialRecord, {**RECORD, **change}, source="result.json")
+    assert message in caught.value.message
+    assert "another version" in caught.value.remedy
+
+
+def test_a_vector_of_the_wrong_length_is_named() -> None:
+    """A wrench has six components."""
+    tare = {"start_ns": 0, "end_ns": 1, "deviation": [0.0] * 6, "sample_count": 5}
+    with pytest.raises(RecordError, match=r"mean: \[0.0, 0.0\] is not 6 values"):
+        from_json(Tare, {**tare, "mean": [0.0, 0.0]})
+
+
+def test_a_missing_field_is_named() -> None:
+    """A field without a default has to be there."""
+    with pytest.raises(RecordError, match="record: index: missing field"):
+        from_json(TrialRecord, {key: RECORD[key] for key in RECORD if key != "index"})
+
+
+def test_numbers_that_are_none_are_text_for_us_and_null_for_others() -> None:
+    """What is read again says which it was; a reader of reports must not meet NaN."""
+    value = {"a": math.nan, "b": (1.0, -math.inf), "c": np.array([np.inf, 2.0])}
+    assert to_json(value) == {"a": "NaN", "b": [1.0, "-Infinity"], "c": ["Infinity", 2.0]}
+    assert to_plain(value) == {"a": None, "b": [1.0, None], "c": [None, 2.0]}
+    assert to_plain(Criterion(name="x", passed=True, measured=math.nan, limit="", unit="")) == {
+        "name": "x", "passed": True, "measured": None, "limit": "", "unit": "", "remedy": "",
+    }  # fmt: skip
+
+
+def test_numpy_values_and_what_has_no_form() -> None:
+    """NumPy numbers and arrays are written; what JSON cannot hold is refused."""
+    value = {"a": np.float64(1.5), "b": np.int32(2), "c": np.eye(2), "d": np.bool_(True)}
+    assert to_json(value) == {"a": 1.5, "b": 2, "c": [[1.0, 0.0], [0.0, 1.0]], "d": True}
+    with pytest.raises(RecordError, match="cannot be written as JSON"):
+        to_json({"a": object()})
+
+
+def test_text_that_is_no_json() -> None:
+    """Broken JSON is reported with its file."""
+    with pytest.raises(RecordError, match=r"run\.json: not valid JSON: .*line 1"):
+        loads(b"{", source="run.json")

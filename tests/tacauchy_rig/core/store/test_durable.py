@@ -1,0 +1,28 @@
+"""What is said when a disk takes nothing."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+from typing import Never
+
+import pytest
+
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.store.durable import write_atomically
+
+
+def test_a_disk_that_became_read_only_is_called_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such a disk refuses to remove a file too, even one that is not there."""
+
+    def refuse(path: Path, *_: object, **__: object) -> Never:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+
+    monkeypatch.setattr(Path, "open", refuse)
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(RecordError, match=r"result\.json: its disk is read-only") as caught:
+        write_atomically(tmp_path / "result.json", b"{}")
+    assert "mount it for writing" in caught.value.remedy

@@ -1,0 +1,292 @@
+"""The run folder: created once, opened by anyone, never overwritten, one program at a time."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.replayed import Replay, ReplayTrial
+from tacauchy_rig.core.run import Outcome, TrialRecord
+from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.layout import RunPaths, run_root_of
+from tacauchy_rig.core.store.replay_files import ReplayFields
+from tacauchy_rig.core.store.run_store import RunStore
+from tests.made_model import made_model
+
+
+def _create(parent: Path, *overrides: str) -> RunStore:
+    return RunStore.create(
+        parent,
+        load_config(overrides=overrides),
+        config_text=default_text(),
+        simulated=True,
+        versions={"tacauchy-rig": "0.1.0"},
+    )
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> RunStore:
+    """Return a fresh run."""
+    return _create(tmp_path / "runs")
+
+
+def _record(attempt: int, outcome: Outcome, *, trial: int = 1) -> TrialRecord:
+    return TrialRecord(index=trial, attempt=attempt, outcome=outcome, force_target_n=1.2556)
+
+
+def _replay() -> Replay:
+    trial = ReplayTrial(
+        index=1,
+        force_measured_n=1.25,
+        force_simulated_n=1.26,
+        depth_simulated_m=3e-4,
+        force_error_estimate=0.02,
+        force_error_basis="three meshes",
+        newton_iterations=12,
+        search_iterations=4,
+        wall_s={"solve": 1.5},
+        balance_relative=1e-9,
+        gap_min_m=1e-7,
+        min_jacobian=0.8,
+        force_history=((1e-4, 0.4), (3e-4, 1.26)),
+    )
+    return Replay(name="balanced", trials=(trial,), model=made_model(young_pa=3e5), versions={})
+
+
+def test_a_run_is_opened_as_it_was_created(tmp_path: Path) -> None:
+    """Configuration, hash, seed, versions and clock come back from the folder."""
+    created = _create(tmp_path, "emulation.seed=11", 'robot.press_speed="0.2 mm/s"')
+    opened = RunStore.open(created.paths.root)
+    assert opened.config == created.config
+    assert opened.config.robot.press_speed == pytest.approx(2e-4)
+    assert opened.config_hash == created.config_hash
+    assert opened.simulated
+    description = opened.description
+    assert description["seed"] == 11
+    assert description["versions"] == {"tacauchy-rig": "0.1.0"}
+    assert description["sources"]["robot.press_speed"] == "--set"
+    assert description["clock"]["epoch_ns"] > description["clock"]["monotonic_ns"] > 0
+    assert created.paths.rig_toml.read_text() == default_text()
+
+
+def test_names_are_unique(tmp_path: Path) -> None:
+    """Runs created within one second get folders of their own."""
+    roots = {_create(tmp_path).paths.root for _ in range(3)}
+    assert len(roots) == 3
+    assert all("-dry-run" in root.name for root in roots)
+
+
+def test_a_new_field_takes_its_default(store: RunStore) -> None:
+    """A run recorded before a field existed still opens, with the hash it was recorded with."""
+    description = json.loads(store.paths.run_json.read_text())
+    del description["written"]["limits.max_depth"]
+    store.paths.run_json.write_text(json.dumps({**description, "config_hash": "old"}))
+    opened = RunStore.open(store.paths.root)
+    assert opened.config == store.config
+    assert opened.config_hash == "old"
+
+
+def test_devices_are_recorded(store: RunStore) -> None:
+    """Who answered is in the run's description."""
+    identity = {"driver": "ur5", "serial": "2019300001", "simulated": False}
+    store.set_devices({"robot": identity})
+    assert RunStore.open(store.paths.root).description["devices"] == {"robot": identity}
+
+
+def test_attempts_are_counted_and_never_overwritten(store: RunStore) -> None:
+    """Each attempt keeps its result; the latest that passed is the one that counts."""
+    assert store.next_attempt(1) == 1
+    assert store.latest(1) is None
+    outcomes = (Outcome.FAULT, Outcome.PASSED, Outcome.FAILED)
+    for number, outcome in enumerate(outcomes, start=1):
+        assert store.next_attempt(1) == number
+        store.save_result(_record(number, outcome))
+    store.paths.attempt(1, 10).mkdir()
+    assert store.paths.attempt_indices(1) == [1, 2, 3, 10]
+    assert store.next_attempt(1) == 11
+    assert store.load_result(1, 10) is None
+    assert store.accepted(1) == _record(2, Outcome.PASSED)
+    assert store.latest(1) == _record(3, Outcome.FAILED)
+    assert store.accepted(2) is None
+    store.save_result(_record(2, Outcome.PASSED))
+    with pytest.raises(RecordError, match="attempt 2 at trial 1 has ended already: passed"):
+        store.save_result(_record(2, Outcome.FAILED))
+    assert store.accepted(1) == _record(2, Outcome.PASSED)
+
+
+def test_a_damaged_result_is_named(store: RunStore) -> None:
+    """A result that was edited is refused with file and field, and does not count."""
+    store.save_result(_record(1, Outcome.PASSED))
+    store.save_result(_record(2, Outcome.PASSED))
+    path = store.paths.result(1, 2)
+    path.write_text(path.read_text().replace('"passed"', '"good"'))
+    with pytest.raises(RecordError, match=r"result\.json: outcome: 'good' is not one of passed"):
+        store.load_result(1, 2)
+    assert store.counting(1) == _record(1, Outcome.PASSED)
+    assert store.next_attempt(1) == 3
+
+
+def test_a_replay_comes_back(store: RunStore) -> None:
+    """Numbers, arrays and the image survive, the image to the last bit."""
+    rng = np.random.default_rng(3)
+    fields = ReplayFields(
+        fields={"displacement": rng.normal(size=(5, 3)), "triangles": np.arange(6)},
+        height={"height_m": rng.normal(size=(4, 4))},
+        image=rng.integers(0, 255, size=(24, 32, 3), dtype=np.uint8),
+        surface_vtu=b"<VTKFile/>",
+        passed={"force_n": np.arange(3.0)},
+    )
+    store.save_replay(_replay(), {1: fields})
+    opened = RunStore.open(store.paths.root)
+    assert opened.replays() == ["balanced"]
+    loaded = opened.load_replay("balanced")
+    assert replace(loaded, made_from={}, files={}) == _replay()
+    names = ("fields.npz", "height.npz", "image.png", "passed.npz", "surface.vtu")
+    assert sorted(loaded.files) == [f"trials/01/{name}" for name in names]
+    back = opened.load_replay_fields("balanced", 1)
+    assert np.array_equal(back.fields["displacement"], fields.fields["displacement"])
+    assert np.array_equal(back.fields["triangles"], fields.fields["triangles"])
+    assert np.array_equal(back.height["height_m"], fields.height["height_m"])
+    assert back.image is not None
+    assert fields.image is not None
+    assert np.array_equal(back.image, fields.image)
+    assert back.surface_vtu == b"<VTKFile/>"
+    assert np.array_equal(back.passed["force_n"], fields.passed["force_n"])
+
+
+def test_a_replay_that_is_not_there(store: RunStore) -> None:
+    """A missing replay is named beside those that exist, a missing trial by its folder."""
+    with pytest.raises(RecordError, match="no finished replay 'fine'; it has: none") as caught:
+        store.load_replay("fine")
+    assert "tacauchy-rig replay" in caught.value.remedy
+    store.save_replay(_replay(), {})
+    with pytest.raises(RecordError, match="this trial was not replayed"):
+        store.load_replay_fields("balanced", 1)
+
+
+@pytest.mark.parametrize("name", ["fields.npz", "image.png"])
+def test_a_damaged_replay_is_named(store: RunStore, name: str) -> None:
+    """A file that does not decode is named with what to do."""
+    fields = ReplayFields(fields={"a": np.ones(9)}, image=np.ones((8, 8, 3), dtype=np.uint8))
+    store.save_replay(_replay(), {1: fields})
+    path = store.paths.replay_trial("balanced", 1) / name
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 3])
+    with pytest.raises(RecordError, match=name) as caught:
+        store.load_replay_fields("balanced", 1)
+    assert "replay the run again" in caught.value.remedy
+
+
+def test_truth_is_there_in_dry_runs_only(store: RunStore) -> None:
+    """A real run has no truth; a damaged one is named."""
+    assert store.truth.load() is None
+    store.paths.truth.write_text('{"young_pa": 300000.0}')
+    assert store.truth.load() == {"young_pa": 3e5}
+    store.paths.truth.write_text("[1]")
+    with pytest.raises(RecordError, match=r"truth\.json: the whole of it: \[1\] is not a table"):
+        store.truth.load()
+
+
+def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
+    """Any other folder, or none, is refused with an example of what is wanted."""
+    for root in (tmp_path, tmp_path / "absent"):
+        with pytest.raises(RecordError, match=r"not a run folder: it has no run\.json") as caught:
+            RunStore.open(root)
+        assert "runs/" in caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"written": 3}, "run.json: written: missing or of the wrong type"),
+        ({"format": 2}, "run.json: written in format 2; this program reads 1"),
+        ({"config_hash": None}, "run.json: config_hash: missing or of the wrong type"),
+    ],
+)
+def test_a_damaged_description(store: RunStore, change: dict[str, Any], message: str) -> None:
+    """A description that was edited is refused with the field."""
+    description = json.loads(store.paths.run_json.read_text())
+    store.paths.run_json.write_text(json.dumps({**description, **change}))
+    with pytest.raises(RecordError) as caught:
+        RunStore.open(store.paths.root)
+    assert message in caught.value.message
+
+
+def test_one_program_at_a_time(store: RunStore) -> None:
+    """A second program is told which process works on the run; the lock dies with its holder."""
+    code = (
+        "import sys, time; from pathlib import Path; "
+        "from tacauchy_rig.core.store.run_lock import run_lock; "
+        "lock = run_lock(Path(sys.argv[1])); "
+        "lock.__enter__(); print('locked', flush=True); time.sleep(60)"
+    )
+    command = [sys.executable, "-c", code, str(store.paths.lock)]
+    root = str(Path(__file__).parents[3])
+    with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=root) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"locked\n"
+        with pytest.raises(RecordError, match=f"process {process.pid} is working"), store.lock():
+            pass
+        process.kill()
+    with store.lock(), pytest.raises(RecordError, match="is working on this run"), store.lock():
+        pass
+
+
+@pytest.mark.usefixtures("unprivileged")
+def test_a_parent_that_may_not_be_written() -> None:
+    """The output directory is named, with the setting that changes it."""
+    with pytest.raises(RecordError, match=r"/sys/runs/.*no permission to write") as caught:
+        _create(Path("/sys/runs"))
+    assert "run.output_directory" in caught.value.remedy
+
+
+def test_paths_know_their_run(store: RunStore, tmp_path: Path) -> None:
+    """Messages about any file of a run can name the run."""
+    paths = store.paths
+    assert run_root_of(paths.recording(1, 1)) == paths.root
+    assert run_root_of(tmp_path / "x" / "recording.mcap") == tmp_path / "x"
+    paths.attempt(12, 3).mkdir(parents=True)
+    (paths.trials / "notes").mkdir()
+    assert RunPaths(paths.root).attempts() == [(12, 3)]
+    paths.spill(12, 3, "control").touch()
+    assert [path.name for path in paths.spills(12, 3)] == ["unacknowledged-control.mcap"]
+
+
+def test_a_result_names_its_own_place(store: RunStore) -> None:
+    """Records of different trials do not meet."""
+    store.save_result(replace(_record(1, Outcome.PASSED), index=6))
+    assert store.latest(6) is not None
+    assert store.latest(1) is None
+
+
+def test_a_result_is_sealed_in_the_journal_once(store: RunStore) -> None:
+    """Its own hash and its recording's stand there, whoever writes it again."""
+    record = TrialRecord(
+        index=1, attempt=1, outcome=Outcome.PASSED, force_target_n=2.0, recording_sha256="ab"
+    )
+    store.save_result(record)
+    store.save_result(replace(record, recording_sha256=None))
+    (sealed,) = read_journal(store.paths.journal)
+    content = store.paths.result(1, 1).read_bytes()
+    assert (sealed.name, sealed.trial, sealed.attempt) == ("sealed", 1, 1)
+    assert sealed.detail == {
+        "result_sha256": hashlib.sha256(content).hexdigest(),
+        "recording_sha256": "ab",
+    }
+
+
+def test_the_description_is_sealed_with_its_devices(store: RunStore) -> None:
+    """Whoever answered is in the journal by the hash of run.json."""
+    store.set_devices({"robot": {"simulated": False}})
+    (written,) = read_journal(store.paths.journal)
+    content = store.paths.run_json.read_bytes()
+    assert written.detail == {"file": "run.json", "sha256": hashlib.sha256(content).hexdigest()}

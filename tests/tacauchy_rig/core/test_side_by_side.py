@@ -1,0 +1,155 @@
+"""Work in processes of its own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.side_by_side import beside, side_by_side
+
+
+def _process_of(name: str) -> tuple[str, int]:
+    return name, os.getpid()
+
+
+def _refuse(name: str) -> str:
+    raise ConfigError(f"{name} is refused", remedy="do not ask")
+
+
+def test_results_keep_their_order_and_come_from_other_processes() -> None:
+    """Three names by two jobs: in order, none from this process."""
+    found = list(side_by_side(_process_of, ["c", "a", "b"], jobs=2))
+    assert [name for name, _ in found] == ["c", "a", "b"]
+    assert all(name == told for name, (told, _) in found)
+    assert os.getpid() not in {process for _, (_, process) in found}
+
+
+def test_one_process_works_beside_this_one_and_its_errors_come_back() -> None:
+    """It is another process, the same for all work, and what is raised there is raised here."""
+    with beside() as other:
+        (_, first), (_, second) = (other.submit(_process_of, name).result() for name in "ab")
+        refused = other.submit(_refuse, "c")
+        with pytest.raises(ConfigError, match="c is refused"):
+            refused.result()
+    assert first == second != os.getpid()
+
+
+def _wait_long(_name: str) -> None:
+    time.sleep(600.0)
+
+
+def _interrupted_with_work(found: list[psutil.Process]) -> None:
+    with beside() as other:
+        _, number = other.submit(_process_of, "a").result()
+        found.append(psutil.Process(number))
+        other.submit(_wait_long, "b")
+        raise KeyboardInterrupt
+
+
+def test_a_process_beside_this_one_ends_with_an_error_here() -> None:
+    """An interrupt does not wait for what was begun, which would take ten minutes."""
+    found: list[psutil.Process] = []
+    with pytest.raises(KeyboardInterrupt):
+        _interrupted_with_work(found)
+    _, alive = psutil.wait_procs(found, timeout=30.0)
+    assert not alive
+
+
+def test_a_process_may_take_more_than_one_item() -> None:
+    """What one has loaded, such as a calibration's libraries, the next finds."""
+    found = list(side_by_side(_process_of, ["c", "a", "b"], jobs=2, afresh=False))
+    assert [name for name, _ in found] == ["c", "a", "b"]
+    assert len({process for _, (_, process) in found} - {os.getpid()}) in (1, 2)
+
+
+def test_one_job_stays_in_this_process() -> None:
+    """One at a time needs no other process."""
+    found = list(side_by_side(_process_of, ["a", "b"], jobs=1))
+    assert {process for _, (_, process) in found} == {os.getpid()}
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_error_arrives_as_it_was_raised(jobs: int) -> None:
+    """The error of a measurement keeps its text and its remedy on the way back."""
+    with pytest.raises(ConfigError, match="a is refused") as caught:
+        list(side_by_side(_refuse, ["a", "b"], jobs=jobs))
+    assert caught.value.remedy == "do not ask"
+
+
+_LONG = """
+import signal
+from tests.tacauchy_rig.core.test_side_by_side import _stay
+from tacauchy_rig.core.side_by_side import side_by_side
+
+if __name__ == "__main__":
+    # A shell's background process, and what it begins, are born deaf to Ctrl-C.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    list(side_by_side(_stay, {names!r}, jobs=2))
+"""
+
+
+@contextmanager
+def _long_command(folder: Path, names: list[str]) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the command in a session of its own; nothing of it is left, whatever a test finds."""
+    script = folder / "long.py"
+    script.write_text(_LONG.format(names=names), encoding="utf-8")
+    root = Path(__file__).parents[2]
+    command = subprocess.Popen(
+        [sys.executable, str(script)],
+        env=os.environ | {"PYTHONPATH": str(root)},
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        yield command
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(command.pid, signal.SIGKILL)
+        command.wait()
+
+
+def _stay(name: str) -> None:
+    Path(name).write_text(str(os.getpid()), encoding="utf-8")
+    time.sleep(60.0)
+
+
+def test_measurements_end_with_a_killed_command(tmp_path: Path) -> None:
+    """SIGKILL leaves no process that goes on measuring."""
+    names = [str(tmp_path / "a"), str(tmp_path / "b")]
+    with _long_command(tmp_path, names) as command:
+        assert _comes_true(lambda: all(map(_is_written, names))), "nothing was measured"
+        command.kill()
+    measuring = [int(Path(name).read_text()) for name in names]
+    assert _comes_true(lambda: not any(map(psutil.pid_exists, measuring)))
+
+
+def test_ctrl_c_ends_what_runs_and_begins_nothing_more(tmp_path: Path) -> None:
+    """A terminal sends it to all of them; what was still to be measured is left."""
+    names = [str(tmp_path / name) for name in "abcdefgh"]
+    with _long_command(tmp_path, names) as command:
+        assert _comes_true(lambda: all(map(_is_written, names[:2]))), "nothing was measured"
+        os.killpg(command.pid, signal.SIGINT)
+        assert command.wait(timeout=30.0) != 0
+    assert not any(map(_is_written, names[2:]))
+
+
+def _is_written(name: str) -> bool:
+    return Path(name).exists() and Path(name).read_text() != ""
+
+
+def _comes_true(holds: Callable[[], bool]) -> bool:
+    for _ in range(600):
+        if holds():
+            return True
+        time.sleep(0.05)
+    return False

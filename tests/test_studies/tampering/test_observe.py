@@ -1,0 +1,102 @@
+"""Every way to tamper with a run is noticed, by name, or said to be beyond noticing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tacauchy_rig.core.store.check.run import check_run
+from tacauchy_rig.core.store.run_store import RunStore
+from tests.recorded_run import new_run, press_run
+from tests.studies.tampering.case import TamperCase
+from tests.studies.tampering.cases import all_cases
+from tests.studies.tampering.copy import Care, RunCopy
+
+RECORDED = tuple(case for case in all_cases() if not case.name.startswith("replay"))
+BEYOND_NOTICE = {"run.json: a device's serial number edited", "truth.json: a softer gel"}
+"""What contradicts nothing once every hash is right again."""
+SEEN = {
+    "recording: F_z ten times as large": "recorded_force",
+    "recording: sign of F_z flipped": "recorded_sign",
+    "recording: arm 1 mm off": "recorded_depth",
+    "recording: one frozen image": "recorded_images",
+    "recording: every tenth force sample twice": "recorded_streams",
+    "recording: events deleted": "recorded_events",
+    "recording: exchanged with another trial's": "recording_place",
+    "recording: another trial's, with this one's metadata": "recorded_force",
+    "result: forces halved": "recorded_force",
+    "result: another zero": "recorded_tare",
+    "result: drift made none": "recorded_drift",
+    "result: the arm's own force 3 N larger": "recorded_arm_force",
+    "result: another target": "recorded_result",
+    "journal: a line deleted": "recorded_events",
+    "journal: two lines exchanged": "recorded_events",
+    "journal: force at an attempt's end edited": "recorded_result",
+    "run.json: sign of the cell flipped": "recorded_sign",
+}
+"""What is named from the content alone, after every hash was made right again."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of two presses that nobody touched."""
+    store = new_run(tmp_path_factory.mktemp("runs"))
+    store.truth.write(b'{"young_pa": 440000.0}\n')
+    press_run(store)
+    assert check_run(store).passed
+    return store.paths.root
+
+
+def tampered(run: Path, parent: Path, case: TamperCase, care: Care) -> set[str]:
+    """Return the criteria that a copy misses after it was tampered with."""
+    copy = RunCopy.of(run, parent, care)
+    case.change(copy)
+    if care is Care.RESEALED:
+        copy.reseal()
+    return set(check_run(RunStore.open(copy.root)).missed_names())
+
+
+def test_there_are_cases_of_every_file() -> None:
+    """At least 25 kinds, none of them twice."""
+    names = [case.name for case in all_cases()]
+    assert len(set(names)) == len(names) >= 50
+    assert {name.partition(":")[0] for name in names} >= {"recording", "result", "journal"}
+
+
+@pytest.mark.parametrize("name", SEEN)
+def test_the_content_contradicts_what_was_resealed(run: Path, tmp_path: Path, name: str) -> None:
+    """Right hashes do not help against raw samples, counters and events."""
+    case = next(case for case in RECORDED if case.name == name)
+    assert SEEN[name] in tampered(run, tmp_path, case, Care.RESEALED)
+
+
+@pytest.mark.parametrize("name", ["recording: cut to 86 % of its bytes", "recording: bits flipped"])
+def test_a_damaged_recording_is_named(run: Path, tmp_path: Path, name: str) -> None:
+    """Whatever is still readable, it is not the file that was closed."""
+    case = next(case for case in RECORDED if case.name == name)
+    assert {"recording_whole", "recording_hash"} <= tampered(run, tmp_path, case, Care.BYTES)
+
+
+@pytest.mark.parametrize(
+    ("name", "criterion"),
+    [("result: cut in half", "result_whole"), ("truth.json: cut in half", "run_description")],
+)
+def test_a_damaged_file_is_a_criterion(
+    run: Path, tmp_path: Path, name: str, criterion: str
+) -> None:
+    """The rest of the run is checked nevertheless."""
+    case = next(case for case in RECORDED if case.name == name)
+    assert criterion in tampered(run, tmp_path, case, Care.BYTES)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_nothing_goes_unnoticed(run: Path, tmp_path: Path) -> None:
+    """Every case and care, but what is said to be beyond notice."""
+    unseen = set()
+    for number, case in enumerate(RECORDED):
+        for care in case.cares:
+            if not tampered(run, tmp_path / f"{number}-{care}", case, care):
+                unseen.add((case.name, care))
+    assert unseen == {(name, Care.RESEALED) for name in BEYOND_NOTICE}

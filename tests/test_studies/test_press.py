@@ -1,0 +1,13 @@
+"""Emulated sensors that aged, and that did not."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.studies.press.aged_sensors import judged
+
+
+@pytest.mark.parametrize("aged", [False, True])
+def test_one_sensor_is_judged_rightly(aged):
+    """The page has ten of each."""
+    assert judged(3, aged=aged).is_right

@@ -1,0 +1,178 @@
+"""The smallest wrong size that is caught."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from reports.comparison.compare import compare
+from reports.comparison.model_criteria import judge_modulus
+from sim.scene.scene import Preset
+from tacauchy_rig.app.replay.opening import open_run
+from tacauchy_rig.core.errors import ConvergenceError
+from tacauchy_rig.core.registry import Kind, load
+from tests.recorded_run import new_run, press_run
+from tests.reports.conftest import run_evidence
+from tests.studies.verdict.bench import Bench, bench_of
+from tests.studies.verdict.check import (
+    CANNOT,
+    Finding,
+    Look,
+    findings_of,
+    look_at,
+    missed_of,
+    tasks_of,
+    with_measured_gel,
+)
+from tests.studies.verdict.wrong_models import STEPS_TO_DOUBLE, WRONG_MODELS, WrongModel
+
+
+def found(edge: float, *, measured_edge: float = math.inf) -> Finding:
+    """Return what is found of a wrong model that is caught from an edge on."""
+    model = WrongModel("made up", lambda *_: None, "", 1.0, "mm", 4, 6)  # type: ignore[arg-type,return-value]
+    looks = [
+        Look(
+            missed=("rim",) if size >= edge else (),
+            missed_measured=("rim",) if size >= measured_edge else (),
+            seconds=1.0,
+        )
+        for _, size in tasks_of([model])
+    ]
+    (finding,) = findings_of(zip(tasks_of([model]), looks, strict=True))
+    return finding
+
+
+@pytest.mark.parametrize("edge", [0.3, 1.0, 3.1, 8.0])
+def test_the_smallest_caught_size_lies_just_above_the_edge(edge: float) -> None:
+    """What is caught from an edge on is found to a step."""
+    finding = found(edge)
+    smallest, passes_at = finding.caught_from(), finding.passes_at
+    assert smallest is not None
+    assert passes_at is not None
+    assert passes_at < edge <= smallest
+    assert smallest == pytest.approx(2.0 ** (1.0 / STEPS_TO_DOUBLE) * passes_at)
+    assert finding.own.missed == (("rim",) if edge <= 1.0 else ())
+    assert finding.caught
+
+
+def test_a_size_that_passes_above_one_that_is_caught_counts() -> None:
+    """Caught from a size on means that no larger one slips through."""
+    finding = found(0.5)
+    slips = replace(finding.looks[2.0], missed=())
+    finding = replace(finding, looks={**finding.looks, 2.0: slips})
+    assert finding.passes_at == 2.0
+    assert finding.caught_from() == pytest.approx(2.0 ** (1.0 + 1.0 / STEPS_TO_DOUBLE))
+
+
+def test_what_is_never_caught_says_how_far_was_looked() -> None:
+    """No size up to the largest is caught, unless the modulus was measured."""
+    finding = found(math.inf, measured_edge=0.5)
+    assert (finding.caught_from(), finding.passes_at, finding.caught) == (None, 8.0, False)
+    assert finding.caught_from(measured=True) == pytest.approx(0.5)
+
+
+def test_a_modulus_that_was_measured_allows_less() -> None:
+    """A factor of 1.06 passes as stated; of a gel measured to be 1.0 times that it does not."""
+    evidence = run_evidence()
+    assert evidence.model is not None
+    evidence = replace(evidence, model=replace(evidence.model, modulus_factor=1.06))
+    for factor, missed in ((1.0, True), (1.06, False)):
+        measured = with_measured_gel(evidence, SimpleNamespace(modulus_factor=factor))  # type: ignore[arg-type]
+        (criterion,) = (
+            c
+            for c in judge_modulus(measured.model, measured.thresholds)
+            if c.name == "modulus_factor"
+        )
+        assert criterion.passed != missed
+        assert criterion.measured == pytest.approx(1.06 / factor)
+
+
+def test_a_model_that_finds_no_equilibrium_announces_itself() -> None:
+    """It is named as one that cannot be replayed, and nothing else is looked for."""
+
+    def fail(*_: object) -> None:
+        raise ConvergenceError("no equilibrium", remedy="none")
+
+    look = look_at((WrongModel("made up", fail), 0.0), bench=Bench.__new__(Bench))
+    assert look.missed == look.missed_measured == (CANNOT,)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "no contact in any image",
+        pytest.param("images of the trials shuffled", marks=pytest.mark.slow),
+        pytest.param("images of the two largest forces exchanged", marks=pytest.mark.slow),
+    ],
+)
+def test_images_of_other_forces_are_caught(name: str) -> None:
+    """Shuffled, exchanged, or of no contact: each misses the margin by name."""
+    trials = {t.index: t for t in run_evidence().trials[-2:]}
+    true = replace(run_evidence(), trials=tuple(trials.values()))
+
+    def evidence_with(images: dict[int, object]) -> object:
+        shown = [replace(t, simulated_image=images[t.index]) for t in trials.values()]
+        return replace(true, trials=tuple(shown))
+
+    bench = SimpleNamespace(
+        modulus_factor=1.0,
+        trials=sorted(trials),
+        images={i: t.simulated_image for i, t in trials.items()},
+        evidence_with=evidence_with,
+        run=SimpleNamespace(
+            attempt=lambda index: SimpleNamespace(reference=trials[index].images.reference)
+        ),
+    )
+    assert missed_of(compare(true)) == ()
+    assert "force_margin" in look_at((named(name), 0.0), bench=bench).missed  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_a_press_beside_its_place_is_caught_from_a_size_on(tmp_path: Path) -> None:
+    """A mock run is replayed; once its images are the replay's own, 0.1 mm beside is seen."""
+    store = new_run(tmp_path, f'sensor.name="{seen_coarsely(tmp_path)}"')
+    press_run(store)
+    bench = with_own_images(bench_of(open_run(store.paths.root), preset=Preset.FAST))
+    beside, unloaded = named("press beside its place"), named("no contact in any image")
+    tasks = [(beside, 0.0), (beside, 0.0125), (beside, 0.1), (unloaded, 0.0)]
+    true, near, far, none = (look_at(task, bench=bench).missed for task in tasks)
+    assert not {"contact_offset", "contact_residual"} & {*true, *near}, (true, near)
+    assert "contact_offset" in far
+    assert "contact_residual" in none
+
+
+def seen_coarsely(folder: Path) -> Path:
+    """Write the file of a sensor whose images are as small as the mock camera's after the crop."""
+    text: str = load(Kind.SENSOR, "gelsight-mini").read_text("utf-8")
+    for fine, coarse in (("= 320", "= 40"), ("= 240", "= 30"), ("0.0634 mm", "0.5072 mm")):
+        assert fine in text
+        text = text.replace(fine, coarse)
+    path = folder / "coarse.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def with_own_images(bench: Bench) -> Bench:
+    """Return a bench whose recordings show just what its true replay does."""
+    trials = []
+    for trial in bench.recorded.trials:
+        image = bench.images[trial.index]
+        assert trial.images is not None
+        shown = replace(trial.images, real=image, first_half=image, second_half=image)
+        trials.append(replace(trial, images=shown))
+    return replace(bench, recorded=replace(bench.recorded, trials=tuple(trials)))
+
+
+def named(name: str) -> WrongModel:
+    """Return a wrong model by its name."""
+    return next(model for model in WRONG_MODELS if model.name == name)
+
+
+def test_names_are_the_models_own() -> None:
+    """Each row of the page can be asked for by its name."""
+    assert len({model.name for model in WRONG_MODELS}) == len(WRONG_MODELS)
+    assert all(model.hides for model in WRONG_MODELS if model.size)
