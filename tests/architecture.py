@@ -1,4 +1,4 @@
-"""The rooms of the program and what imports what, drawn from the imports: ``make architecture``."""
+"""The packages of the program and their imports, drawn by ``make architecture``."""
 
 from __future__ import annotations
 
@@ -15,39 +15,43 @@ PAGE = ROOT / "docs" / "architecture.md"
 FOLDERS = ("tacauchy_rig", "protocols", "drivers", "sim", "reports")
 BEGIN, END = "<!-- drawn from the imports: begin -->", "<!-- drawn from the imports: end -->"
 
-# Plain types, units and writers that every room may use; arrows to them would hide all others.
-_SPINE = "errors|quantities|run|registry|versions|tables|page|figure_style"
+# Types, units and writers that every package uses; arrows to them would hide all others.
+_COMMON = "errors|quantities|run|registry|versions|tables|page|figure_style|arrays|rotations|rgb"
 EVERYWHERE = re.compile(
-    rf"({'|'.join(FOLDERS)}|tacauchy_rig\.({_SPINE})|sim\.(arrays|device)|reports\.arrays)$"
+    rf"({'|'.join(FOLDERS)}|tacauchy_rig\.(core|app)|tacauchy_rig\.core\.({_COMMON})"
+    r"|sim\.(arrays|device)|reports\.arrays)$"
 )
 
 Arrows = dict[str, set[str]]
 
 
-def room_of(module: str) -> str:
-    """Return the room that a module belongs to: its folder below the top, or itself in the top."""
+def package_of(module: str) -> str:
+    """Return the package that a module belongs to, or itself where it stands alone."""
     parts = module.split(".")
-    return ".".join(parts[:2]) if len(parts) > 1 else module
+    return ".".join(parts[: 3 if parts[0] == "tacauchy_rig" else 2])
 
 
-def arrows() -> Arrows:
-    """Return which rooms each room imports."""
-    graph = grimp.build_graph(*FOLDERS, cache_dir=None)
+def file_arrows() -> Arrows:
+    """Return which modules each module imports; imports for type checkers do not count."""
+    graph = grimp.build_graph(*FOLDERS, cache_dir=None, exclude_type_checking_imports=True)
+    return {module: graph.find_modules_directly_imported_by(module) for module in graph.modules}
+
+
+def arrows(files: Arrows) -> Arrows:
+    """Return which packages each package imports."""
     found: Arrows = defaultdict(set)
-    for module in graph.modules:
-        here = room_of(module)
-        found[here] |= {
-            room_of(imported) for imported in graph.find_modules_directly_imported_by(module)
-        } - {here}
+    for module, targets in files.items():
+        here = package_of(module)
+        found[here] |= {package_of(target) for target in targets} - {here}
     return {
-        room: {target for target in targets if not EVERYWHERE.match(target)}
-        for room, targets in found.items()
-        if not EVERYWHERE.match(room)
+        package: {target for target in targets if not EVERYWHERE.match(target)}
+        for package, targets in found.items()
+        if not EVERYWHERE.match(package)
     }
 
 
 def reachable(start: str, found: Arrows) -> set[str]:
-    """Return every room that a room imports, directly or through others."""
+    """Return everything that a package or module imports, directly or through others."""
     seen: set[str] = set()
     todo = [start]
     while todo:
@@ -59,49 +63,51 @@ def reachable(start: str, found: Arrows) -> set[str]:
 
 
 def reduced(found: Arrows) -> Arrows:
-    """Leave out each arrow that a longer way through other rooms says already."""
+    """Leave out each arrow that a longer path through other packages implies."""
     return {
-        room: {
+        package: {
             target
             for target in targets
             if not any(target in reachable(other, found) for other in targets - {target})
         }
-        for room, targets in found.items()
+        for package, targets in found.items()
     }
 
 
-def circles(found: Arrows) -> list[str]:
-    """Return the rooms that import themselves through others."""
-    return sorted(room for room in found if room in reachable(room, found))
+def cycles(found: Arrows) -> list[str]:
+    """Return the packages or modules that import themselves through others."""
+    return sorted(name for name in found if name in reachable(name, found))
 
 
 def drawing(found: Arrows) -> str:
-    """Return the rooms and their arrows as a Mermaid flow chart."""
+    """Return the packages and their arrows as a Mermaid flow chart."""
     return "\n".join(_lines(reduced(found)))
 
 
 def _lines(found: Arrows) -> Iterator[str]:
     yield "flowchart TD"
-    rooms = sorted({*found, *(target for targets in found.values() for target in targets)})
+    packages = sorted({*found, *(target for targets in found.values() for target in targets)})
     for folder in FOLDERS:
         yield f"  subgraph {folder}"
-        for room in rooms:
-            if room.startswith(f"{folder}."):
-                yield f"    {_key(room)}[{room.removeprefix(folder + '.')}]"
+        for package in packages:
+            if package.startswith(f"{folder}."):
+                yield f"    {_key(package)}[{package.removeprefix(folder + '.')}]"
         yield "  end"
-    for room in rooms:
-        for target in sorted(found.get(room, ())):
-            yield f"  {_key(room)} --> {_key(target)}"
+    for package in packages:
+        for target in sorted(found.get(package, ())):
+            yield f"  {_key(package)} --> {_key(target)}"
 
 
-def _key(room: str) -> str:
-    return room.replace(".", "_")
+def _key(package: str) -> str:
+    return package.replace(".", "_")
 
 
-def room_table(found: Arrows) -> str:
-    """Return what each room says of itself, as a table."""
-    rows = [f"| `{room.replace('.', '/')}` | {first_line(room)} |" for room in sorted(found)]
-    return "\n".join(["| room | what it holds |", "|---|---|", *rows])
+def package_table(found: Arrows) -> str:
+    """Return the first line of each package's docstring, as a table."""
+    rows = [
+        f"| `{package.replace('.', '/')}` | {first_line(package)} |" for package in sorted(found)
+    ]
+    return "\n".join(["| package | what it holds |", "|---|---|", *rows])
 
 
 def first_line(module: str) -> str:
@@ -113,8 +119,8 @@ def first_line(module: str) -> str:
 
 def drawn() -> str:
     """Return the part of the page that is made from the imports."""
-    found = arrows()
-    return "\n\n".join([BEGIN, f"```mermaid\n{drawing(found)}\n```", room_table(found), END])
+    found = arrows(file_arrows())
+    return "\n\n".join([BEGIN, f"```mermaid\n{drawing(found)}\n```", package_table(found), END])
 
 
 def with_drawing(page: str) -> str:

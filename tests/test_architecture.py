@@ -1,4 +1,4 @@
-"""Rooms without circles, a page that shows them as they are, and names in texts that exist."""
+"""No import cycles, a page that shows the imports, and names in texts that exist."""
 
 from __future__ import annotations
 
@@ -9,12 +9,23 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tacauchy_rig.core.registry import Kind
-from tests.architecture import FOLDERS, PAGE, ROOT, arrows, circles, reduced, with_drawing
+from tests.architecture import (
+    FOLDERS,
+    PAGE,
+    ROOT,
+    arrows,
+    cycles,
+    file_arrows,
+    reduced,
+    with_drawing,
+)
 
 
-def test_no_room_imports_itself_through_others() -> None:
-    """Every arrow of the drawing points down."""
-    assert circles(arrows()) == []
+def test_no_package_and_no_file_imports_itself_through_others() -> None:
+    """Every arrow of the drawing points down, and every import between files too."""
+    files = file_arrows()
+    assert cycles(arrows(files)) == []
+    assert cycles(files) == []
 
 
 def test_the_page_is_drawn_from_the_imports() -> None:
@@ -24,10 +35,10 @@ def test_the_page_is_drawn_from_the_imports() -> None:
 
 
 def test_reduction_keeps_what_can_be_reached() -> None:
-    """An arrow is left out only where a longer way says it."""
+    """An arrow is left out only where a longer path says it."""
     found = {"a": {"b", "c"}, "b": {"c"}, "c": set[str]()}
     assert reduced(found) == {"a": {"b"}, "b": {"c"}, "c": set()}
-    assert circles({"a": {"b"}, "b": {"a"}, "c": {"a"}}) == ["a", "b"]
+    assert cycles({"a": {"b"}, "b": {"a"}, "c": {"a"}}) == ["a", "b"]
 
 
 def _texts() -> list[Path]:

@@ -21,9 +21,10 @@ from sim.optics.height.rest_slope import rest_slopes, touching_places
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import ShadowCaster
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.app.calibration.optics.run import HEIGHT, SCALE_X, SCALE_Y, WIDTH
 from tacauchy_rig.core.errors import ConfigError
 
+WIDTH, HEIGHT = "width_px", "height_px"  # names in a calibration's provenance
+SCALE_X, SCALE_Y = "scale_x_m_px", "scale_y_m_px"
 CIRCLES, POSITIONS, NO_CONTACT = "circles.csv", "positions.csv", "no_contact.png"
 _SCALES_APART = 0.05  # of each other: a calibration's and the sensor file's
 

@@ -31,10 +31,8 @@ from tacauchy_rig.app.calibration.optics.figures import (
     write_renderings,
 )
 from tacauchy_rig.app.calibration.optics.input import OpticsRequest, find_presses, read_input
+from tacauchy_rig.app.replay.optics import HEIGHT, SCALE_X, SCALE_Y, WIDTH
 from tacauchy_rig.core.errors import RecordError
-
-WIDTH, HEIGHT = "width_px", "height_px"  # names in a calibration's provenance
-SCALE_X, SCALE_Y = "scale_x_m_px", "scale_y_m_px"
 
 OnStep = Callable[[str, int, int], None]
 """Told what was done, and as which step of how many."""
