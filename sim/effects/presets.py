@@ -101,7 +101,7 @@ BATCH = replace(LIGHT, under_share=0.25, size_max_m=9e-3)
 # shorter edges throughout 3.3 %. At 0.48 there is 2.3 % without.
 _KEEPS_VOLUME_ABOVE, _UNDER_SHARE = 0.49, 0.25
 # Where shear is asked for and points may slide, edges are so many times shorter there: the shear
-# has a kink where sliding begins, which edges smear (docs/verification.md).
+# has a kink where sliding begins, which edges smear (docs/results/verification.md).
 _SHEAR_REFINEMENT = {Preset.BALANCED: 1.25, Preset.ACCURATE: 1.9, Preset.REFERENCE: 1.9}
 # There a point that sticks gives by a tenth of the usual slip length: 1 um of the 29 um by which a
 # ball of 32 mm that is turned carries the gel takes 3 to 5 % off the shear of what sticks.

@@ -66,7 +66,7 @@ class Speeds:
 
 
 def read_speeds(folder: Path) -> Speeds:
-    """Read the benchmarks of a folder such as ``docs/benchmarks``.
+    """Read the benchmarks of a folder such as ``docs/results/benchmarks``.
 
     Raises:
         RecordError: There is none of a GPU with one and 60 environments.
@@ -76,7 +76,7 @@ def read_speeds(folder: Path) -> Speeds:
     if not {1, ENVIRONMENTS} <= {each.environments for each in gpu}:
         raise RecordError(
             f"{folder}: no benchmark {GPU_FILES} with 1 and {ENVIRONMENTS} environments",
-            remedy="give --benchmarks the folder docs/benchmarks of the repository",
+            remedy="give --benchmarks the folder docs/results/benchmarks of the repository",
         )
     file = folder / CPU_FILE
     kept: dict[str, Any] = {"groups": [], "machine": ""}

@@ -12,7 +12,7 @@ from sim.studies.paper.claims import Claim, claims
 from sim.studies.paper.kept_reports import KeptReport
 from sim.studies.paper.verdict import Verdict, verdict
 
-BENCHMARKS = "docs/benchmarks"
+BENCHMARKS = "docs/results/benchmarks"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

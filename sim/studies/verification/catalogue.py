@@ -39,5 +39,5 @@ SECTIONS: dict[str, Callable[[], Table]] = {
     "mesh-table": _section("paper_mesh:measure_mesh"),
     "height-map": _section("height_map:measure"),
 }
-# A page of its own, docs/height_map.md.
+# A page of its own, docs/results/height_map.md.
 ON_REQUEST = frozenset({"height-map"})

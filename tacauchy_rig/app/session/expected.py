@@ -37,7 +37,7 @@ change over the change of nu): 5 mm punch, 4 mm gel, 2 N, preset fast at 3.6 mm 
 (0.93 and 2.8)."""
 UNKNOWN_ERROR = 0.1
 """Relative error of the simulated force where nothing is known of it; preset fast, largest of the
-presses in docs/accuracy.md at nu 0.48 or below, doubled."""
+presses in docs/results/accuracy.md at nu 0.48 or below, doubled."""
 BEYOND = 1.6
 """The curve goes to this many times the largest target, so that the softest gel lies on it."""
 _POINTS = 12

@@ -31,7 +31,9 @@ def fault_table(
     ] = None,
     moment: Annotated[list[Moment] | None, typer.Option("--moment")] = None,
     list_only: Annotated[bool, typer.Option("--list", help="Name the cases and end.")] = False,
-    out: Annotated[Path, typer.Option("--out", help="The table.")] = Path("docs/fault_table.md"),
+    out: Annotated[Path, typer.Option("--out", help="The table.")] = Path(
+        "docs/results/fault_table.md"
+    ),
     work: Annotated[
         Path, typer.Option("--work", help="Folder of the cases; those done there are kept.")
     ] = Path("runs/fault-table"),

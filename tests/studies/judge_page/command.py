@@ -28,11 +28,11 @@ def judge_page(
         list[Path] | None,
         typer.Option("--bench", metavar="FILE", help="Of `bench --part scenes --peer libuipc`."),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", help="The page.")] = Path("docs/judged.md"),
+    out: Annotated[Path, typer.Option("--out", help="The page.")] = Path("docs/results/judged.md"),
 ) -> None:
     """Write judgements as one page, with their pictures, and forces of a benchmark beside them.
 
-    Example: tacauchy-rig judge-page judged-mini judged-dry --bench docs/benchmarks/h200_balls.json
+    Example: judge-page judged-mini judged-dry --bench docs/results/benchmarks/h200_balls.json
     """
     from tacauchy_rig.core.page import page
 
@@ -55,7 +55,7 @@ def judge_page(
         )
         say(f"{name}: {len(judged['simulators'])} simulators, {len(runs[-1]['lost'])} scores lost")
     forces = [row for path in bench or () for row in _forces(path)]
-    benches = " ".join(f"--bench docs/benchmarks/{path.name}" for path in bench or ())
+    benches = " ".join(f"--bench docs/results/benchmarks/{path.name}" for path in bench or ())
     facts = {"runs": runs, "benches": benches, "forces": table_of_rows(forces) if forces else None}
     write_text(out, page("tests.studies.judge_page", "judge_page.md.jinja", facts))
     say(f"page {out}")

@@ -47,7 +47,7 @@ class PeerTolerance:
 
 AS_SHIPPED = PeerTolerance(name="as shipped")
 # Of steps of 1, 0.1 and 0.01 um the one at which it balances best: 3.3 % where shipped settings
-# leave 23 %, and 3.6 % at a sixth of the speed (docs/benchmarks/README.md).
+# leave 23 %, and 3.6 % at a sixth of the speed (docs/results/benchmarks/index.md).
 STRICT = PeerTolerance(name="step 1 um", step_m=1e-6, residual_rate=1e-4)
 
 

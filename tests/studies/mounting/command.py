@@ -22,7 +22,9 @@ def mounting_check(
     preset: Annotated[Preset, typer.Option("--preset", help="Of the replays.")] = Preset.BALANCED,
     drawn: Annotated[int, typer.Option("--drawn", help="Worlds whose lean is found.")] = 20,
     seed: Annotated[int, typer.Option("--seed", help="Of the first of them.")] = 1,
-    out: Annotated[Path, typer.Option("--out", help="The page.")] = Path("docs/mounting_check.md"),
+    out: Annotated[Path, typer.Option("--out", help="The page.")] = Path(
+        "docs/results/mounting_check.md"
+    ),
     json_file: JsonFile = None,
 ) -> None:
     """Replay a run with friction and lean and without, and find the lean of drawn tools.

@@ -13,14 +13,16 @@ from tacauchy_rig.app.cli.output import say, show_table, write_json, write_text
 NOTE = (
     "Measured on emulated devices, by what the emulated arm truly did. Stops are asked for while "
     "the arm goes down, with one processor kept busy; pages are watched by three clients that read "
-    "events and fetch pictures. [page.md](page.md) says what the page is."
+    "events and fetch pictures."
 )
 
 
 def page_check(
     stops: Annotated[int, typer.Option("--stops", min=2, help="By button and by key, each.")] = 50,
     pairs: Annotated[int, typer.Option("--pairs", min=2, help="Of the guard's reaction.")] = 20,
-    out: Annotated[Path, typer.Option("--out", help="The page.")] = Path("docs/page_check.md"),
+    out: Annotated[Path, typer.Option("--out", help="The page.")] = Path(
+        "docs/results/page_check.md"
+    ),
     work: Annotated[Path, typer.Option("--work", help="Folder of its runs.")] = Path(
         "runs/page-check"
     ),

@@ -27,7 +27,9 @@ def residual_check(
     preset: Annotated[Preset, typer.Option("--preset", help="Of the replays.")] = Preset.FAST,
     draws: Annotated[int, typer.Option("--draws", min=1, help="Of each cause and run.")] = 3,
     seed: Annotated[int, typer.Option("--seed", help="Of the first draw.")] = 1,
-    out: Annotated[Path, typer.Option("--out", help="The page.")] = Path("docs/residual_check.md"),
+    out: Annotated[Path, typer.Option("--out", help="The page.")] = Path(
+        "docs/results/residual_check.md"
+    ),
     jobs: Jobs = 1,
     json_file: JsonFile = None,
 ) -> None:

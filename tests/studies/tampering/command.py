@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 def tamper_table(
     folder: RunFolder,
-    out: Annotated[Path, typer.Option("--out", help="The table.")] = Path("docs/tamper_table.md"),
+    out: Annotated[Path, typer.Option("--out", help="The table.")] = Path(
+        "docs/results/tamper_table.md"
+    ),
     json_file: JsonFile = None,
 ) -> None:
     """Tamper with copies of a finished, replayed run in every way; write what is noticed."""

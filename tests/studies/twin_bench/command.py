@@ -22,7 +22,7 @@ RATES_WANTED_HZ = {"twin": 10.0, "twin_gpu": 30.0}
 RUNS = Path("runs", "twin-bench").resolve()
 _NOTE = (
     "Each row is a run of two presses on emulated devices with a page, and a twin that follows the "
-    "force at the lowest priority. [twin.md](../twin.md) says what the twin is and is worth."
+    "force at the lowest priority. [The twin](../../explanation/twin.md) is explained elsewhere."
 )
 
 

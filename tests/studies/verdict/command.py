@@ -36,7 +36,9 @@ def verdict_check(
         list[str] | None,
         typer.Option("--only", metavar="PATTERN", help="Such as 'gel*'; may be repeated."),
     ] = None,
-    out: Annotated[Path, typer.Option("--out", help="The page.")] = Path("docs/verdict_check.md"),
+    out: Annotated[Path, typer.Option("--out", help="The page.")] = Path(
+        "docs/results/verdict_check.md"
+    ),
     jobs: Jobs = 1,
     json_file: JsonFile = None,
 ) -> None:

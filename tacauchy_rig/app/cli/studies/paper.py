@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sim.studies.paper.kept_reports import KeptReport
     from sim.studies.paper.mesh_search import Trial
 
-_BENCHMARKS = Path("docs/benchmarks")
+_BENCHMARKS = Path("docs/results/benchmarks")
 _SEARCH = "paper_mesh_search.json"
 # Trials of the search on the page, the nearest.
 _NEAREST = 4

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from sim.studies.hard_cases.case import CaseResult
 
 
-_PAGE = Path("docs/hard_cases.md")
+_PAGE = Path("docs/results/hard_cases.md")
 # What the numbers depend on.
 _NUMERICAL = ("tacauchy-rig", "python", "warp-lang", "numpy", "scipy", "pypardiso")
 

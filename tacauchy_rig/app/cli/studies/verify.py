@@ -34,7 +34,9 @@ def verify(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="Write a page, such as docs/verification.md."),
+        typer.Option(
+            "--out", metavar="FILE", help="Write a page, such as docs/results/verification.md."
+        ),
     ] = None,
     jobs: Jobs = 1,
     json_file: JsonFile = None,

@@ -1,6 +1,6 @@
 """Emulated presses seen by a video and felt by a log, whose offset is known: how well it is found.
 
-``python -m tests.tacauchy_rig.app.importing.offsets`` writes the table of docs/importing.md.
+``python -m tests.tacauchy_rig.app.importing.offsets`` writes a table of docs/results/importing.md.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ EVERY = 2  # steps of the emulator's depth that are rendered
 LOOKS: dict[int, dict[PressKey, np.ndarray]] = {}
 """By seed, how a gel looks at a depth."""
 DOWN = (math.pi, 0.0, 0.0)
-PAGE = Path(__file__).parents[3] / "docs" / "importing.md"
+PAGE = Path(__file__).parents[4] / "docs" / "results" / "importing.md"
 BEGIN, END = "<!-- offsets: begin -->", "<!-- offsets: end -->"
 
 

@@ -265,7 +265,7 @@ def test_others_are_refused_by_name(
     assert not (tmp_path / "x").exists()
 
 
-PAGE = Path(__file__).parents[3] / "docs" / "importing.md"
+PAGE = Path(__file__).parents[4] / "docs" / "results" / "importing.md"
 BEGIN, END = "<!-- refused: begin -->", "<!-- refused: end -->"
 
 
