@@ -103,7 +103,7 @@ def _long_command(folder: Path, names: list[str]) -> Iterator[subprocess.Popen[b
     """Run the command in a session of its own; nothing of it is left, whatever a test finds."""
     script = folder / "long.py"
     script.write_text(_LONG.format(names=names), encoding="utf-8")
-    root = Path(__file__).parents[2]
+    root = Path(__file__).parents[3]
     command = subprocess.Popen(
         [sys.executable, str(script)],
         env=os.environ | {"PYTHONPATH": str(root)},

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from tacauchy_rig.core.tables import Table, markdown_table, table_of, terminal_table
 
-_DOCS = Path(__file__).parents[2] / "docs"
+_DOCS = Path(__file__).parents[3] / "docs"
 
 WIDE = Table(
     title="A wide table",

@@ -15,7 +15,7 @@ from tacauchy_rig.app.cli.app import COMMANDS, app, foreseen
 from tacauchy_rig.core.config.load import example_text
 from tacauchy_rig.core.errors import AbortedError
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 
 
 def call(*arguments: str, cwd: Path, stdin: str = "") -> subprocess.CompletedProcess[str]:

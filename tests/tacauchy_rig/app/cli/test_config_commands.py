@@ -70,5 +70,5 @@ def test_example_overwrites_nothing(tmp_path: Path) -> None:
 
 def test_the_page_of_ceilings_is_what_the_command_prints() -> None:
     """docs/ceilings.md is made, not written."""
-    page = Path(__file__).parents[3] / "docs" / "ceilings.md"
+    page = Path(__file__).parents[4] / "docs" / "ceilings.md"
     assert runner.invoke(app, ["config", "ceilings"]).stdout == page.read_text("utf-8")

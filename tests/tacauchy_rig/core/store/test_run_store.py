@@ -230,7 +230,7 @@ def test_one_program_at_a_time(store: RunStore) -> None:
         "lock.__enter__(); print('locked', flush=True); time.sleep(60)"
     )
     command = [sys.executable, "-c", code, str(store.paths.lock)]
-    root = str(Path(__file__).parents[3])
+    root = str(Path(__file__).parents[4])
     with subprocess.Popen(command, stdout=subprocess.PIPE, cwd=root) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"locked\n"
