@@ -17,6 +17,9 @@ STUDIES = {
     "press": "tests.studies.press.command:press_check",
     "mounting": "tests.studies.mounting.command:mounting_check",
     "residual": "tests.studies.residual.command:residual_check",
+    "twin-bench": "tests.studies.twin_bench.command:twin_bench",
+    "libuipc": "tests.studies.libuipc.command:libuipc",
+    "compare": "tests.studies.compare.command:compare",
     "judge-page": "tests.studies.judge_page.command:judge_page",
 }
 """Where each study's command is."""

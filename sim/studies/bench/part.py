@@ -14,13 +14,6 @@ class Part(StrEnum):
     SCENES = "scenes"
     START = "start"
     THREADS = "threads"
-    TWIN = "twin"
-
-
-class Peer(StrEnum):
-    """Other engines that can press the scenes beside ours."""
-
-    LIBUIPC = "libuipc"
 
 
 REFERENCE_FILE = "scenes_reference.json"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import metadata
 from tempfile import TemporaryDirectory
@@ -30,6 +30,19 @@ _COMPILE_S = 300.0
 _LONGEST_S = 60.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PeerRow(SceneRow):
+    """A scene pressed by libuipc, or why it was not.
+
+    Attributes:
+        engine: Its version, and how strictly it solves.
+        remark: What else is to be said of the press.
+    """
+
+    engine: str
+    remark: str = ""
+
+
 def refuse_without_libuipc(device: str) -> None:
     """End where libuipc cannot run.
 
@@ -38,7 +51,7 @@ def refuse_without_libuipc(device: str) -> None:
     """
     if device != _DEVICE:
         raise ConfigError(
-            f"--peer libuipc, which has one GPU to itself, on --device {device}",
+            f"libuipc has one GPU to itself, not --device {device}",
             remedy=f"give --device {_DEVICE}",
         )
     if importlib.util.find_spec("uipc") is None:
@@ -50,9 +63,9 @@ def press_in_peer(
     counts: Sequence[int],
     *,
     limit_s: float,
-    on_progress: Callable[[SceneRow], None],
+    on_progress: Callable[[PeerRow], None],
     backend: str = "cuda",
-) -> Iterator[tuple[SceneRow, ...]]:
+) -> Iterator[tuple[PeerRow, ...]]:
     """Press one scene after the other in libuipc, in every number of environments; one strictly.
 
     Args:
@@ -88,12 +101,12 @@ def _pad(scene: BenchScene) -> PeerPad | str:
         return error.message
 
 
-def _row(scene: BenchScene, tolerance: PeerTolerance, count: int) -> SceneRow:
+def _row(scene: BenchScene, tolerance: PeerTolerance, count: int) -> PeerRow:
     try:
         version = metadata.version(_PACKAGE)
     except metadata.PackageNotFoundError:
         version = "of unknown version"
-    return SceneRow(
+    return PeerRow(
         scene=scene.name,
         tolerance="",
         device=_DEVICE,
@@ -104,14 +117,14 @@ def _row(scene: BenchScene, tolerance: PeerTolerance, count: int) -> SceneRow:
 
 
 def _pressed(
-    row: SceneRow,
+    row: PeerRow,
     pad: PeerPad,
     tolerance: PeerTolerance,
     *,
     run: Callable[[PeerTask], PeerFound],
     process: OwnProcess,
     limit_s: float,
-) -> SceneRow:
+) -> PeerRow:
     task = pad.task(count=row.environments or 1, tolerance=tolerance)
     try:
         found = process.call(partial(run, task), limit_s=limit_s)

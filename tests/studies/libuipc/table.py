@@ -9,17 +9,23 @@ from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress
 from sim.studies.bench.scenes.suite import SceneBench
 from tacauchy_rig.core.page import table_prose
 from tacauchy_rig.core.tables import Cell, Table, table_of
+from tests.studies.libuipc.rows import PeerRow
 
 
-def peer_tables(found: SceneBench) -> Iterator[Table]:
-    """Return a table for every way in which the peer pressed."""
+def peer_tables(found: SceneBench, peers: Sequence[Sequence[PeerRow]]) -> Iterator[Table]:
+    """Return a table for every way in which the peer pressed.
+
+    Args:
+        found: Our rows, and what forces are compared with.
+        peers: Its rows, one group a way.
+    """
     ours = {(row.scene, row.environments or 1): row.press for rows in found.groups for row in rows}
-    for rows in found.peers:
+    for rows in peers:
         yield _beside(rows, ours, found)
 
 
 def _beside(
-    rows: Sequence[SceneRow], ours: dict[tuple[str, int], ScenePress | None], found: SceneBench
+    rows: Sequence[PeerRow], ours: dict[tuple[str, int], ScenePress | None], found: SceneBench
 ) -> Table:
     def our(row: SceneRow) -> ScenePress | None:
         return ours.get((row.scene, row.environments or 1))
@@ -56,8 +62,8 @@ def _beside(
             "its balance": lambda row: balance(row.press),
         },
         **table_prose(
-            "sim.studies.bench.scenes",
-            "scenes.md.jinja",
+            "tests.studies.libuipc",
+            "table.md.jinja",
             "peer",
             engine=rows[0].engine,
             environments=rows[0].environments,

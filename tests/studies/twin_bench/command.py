@@ -1,14 +1,23 @@
-"""``tacauchy-rig bench --part twin``: how a twin keeps up beside emulated runs."""
+"""``python -m tests.studies twin-bench``: how a twin keeps up beside emulated runs."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 from tacauchy_rig.app.cli.emulation import emulated_unit
-from tacauchy_rig.app.cli.output import complain, say, show_table, write_json, write_text
+from tacauchy_rig.app.cli.options import JsonFile
+from tacauchy_rig.app.cli.output import (
+    complain,
+    say,
+    show_table,
+    writable_folder,
+    write_json,
+    write_text,
+)
 from tacauchy_rig.core.page import criteria_page
 from tacauchy_rig.core.selection import selected
 from tacauchy_rig.core.tables import Table
@@ -26,18 +35,28 @@ _NOTE = (
 )
 
 
-def bench_twin(*, out: Path, only: Sequence[str], device: str, json_file: Path | None) -> None:
-    """Press every scene with a twin, pair the guard's reaction, and write page and JSON.
+def twin_bench(
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Page and JSON.")] = Path(
+        "twin-bench"
+    ),
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="PATTERN", help="Scenes named so.")
+    ] = None,
+    device: Annotated[str, typer.Option("--device", help="Draws images: cpu or cuda:0.")] = "cpu",
+    json_file: JsonFile = None,
+) -> None:
+    """Press every scene with a twin, and pair the guard's reaction with a twin and without.
 
-    Raises:
-        ConfigError: No scene is named so.
+    Example: python -m tests.studies twin-bench --only "DIGIT*"
     """
+    only = only or []
+    writable_folder(out)
     wanted = selected(SCENES, only, names=lambda scene: (scene.name,), kind="scene of the twin")
     rows: list[TwinRow] = []
     tables: list[Table] = []
     facts: dict[str, Any] = {"machine": machine(), "versions": versions()}
     name = "twin" if device == "cpu" else "twin_gpu"
-    words = ["tacauchy-rig bench --part twin"]
+    words = ["python -m tests.studies twin-bench"]
     words += [f'--only "{each}"' for each in only]
     words += [f"--device {device}"] if device != "cpu" else []
     command = " ".join([*words, f"--out {out}"])

@@ -15,7 +15,7 @@ from sim.studies.bench.scenes.suite import SceneBench
 from tacauchy_rig.core.errors import ConfigError
 from tests.studies.libuipc import rows
 from tests.studies.libuipc.libuipc import PeerWorld
-from tests.studies.libuipc.rows import press_in_peer, refuse_without_libuipc
+from tests.studies.libuipc.rows import PeerRow, press_in_peer, refuse_without_libuipc
 from tests.studies.libuipc.table import peer_tables
 from tests.studies.libuipc.task import AS_SHIPPED, FRAME_S, STRICT, PeerFound, PeerTask
 
@@ -43,7 +43,7 @@ def test_strict_is_stricter_than_shipped() -> None:
 def test_what_fails_is_a_row_and_the_next_goes_on() -> None:
     """Without libuipc, or its backend, every row says so; what it cannot do is not tried."""
     flat = BenchScene(name="flat", stated={"indenter": "plane", "depth": "0.1mm"})
-    said: list[SceneRow] = []
+    said: list[PeerRow] = []
     ball = BenchScene(name="ball", stated=_BALL)
     found = press_in_peer([flat, ball], (1,), limit_s=60.0, on_progress=said.append, backend="no")
     assert [[row.scene for row in each] for each in found] == [["flat"] * 2, ["ball"] * 2]
@@ -70,8 +70,8 @@ def test_rows_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -> None:
         press=replace(press, wall_s=0.1 * press.wall_s),
     )
     failed = replace(peers[0][1], press=None, failure="not done after 60 s")
-    bench = SceneBench(groups=((ours,),), peers=((peers[0][0], failed), *peers[1:]))
-    first, second, _ = peer_tables(bench)
+    bench = SceneBench(groups=((ours,),))
+    first, second, _ = peer_tables(bench, [(peers[0][0], failed), *peers[1:]])
     ratio, theirs = (first.columns.index(name) for name in ("ours over it", "libuipc [1/s]"))
     assert first.rows[0][ratio] == "10"
     assert first.rows[1][theirs] == "not done after 60 s"

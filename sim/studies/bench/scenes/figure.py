@@ -32,7 +32,7 @@ def draw_scenes(found: SceneBench, *, folder: Path) -> list[Path]:
     Raises:
         RecordError: The files cannot be written.
     """
-    groups = [rows for rows in (*found.groups, *found.peers) if any(row.press for row in rows)]
+    groups = [rows for rows in found.groups if any(row.press for row in rows)]
     if not groups:
         return []
     names = [row.scene for row in groups[0]]

@@ -7,9 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,9 +66,7 @@ class SceneRow:
     Attributes:
         tolerance: What its setting was chosen for; empty where it was given.
         press: None where ``failure`` says why.
-        engine: Which one, and how strictly it solves; empty is ours.
         manner: What is unlike other rows of as many environments.
-        remark: What else is to be said of it.
     """
 
     scene: str
@@ -79,9 +75,7 @@ class SceneRow:
     environments: int | None
     press: ScenePress | None
     failure: str = ""
-    engine: str = ""
     manner: tuple[str, ...] = ()
-    remark: str = ""
 
     @property
     def setting(self) -> str:
@@ -181,28 +175,17 @@ def _answer(scene: BenchScene, order: Order, counts: Sequence[int]) -> tuple[str
 def commit() -> str:
     """Return the commit of this checkout, ``-dirty`` where files differ; empty outside of git."""
     try:
-        return _git("describe", "--always", "--dirty", "--abbrev=10", "--exclude=*")
+        return git("describe", "--always", "--dirty", "--abbrev=10", "--exclude=*")
     except ConfigError:
         return ""
 
 
-@contextmanager
-def checked_out(name: str) -> Iterator[Path]:
-    """Check another commit out into a folder that is gone afterwards.
+def git(*words: str) -> str:
+    """Return what git says of this checkout.
 
     Raises:
-        ConfigError: There is no such commit, or this is no checkout of git.
+        ConfigError: It refuses, or this is no checkout.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        tree = Path(folder) / "tree"
-        _git("worktree", "add", "--detach", str(tree), name)
-        try:
-            yield tree
-        finally:
-            _git("worktree", "remove", "--force", str(tree))
-
-
-def _git(*words: str) -> str:
     done = subprocess.run(
         ["git", "-C", str(OWN), *words], capture_output=True, text=True, check=False
     )

@@ -1,32 +1,15 @@
-"""The scenes in every way that was asked for, and two commits of the program beside each other."""
+"""The scenes, pressed in every way that was asked for."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import nan
 from statistics import geometric_mean
 
 from sim.studies.bench.scenes.catalogue import BenchScene
-from sim.studies.bench.scenes.own_process import (
-    Order,
-    SceneRow,
-    checked_out,
-    pressed,
-    pressed_together,
-)
+from sim.studies.bench.scenes.own_process import Order, SceneRow, pressed_together
 from sim.studies.bench.scenes.references import Reference
-
-# Presses of each commit, by turns; the least counts.
-_TURNS = 2
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
-    """A scene by an old commit and by this checkout."""
-
-    old: SceneRow
-    new: SceneRow
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,16 +19,11 @@ class SceneBench:
     Attributes:
         groups: The rows of every way to press: tolerance, device, environments.
         references: By the scene's name.
-        peers: The rows of every way in which another engine pressed.
         interrupted: Not all that was asked for is there.
-        compared: Commit that ``pairs`` are of; empty for none.
     """
 
     groups: tuple[tuple[SceneRow, ...], ...] = ()
     references: dict[str, Reference] = field(default_factory=dict)
-    peers: tuple[tuple[SceneRow, ...], ...] = ()
-    compared: str = ""
-    pairs: tuple[Pair, ...] = ()
     interrupted: bool = False
 
 
@@ -76,30 +54,6 @@ def press_all(
                 on_progress(row)
                 rows.append(row)
         yield tuple(rows)
-
-
-def side_by_side(
-    scenes: Sequence[BenchScene], order: Order, name: str, *, on_progress: Callable[[str], None]
-) -> Iterator[Pair]:
-    """Press every scene by another commit and by this checkout, in turns.
-
-    Raises:
-        ConfigError: There is no such commit.
-    """
-    with checked_out(name) as tree:
-        for scene in scenes:
-            turns = [
-                (pressed(scene, replace(order, checkout=tree)), pressed(scene, order))
-                for _ in range(_TURNS)
-            ]
-            pair = Pair(old=_least(old for old, _ in turns), new=_least(new for _, new in turns))
-            on_progress(f"  {scene.name}: {said(pair.old)} before, {said(pair.new)} now")
-            yield pair
-
-
-def _least(rows: Iterator[SceneRow]) -> SceneRow:
-    known = list(rows)
-    return min((row for row in known if row.press), key=lambda row: row.spent_s, default=known[0])
 
 
 def said(row: SceneRow) -> str:

@@ -9,7 +9,7 @@ from sim.error.tolerance import parse_tolerance
 from sim.studies.bench.scenes.own_process import IMAGES, NOT_YET, Order, SceneRow
 from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress
 from sim.studies.bench.scenes.references import Reference
-from sim.studies.bench.scenes.suite import Pair, SceneBench, mean_speed, speeds
+from sim.studies.bench.scenes.suite import SceneBench, mean_speed, speeds
 from tacauchy_rig.core.page import table_prose
 from tacauchy_rig.core.tables import Cell, Table, table_of
 
@@ -29,8 +29,7 @@ _prose = partial(table_prose, "sim.studies.bench.scenes", "scenes.md.jinja")
 
 def scene_tables(found: SceneBench) -> list[Table]:
     """Return the tables of what was measured, in the order of the page."""
-    tables = [table for rows in found.groups for table in _group(rows, found.references)]
-    return [*tables, *([_pairs(found)] if found.pairs else [])]
+    return [table for rows in found.groups for table in _group(rows, found.references)]
 
 
 def way(row: SceneRow | Order) -> str:
@@ -38,8 +37,7 @@ def way(row: SceneRow | Order) -> str:
     many = {None: "alone", 1: "1 environment"}.get(
         row.environments, f"{row.environments} environments"
     )
-    engine = row.engine if isinstance(row, SceneRow) else ""
-    parts = [engine or row.device, many]
+    parts = [row.device, many]
     if row.tolerance and row.environments is None:
         parts.append(f"tolerance {row.tolerance}")
     return ", ".join([*parts, *row.manner])
@@ -163,37 +161,9 @@ def _work(rows: Sequence[SceneRow]) -> Table:
     )
 
 
-def _pairs(found: SceneBench) -> Table:
-    def ratio(pair: Pair) -> float | None:
-        return pair.new.spent_s / pair.old.spent_s if pair.old.press and pair.new.press else None
-
-    def apart(pair: Pair) -> str | None:
-        if pair.old.press is None or pair.new.press is None:
-            return None
-        return f"{pair.new.press.force_n[2] / pair.old.press.force_n[2] - 1.0:.1e}"
-
-    return table_of(
-        found.pairs,
-        {
-            "scene": lambda pair: pair.new.scene,
-            "before": lambda pair: pair.old.setting,
-            "[s]": lambda pair: _of(pair.old, pair.old.spent_s),
-            "now": lambda pair: pair.new.setting,
-            "now [s]": lambda pair: _of(pair.new, pair.new.spent_s),
-            "over before": ratio,
-            "F_z apart": apart,
-        },
-        **_prose("pairs", commit=found.compared),
-    )
-
-
 def _each(value: Callable[[ScenePress], Cell]) -> Callable[[SceneRow], Cell]:
     """Return what shows a value of a row's press; nothing where there is none."""
     return lambda row: None if row.press is None else value(row.press)
-
-
-def _of(row: SceneRow, value: float) -> float | None:
-    return None if row.press is None else value
 
 
 def _counted(speed: float) -> Cell:

@@ -11,7 +11,7 @@ import typer
 
 from sim.scene.scene import Preset
 from sim.scene.scene_terms import SceneTerms
-from sim.studies.bench.part import REFERENCE_FILE, SCENE_LIMIT_S, Part, Peer
+from sim.studies.bench.part import REFERENCE_FILE, SCENE_LIMIT_S, Part
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import (
     complain,
@@ -30,20 +30,12 @@ _Parts = Annotated[
     list[Part] | None,
     typer.Option("--part", metavar="PART", help=f"Only this; may be repeated. {', '.join(Part)}."),
 ]
-_Peer = Annotated[
-    Peer | None,
-    typer.Option(
-        "--peer",
-        help="Of the scenes: press them by this engine too, on the same GPU after ours, alone and "
-        "in 60 environments or as many as are asked for; libuipc comes with pip install pyuipc.",
-    ),
-]
 _Only = Annotated[
     list[str] | None,
     typer.Option(
         "--only",
         metavar="PATTERN",
-        help="Of the scenes, and the twin's: those named so; may be repeated.",
+        help="Of the scenes: those named so; may be repeated.",
     ),
 ]
 _Drawn = Annotated[
@@ -62,9 +54,7 @@ _Tolerances = Annotated[
         help="Of the scenes: what their presets are chosen for (5%); may be repeated.",
     ),
 ]
-_Device = Annotated[
-    str, typer.Option("--device", help="Of the scenes, and the twin: cpu or cuda:0.")
-]
+_Device = Annotated[str, typer.Option("--device", help="Of the scenes: cpu or cuda:0.")]
 _Environments = Annotated[
     list[int] | None,
     typer.Option(
@@ -105,20 +95,12 @@ _Against = Annotated[
         help=f"Of the scenes: what forces are compared with; else OUT/{REFERENCE_FILE}.",
     ),
 ]
-_Compare = Annotated[
-    str | None,
-    typer.Option(
-        "--compare",
-        metavar="COMMIT",
-        help="Of the scenes: press by that commit's solver too, in turns with this one's.",
-    ),
-]
 _Limit = Annotated[
     float,
     typer.Option(
         "--limit",
         metavar="SECONDS",
-        help="Of the scenes: each ends by then; in a peer after a minute at most.",
+        help="Of the scenes: each ends by then.",
     ),
 ]
 
@@ -130,7 +112,6 @@ def bench(
     sensor: Annotated[str, typer.Option("--sensor")] = "gelsight-mini",
     indenter: Annotated[str, typer.Option("--indenter")] = _PUNCH,
     parts: _Parts = None,
-    peer: _Peer = None,
     only: _Only = None,
     drawn: _Drawn = None,
     tolerances: _Tolerances = None,
@@ -140,13 +121,12 @@ def bench(
     own_mesh: _OwnMesh = False,
     reference: _Reference = False,
     against: _Against = None,
-    compare: _Compare = None,
     limit_s: _Limit = SCENE_LIMIT_S,
     json_file: JsonFile = None,
 ) -> None:
-    """Time images, a replay, growth, scenes, start-up and threads; minutes. Only if asked: twin."""
+    """Time images, a replay, growth, scenes, start-up and threads; takes minutes."""
     writable_folder(out)
-    wanted = parts or [part for part in Part if part is not Part.TWIN]
+    wanted = parts or list(Part)
     if Part.SCENES in wanted:
         from tacauchy_rig.app.cli.studies.bench_scenes import ScenesAsked, bench_scenes
 
@@ -155,22 +135,15 @@ def bench(
             drawn=drawn,
             tolerances=tuple(tolerances or ("5%",)),
             device=device,
-            peer=peer,
             environments=tuple(environments or ()),
             images=images,
             own_mesh=own_mesh,
             reference=reference,
             against=against,
-            compare=compare,
             limit_s=limit_s,
         )
         bench_scenes(asked, out=out, json_file=json_file if wanted == [Part.SCENES] else None)
-    if Part.TWIN in wanted:
-        from tests.studies.twin_bench.command import bench_twin
-
-        own_json = json_file if wanted == [Part.TWIN] else None
-        bench_twin(out=out, only=only or [], device=device, json_file=own_json)
-    others = [part for part in wanted if part not in (Part.SCENES, Part.TWIN)]
+    others = [part for part in wanted if part is not Part.SCENES]
     if others:
         _bench_parts(out, sensor, indenter, others, json_file, is_all=parts is None)
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import zip_longest
 from pathlib import Path
 
 from sim.error.tolerance import parse_tolerance
-from sim.studies.bench.part import REFERENCE_FILE, Peer
+from sim.studies.bench.part import REFERENCE_FILE
 from sim.studies.bench.scenes.catalogue import BenchScene, all_scenes, select_scenes
 from sim.studies.bench.scenes.figure import draw_scenes
 from sim.studies.bench.scenes.own_process import Order, SceneRow, commit
@@ -18,15 +17,13 @@ from sim.studies.bench.scenes.references import (
     measure_references,
     read_references,
 )
-from sim.studies.bench.scenes.suite import SceneBench, press_all, said, side_by_side
+from sim.studies.bench.scenes.suite import SceneBench, press_all, said
 from sim.studies.bench.scenes.tables import scene_tables, way
 from tacauchy_rig.app.cli.output import complain, say, show_table, write_json, write_text
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.page import criteria_page
 from tacauchy_rig.core.store.codec import dumps
 from tacauchy_rig.core.versions import machine, versions
-from tests.studies.libuipc.rows import BESIDE_PEER, press_in_peer, refuse_without_libuipc
-from tests.studies.libuipc.table import peer_tables
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,19 +34,12 @@ class ScenesAsked:
     drawn: int | None
     tolerances: tuple[str, ...]
     device: str
-    peer: Peer | None
     environments: tuple[int, ...]
     images: bool
     own_mesh: bool
     reference: bool
     against: Path | None
-    compare: str | None
     limit_s: float
-
-    @property
-    def counts(self) -> tuple[int, ...]:
-        """Environments of every batch; beside another engine there are some."""
-        return self.environments or (() if self.peer is None else BESIDE_PEER)
 
     @property
     def orders(self) -> list[Order]:
@@ -62,7 +52,7 @@ class ScenesAsked:
                 own_mesh=self.own_mesh,
                 device=self.device,
             )
-            for count in self.counts
+            for count in self.environments
         ]
         return [replace(each, limit_s=self.limit_s) for each in batches or alone]
 
@@ -74,12 +64,10 @@ class ScenesAsked:
         for name, values in (("tolerance", self.tolerances), ("environments", self.environments)):
             words += [word for value in values for word in (f"--{name}", str(value))]
         words += ["--device", self.device] if self.device != Order().device else []
-        words += ["--peer", self.peer] if self.peer else []
         words += ["--images"] if self.images else []
         words += ["--own-mesh"] if self.own_mesh else []
         words += ["--reference"] if self.reference else []
         words += ["--against", str(self.against)] if self.against else []
-        words += ["--compare", self.compare] if self.compare else []
         return shlex.join([*words, "--out", str(out)])
 
 
@@ -87,23 +75,18 @@ def bench_scenes(asked: ScenesAsked, *, out: Path, json_file: Path | None) -> No
     """Press the scenes; show tables, write page, figure and JSON.
 
     Raises:
-        ConfigError: There is no such scene, tolerance or commit, or options do not fit together.
+        ConfigError: There is no such scene or tolerance, or options do not fit together.
         RecordError: A file cannot be written.
     """
     scenes = select_scenes(*asked.only, drawn=asked.drawn)
     for text in asked.tolerances:
         parse_tolerance(text, field="--tolerance")
-    if (asked.images or asked.own_mesh) and (asked.peer or not asked.environments):
+    if (asked.images or asked.own_mesh) and not asked.environments:
         raise ConfigError(
-            "--images and --own-mesh are for our own batches",
-            remedy="give --environments, and no --peer",
+            "--images and --own-mesh are for batches", remedy="give --environments too"
         )
-    if asked.peer is not None:
-        refuse_without_libuipc(asked.device)
-        if asked.compare is not None:
-            raise ConfigError("--peer beside --compare", remedy="ask for one of them at a time")
     found = _measured(asked, scenes, out)
-    tables = [*peer_tables(found), *scene_tables(found)]
+    tables = scene_tables(found)
     for table in tables:
         show_table(table)
     command = asked.command(out)
@@ -142,40 +125,27 @@ def _measured(asked: ScenesAsked, scenes: Sequence[BenchScene], out: Path) -> Sc
             references[name] = each
             # One by one: what took so long is not lost to what comes after.
             write_text(file, dumps(references).decode())
-    if asked.compare is None:
-        return _pressed(asked, scenes, references)
-    groups, pairs = [], []
-    for order in asked.orders:
-        complain(f"scenes, {way(order)}")
-        found = list(side_by_side(scenes, order, asked.compare, on_progress=complain))
-        groups.append(tuple(pair.new for pair in found))
-        pairs += found
-    return SceneBench(
-        groups=tuple(groups), references=references, compared=asked.compare, pairs=tuple(pairs)
-    )
+    return _pressed(asked, scenes, references)
 
 
 def _pressed(
     asked: ScenesAsked, scenes: Sequence[BenchScene], references: dict[str, Reference]
 ) -> SceneBench:
-    """Press each scene in every way, then by the other engine; an interruption keeps what is."""
+    """Press each scene in every way; an interruption keeps what is done."""
 
     def on_progress(row: SceneRow) -> None:
         complain(f"  {row.scene}, {way(row)}: {said(row)}")
 
-    theirs: Iterator[tuple[SceneRow, ...]] = iter(())
-    if asked.peer is not None:
-        theirs = press_in_peer(scenes, asked.counts, limit_s=asked.limit_s, on_progress=on_progress)
     done = []
     try:
-        ours = press_all(scenes, asked.orders, on_progress=on_progress)
-        for rows in zip_longest(ours, theirs, fillvalue=()):
+        for rows in press_all(scenes, asked.orders, on_progress=on_progress):
             done.append(rows)
     except KeyboardInterrupt:
         if not done:
             raise
         complain(f"interrupted: {len(done)} of {len(scenes)} scenes are done and kept")
-    groups, peers = (tuple(zip(*rows, strict=True)) for rows in zip(*done, strict=True))
     return SceneBench(
-        groups=groups, peers=peers, references=references, interrupted=len(done) < len(scenes)
+        groups=tuple(zip(*done, strict=True)),
+        references=references,
+        interrupted=len(done) < len(scenes),
     )

@@ -11,8 +11,7 @@ import pytest
 
 from sim.studies.bench.scenes import own_process
 from sim.studies.bench.scenes.catalogue import BenchScene
-from sim.studies.bench.scenes.own_process import Order, checked_out, pressed, pressed_together
-from tacauchy_rig.core.errors import ConfigError
+from sim.studies.bench.scenes.own_process import Order, pressed, pressed_together
 
 _SHALLOW = {"indenter": "sphere:diameter=10mm", "depth": "0.1mm"}
 
@@ -71,9 +70,3 @@ def test_what_was_pressed_before_a_crash_is_kept(
     assert rows[0].press is not None
     assert rows[0].press.wall_s == press.wall_s
     assert {row.failure for row in rows[1:]} == {"its process ended with status 1: full"}
-
-
-def test_a_commit_that_is_none_is_refused() -> None:
-    """The message is git's, the remedy ours."""
-    with pytest.raises(ConfigError, match="git worktree"), checked_out("no-such-commit"):
-        pass

@@ -12,7 +12,7 @@ from sim.studies.bench.scenes.figure import draw_scenes
 from sim.studies.bench.scenes.own_process import IMAGES, SceneRow
 from sim.studies.bench.scenes.press import ScenePress
 from sim.studies.bench.scenes.references import Reference, read_references
-from sim.studies.bench.scenes.suite import Pair, SceneBench, mean_speed
+from sim.studies.bench.scenes.suite import SceneBench, mean_speed
 from sim.studies.bench.scenes.tables import scene_tables
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.store.codec import dumps
@@ -109,16 +109,6 @@ def test_launches_are_listed_where_a_batch_has_them() -> None:
     *_, table = scene_tables(SceneBench(groups=((timed, _row("two")),)))
     assert table.title == "Launches, cpu, 60 environments, with images"
     assert table.rows == (("one", 2.0), ("two", None))
-
-
-def test_commits_stand_beside_each_other() -> None:
-    """Their ratio of time, and how far their forces are apart."""
-    slower = _row(press=replace(_PRESS, cpu_s=0.3))
-    *_, table = scene_tables(
-        SceneBench(compared="abc", pairs=(Pair(old=_row(), new=slower),), references={})
-    )
-    assert table.title == "Beside commit abc"
-    assert table.rows[0][-2:] == (pytest.approx(1.5), "0.0e+00")
 
 
 def test_references_are_read_back_for_the_same_scene_only(tmp_path: Path) -> None:

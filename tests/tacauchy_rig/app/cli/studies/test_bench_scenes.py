@@ -57,8 +57,6 @@ def test_every_way_that_was_asked_for_is_pressed(
     [
         (["--images"], "--environments"),
         (["--own-mesh"], "--environments"),
-        (["--images", "--environments", "2", "--peer", "libuipc"], "no --peer"),
-        (["--peer", "libuipc"], "--device cuda:0"),
     ],
 )
 def test_options_that_do_not_fit_together_are_refused(
