@@ -50,7 +50,7 @@ TOLERANCE = {
     # Joint friction that turns round, 2.5 N either way; five deviations of noise, 0.36 N; drift.
     RobotModel.CB3: Tolerance(force_n=7.5, share=0.25),
 }
-"""None of it was measured on an arm of ours: see docs/witness.md."""
+"""None of it was measured on an arm of ours: see docs/explanation/witness.md."""
 
 
 class ArmEstimate:

@@ -66,7 +66,7 @@ class Resolution:
 # rim: preset fast 2.942 N; with 24 or 32 sectors 2.943 and 2.944 N; with growth 1.5 instead of 2
 # 2.920 N; with every edge halved 2.896 N. What lies away from the rim decides, not the rim.
 # Under a ball edges and sectors are those at which its pressure is round to 3 % of its maximum and
-# 2 % off Hertz, both with room (docs/sim.md): 20 sectors and 0.17 left 5.6 %.
+# 2 % off Hertz, both with room (docs/explanation/meshes.md): 20 sectors and 0.17 left 5.6 %.
 RESOLUTIONS = {
     Preset.FAST: Resolution(edge_share=0.04, smooth_share=0.25, growth=2.0, sector_count=16),
     Preset.BALANCED: Resolution(

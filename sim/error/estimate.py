@@ -30,10 +30,10 @@ from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
 from tacauchy_rig.core.errors import RigError
 
-# (slope, rest, share), against what edges two thirds as long tend to (docs/sim.md): on preset fast
-# force, pressure and markers from 94 drawn presses, image from 166; finer ones from 34; shear on
-# all presets from 530 that grip. Pressure on finer ones is a fifth wider than that: it was short in
-# more than one of ten of 29 other presses.
+# (slope, rest, share), against what edges two thirds as long tend to
+# (docs/explanation/accuracy.md): on preset fast force, pressure and markers from 94 drawn presses,
+# image from 166; finer ones from 34; shear on all presets from 530 that grip. Pressure on finer
+# ones is a fifth wider than that: it was short in more than one of ten of 29 other presses.
 _Rule = dict[Output, tuple[float, float, float]]
 _SHEAR: _Rule = {Output.SHEAR: (6.3, 0.0015, 0.0)}
 _EITHER: _Rule = {**_SHEAR, Output.FORCE: (0.1, 0.04, 0.0), Output.DEPTH: (0.4, 0.02, 0.0)}

@@ -3,7 +3,7 @@
 Such a mesh follows a circle by straight edges. Where the surface bends sharply within the height of
 the arc over its chord, as on a punch's wall, the nodes of one circle deform to a star: those in
 the middle of chords come out right, those at the ends lie too far out, by half the arc's height
-(``docs/optics.md`` has the measurement). What is solved is not changed: only for drawing, the
+(``docs/explanation/optics.md``). What is solved is not changed: only for drawing, the
 nodes at the ends of chords are put onto the smooth closed curve through those in the middle.
 """
 

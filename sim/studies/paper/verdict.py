@@ -54,7 +54,7 @@ class Judging:
 _MACHINE_FACTOR = 3.0
 # Two runs of fTetWild with one setting gave 1,369 and 1,357, 866 and 836 tetrahedra: up to 4 %.
 _MESHER_SHARE = 0.05
-# What a second repeat of a real press changes: SSIM 0.01 to 0.02 (docs/reports.md), and the noise
+# What a second repeat of a real press changes: SSIM 0.01 to 0.02, and the noise
 # of one frame against its median about 1 dB at the paper's 22 dB.
 _SCORE, _DECIBEL = 0.01, 1.0
 # 1 dB of PSNR is a factor of 1.26 in MSE.

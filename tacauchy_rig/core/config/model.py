@@ -211,7 +211,7 @@ class ReplaySection(Section):
 
 
 class ReportSection(Section):
-    """What a replay must reach for the verdict; ``docs/reports.md`` has the reasons."""
+    """What a replay must reach for the verdict; ``docs/explanation/verdict.md`` has the reasons."""
 
     ceilings = CEILINGS["report"]
 

@@ -1,8 +1,8 @@
 """What no sensor file and no recording states of a press: standard uncertainties, with defaults.
 
-Each field that ``rig.toml`` leaves out takes a default with its source; ``docs/uncertainty.md``
-lists them. A uniform distribution of half width a has the standard uncertainty a / sqrt(3) (GUM
-4.3.7).
+Each field that ``rig.toml`` leaves out takes a default with its source;
+``docs/explanation/uncertainty.md`` lists them. A uniform distribution of half width a has the
+standard uncertainty a / sqrt(3) (GUM 4.3.7).
 """
 
 from __future__ import annotations

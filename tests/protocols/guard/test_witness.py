@@ -158,7 +158,7 @@ def test_with_a_coarse_arm_the_curve_finds_a_third_or_less(factor):
 
 
 def test_what_a_coarse_arm_and_the_curve_leave_unseen_is_stated():
-    """CB3, half the force, in a gel 20 % stiffer than stated: docs/witness.md names these."""
+    """CB3, half the force, in a gel 20 % stiffer than stated: docs/explanation/witness.md."""
     reached = [
         true_force_when_found(
             lambda force_n: 0.5 * force_n, target_n, stiffness=1.2, model=RobotModel.CB3
