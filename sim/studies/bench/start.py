@@ -16,7 +16,7 @@ from tacauchy_rig.core.errors import RigError
 # What an operator does not notice, and what is little beside a press [s of the processor].
 HELP_MAX_S, PRESS_MAX_S = 0.4, 1.5
 _REPEATS = 3
-_HELP = (("--version",), ("--help",), ("press", "--help"), ("bench", "--help"))
+_HELP = (("--version",), ("--help",), ("press", "--help"), ("study", "bench", "--help"))
 # Says the processor and wall time of a second press: the first also pays for what both need.
 _TWO_PRESSES = """
 import time

@@ -18,86 +18,109 @@ from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.store.durable import write_error
 from tacauchy_rig.core.threads import take_one_thread
 
+_CLI = "tacauchy_rig.app.cli"
 COMMANDS = {
-    "dry-run": "tacauchy_rig.app.cli.session:dry_run",
-    "run": "tacauchy_rig.app.cli.session:run",
-    "check-press": "tacauchy_rig.app.cli.check_press:check_press",
-    "resume": "tacauchy_rig.app.cli.session:resume",
-    "recover": "tacauchy_rig.app.cli.folders:recover",
-    "import": "tacauchy_rig.app.cli.importing:import_",
-    "replay": "tacauchy_rig.app.cli.folders:replay",
-    "report": "tacauchy_rig.app.cli.folders:report",
-    "export": "tacauchy_rig.app.cli.folders:export",
-    "serve": "tacauchy_rig.app.cli.serve:serve",
-    "judge": "tacauchy_rig.app.cli.judge:judge",
-    "rigid": "tacauchy_rig.app.cli.studies.rigid:rigid",
-    "press": "tacauchy_rig.app.cli.press:press",
-    "plan": "tacauchy_rig.app.cli.press:plan",
-    "accuracy": "tacauchy_rig.app.cli.studies.accuracy:accuracy",
-    "bench": "tacauchy_rig.app.cli.studies.bench:bench",
-    "torture": "tacauchy_rig.app.cli.studies.torture:torture",
-    "verify": "tacauchy_rig.app.cli.studies.verify:verify",
-    "effects-check": "tacauchy_rig.app.cli.studies.effects_check:effects_check",
-    "modes": "tacauchy_rig.app.cli.studies.modes:modes",
-    "objects": "tacauchy_rig.app.cli.studies.objects:objects",
-    "paper": "tacauchy_rig.app.cli.studies.paper:paper",
-    "doctor": "tacauchy_rig.app.cli.doctor:doctor",
+    "run": f"{_CLI}.session:run",
+    "dry-run": f"{_CLI}.session:dry_run",
+    "resume": f"{_CLI}.session:resume",
+    "doctor": f"{_CLI}.doctor:doctor",
+    "check-press": f"{_CLI}.check_press:check_press",
+    "replay": f"{_CLI}.folders:replay",
+    "report": f"{_CLI}.folders:report",
+    "recover": f"{_CLI}.folders:recover",
+    "export": f"{_CLI}.folders:export",
+    "serve": f"{_CLI}.serve:serve",
+    "press": f"{_CLI}.press:press",
+    "plan": f"{_CLI}.press:plan",
+    "import": f"{_CLI}.importing:import_",
+    "judge": f"{_CLI}.judge:judge",
 }
-"""Where each command is; a new one is a line here."""
+"""Where each command is; a new one is a line here and in ``PANELS``."""
+
+PANELS = {
+    "At the rig": ("run", "dry-run", "resume", "doctor", "check-press", "emulate"),
+    "Runs": ("replay", "report", "recover", "export", "serve"),
+    "Simulation": ("press", "plan"),
+    "Calibration": ("calibrate",),
+    "Other people's data": ("import", "judge"),
+    "Settings": ("config",),
+    "Studies": ("study",),
+}
+"""The headings of the help, and what stands below each."""
+
+GROUPS = {
+    "calibrate": (
+        "Calibrate optics, scale, markers, the gel's material, or the delays of streams.",
+        {
+            "scale": f"{_CLI}.calibrate.scale:scale",
+            "markers": f"{_CLI}.calibrate.markers:markers",
+            "optics": f"{_CLI}.calibrate.optics:optics",
+            "latency": f"{_CLI}.calibrate.latency:latency",
+            "material": f"{_CLI}.calibrate.material:material",
+        },
+    ),
+    "emulate": (
+        "Start emulated devices, make them fail, and write what an emulated sensor shows.",
+        {
+            "start": f"{_CLI}.emulate.start:start",
+            "presses": f"{_CLI}.emulate.presses:presses",
+            "fault": f"{_CLI}.emulate.fault:fault",
+        },
+    ),
+    "config": (
+        "Show, check and write rig.toml.",
+        {
+            "show": f"{_CLI}.config_commands:show",
+            "example": f"{_CLI}.config_commands:example",
+            "ceilings": f"{_CLI}.config_commands:show_ceilings",
+        },
+    ),
+    "study": (
+        "Measure the simulator on this machine: accuracy, hard cases, effects, speed.",
+        {
+            "accuracy": f"{_CLI}.studies.accuracy:accuracy",
+            "hard-cases": f"{_CLI}.studies.torture:torture",
+            "effects": f"{_CLI}.studies.effects_check:effects_check",
+            "verify": f"{_CLI}.studies.verify:verify",
+            "modes": f"{_CLI}.studies.modes:modes",
+            "objects": f"{_CLI}.studies.objects:objects",
+            "paper": f"{_CLI}.studies.paper:paper",
+            "bench": f"{_CLI}.studies.bench:bench",
+        },
+    ),
+}
+"""Of each group what its help says, and where its commands are."""
+
+_STUDIES = ("accuracy", "verify", "modes", "objects", "paper", "bench")
+_CHECKS = ("fault-table", "page-check", "mounting-check", "gel-check", "press-check")
+_CHECKS += ("budget-check", "verdict-check", "residual-check", "judge-page")
+MOVED = {
+    **{name: f"`tacauchy-rig study {name}`" for name in _STUDIES},
+    "torture": "`tacauchy-rig study hard-cases`",
+    "effects-check": "`tacauchy-rig study effects`",
+    "rigid": "`tacauchy-rig judge --baseline rigid --run RUN --out DIR`",
+    "tamper-table": "`python -m tests.studies tampering`, from a checkout of the repository",
+    **{
+        name: f"`python -m tests.studies {name.removesuffix('-check')}`, from a checkout of the "
+        "repository"
+        for name in _CHECKS
+    },
+}
+"""Commands of an earlier version, and what to call instead; for one release."""
 
 _INTERRUPTED = 130
 
 app = typer.Typer(
-    cls=lazy_group(COMMANDS),
+    cls=lazy_group(COMMANDS, panels=PANELS, moved=MOVED),
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     help="From a recorded tactile press to a force-matched replay and an honest report.",
 )
-app.add_typer(
-    typer.Typer(
-        cls=lazy_group(
-            {
-                "scale": "tacauchy_rig.app.cli.calibrate.scale:scale",
-                "markers": "tacauchy_rig.app.cli.calibrate.markers:markers",
-                "optics": "tacauchy_rig.app.cli.calibrate.optics:optics",
-                "latency": "tacauchy_rig.app.cli.calibrate.latency:latency",
-                "material": "tacauchy_rig.app.cli.calibrate.material:material",
-            }
-        ),
-        no_args_is_help=True,
-        help="Calibrate optics, scale, markers, the gel's material, or the delays of streams.",
-    ),
-    name="calibrate",
-)
-app.add_typer(
-    typer.Typer(
-        cls=lazy_group(
-            {
-                "start": "tacauchy_rig.app.cli.emulate.start:start",
-                "presses": "tacauchy_rig.app.cli.emulate.presses:presses",
-                "fault": "tacauchy_rig.app.cli.emulate.fault:fault",
-            }
-        ),
-        no_args_is_help=True,
-        help="Start emulated devices, make them fail, and write what an emulated sensor shows.",
-    ),
-    name="emulate",
-)
-app.add_typer(
-    typer.Typer(
-        cls=lazy_group(
-            {
-                "show": "tacauchy_rig.app.cli.config_commands:show",
-                "example": "tacauchy_rig.app.cli.config_commands:example",
-                "ceilings": "tacauchy_rig.app.cli.config_commands:show_ceilings",
-            }
-        ),
-        no_args_is_help=True,
-        help="Show, check and write rig.toml.",
-    ),
-    name="config",
-)
+for _name, (_help, _places) in GROUPS.items():
+    app.add_typer(
+        typer.Typer(cls=lazy_group(_places), no_args_is_help=True, help=_help), name=_name
+    )
 
 
 def _version(value: bool) -> None:

@@ -19,7 +19,10 @@ def show(
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:
-    """List every field, its value and where it came from; refuse what no replay is made with."""
+    """List every field, its value and where it came from; refuse what no replay is made with.
+
+    Example: tacauchy-rig config show rig.toml
+    """
     from tacauchy_rig.app.replay.inputs import check_replay
     from tacauchy_rig.app.session.gel_limits import check_gel
     from tacauchy_rig.core.config.load import load_config
@@ -45,7 +48,10 @@ def example(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Write the commented example for a real rig."""
+    """Write the commented example for a real rig.
+
+    Example: tacauchy-rig config example rig.toml
+    """
     from tacauchy_rig.core.config.load import example_text
 
     if out is None:
@@ -56,7 +62,10 @@ def example(
 
 
 def show_ceilings(json_file: JsonFile = None) -> None:
-    """Write docs/ceilings.md: how far each value may go on any rig, and why."""
+    """Write docs/ceilings.md: how far each value may go on any rig, and why.
+
+    Example: tacauchy-rig config ceilings
+    """
     from tacauchy_rig.app.session.gel_limits import DEPTH_SHARE, PRESSURE_MODULI
     from tacauchy_rig.core.config.ceilings import ceilings
     from tacauchy_rig.core.page import page

@@ -26,7 +26,10 @@ def doctor(
         bool, typer.Option("--host-only", help="Ask no device, only this computer.")
     ] = False,
 ) -> None:
-    """Check ports, permissions, rates, disk, replay, robot and clock; nothing moves."""
+    """Check ports, permissions, rates, disk, replay, robot and clock; nothing moves.
+
+    Example: tacauchy-rig doctor rig.toml
+    """
     from tacauchy_rig.core.config.load import load_config
 
     config = load_config(path, overrides=overrides or ()).config

@@ -46,7 +46,10 @@ def replay(
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Simulate the trials of a run again and write its report."""
+    """Simulate the trials of a run again and write its report.
+
+    Example: tacauchy-rig replay runs/20261123-gelsight-mini --tolerance 1%
+    """
     from sim.error.tolerance import parse_tolerance
     from tacauchy_rig.app.replay.opening import open_run
     from tacauchy_rig.core.store.check.run import check_run
@@ -81,7 +84,10 @@ def _watch(run: RunReading) -> None:
 
 
 def report(folder: RunFolder, json_file: JsonFile = None) -> None:
-    """Write the report of a run again from what was recorded and replayed."""
+    """Write the report of a run again from what was recorded and replayed.
+
+    Example: tacauchy-rig report runs/20261123-gelsight-mini
+    """
     from tacauchy_rig.app.replay.opening import open_run
 
     report_and_exit(open_run(folder), json_file)
@@ -95,7 +101,10 @@ def export(
     ] = ExportKind.CSV,
     json_file: JsonFile = None,
 ) -> None:
-    """Write a run's recordings for other tools."""
+    """Write a run's recordings for other tools.
+
+    Example: tacauchy-rig export runs/20261123-gelsight-mini exported --kind csv
+    """
     from tacauchy_rig.core.store.recording.export import export_run
 
     written = export_run(folder, out, kind=kind)
@@ -104,7 +113,10 @@ def export(
 
 
 def recover(folder: RunFolder, json_file: JsonFile = None) -> None:
-    """Repair what was cut off, and check journal, results and recordings; 1 if not all is whole."""
+    """Repair what was cut off, and check journal, results and recordings; 1 if not all is whole.
+
+    Example: tacauchy-rig recover runs/20261123-gelsight-mini
+    """
     from tacauchy_rig.core.store.recovery import recover_run
     from tacauchy_rig.core.store.run_store import RunStore
 

@@ -24,7 +24,10 @@ def import_(
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Make a run folder of others' recordings; what they do not tell stays unknown."""
+    """Make a run folder of others' recordings; what they do not tell stays unknown.
+
+    Example: tacauchy-rig import presses/import.toml --out runs
+    """
     from tacauchy_rig.app.importing.importer import import_run
     from tacauchy_rig.app.replay.settings import check_names
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,8 +15,15 @@ from tacauchy_rig.app.cli.output import complain, say, writable_folder, write_js
 from tacauchy_rig.core.errors import ConfigError
 
 if TYPE_CHECKING:
+    from reports.evidence.attempt import RunReading
     from reports.evidence.evidence import RunEvidence
     from tacauchy_rig.core.outputs import Outputs
+
+
+class Baseline(StrEnum):
+    """Simulators that the program itself provides to judge others by."""
+
+    RIGID = "rigid"
 
 
 def judge(
@@ -34,6 +42,14 @@ def judge(
             "--ours",
             metavar="FOLDER",
             help="What stands for ours in place of the run's replay: `calibrate optics --outputs`.",
+        ),
+    ] = None,
+    baselines: Annotated[
+        list[Baseline] | None,
+        typer.Option(
+            "--baseline",
+            help="Judge this too, and write what it shows to DIR/NAME. rigid: the indenter's shape "
+            "cut into the gel at the measured depth, without mechanics; may be repeated.",
         ),
     ] = None,
     is_task: Annotated[
@@ -59,7 +75,8 @@ def judge(
         write_task(writable_folder(out), *task_of(reading, evidence), references_of(evidence))
         say(f"wrote what is asked of {len(evidence.trials)} presses to {out}")
         return
-    others = read_folders(folders or [], evidence)
+    written = [_write_baseline(each, reading, out) for each in dict.fromkeys(baselines or ())]
+    others = read_folders([*(folders or ()), *written], evidence)
     if ours_folder is None:
         ours = our_outputs(reading, evidence)
     else:
@@ -80,6 +97,25 @@ def judge(
     write_json(json_file, json.loads(paths.json.read_text("utf-8")))
 
 
+def _write_baseline(baseline: Baseline, reading: RunReading, out: Path) -> Path:
+    """Write what a baseline shows of a run's presses to a new folder, and return that.
+
+    Raises:
+        RecordError: The folder is not empty, or no press can be drawn.
+    """
+    from tacauchy_rig.app.cli.emulation import emulated_calibration
+    from tacauchy_rig.app.judging.rigid import rigid_outputs
+    from tacauchy_rig.app.judging.writing import check_empty, write_outputs
+
+    folder = out / baseline.value
+    check_empty(folder)
+    calibrate = emulated_calibration(reading.store)
+    found = rigid_outputs(reading, calibrate=calibrate, on_progress=say)
+    write_outputs(folder, found)
+    say(f"wrote {len(found.presses)} presses to {folder}")
+    return folder
+
+
 def read_folders(folders: Sequence[Path], evidence: RunEvidence) -> list[Outputs]:
     """Return what simulators give of a run's presses.
 
@@ -91,7 +127,9 @@ def read_folders(folders: Sequence[Path], evidence: RunEvidence) -> list[Outputs
     from tacauchy_rig.app.judging.reading import Asked, read_outputs
 
     if not folders:
-        raise ConfigError("nobody is to be judged", remedy="name a FOLDER, or ask for --task")
+        raise ConfigError(
+            "nobody is to be judged", remedy="name a FOLDER, or ask for --baseline rigid or --task"
+        )
     asked = Asked(
         trials=tuple(t.index for t in evidence.trials),
         size_px=(evidence.geometry.width_px, evidence.geometry.height_px),

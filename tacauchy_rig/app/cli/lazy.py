@@ -13,37 +13,64 @@ from typing import Any, ClassVar
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from tacauchy_rig.core.errors import ConfigError
 
-def lazy_group(places: Mapping[str, str]) -> type[TyperGroup]:
+
+def lazy_group(
+    places: Mapping[str, str],
+    *,
+    panels: Mapping[str, tuple[str, ...]] | None = None,
+    moved: Mapping[str, str] | None = None,
+) -> type[TyperGroup]:
     """Return the class of a group of commands.
 
     Args:
         places: Where each command's function is, ``module:name``; in the order of the help.
+        panels: By heading, the commands that the help lists below it, groups included; then they
+            are listed in this order.
+        moved: By a name that was a command once, the command that is to be called instead.
     """
 
     class LazyGroup(_LazyGroup):
         """A group of these commands."""
 
-        _places = places
+        _places, _panels, _moved = places, panels or {}, moved or {}
 
     return LazyGroup
 
 
 class _LazyGroup(TyperGroup):
     _places: ClassVar[Mapping[str, str]]
+    _panels: ClassVar[Mapping[str, tuple[str, ...]]]
+    _moved: ClassVar[Mapping[str, str]]
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
         for name, place in self._places.items():
             self.commands.setdefault(name, _LazyCommand(name, place))
+        for panel, names in self._panels.items():
+            for name in names:
+                self.commands[name].rich_help_panel = panel  # type: ignore[attr-defined]
 
     def list_commands(self, ctx: typer.Context) -> list[str]:  # type: ignore[override]
-        """Return all names, these commands' first; who asks for all wants their help too."""
-        for name in self._places:
-            command = self.commands[name]
+        """Return all names in the order of the help; who asks for all wants their help too."""
+        for command in self.commands.values():
             if isinstance(command, _LazyCommand):
                 command.read_help()
-        return [*self._places, *(n for n in super().list_commands(ctx) if n not in self._places)]
+        first = [name for names in self._panels.values() for name in names] or list(self._places)
+        return [*first, *(n for n in super().list_commands(ctx) if n not in first)]
+
+    def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:  # type: ignore[override]
+        """Return a command; a name that moved is refused with where it went.
+
+        Raises:
+            ConfigError: The name moved.
+        """
+        if cmd_name in self._moved:
+            raise ConfigError(
+                f"the command {cmd_name} has moved", remedy=f"call {self._moved[cmd_name]}"
+            )
+        return super().get_command(ctx, cmd_name)
 
 
 class _LazyCommand(TyperCommand):

@@ -51,7 +51,10 @@ def press(
     json_file: JsonFile = None,
     out: PressFolder = None,
 ) -> None:
-    """Press once in the simulator and say what it took."""
+    """Press once in the simulator and say what it took.
+
+    Example: tacauchy-rig press --sensor gelsight-mini --indenter sphere:diameter=8mm --force 2N
+    """
     from sim.device import warp_device
     from sim.press import press as simulate_press
     from sim.press_command import scene_of
@@ -76,7 +79,10 @@ def press(
 
 @states_a_scene
 def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = None) -> None:
-    """Say what a press would be simulated with, and why; effects are tried on coarse meshes."""
+    """Say what a press would be simulated with, and why; effects are tried on coarse meshes.
+
+    Example: tacauchy-rig plan --sensor gelsight-mini --indenter sphere:diameter=8mm --force 2N
+    """
     from sim.effects.mesh_choice import mesh_choice
     from sim.effects.plan import plan_effects
     from sim.error.settings import WORTH, setting_of

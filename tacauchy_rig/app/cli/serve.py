@@ -20,6 +20,8 @@ def serve(
     """Serve a page of runs: verdicts, reports, two beside each other, a sensor's health.
 
     It changes nothing, and is reached from this machine alone, by the address that is printed.
+
+    Example: tacauchy-rig serve runs --open
     """
     import secrets
 

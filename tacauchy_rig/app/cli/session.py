@@ -56,7 +56,10 @@ def dry_run(
     twin: Twin = "off",
     foxglove: Live = "off",
 ) -> None:
-    """Run the whole loop on emulated hardware: six presses, their replay and the report."""
+    """Run the whole loop on emulated hardware: six presses, their replay and the report.
+
+    Example: tacauchy-rig dry-run --set protocol.force_targets='["1 N", "3 N"]'
+    """
     from tacauchy_rig.core.config.load import default_text, load_config
 
     loaded = load_config(None, overrides=overrides or ())
@@ -80,7 +83,10 @@ def run(
     twin: Twin = "off",
     foxglove: Live = "off",
 ) -> None:
-    """Press as a configuration says, replay and report."""
+    """Press as a configuration says, replay and report.
+
+    Example: tacauchy-rig run rig.toml --page 8080
+    """
     from tacauchy_rig.core.config.load import load_config
 
     loaded = load_config(path, overrides=overrides or ())
@@ -103,7 +109,10 @@ def resume(
     twin: Twin = "off",
     foxglove: Live = "off",
 ) -> None:
-    """Continue a run at its first trial without a passed attempt; nothing is overwritten."""
+    """Continue a run at its first trial without a passed attempt; nothing is overwritten.
+
+    Example: tacauchy-rig resume runs/20261123-gelsight-mini
+    """
     from drivers.presence import require_devices
     from tacauchy_rig.app.cli.folders import say_recovered
     from tacauchy_rig.app.session.record import note_changes

@@ -26,7 +26,10 @@ def markers(
     preset: Annotated[Preset, typer.Option("--preset")] = Preset.FAST,
     json_file: JsonFile = None,
 ) -> None:
-    """Press, shear and twist in the simulator, and fit the FOTS exponentials to the markers."""
+    """Press, shear and twist in the simulator, and fit the FOTS exponentials to the markers.
+
+    Example: tacauchy-rig calibrate markers --sensor markers.toml --depth 0.5mm
+    """
     from sim.scene.terms import parse_indenter
     from sim.sensor.sensor import load_sensor
     from sim.studies.markers.fidelity import compare_marker_fidelities

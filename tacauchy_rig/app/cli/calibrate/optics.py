@@ -73,7 +73,10 @@ def optics(
     jobs: Jobs = 2,
     json_file: JsonFile = None,
 ) -> None:
-    """Fit the optics to ball presses, cross-validate, and write a calibration file."""
+    """Fit the optics to ball presses, cross-validate, and write a calibration file.
+
+    Example: tacauchy-rig calibrate optics presses --ball-diameter 4.70mm --out optics.npz
+    """
     from tacauchy_rig.app.calibration.optics.of_run import keep_optics, request_of
     from tacauchy_rig.app.calibration.optics.run import calibrate_and_check
     from tacauchy_rig.app.judging.writing import check_empty

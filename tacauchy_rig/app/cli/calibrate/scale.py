@@ -46,7 +46,10 @@ def scale(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Fit mm per pixel in x and y, rotation and centre of a camera."""
+    """Fit mm per pixel in x and y, rotation and centre of a camera.
+
+    Example: tacauchy-rig calibrate scale target.png --target dots:columns=7,rows=5,pitch=2mm
+    """
     from sim.sensor.sensor import load_sensor
 
     if presses is not None and sensor is not None:

@@ -25,7 +25,10 @@ def fault(
     ],
     json_file: JsonFile = None,
 ) -> None:
-    """Tell a running emulated device to fail."""
+    """Tell a running emulated device to fail.
+
+    Example: tacauchy-rig emulate fault FOLDER force_sensor:scale=0.1@1s+2s
+    """
     from drivers.emulators.faults import post_fault
 
     post_fault(folder, parse_fault(text))

@@ -24,7 +24,10 @@ def presses(
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Write the ball presses of an emulated sensor, to rehearse its calibration with."""
+    """Write the ball presses of an emulated sensor, to rehearse its calibration with.
+
+    Example: tacauchy-rig emulate presses --out presses --count 40
+    """
     from drivers.emulators.plant.ball_presses import (
         BALL_DIAMETER_M,
         frame_noise,

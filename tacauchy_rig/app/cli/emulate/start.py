@@ -34,7 +34,10 @@ def start(
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Start emulated devices and serve until Ctrl-C."""
+    """Start emulated devices and serve until Ctrl-C.
+
+    Example: tacauchy-rig emulate start rig.toml --device camera
+    """
     from drivers.emulators.launch import Emulation
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulation import emulated_unit

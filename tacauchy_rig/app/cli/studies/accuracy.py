@@ -60,7 +60,10 @@ def accuracy(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Press with many settings and show each one's error against its time."""
+    """Press with many settings and show each one's error against its time.
+
+    Example: tacauchy-rig study accuracy --sensor digit --force 2N
+    """
     writable_folder(out)
     if promise:
         facts = _check_tolerances(out)

@@ -124,7 +124,10 @@ def bench(
     limit_s: _Limit = SCENE_LIMIT_S,
     json_file: JsonFile = None,
 ) -> None:
-    """Time images, a replay, growth, scenes, start-up and threads; takes minutes."""
+    """Time images, a replay, growth, scenes, start-up and threads; takes minutes.
+
+    Example: tacauchy-rig study bench --part scenes --only ball
+    """
     writable_folder(out)
     wanted = parts or list(Part)
     if Part.SCENES in wanted:

@@ -60,7 +60,10 @@ def effects_check(
     jobs: Jobs = 1,
     json_file: JsonFile = None,
 ) -> None:
-    """Press scenes under their plans and with everything on; say what that changes and costs."""
+    """Press scenes under their plans and with everything on; say what that changes and costs.
+
+    Example: tacauchy-rig study effects --only "by force"
+    """
     limit_s = parse_quantity(limit, dimension=Dimension.TIME, field="--limit")
     cases = _drawn(seed, random) if random else _stated()
     chosen = selected(cases, only or [], names=lambda case: (case.name,), kind="scene")

@@ -37,7 +37,10 @@ def modes(
     page: FigurePage = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Press, slide and twist on GelSight Mini, press a ball into three sensors; draw both."""
+    """Press, slide and twist on GelSight Mini, press a ball into three sensors; draw both.
+
+    Example: tacauchy-rig study modes --out modes
+    """
     from sim.studies.modes.figures import draw_modes, draw_sensors
     from sim.studies.modes.runs import FRICTION
 

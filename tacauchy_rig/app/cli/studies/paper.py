@@ -64,7 +64,10 @@ def paper(
     page: FigurePage = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Set every number of the paper beside ours: its model pressed here, benchmarks, reports."""
+    """Set every number of the paper beside ours: its model pressed here, benchmarks, reports.
+
+    Example: tacauchy-rig study paper --out paper
+    """
     from sim.studies.paper.figure import draw_paper
 
     writable_folder(out)

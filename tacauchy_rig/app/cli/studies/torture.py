@@ -38,7 +38,10 @@ def torture(
         ),
     ] = None,
 ) -> None:
-    """Measure the simulator's hard cases, each in a process of its own; exit 1 if one fails."""
+    """Measure the simulator's hard cases, each in a process of its own; exit 1 if one fails.
+
+    Example: tacauchy-rig study hard-cases --rows 1,4
+    """
     from sim.studies.hard_cases.case import observe
     from sim.studies.hard_cases.catalogue import select_cases
 

@@ -41,7 +41,10 @@ def verify(
     jobs: Jobs = 1,
     json_file: JsonFile = None,
 ) -> None:
-    """Press what has a known answer, and say how far off the simulator is; takes minutes."""
+    """Press what has a known answer, and say how far off the simulator is; takes minutes.
+
+    Example: tacauchy-rig study verify --sections punch
+    """
     from tacauchy_rig.core.side_by_side import side_by_side
 
     names = _chosen(sections)

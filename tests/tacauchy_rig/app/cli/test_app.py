@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tacauchy_rig.app.cli.app import COMMANDS, app, foreseen
+from tacauchy_rig.app.cli.app import COMMANDS, GROUPS, MOVED, PANELS, app, foreseen
 from tacauchy_rig.core.config.load import example_text
-from tacauchy_rig.core.errors import AbortedError
+from tacauchy_rig.core.errors import AbortedError, ConfigError
 
 ROOT = Path(__file__).resolve().parents[4]
 
@@ -93,7 +93,7 @@ def test_nothing_moves_without_the_sensors_name(
     assert "nothing moved" in done.exception.message
 
 
-@pytest.mark.parametrize("command", ["dry-run", "run", "doctor", "press", "emulate", "fault-table"])
+@pytest.mark.parametrize("command", ["dry-run", "run", "doctor", "press", "emulate", "study"])
 def test_every_command_has_help(command: str) -> None:
     """Help costs no device."""
     assert CliRunner().invoke(app, [command, "--help"]).exit_code == 0
@@ -120,6 +120,39 @@ def test_what_the_computer_refuses_is_no_fault_of_the_program(
     told = foreseen(error)
     assert told.message.startswith(message)
     assert remedy in told.remedy
+
+
+@pytest.mark.parametrize("command", MOVED)
+def test_a_command_that_moved_says_where_it_is(command: str) -> None:
+    """Whatever it is called with; the help no longer lists it."""
+    done = CliRunner().invoke(app, [command, "--any", "thing"])
+    assert isinstance(done.exception, ConfigError)
+    assert done.exception.exit_code == 2
+    assert done.exception.remedy.startswith("call `")
+    listed = {name for names in PANELS.values() for name in names}
+    assert command not in listed
+
+
+def test_the_help_lists_few_commands_below_headings() -> None:
+    """At most twenty, each once, and all that there are."""
+    listed = [name for names in PANELS.values() for name in names]
+    assert sorted(listed) == sorted({*COMMANDS, *GROUPS})
+    assert len(listed) <= 20
+    shown = CliRunner().invoke(app, ["--help"]).output
+    assert shown.index("At the rig") < shown.index("Runs") < shown.index("Studies")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *((name,) for name in COMMANDS),
+        *((group, name) for group in GROUPS for name in GROUPS[group][1]),
+    ],
+)
+def test_every_command_has_an_example(path: tuple[str, ...]) -> None:
+    """Its help ends with a command that can be typed as it stands."""
+    shown = CliRunner().invoke(app, [*path, "--help"]).output
+    assert f"Example: tacauchy-rig {' '.join(path)}" in " ".join(shown.split())
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tacauchy_rig.app.cli.judge import judge
+from tacauchy_rig.app.cli.judge import Baseline, judge
 from tacauchy_rig.app.judging.writing import write_outputs
-from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.outputs import Driven, Outputs, PressOutput, Simulator
 from tacauchy_rig.core.rgb import decode_rgb
 from tests.recorded_run import new_run, press_run
@@ -110,3 +110,13 @@ def test_nobody_and_the_same_one_twice_are_refused(run: Path, task: Path, tmp_pa
     theirs = _theirs(task, tmp_path / "theirs")
     with pytest.raises(ConfigError, match="both of Other 3"):
         judge(run=run, out=tmp_path / "judged", folders=[theirs, theirs])
+
+
+def test_a_baseline_is_written_and_judged(run: Path, tmp_path: Path) -> None:
+    """The indenter's shape, cut into the gel: its files are written, then judged as others are."""
+    judge(run=run, out=tmp_path, baselines=[Baseline.RIGID], json_file=tmp_path / "found.json")
+    (rigid,) = json.loads((tmp_path / "found.json").read_text())["simulators"]
+    assert rigid["name"] == "rigid penetration"
+    assert {path.name for path in (tmp_path / "rigid").iterdir()} >= {"01", "02", "simulator.toml"}
+    with pytest.raises(RecordError, match="is not empty"):
+        judge(run=run, out=tmp_path, baselines=[Baseline.RIGID])

@@ -90,7 +90,7 @@ def test_a_wrong_folder_is_refused_at_once() -> None:
 def test_a_list_shows_what_the_command_says_of_itself() -> None:
     """The help of a group has a command's docstring, though it does not import it."""
     listed = CliRunner().invoke(app, ["emulate", "--help"])
-    assert fault.__doc__ in listed.output
+    assert (fault.__doc__ or "").splitlines()[0] in listed.output
 
 
 def test_a_place_that_is_not_there_is_named() -> None:

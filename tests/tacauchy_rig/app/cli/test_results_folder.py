@@ -17,7 +17,7 @@ def test_a_folder_that_cannot_be_made_ends_the_command_first(tmp_path: Path, com
     """Nothing is pressed for results that have no place; the message names the place."""
     taken = tmp_path / "file"
     taken.write_text("not a folder", "utf-8")
-    done = CliRunner().invoke(app, [command, "--out", str(taken)])
+    done = CliRunner().invoke(app, ["study", command, "--out", str(taken)])
     assert isinstance(done.exception, RecordError)
     assert str(taken) in str(done.exception)
 

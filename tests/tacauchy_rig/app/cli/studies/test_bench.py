@@ -32,7 +32,7 @@ def test_a_page_shows_the_figure_that_was_drawn(
     )
     found = Benchmark(growth=rows if grown else (), absent=("a peer",))
     monkeypatch.setattr(suite, "run_bench", lambda *_args, **_kwargs: found)
-    result = CliRunner().invoke(app, ["bench", "--part", "growth", "--out", str(tmp_path)])
+    result = CliRunner().invoke(app, ["study", "bench", "--part", "growth", "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
     assert "not measured: a peer" in result.output
     assert (tmp_path / "bench.png").exists() == grown

@@ -35,7 +35,7 @@ def test_every_way_that_was_asked_for_is_pressed(
         return (row,)
 
     monkeypatch.setattr(suite, "pressed_together", failing)
-    words = ["bench", "--part", "scenes", "--only", "punch, t", "--out", str(tmp_path)]
+    words = ["study", "bench", "--part", "scenes", "--only", "punch, t", "--out", str(tmp_path)]
     words += ["--tolerance", "5%", "--tolerance", "1%", "--limit", "7"]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
@@ -63,7 +63,9 @@ def test_options_that_do_not_fit_together_are_refused(
     tmp_path: Path, words: list[str], named: str
 ) -> None:
     """Before anything is pressed, with the remedy."""
-    result = CliRunner().invoke(app, ["bench", "--part", "scenes", "--out", str(tmp_path), *words])
+    result = CliRunner().invoke(
+        app, ["study", "bench", "--part", "scenes", "--out", str(tmp_path), *words]
+    )
     assert isinstance(result.exception, ConfigError)
     assert named in str(result.exception)
 
@@ -87,7 +89,7 @@ def test_an_interruption_keeps_the_scenes_that_are_done(
         return (row,)
 
     monkeypatch.setattr(suite, "pressed_together", stopping)
-    words = ["bench", "--part", "scenes", "--only", "punch, t", "--out", str(tmp_path)]
+    words = ["study", "bench", "--part", "scenes", "--only", "punch, t", "--out", str(tmp_path)]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
     assert "interrupted: 1 of 3 scenes" in result.output

@@ -44,7 +44,7 @@ def test_a_fast_row_is_printed_and_written(tmp_path: Path) -> None:
     """Row 14 alone: a table, a page and JSON, exit code 0."""
     page, numbers = tmp_path / "page.md", tmp_path / "found.json"
     done = CliRunner().invoke(
-        app, ["torture", "--rows", "14", "--out", str(page), "--json", str(numbers)]
+        app, ["study", "hard-cases", "--rows", "14", "--out", str(page), "--json", str(numbers)]
     )
     assert done.exit_code == 0
     assert "1 of 1 hard cases pass." in done.stdout
@@ -68,7 +68,7 @@ def test_rows_that_fail_do_not_take_the_others(
     )
     monkeypatch.setattr(catalogue, "select_cases", lambda _: cases)
     page = tmp_path / "page.md"
-    done = CliRunner().invoke(app, ["torture", "--out", str(page)])
+    done = CliRunner().invoke(app, ["study", "hard-cases", "--out", str(page)])
     assert done.exit_code == 1
     assert "0 of 2 hard cases pass; failed: 1, 2." in done.stdout
     assert "No numbers: ConvergenceError: the press stopped at 3.1 mm" in page.read_text()
@@ -78,7 +78,7 @@ def test_rows_that_fail_do_not_take_the_others(
 @pytest.mark.parametrize("rows", ["x", "1;4", "99"])
 def test_rows_that_do_not_exist_are_refused(rows: str) -> None:
     """Neither words nor unknown numbers start anything."""
-    done = CliRunner().invoke(app, ["torture", "--rows", rows])
+    done = CliRunner().invoke(app, ["study", "hard-cases", "--rows", rows])
     assert isinstance(done.exception, ConfigError)
     assert "--rows" in str(done.exception)
 

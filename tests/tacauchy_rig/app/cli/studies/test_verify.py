@@ -25,7 +25,7 @@ def test_one_section_is_shown_written_and_kept(tmp_path: Path) -> None:
     page, numbers = tmp_path / "page.md", tmp_path / "numbers.json"
     done = CliRunner().invoke(
         app,
-        ["verify", "--sections", "mesh-table", "--out", str(page), "--json", str(numbers)],
+        ["study", "verify", "--sections", "mesh-table", "--out", str(page), "--json", str(numbers)],
     )
     assert done.exit_code == 0
     assert "tetrahedra, refined" in done.stdout
@@ -49,7 +49,7 @@ def test_what_takes_hours_is_measured_on_request_only(monkeypatch: pytest.Monkey
             return met
 
         monkeypatch.setitem(catalogue.SECTIONS, name, measure)
-    assert CliRunner().invoke(app, ["verify"]).exit_code == 0
+    assert CliRunner().invoke(app, ["study", "verify"]).exit_code == 0
     assert set(measured) == set(catalogue.SECTIONS) - catalogue.ON_REQUEST
     assert set(catalogue.SECTIONS) > catalogue.ON_REQUEST
 
@@ -58,7 +58,7 @@ def test_a_missed_criterion_exits_with_1(monkeypatch: pytest.MonkeyPatch) -> Non
     """And is named on the last line."""
     missed = Table(title="t", columns=("a",), rows=((1.5,),), criterion="c", passed=False)
     monkeypatch.setitem(catalogue.SECTIONS, "punch", lambda: missed)
-    done = CliRunner().invoke(app, ["verify", "--sections", "punch"])
+    done = CliRunner().invoke(app, ["study", "verify", "--sections", "punch"])
     assert done.exit_code == 1
     assert done.stdout.endswith("missed: punch\n")
 
@@ -70,7 +70,7 @@ def test_a_press_that_fails_is_its_sections_result(monkeypatch: pytest.MonkeyPat
         raise ConvergenceError("the press stopped at 0.1 mm", remedy="none")
 
     monkeypatch.setitem(catalogue.SECTIONS, "punch", fails)
-    done = CliRunner().invoke(app, ["verify", "--sections", "punch,mesh-table"])
+    done = CliRunner().invoke(app, ["study", "verify", "--sections", "punch,mesh-table"])
     assert done.exit_code == 1
     assert "tetrahedra, refined" in done.stdout
 
@@ -87,7 +87,7 @@ def test_an_aborted_run_leaves_the_page_of_what_was_measured(
     monkeypatch.setitem(catalogue.SECTIONS, "punch", lambda: met)
     monkeypatch.setitem(catalogue.SECTIONS, "disc", aborts)
     page = tmp_path / "page.md"
-    CliRunner().invoke(app, ["verify", "--out", str(page)])
+    CliRunner().invoke(app, ["study", "verify", "--out", str(page)])
     text = " ".join(page.read_text("utf-8").split())
     assert "## Punch" in text
     assert f"`tacauchy-rig verify --sections punch --out {page}`" in text
@@ -95,7 +95,7 @@ def test_an_aborted_run_leaves_the_page_of_what_was_measured(
 
 def test_an_unknown_section_is_refused_with_the_known_ones() -> None:
     """Before anything is pressed."""
-    done = CliRunner().invoke(app, ["verify", "--sections", "pinch"])
+    done = CliRunner().invoke(app, ["study", "verify", "--sections", "pinch"])
     assert isinstance(done.exception, ConfigError)
     assert "punch, disc" in (done.exception.remedy or "")
 
