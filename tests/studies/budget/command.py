@@ -1,4 +1,4 @@
-"""``tacauchy-rig budget-check``: does the budget of a predicted force hold what it says?"""
+"""``python -m tests.studies budget``: does the budget of a predicted force hold what it says?"""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def budget_check(
 ) -> None:
     """Draw worlds from stated uncertainties; count how often the 95 % interval holds their force.
 
-    Example: tacauchy-rig budget-check --worlds 20 --jobs 2
+    Example: python -m tests.studies budget --worlds 20 --jobs 2
     """
     from tacauchy_rig.core.config.load import load_config
     from tacauchy_rig.core.side_by_side import side_by_side

@@ -169,5 +169,5 @@ def select_cases(
         only,
         names=lambda case: (case.name, case.cause_name),
         kind=f"case at {', '.join(moments)}" if moments else "case",
-        remedy="`tacauchy-rig fault-table --list` names all of them",
+        remedy="`python -m tests.studies fault-table --list` names all of them",
     )

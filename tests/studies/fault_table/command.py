@@ -1,4 +1,4 @@
-"""``tacauchy-rig fault-table``: break everything that can break, and write down what happens."""
+"""Study "fault-table": make every device, process and the computer fail, and record reactions."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def fault_table(
         out,
         fault_page(
             seen,
-            command="tacauchy-rig fault-table",
+            command="python -m tests.studies fault-table",
             config=load_config(write_case_config(work)).config,
             case_count=len(all_cases()),
         ),

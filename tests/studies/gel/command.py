@@ -1,4 +1,4 @@
-"""``tacauchy-rig gel-check``: does a calibration of a gel hold what it says?"""
+"""``python -m tests.studies gel``: does a calibration of a gel hold what it says?"""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def gel_check(
 ) -> None:
     """Calibrate drawn gels by one indenter and more; count how often the intervals hold them.
 
-    Example: tacauchy-rig gel-check --gels 10 --jobs 2
+    Example: python -m tests.studies gel --gels 10 --jobs 2
     """
     from tacauchy_rig.app.calibration.material.response import respond
     from tacauchy_rig.core.side_by_side import side_by_side

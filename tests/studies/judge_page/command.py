@@ -1,4 +1,4 @@
-"""``tacauchy-rig judge-page``: several judgements as one page of Markdown."""
+"""``python -m tests.studies judge-page``: several judgements as one page of Markdown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tacauchy-rig mounting-check``: what it is worth to find friction and lean, and how well."""
+"""Study "mounting": what simulating friction and tilt gains, and how well a tilt is found."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def mounting_check(
 ) -> None:
     """Replay a run with friction and lean and without, and find the lean of drawn tools.
 
-    Example: tacauchy-rig mounting-check runs/20261123-dry-run
+    Example: python -m tests.studies mounting runs/20261123-dry-run
     """
     from tacauchy_rig.app.cli.emulation import emulated_calibration
     from tacauchy_rig.app.replay.opening import open_run
@@ -50,7 +50,7 @@ def mounting_check(
     true = [f'"{math.degrees(angle):g} deg"' for angle in config.emulation.tilt or ()]
     tilt = f" --set 'emulation.tilt=[{', '.join(true)}]'" if true else ""
     facts = {
-        "command": f"tacauchy-rig mounting-check RUN --drawn {drawn} --seed {seed}",
+        "command": f"python -m tests.studies mounting RUN --drawn {drawn} --seed {seed}",
         "version": __version__,
         "settings": f"--set emulation.seed={config.emulation.seed}{tilt}",
         "preset": preset.value,

@@ -1,4 +1,4 @@
-"""``tacauchy-rig page-check``: what the operator's page costs, and how quickly it stops a run."""
+"""Study "page": the cost of the operator's page, and how quickly it stops a run."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def page_check(
 ) -> None:
     """Stop by page and key, react with a page and without, and press six times with a page.
 
-    Example: tacauchy-rig page-check --stops 50 --pairs 20
+    Example: python -m tests.studies page --stops 50 --pairs 20
     """
     from tacauchy_rig.core.page import criteria_page
     from tests.studies.page import measures
@@ -44,7 +44,7 @@ def page_check(
     tables.append(measures.reaction_table(measures.reactions(work / "guard", pairs, say)))
     for table in tables:
         show_table(table)
-    command = f"tacauchy-rig page-check --stops {stops} --pairs {pairs}"
+    command = f"python -m tests.studies page --stops {stops} --pairs {pairs}"
     write_text(out, criteria_page(tables, title="What the page costs", note=NOTE, command=command))
     write_json(json_file, {"tables": tables})
     say(f"page {out}")

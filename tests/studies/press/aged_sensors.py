@@ -112,7 +112,7 @@ def state_table(found: Sequence[Judged]) -> Table:
         ),
         criterion="aged gels are to be replaced, good ones kept",
         passed=all(each.is_right for each in found),
-        command="tacauchy-rig press-check",
+        command="python -m tests.studies press",
     )
 
 

@@ -1,4 +1,4 @@
-"""``tacauchy-rig press-check``: does one press tell an aged gel from a good one?"""
+"""``python -m tests.studies press``: does one press tell an aged gel from a good one?"""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def press_check(
 ) -> None:
     """Judge emulated gels, good ones and aged ones, as `check-press` does.
 
-    Example: tacauchy-rig press-check --gels 10
+    Example: python -m tests.studies press --gels 10
     """
     from tests.studies.press.aged_sensors import judged, state_table
 

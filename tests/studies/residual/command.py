@@ -1,4 +1,4 @@
-"""``tacauchy-rig residual-check``: is what was planted in a replay what its residual is said of?"""
+"""Study "residual": whether a planted error is named as the cause of the image residual."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def residual_check(
 ) -> None:
     """Replay runs with one known thing wrong, and see whether the split ranks it first.
 
-    Example: tacauchy-rig residual-check runs/20261123-dry-run
+    Example: python -m tests.studies residual runs/20261123-dry-run
     """
     from tacauchy_rig.app.cli.emulation import emulated_calibration
     from tacauchy_rig.app.replay.opening import open_run
@@ -56,7 +56,7 @@ def residual_check(
     table = planted_table(found)
     show_table(table)
     facts = {
-        "command": f"tacauchy-rig residual-check {' '.join(['RUN'] * len(folders))} "
+        "command": f"python -m tests.studies residual {' '.join(['RUN'] * len(folders))} "
         f"--preset {preset.value} --draws {draws} --seed {seed}",
         "version": __version__,
         "table": table,

@@ -1,4 +1,4 @@
-"""``tacauchy-rig tamper-table``: tamper with copies of a run, and write down what is noticed."""
+"""Study "tampering": tamper with copies of a run and record which checks notice."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ def tamper_table(
             seen.append(found)
             say(f"{case.name} ({care.value}): {', '.join(found.names) or 'nothing'}")
     count = len(store.config.protocol.force_targets)
-    write_text(out, tamper_page(seen, command="tacauchy-rig tamper-table RUN", press_count=count))
+    write_text(
+        out, tamper_page(seen, command="python -m tests.studies tampering RUN", press_count=count)
+    )
     write_json(json_file, {"cases": seen})
     say(summary_line(seen))
     say(f"table {out}")

@@ -1,4 +1,4 @@
-"""``tacauchy-rig verdict-check``: the report of a run against replays that are wrong on purpose."""
+"""Study "verdict": the report of a run against replays that are wrong on purpose."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def verdict_check(
     wrong = wrong_table(findings, uncertainty=uncertainty)
     show_table(true)
     show_table(wrong)
-    command = " ".join(["tacauchy-rig verdict-check", *["RUN"] * len(runs)])
+    command = " ".join(["python -m tests.studies verdict", *["RUN"] * len(runs)])
     facts = {"command": command, "preset": preset.value, "version": __version__}
     write_text(out, check_page(true, wrong, **facts))
     write_json(json_file, {"true": true, "wrong": wrong})

@@ -32,7 +32,7 @@ def test_the_page_says_what_is_caught_and_what_slips_through() -> None:
     true = true_table([("seed 7", compare(two_trials()))])
     assert true.passed
     page = check_page(
-        true, wrong, command="tacauchy-rig verdict-check RUN", preset="fast", version="1"
+        true, wrong, command="python -m tests.studies verdict RUN", preset="fast", version="1"
     )
     row = next(line for line in page.splitlines() if line.startswith(f"| {gel.name}"))
     assert "| 10 % | not caught | 28.3 % | modulus factor | 20 % | none |" in row

@@ -130,7 +130,7 @@ def test_the_preface_is_wrapped_and_says_how_the_table_was_made():
     preface = text.partition("## ")[0]
     assert max(map(len, preface.splitlines())) <= 100
     assert "1 case was begun again" in " ".join(preface.split())
-    assert "\nWritten by `tacauchy-rig fault-table`" in preface
+    assert "\nWritten by `python -m tests.studies fault-table`" in preface
 
 
 def test_every_fault_is_explained():
@@ -161,5 +161,8 @@ def test_an_observation_survives_its_file():
 def table(seen):
     """Return the document for one observation."""
     return fault_page(
-        [seen], command="tacauchy-rig fault-table", config=load_config().config, case_count=72
+        [seen],
+        command="python -m tests.studies fault-table",
+        config=load_config().config,
+        case_count=72,
     )
