@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Hundreds of processes start in the tests: each would compile all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: dry-run test test-slow check lint types contracts dependencies architecture format clean
+.PHONY: dry-run test test-slow check lint types contracts dependencies docs words architecture format clean
 
 dry-run: $(VENV)/.product
 	$(BIN)/tacauchy-rig dry-run
@@ -38,6 +38,13 @@ contracts: $(VENV)/.tools
 dependencies: $(VENV)/.tools
 	$(BIN)/deptry .
 
+# Into site/, without network; every warning is an error. site/index.html opens from disk.
+docs: $(VENV)/.tools
+	NO_COLOR=1 PYTHONPATH=. $(BIN)/python -m zensical build --clean --strict
+
+words: $(VENV)/.tools
+	$(BIN)/python -m tests.documentation.words
+
 architecture: $(VENV)/.tools
 	$(BIN)/python -m tests.architecture
 
@@ -55,4 +62,4 @@ $(VENV)/.tools: $(VENV)/.product
 	touch $@
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) site .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -62,7 +62,7 @@ def example(
 
 
 def show_ceilings(json_file: JsonFile = None) -> None:
-    """Write docs/ceilings.md: how far each value may go on any rig, and why.
+    """Write how far each value may go on any rig, and why.
 
     Example: tacauchy-rig config ceilings
     """

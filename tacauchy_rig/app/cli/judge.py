@@ -34,7 +34,10 @@ def judge(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the page goes.")],
     folders: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[FOLDER...]", help="A simulator's outputs each: docs/judging.md."),
+        typer.Argument(
+            metavar="[FOLDER...]",
+            help="A simulator's outputs each: docs/reference/file-formats.md.",
+        ),
     ] = None,
     ours_folder: Annotated[
         Path | None,

@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 MODULUS_CHANGE = 0.08
 """Relative change of stiffness that a predicted force does not forgive: twice what a calibration
-of the gel leaves uncertain (3.6 %, docs/calibrating.md)."""
+of the gel leaves uncertain (3.6 %, docs/results/calibration.md)."""
 LIGHT_CHANGE = 0.08
 """Relative change of the unloaded image's brightness that a calibration of colours does not cover;
 lights that warm up change by 2 %."""

@@ -125,7 +125,7 @@ def _spec(source: Source, path: Path, overridden: Mapping[str, Any]) -> Spec:
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise ConfigError(
             f"{name}: not valid TOML: {error}",
-            remedy="docs/importing.md shows what stands in import.toml",
+            remedy="docs/reference/file-formats.md shows what stands in import.toml",
         ) from error
     values = {**dict(leaves(tables)), **overridden}
     return read_section(Spec, {"data": {}, "rig": {}, **nest(values)})

@@ -126,7 +126,7 @@ def _read(source: Source, name: str) -> Record:
     if found.dtype.names is None or found.size != 1:
         raise RecordError(
             f"{name}: holds {list(found.shape)} of {found.dtype}, no record with named fields",
-            remedy="docs/importing.md shows how a record is saved with numpy.savez",
+            remedy="docs/reference/file-formats.md shows how a record is saved with numpy.savez",
         )
     return {key: found.reshape(())[key] for key in found.dtype.names}
 
@@ -140,7 +140,7 @@ def _unpickled(data: bytes, name: str) -> NDArray[Any]:
         raise RecordError(
             error.message,
             remedy="if you trust who made it, save its arrays by name with numpy.savez: "
-            "docs/importing.md has the lines",
+            "docs/reference/file-formats.md has the lines",
         ) from error
 
 

@@ -97,7 +97,9 @@ def read_section(kind: type[T], tables: Any, *, where: str = "") -> T:
         return kind.model_validate(tables)
     except ValidationError as error:
         lines = [f"{where}{_line(problem, kind)}" for problem in error.errors()[:_LINES_MOST]]
-        raise ConfigError("\n".join(lines), remedy="docs/importing.md shows each format") from error
+        raise ConfigError(
+            "\n".join(lines), remedy="docs/reference/file-formats.md shows each format"
+        ) from error
 
 
 def _line(problem: Any, kind: type[Section]) -> str:

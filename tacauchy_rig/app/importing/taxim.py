@@ -65,8 +65,8 @@ ASSUMED: Mapping[TaximSet, Mapping[str, str]] = {
         "replay.indenter": "sphere:diameter=2mm",
     },
 }
-"""Of each set what nothing in it says: balls with which its own images fit well (docs/importing.md
-has the scores of others)."""
+"""Of each set what nothing in it says: balls with which its own images fit well
+(docs/results/importing.md has the scores of others)."""
 
 
 class TaximData(Section):

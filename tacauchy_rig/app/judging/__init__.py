@@ -1,1 +1,1 @@
-"""Simulators' outputs in plain files: one folder a press; docs/judging.md."""
+"""Simulators' outputs in plain files: one folder a press; docs/reference/file-formats.md."""

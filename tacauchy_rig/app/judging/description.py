@@ -104,9 +104,12 @@ def read_description(source: Source) -> Description:
         tables = tomllib.loads(data.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(
-            f"{source.root / DESCRIPTION}: no TOML: {error}", remedy="docs/judging.md shows one"
+            f"{source.root / DESCRIPTION}: no TOML: {error}",
+            remedy="docs/reference/file-formats.md shows one",
         ) from error
     try:
         return read_section(Description, tables, where=f"{DESCRIPTION}: ")
     except ConfigError as error:
-        raise ConfigError(error.message, remedy="docs/judging.md shows one") from error
+        raise ConfigError(
+            error.message, remedy="docs/reference/file-formats.md shows one"
+        ) from error

@@ -67,7 +67,7 @@ def start(
             say(f'                  rate = "{camera.rate:g} Hz"')
         pids = {name: process.process.pid for name, process in emulation.processes.items()}
         write_json(json_file, {"folder": place, "addresses": found, "process_ids": pids})
-        say("a whole rig.toml around these lines: docs/drivers.md")
+        say("a whole rig.toml around these lines: docs/reference/devices.md")
         say("ready; Ctrl-C ends the emulated devices")
         _serve(emulation, stop)
 

@@ -94,8 +94,8 @@ def test_a_recorded_run_is_read_as_it_was() -> None:
 
 
 def test_the_documented_file_for_emulated_devices_is_complete(tmp_path: Path) -> None:
-    """docs/drivers.md shows one that can be copied."""
-    page = Path(__file__).parents[4] / "docs" / "drivers.md"
+    """docs/reference/devices.md shows one that can be copied."""
+    page = Path(__file__).parents[4] / "docs" / "reference" / "devices.md"
     found = re.search(r"```toml\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
     assert found is not None
     path = tmp_path / "rig.toml"
