@@ -24,15 +24,19 @@ _KINDS = {"int": "whole number", "str": "text", "bool": "true or false", "float"
 
 def commands() -> str:
     """Return every command with its arguments and options, as sections and tables."""
-    return "\n".join(_commands(typer.main.get_command(app), "tacauchy-rig", level=2))
+    return "\n".join(_commands(typer.main.get_command(app), "tacauchy-rig", level=3))
 
 
 def _commands(group: Any, name: str, *, level: int) -> Iterator[str]:
-    context = typer.Context(group, info_name=name)
+    context, panel = typer.Context(group, info_name=name), None
     for child in group.list_commands(context):
         lazy = group.get_command(context, child)
+        if isinstance(found := getattr(lazy, "rich_help_panel", None), str) and found != panel:
+            panel = found
+            yield f"## {panel}\n"
         command = lazy.make_context(child, [], resilient_parsing=True).command
-        yield f"{'#' * level} {name} {child}\n\n{command.help or ''}\n"
+        said = re.sub(r"^Example: (.*)$", r"Example: `\1`", command.help or "", flags=re.M)
+        yield f"{'#' * level} {name} {child}\n\n{said}\n"
         if isinstance(command, TyperGroup):
             yield from _commands(command, f"{name} {child}", level=level + 1)
         else:

@@ -12,9 +12,9 @@ from tests.documentation.words import DOCS
 
 def test_every_command_has_a_section() -> None:
     """With its options; none is there twice."""
-    sections = [line for line in commands().splitlines() if line.startswith("## ")]
+    sections = [line for line in commands().splitlines() if line.startswith("### ")]
     assert len(sections) == len(set(sections))
-    assert {f"## tacauchy-rig {name}" for name in COMMANDS} <= set(sections)
+    assert {f"### tacauchy-rig {name}" for name in COMMANDS} <= set(sections)
     assert "--press-only" in commands()
 
 
