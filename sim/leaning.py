@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.effects.called_for import everything
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.plan import output_tolerances, plan_effects
@@ -15,6 +14,7 @@ from sim.effects.scene_path import path_for
 from sim.press import contact_measures
 from sim.scene.indenter import Indenter, Sphere
 from sim.scene.scene import Effect, Motion, Output, Preset, Scene
+from tacauchy_rig.core.arrays import FloatArray
 
 # Half a second each for six forces. The finer one's moments come out 13 % higher than preset
 # balanced's; extrapolated in proportion to the edges they are 5 % lower.

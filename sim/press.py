@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
@@ -22,6 +21,7 @@ from sim.scene.scene import Scene
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.replayed import Alternative
 
 

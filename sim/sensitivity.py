@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.effects.called_for import everything
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.scene.scene import Effect, Preset, Scene, Target
+from tacauchy_rig.core.arrays import FloatArray
 
 # What an input changes of a 5 mm punch's force, 0.5 mm deep in a GelSight Mini, fillet 0.1 mm, mu
 # 0.5; edges of preset fast so many times shorter (the seconds are of all of them):

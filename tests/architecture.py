@@ -19,7 +19,7 @@ BEGIN, END = "<!-- drawn from the imports: begin -->", "<!-- drawn from the impo
 _COMMON = "errors|quantities|run|registry|versions|tables|page|figure_style|arrays|rotations|rgb"
 EVERYWHERE = re.compile(
     rf"({'|'.join(FOLDERS)}|tacauchy_rig\.(core|app)|tacauchy_rig\.core\.({_COMMON})"
-    r"|sim\.(arrays|device)|reports\.arrays)$"
+    r"|sim\.device)$"
 )
 
 Arrows = dict[str, set[str]]

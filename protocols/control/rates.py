@@ -6,13 +6,11 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from drivers.device.interface import StreamHealth
 from drivers.rig import FrameMark
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.run import ForceSample
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class RateMeter:

@@ -14,11 +14,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.expected_press import ExpectedPress
-
-FloatArray = npt.NDArray[np.float64]
 
 CREEP_SHARE = 0.1
 """Of a force, what a held gel may lose of it: silicone gels lose 5 to 8 %. Whether a stated modulus

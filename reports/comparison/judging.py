@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from reports.arrays import ColorImage, FloatArray
 from reports.comparison.compare import compare_images
 from reports.comparison.judged_scores import ALL, CORRECTED, OF_CONTACT, WRONG
 from reports.evidence.evidence import RunEvidence, TrialEvidence
@@ -28,6 +27,7 @@ from reports.scores.floors import (
 from reports.scores.force_agreement import predict
 from reports.scores.force_margin import ForceMargin, force_margins
 from reports.scores.metrics import ImageScores, MeanInterval, Metric, score, t_interval
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.outputs import Driven, Outputs, PressOutput, Simulator
 
 _SEEN = ("metrics", "skill", "contact", "corrections", "floors")
@@ -117,7 +117,7 @@ class JudgedSimulator:
         """Who it is."""
         return self.outputs.simulator
 
-    def image(self, trial: int) -> ColorImage | None:
+    def image(self, trial: int) -> ImageArray | None:
         """Return what it shows of a trial."""
         return self.outputs.presses.get(trial, PressOutput()).image
 

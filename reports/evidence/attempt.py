@@ -11,9 +11,7 @@ from typing import Any, TypeVar
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from reports.arrays import ColorImage, FloatArray
 from reports.evidence.evidence import (
     Curve,
     ImageGeometry,
@@ -21,6 +19,7 @@ from reports.evidence.evidence import (
     TrialImages,
 )
 from reports.evidence.settled import settled_change
+from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb
 from tacauchy_rig.core.run import FZ, ImageFrame, TrialRecord
@@ -28,7 +27,6 @@ from tacauchy_rig.core.store.recording.reading import ArmArrays, ForceArrays, Re
 from tacauchy_rig.core.store.run_store import RunStore
 
 T = TypeVar("T")
-IntArray = NDArray[np.int64]
 Z = 2  # of a position
 MIN_FRAMES_TO_SPLIT = 4
 MIN_SAMPLES = 10  # of force in a dwell, for their scatter
@@ -66,7 +64,7 @@ class AttemptReading:
         return self.recording.arm()
 
     @cached_property
-    def reference(self) -> ColorImage | None:
+    def reference(self) -> ImageArray | None:
         """Pixelwise median of the no-contact frames; None when none is readable."""
         start_ns, end_ns = self.record.reference_start_ns, self.record.reference_end_ns
         unloaded = self._frames(start_ns, end_ns, late_ns=self._camera_late_ns)
@@ -185,14 +183,14 @@ class AttemptReading:
 
     def _frames(
         self, start_ns: int | None, end_ns: int | None, *, late_ns: int
-    ) -> list[ColorImage]:
+    ) -> list[ImageArray]:
         """Return the images from ``start_ns`` to ``end_ns``, stamped ``late_ns`` later."""
         if start_ns is None or end_ns is None:
             return []
         decoded = map(decode_frame, self.recording.frames(start_ns + late_ns, end_ns + late_ns))
         return [crop_and_resize(image, self.geometry) for image in decoded if image is not None]
 
-    def _curve(self, stamp_ns: IntArray, value: FloatArray) -> Curve:
+    def _curve(self, stamp_ns: Int64Array, value: FloatArray) -> Curve:
         dwell_start_ns = self.record.dwell_start_ns
         start_ns = self.recording.start_ns if dwell_start_ns is None else dwell_start_ns
         zero_ns = start_ns - self._force_late_ns
@@ -251,7 +249,7 @@ def readable(read: Callable[[], T]) -> T | None:
         return None
 
 
-def decode_frame(frame: ImageFrame) -> ColorImage | None:
+def decode_frame(frame: ImageFrame) -> ImageArray | None:
     """Decode a JPEG frame to RGB, shape [height, width, 3]; None when it is no whole image."""
     image = decode_rgb(frame.jpeg)
     if image is None:
@@ -259,7 +257,7 @@ def decode_frame(frame: ImageFrame) -> ColorImage | None:
     return image
 
 
-def crop_and_resize(image: ColorImage, geometry: ImageGeometry) -> ColorImage:
+def crop_and_resize(image: ImageArray, geometry: ImageGeometry) -> ImageArray:
     """Cut the borders off and average down to the scored size.
 
     Raises:
@@ -280,7 +278,7 @@ def crop_and_resize(image: ColorImage, geometry: ImageGeometry) -> ColorImage:
     return np.asarray(resized, dtype=np.uint8)
 
 
-def median_image(images: Sequence[ColorImage]) -> ColorImage:
+def median_image(images: Sequence[ImageArray]) -> ImageArray:
     """Return the pixelwise median of at least one image, rounded to 8 bits."""
     middle = np.rint(np.median(np.stack(images), axis=0))
     return np.asarray(middle, dtype=np.uint8)
@@ -288,9 +286,9 @@ def median_image(images: Sequence[ColorImage]) -> ColorImage:
 
 def stream_timing(
     name: str,
-    stamp_ns: IntArray,
+    stamp_ns: Int64Array,
     *,
-    counter: IntArray | None = None,
+    counter: Int64Array | None = None,
     nominal_rate_hz: float | None = None,
 ) -> StreamTiming:
     """Return the arrival intervals of a stream, and its losses where it has a counter."""
@@ -305,5 +303,5 @@ def stream_timing(
     )
 
 
-def _seconds(duration_ns: IntArray) -> FloatArray:
+def _seconds(duration_ns: Int64Array) -> FloatArray:
     return np.asarray(duration_ns * 1e-9, dtype=np.float64)

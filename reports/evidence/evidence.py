@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from reports.arrays import ColorImage, FloatArray
 from reports.evidence.pressure import PressureProfile
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.calibrated import CalibratedOptics
 from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.figure_style import IMPORTED_MARK, SIMULATED_MARK
@@ -56,10 +56,10 @@ class TrialImages:
             when the dwell has fewer than three frames.
     """
 
-    real: ColorImage
-    reference: ColorImage
-    first_half: ColorImage | None = None
-    second_half: ColorImage | None = None
+    real: ImageArray
+    reference: ImageArray
+    first_half: ImageArray | None = None
+    second_half: ImageArray | None = None
     frame_count: int = 0
     settled_change: float | None = None
 
@@ -81,7 +81,7 @@ class PassingFrame:
         depth_m: The arm's, from where contact was felt; None likewise.
     """
 
-    image: ColorImage
+    image: ImageArray
     force_n: float | None
     depth_m: float | None
 
@@ -100,7 +100,7 @@ class PassingState:
 
     force_n: float
     depth_m: float
-    image: ColorImage
+    image: ImageArray
     dent_m: FloatArray
     pressure_pa: FloatArray
     frame: PassingFrame | None = None
@@ -189,7 +189,7 @@ class TrialEvidence:
     record: TrialRecord | None = None
     replay: ReplayTrial | None = None
     images: TrialImages | None = None
-    simulated_image: ColorImage | None = None
+    simulated_image: ImageArray | None = None
     force_curve: Curve | None = None
     depth_curve: Curve | None = None
     dwell_s: tuple[float, float] | None = None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reports.arrays import FloatArray
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.run import TrialRecord
 
 _SAME_DEPTH_M = 1e-9

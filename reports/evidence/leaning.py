@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reports.arrays import FloatArray
+from tacauchy_rig.core.arrays import FloatArray
 
 TRIALS_MIN = 3
 """Two presses are met by any lean and arm together."""

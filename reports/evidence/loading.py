@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from reports.arrays import ColorImage, FloatArray
 from reports.evidence.attempt import AttemptReading, RunReading, readable
 from reports.evidence.evidence import (
     EmulatedWorld,
@@ -23,6 +22,7 @@ from reports.evidence.evidence import (
 from reports.evidence.force_depth import merge_histories
 from reports.evidence.passing import passing_states
 from reports.evidence.pressure import pressure_profile
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.model import ReportSection, RigConfig
 from tacauchy_rig.core.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
@@ -45,7 +45,7 @@ def load_evidence(
     run: RunReading,
     replay: Replay | None,
     *,
-    simulated_images: Mapping[int, ColorImage] | None = None,
+    simulated_images: Mapping[int, ImageArray] | None = None,
 ) -> RunEvidence:
     """Read all that a report needs.
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from reports.arrays import ColorImage, FloatArray
 from reports.evidence.attempt import AttemptReading, crop_and_resize, decode_frame
 from reports.evidence.evidence import Curve, PassingFrame, PassingState
+from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
 
 NEAR = 0.05
 """Of a press's force: a frame that was taken at a force farther off is not shown."""
@@ -19,7 +17,7 @@ _KEYS = {"force_n", "depth_m", "image", "dent_m", "pressure_pa"}
 
 
 def passing_states(
-    passed: Mapping[str, NDArray[Any]], attempt: AttemptReading | None
+    passed: Mapping[str, AnyArray], attempt: AttemptReading | None
 ) -> tuple[PassingState, ...]:
     """Return the states that a replay kept, the smallest force first; the last is the press's own.
 
@@ -94,7 +92,7 @@ class _Rising:
             depth_m=None if depth is None else _at(depth, float(time_s[k])),
         )
 
-    def _image(self, stamp_ns: int) -> ColorImage | None:
+    def _image(self, stamp_ns: int) -> ImageArray | None:
         # Stamps went through a float: a microsecond is more than what that rounds.
         for frame in self.attempt.recording.frames(stamp_ns - 1000, stamp_ns + 1000):
             image = decode_frame(frame)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
-from reports.arrays import FloatArray
+from tacauchy_rig.core.arrays import FloatArray
 
 _POINTS = 401
 _REACH = 1.3

@@ -11,14 +11,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from reports.arrays import ColorImage, FloatArray
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 
 THIRDS = 3
 ROUNDING_LEVELS = 1.0 / math.sqrt(12.0)
 """Of one frame to 8 bits: a contact that changes less than that does not show."""
 
 
-def settled_change(pressed: Sequence[ColorImage], reference: ColorImage) -> float | None:
+def settled_change(pressed: Sequence[ImageArray], reference: ImageArray) -> float | None:
     """Return by how much of the contact first and last third of a dwell differ [1].
 
     Their difference is projected on the contact's own image, the mean of the dwell less the
@@ -41,5 +41,5 @@ def settled_change(pressed: Sequence[ColorImage], reference: ColorImage) -> floa
     return abs(float(np.mean(change * contact))) / strength
 
 
-def _mean(images: Sequence[ColorImage]) -> FloatArray:
+def _mean(images: Sequence[ImageArray]) -> FloatArray:
     return np.asarray(np.mean(np.stack(images), axis=0, dtype=np.float64))

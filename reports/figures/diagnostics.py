@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from reports.arrays import FloatArray
 from reports.comparison.results import TrialResult, ValidationReport
 from reports.figures.trials import label_forces
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.figure_style import (
     BLUE,
     COLUMN_IN,

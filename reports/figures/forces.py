@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from reports.arrays import FloatArray
 from reports.comparison.results import TrialResult, ValidationReport
 from reports.evidence.evidence import Curve, TrialEvidence
 from reports.figures.trials import force_title, shown
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.figure_style import (
     BLUE,
     COLUMN_IN,

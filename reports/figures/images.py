@@ -10,10 +10,10 @@ from matplotlib.colors import AsinhNorm
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from reports.arrays import FloatArray
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import ImageGeometry, TrialEvidence
 from reports.figures.trials import force_title, shown
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.figure_style import GREY, PAGE_IN, new_figure
 from tacauchy_rig.core.rgb import to_grey
 

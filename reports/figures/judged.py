@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.colors import AsinhNorm
 from matplotlib.figure import Figure
 
-from reports.arrays import ColorImage, FloatArray
 from reports.comparison.judging import JudgedSimulator, Judgement
 from reports.evidence.evidence import TrialEvidence, TrialImages
 from reports.figures.images import DIFFERENCE_COLORS, LINEAR_LEVELS, difference_scale
 from reports.figures.trials import shown
 from reports.scores.contact import contact_crop, contact_footprint, image_change
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.figure_style import GREY, PAGE_IN, new_figure
 from tacauchy_rig.core.rgb import to_grey
 
@@ -104,6 +104,6 @@ def _scale(trials: Sequence[TrialEvidence], drawn: Sequence[JudgedSimulator]) ->
     )
 
 
-def _difference(images: TrialImages, image: ColorImage) -> FloatArray:
+def _difference(images: TrialImages, image: ImageArray) -> FloatArray:
     """Return simulated less camera's luminance, shape [height, width] [grey level]."""
     return to_grey(image).astype(np.float64) - to_grey(images.real).astype(np.float64)

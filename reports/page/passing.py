@@ -10,9 +10,9 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 
-from reports.arrays import ColorImage, FloatArray
 from reports.evidence.evidence import PassingState, RunEvidence, TrialEvidence
 from reports.figures.trials import shown
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.rgb import encode_jpeg
 
 MOST_PRESSES = 12
@@ -75,11 +75,11 @@ def _pictures(trial: TrialEvidence) -> Iterator[dict[str, str]]:
         yield {kind: _data(image) for kind, image in images.items()}
 
 
-def _coloured(values: FloatArray, highest: float, colors: str) -> ColorImage:
+def _coloured(values: FloatArray, highest: float, colors: str) -> ImageArray:
     shares = np.clip(values / max(highest, 1e-300), 0.0, 1.0)
     return np.asarray(mpl.colormaps[colors](shares, bytes=True))[..., :3]
 
 
-def _data(image: ColorImage) -> str:
+def _data(image: ImageArray) -> str:
     packed = base64.b64encode(encode_jpeg(image, quality=_QUALITY)).decode()
     return f"data:image/jpeg;base64,{packed}"

@@ -9,7 +9,6 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import AsinhNorm
 
-from reports.arrays import ColorImage, FloatArray
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import RunEvidence
 from reports.figures.draw import draw_figures
@@ -17,6 +16,7 @@ from reports.figures.images import DIFFERENCE_COLORS, difference_scale, luminanc
 from reports.page.html import render_html
 from reports.page.passing import passing_numbers, passing_pictures
 from reports.page.summary import build_summary, junit_xml, metrics_csv
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import encode_png
 
@@ -108,7 +108,7 @@ def _write_pictures(evidence: RunEvidence, folder: Path) -> dict[int, dict[str, 
     return names
 
 
-def color_difference(difference: FloatArray, scale: AsinhNorm) -> ColorImage:
+def color_difference(difference: FloatArray, scale: AsinhNorm) -> ImageArray:
     """Map differences [grey level] to a diverging colour map, white at zero."""
     colors = mpl.colormaps[DIFFERENCE_COLORS](scale(difference))
     return np.rint(255.0 * np.asarray(colors)[..., :3]).astype(np.uint8)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reports.arrays import FloatArray
 from reports.evidence.evidence import TrialEvidence
 from reports.scores.budget import TermGroup, UncertaintyTerm
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.replayed import ForceInput, ReplayModel
 from tacauchy_rig.core.run import FZ

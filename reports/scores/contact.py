@@ -13,8 +13,12 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from reports.arrays import ColorImage, FloatArray, Mask, check_image_pair
-from reports.scores.metrics import structural_similarity_index, zero_mean_correlation
+from reports.scores.metrics import (
+    check_image_pair,
+    structural_similarity_index,
+    zero_mean_correlation,
+)
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 
 SMOOTHING_PX = 2.0
 PEAK_FRACTION = 0.5
@@ -56,13 +60,13 @@ class ContactScores:
     radius_real_mm: float | None = None
 
 
-def image_change(image: ColorImage, reference: ColorImage) -> FloatArray:
+def image_change(image: ImageArray, reference: ImageArray) -> FloatArray:
     """Subtract the no-contact frame, shape [height, width, 3] [grey level]."""
     check_image_pair(image, reference)
     return image.astype(np.float64) - reference.astype(np.float64)
 
 
-def contact_footprint(change: FloatArray) -> Mask | None:
+def contact_footprint(change: FloatArray) -> BoolArray | None:
     """Find where the gel is deformed.
 
     The footprint is the convex hull of the pixels that changed by more than half of the peak: a
@@ -106,13 +110,13 @@ def smoothed_noise(change: FloatArray) -> float:
     return math.sqrt(3.0) * sigma / (2.0 * math.sqrt(math.pi) * SMOOTHING_PX)
 
 
-def contact_region(footprint: Mask) -> Mask:
+def contact_region(footprint: BoolArray) -> BoolArray:
     """Widen a footprint by a quarter of its radius, so that the gel's skirt is judged too."""
     margin = max(1, round(REGION_MARGIN * footprint_radius(footprint)))
     return np.asarray(ndimage.distance_transform_edt(~footprint) <= margin, dtype=np.bool_)
 
 
-def rectangle_around(region: Mask, *, margin_px: int) -> tuple[slice, slice]:
+def rectangle_around(region: BoolArray, *, margin_px: int) -> tuple[slice, slice]:
     """Return the rows and columns of a region and of a margin [px] around it, within the image."""
     rows, columns = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
     return (
@@ -121,7 +125,7 @@ def rectangle_around(region: Mask, *, margin_px: int) -> tuple[slice, slice]:
     )
 
 
-def contact_crop(footprint: Mask) -> tuple[slice, slice]:
+def contact_crop(footprint: BoolArray) -> tuple[slice, slice]:
     """Return the square around a footprint, moved to lie in the image and no larger than it."""
     half = max(MIN_CROP_PX / 2, CROP_RADII * footprint_radius(footprint))
     middle = np.argwhere(footprint).mean(axis=0)
@@ -135,21 +139,21 @@ def contact_crop(footprint: Mask) -> tuple[slice, slice]:
     return along(float(middle[0]), height), along(float(middle[1]), width)
 
 
-def footprint_radius(footprint: Mask) -> float:
+def footprint_radius(footprint: BoolArray) -> float:
     """Return the radius [px] of a disc of the same area."""
     return math.sqrt(float(footprint.sum()) / math.pi)
 
 
-def relative_residual(real: FloatArray, simulated: FloatArray, region: Mask) -> float:
+def relative_residual(real: FloatArray, simulated: FloatArray, region: BoolArray) -> float:
     """Return |real - simulated| / |real| of two changes inside ``region``; NaN without a change."""
     norm = float(np.linalg.norm(real[region]))
     return float(np.linalg.norm((real - simulated)[region])) / norm if norm > 0.0 else math.nan
 
 
 def score_contact(
-    real: ColorImage,
-    simulated: ColorImage,
-    reference: ColorImage,
+    real: ImageArray,
+    simulated: ImageArray,
+    reference: ImageArray,
     *,
     scale_mm_px: tuple[float, float] | None = None,
 ) -> ContactScores | None:
@@ -193,7 +197,7 @@ def score_contact(
     )
 
 
-def _centroid_offset(first: Mask, second: Mask) -> tuple[float, float]:
+def _centroid_offset(first: BoolArray, second: BoolArray) -> tuple[float, float]:
     a, b = np.argwhere(first).mean(axis=0), np.argwhere(second).mean(axis=0)
     return float(b[1] - a[1]), float(b[0] - a[0])
 

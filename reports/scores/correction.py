@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from reports.arrays import ColorImage, FloatArray, Mask
 from reports.scores.contact import (
     ContactScores,
     contact_footprint,
@@ -23,6 +22,7 @@ from reports.scores.contact import (
     score_contact,
 )
 from reports.scores.metrics import ImageScores, score
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 
 PYRAMID_PX = (6.0, 3.0, 1.5)
 STEP_TOLERANCE_PX = 1e-3
@@ -80,9 +80,9 @@ class Corrections:
 
 
 def correct(
-    real: ColorImage,
-    simulated: ColorImage,
-    reference: ColorImage,
+    real: ImageArray,
+    simulated: ImageArray,
+    reference: ImageArray,
     *,
     scale_mm_px: tuple[float, float] | None = None,
 ) -> Corrections | None:
@@ -119,7 +119,7 @@ def correct(
 
 
 def register_changes(
-    real: FloatArray, simulated: FloatArray, region: Mask
+    real: FloatArray, simulated: FloatArray, region: BoolArray
 ) -> tuple[float, float] | None:
     """Find the translation (x, y) [px] of ``simulated`` that fits ``real`` best inside ``region``.
 
@@ -151,7 +151,7 @@ def _smooth(change: FloatArray, sigma_px: float) -> FloatArray:
     return np.asarray(cv2.GaussianBlur(level, (0, 0), sigma_px), dtype=np.float64)
 
 
-def _register_step(target: FloatArray, moved: FloatArray, region: Mask) -> tuple[float, float]:
+def _register_step(target: FloatArray, moved: FloatArray, region: BoolArray) -> tuple[float, float]:
     columns = [moved, -np.gradient(moved, axis=1), -np.gradient(moved, axis=0)]
     matrix = np.stack([column[region].ravel() for column in columns], axis=1)
     amplitude, along_x, along_y = np.linalg.lstsq(matrix, target, rcond=None)[0]
@@ -170,7 +170,9 @@ def shift_change(change: FloatArray, x_px: float, y_px: float) -> FloatArray:
     )
 
 
-def fit_light(real: ColorImage, simulated: ColorImage, footprint: Mask) -> LightResidual | None:
+def fit_light(
+    real: ImageArray, simulated: ImageArray, footprint: BoolArray
+) -> LightResidual | None:
     """Fit gain and offset per channel by least squares well outside the contact.
 
     Returns:
@@ -194,12 +196,12 @@ def _fit_line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
     return gain, float(y.mean()) - gain * float(x.mean())
 
 
-def apply_light(image: ColorImage, light: LightResidual) -> ColorImage:
+def apply_light(image: ImageArray, light: LightResidual) -> ImageArray:
     """Return gain * image + offset, rounded and clipped to 8 bits."""
     return _to_image(image * np.array(light.gain) + np.array(light.offset))
 
 
-def _to_image(values: FloatArray) -> ColorImage:
+def _to_image(values: FloatArray) -> ImageArray:
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)
 
 

@@ -14,7 +14,6 @@ from types import EllipsisType
 
 import numpy as np
 
-from reports.arrays import ColorImage, Mask
 from reports.evidence.evidence import TrialEvidence, TrialImages
 from reports.scores.contact import (
     contact_footprint,
@@ -23,6 +22,7 @@ from reports.scores.contact import (
     relative_residual,
 )
 from reports.scores.metrics import ImageScores, Metric, score
+from tacauchy_rig.core.arrays import BoolArray, ImageArray
 
 NOISE_MULTIPLE = 3.0
 CONTACT_RESIDUAL = "contact_relative_residual"
@@ -103,7 +103,7 @@ class WrongForceMatrix:
     diagonal_wins: tuple[bool, ...]
 
 
-def flat_mean_image(image: ColorImage) -> ColorImage:
+def flat_mean_image(image: ImageArray) -> ImageArray:
     """Return an image of one colour, the mean of ``image`` rounded to 8 bits."""
     mean = np.rint(image.reshape(-1, 3).mean(axis=0)).astype(np.uint8)
     return np.broadcast_to(mean, image.shape).copy()
@@ -143,7 +143,7 @@ def trial_ceiling(trial: TrialEvidence, others: Sequence[TrialEvidence]) -> Ceil
     return Ceiling(kind=CeilingKind.NOISE, scores=score(first, second))
 
 
-def score_noise(images: TrialImages, simulated: ColorImage) -> dict[Metric, float] | None:
+def score_noise(images: TrialImages, simulated: ImageArray) -> dict[Metric, float] | None:
     """Estimate how much a score moves when only the camera's noise changes.
 
     Both the simulated image and the floor are scored against each half of the dwell; the larger
@@ -189,8 +189,8 @@ def skill(
 
 
 def press_over(
-    images: TrialImages, other: TrialEvidence, region: Mask | EllipsisType = ...
-) -> ColorImage | None:
+    images: TrialImages, other: TrialEvidence, region: BoolArray | EllipsisType = ...
+) -> ImageArray | None:
     """Return what another trial's replay shows, over this trial's own no-contact frame.
 
     Light that drifted between the trials would otherwise tell them apart, and a score would
@@ -270,7 +270,7 @@ def _score(scores: CrossScores, row: TrialEvidence, column: TrialEvidence, metri
     return math.nan if found is None else found.value(metric)
 
 
-def contact_residuals(images: TrialImages, candidates: Sequence[ColorImage]) -> list[float]:
+def contact_residuals(images: TrialImages, candidates: Sequence[ImageArray]) -> list[float]:
     """Return the contact's relative residual of each candidate, NaN where no contact shows."""
     change = image_change(images.real, images.reference)
     footprint = contact_footprint(change)

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reports.arrays import ColorImage, FloatArray, Mask
 from reports.evidence.evidence import PressKey, TrialEvidence, TrialImages
 from reports.scores.contact import contact_footprint, contact_region, image_change
 from reports.scores.floors import press_over
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 
 MIN_REPEATS = 2  # presses to one force that have a scatter
 PER_MEDIAN = 1.4826  # standard deviation over the median of the sizes, of normal noise
@@ -99,7 +99,7 @@ def force_margins(trials: Sequence[TrialEvidence]) -> Mapping[int, ForceMargin]:
 
 
 def _read(
-    images: TrialImages, own: ColorImage, trial: TrialEvidence, trials: Sequence[TrialEvidence]
+    images: TrialImages, own: ImageArray, trial: TrialEvidence, trials: Sequence[TrialEvidence]
 ) -> _Reading:
     change = image_change(images.real, images.reference)
     footprint = contact_footprint(change)
@@ -109,7 +109,7 @@ def _read(
 
     bare = images.reference[region].astype(np.float64)
 
-    def change_of(pixels: ColorImage) -> FloatArray:
+    def change_of(pixels: ImageArray) -> FloatArray:
         return (pixels.astype(np.float64) - bare).ravel()
 
     real, ours = change_of(images.real[region]), change_of(own[region])
@@ -131,8 +131,8 @@ def _read(
 
 
 def _rivals(
-    trial: TrialEvidence, images: TrialImages, trials: Sequence[TrialEvidence], region: Mask
-) -> dict[str, ColorImage]:
+    trial: TrialEvidence, images: TrialImages, trials: Sequence[TrialEvidence], region: BoolArray
+) -> dict[str, ImageArray]:
     """Return pixels that must not explain a press as well as its own image's, by their name."""
     wrong = [t for t in trials if t.is_wrong_for(trial)]
     shown = {_named(t): press_over(images, t, region) for t in wrong}

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from reports.arrays import FloatArray, check_image_pair
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
 
 HISTOGRAM_BINS = 256
@@ -231,3 +231,23 @@ def psnr_of_mean_mse(mse_values: Sequence[float]) -> float:
     """
     finite = [v for v in mse_values if math.isfinite(v)]
     return psnr_of(float(np.mean(finite))) if finite else math.nan
+
+
+def check_image_pair(first: ImageArray, second: ImageArray) -> None:
+    """Check that two 8-bit images, grey or RGB, can be compared pixel by pixel.
+
+    Raises:
+        RecordError: Other type, other shape, or not an image.
+    """
+    for image in (first, second):
+        is_image = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
+        if image.dtype != np.uint8 or not is_image:
+            raise RecordError(
+                f"image of type {image.dtype} and shape {image.shape} cannot be scored",
+                remedy="give 8-bit images of shape [height, width] or [height, width, 3]",
+            )
+    if first.shape != second.shape:
+        raise RecordError(
+            f"images of shape {first.shape} and {second.shape} cannot be compared",
+            remedy="crop and resize both to the same size first",
+        )

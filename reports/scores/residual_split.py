@@ -21,7 +21,6 @@ from enum import StrEnum
 import cv2
 import numpy as np
 
-from reports.arrays import ColorImage, FloatArray, Mask
 from reports.evidence.evidence import TrialImages
 from reports.scores.contact import (
     contact_footprint,
@@ -31,6 +30,7 @@ from reports.scores.contact import (
     relative_residual,
 )
 from reports.scores.correction import register_changes, shift_change
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 from tacauchy_rig.core.replayed import FoundCause, ResidualSplit, TrialSplit
 
 STEPS = 4
@@ -92,12 +92,12 @@ class _Trial:
     index: int
     real: FloatArray
     simulated: FloatArray
-    region: Mask
+    region: BoolArray
     around: tuple[slice, slice]
     noise: float
 
     @property
-    def inside(self) -> Mask:
+    def inside(self) -> BoolArray:
         """The region, of what is around it."""
         return self.region[self.around]
 
@@ -108,7 +108,7 @@ class _Trial:
 
 def split_residual(
     seen: Mapping[int, TrialImages],
-    simulated: Mapping[int, ColorImage],
+    simulated: Mapping[int, ImageArray],
     modes: Sequence[Mode],
     *,
     pose_px: tuple[float, float],
@@ -138,7 +138,7 @@ def split_residual(
     return _shared(trials, place, [*_posed(trials, place, pose_px, np.asarray), *moved], found)
 
 
-def _trial(index: int, images: TrialImages, simulated: ColorImage) -> _Trial | None:
+def _trial(index: int, images: TrialImages, simulated: ImageArray) -> _Trial | None:
     real, made = (image_change(each, images.reference) for each in (images.real, simulated))
     footprint = contact_footprint(real)
     if footprint is None:

@@ -17,7 +17,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.batch import step_kernels as kernels
 from sim.batch.environment import (
     BatchOptions,
@@ -37,6 +36,7 @@ from sim.material.elastic_body import element_constants
 from sim.solve.descent_state import Status
 from sim.solve.descents import Descents
 from sim.solve.equilibrium import EXTENSIONS
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 # How far apart the inverses may be that serve at once: reading them takes a GPU most of a step.

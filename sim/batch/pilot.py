@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.batch.environment import Course, Environment
 from sim.effects.plan import plan_effects
 from sim.effects.presets import BATCH, build_model, mesh_for
@@ -20,6 +19,7 @@ from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.first_touch import touch_height
 from sim.solve.load_steps.path import Hold, LoadingPath
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 # A barrier of 1 % of the height makes F_z 1 % too large and halves the steps.

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray
 from sim.contact import barrier, friction
 from sim.contact.contact_kernels import ContactKernels, contact_kernels
 from sim.contact.indenter_distance import body_kind, body_of, poses_at
@@ -17,6 +16,7 @@ from sim.contact.state import ContactForces, ContactOptions, Grip, State
 from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
 from sim.mesh.discretisation import Discretisation
 from sim.scene.indenter import Indenter
+from tacauchy_rig.core.arrays import FloatArray
 
 _GRIP = [field.name for field in fields(Grip)]
 

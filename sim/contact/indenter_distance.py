@@ -10,11 +10,11 @@ from typing import Any
 
 import warp as wp
 
-from sim.arrays import FloatArray
 from sim.contact.triangle_distance import nearby_distance, surface_distance, uploaded_surface
 from sim.device import Device, filled
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 from sim.scene.triangle_rays import DeviceSurface
+from tacauchy_rig.core.arrays import FloatArray
 
 # Radius of a plate [m], which ends nowhere on a pad.
 _PLATE_M = 1e9

@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import deepcopy
 from dataclasses import dataclass
 
-from sim.arrays import FloatArray
+from tacauchy_rig.core.arrays import FloatArray
 
 # A height map takes what is no farther from the indenter for touching.
 _OVERLOOKED_M = 5e-6

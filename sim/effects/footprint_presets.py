@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.effects.mesh_choice import has_brick, mesh_depth
 from sim.mesh.bisection import bisected, brick_mesh
 from sim.mesh.fitted import with_rim_fitted, with_top_fitted
@@ -22,6 +21,7 @@ from sim.scene.material import interface_shares
 from sim.scene.pad import BoxPad, Pad, SurfacePad
 from sim.scene.scene import Preset, Scene
 from sim.scene.tilted_indenter import TurnedIndenter, tilted
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 _SPACING_M = 0.8e-3

@@ -21,11 +21,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.fields.contact_traction import split_forces
 from sim.scene.scene import Output
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
+from tacauchy_rig.core.arrays import FloatArray
 
 _PERCENTILE = 0.95
 # Faces of another mesh that a face takes its traction from, and a distance that is none.

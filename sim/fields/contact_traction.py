@@ -19,11 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 
-from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import ElementOrder
 from sim.mesh.symmetry import WholeSurface
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 # Of every point's weight: keeps the fit of a node with few touched points determined.
 _LEAST_WEIGHT = 1e-6

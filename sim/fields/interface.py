@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import boundary_faces, shape_gradients
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +50,7 @@ class InterfaceTraction:
         element: By the stress of each element.
     """
 
-    below: NDArray[np.bool_]
+    below: BoolArray
     faces: IntArray
     force_n: FloatArray
     element: StressOnSides
@@ -88,9 +87,7 @@ def on_sides(
     return StressOnSides(below_pa=lower, above_pa=upper, areas_m2=areas)
 
 
-def _shared_faces(
-    elements: IntArray, below: NDArray[np.bool_]
-) -> tuple[IntArray, IntArray, IntArray]:
+def _shared_faces(elements: IntArray, below: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
     """Return the faces between two sets of elements and the element on either side of each."""
     sides, stride = [], int(elements.max()) + 1
     for side in (below, ~below):
@@ -120,7 +117,7 @@ def _stress_on_faces(
     return stress.reshape(deformations.shape)
 
 
-def nodal_forces(model: Model, positions: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
+def nodal_forces(model: Model, positions: FloatArray, chosen: BoolArray) -> FloatArray:
     """Return the sum of some elements' nodal forces [N], shape [node_count, 3].
 
     An element's force on node n is the sum over its points of w sigma cof(dx/dxi) grad N_n.

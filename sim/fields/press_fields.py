@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
 from sim.fields.contact_traction import surface_traction
 from sim.fields.stress import surface_stress
 from sim.fields.stress_field import cauchy_stress, components
@@ -19,6 +16,7 @@ from sim.scene.indenter import grown
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import AnyArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,14 +30,14 @@ class TrialFields:
             nobody watched.
     """
 
-    shape: dict[str, NDArray[Any]]
+    shape: dict[str, AnyArray]
     at_nodes: dict[str, FloatArray]
     at_faces: dict[str, FloatArray]
     surface: SurfaceState
     passed: tuple[PassedState, ...] = ()
 
     @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
+    def arrays(self) -> dict[str, AnyArray]:
         """All of them, for ``fields.npz``."""
         return {**self.shape, **self.at_nodes, **self.at_faces}
 

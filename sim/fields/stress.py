@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray
 from sim.device import Device, on_host
 from sim.fields.projection_kernel import projection_kernel
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

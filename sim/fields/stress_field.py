@@ -12,13 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse.linalg
-from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.mesh.elements import EDGES
 from sim.mesh.sparsity import assembled
 from sim.mesh.tet_mesh import tet_volumes
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import BoolArray, FloatArray
 
 # Of a symmetric tensor, in VTK's order: xx, yy, zz, xy, yz, xz.
 _ROWS, _COLUMNS = (0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)
@@ -59,7 +58,7 @@ def cauchy_stress(model: Model, positions: FloatArray) -> CauchyStress:
     return CauchyStress(cells_pa=cells, nodes_pa=nodes, errors_pa=errors)
 
 
-def recovered_stress(model: Model, positions: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
+def recovered_stress(model: Model, positions: FloatArray, chosen: BoolArray) -> FloatArray:
     """Return the stress recovered at the vertices of one layer's tetrahedra [Pa], zero elsewhere.
 
     Args:

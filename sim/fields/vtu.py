@@ -6,9 +6,7 @@ import importlib
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
 from sim.fields.stress_field import cauchy_stress, components
 from sim.fields.surface import SurfaceState
 from sim.mesh.symmetry import WholeSurface
@@ -16,6 +14,7 @@ from sim.scene.indenter import MeshIndenter
 from sim.scene.tilted_indenter import ring_walls
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 # VTK's names of cells by their nodes: faces and tetrahedra, linear and quadratic.
 _CELLS = {3: "TRIANGLE", 6: "QUADRATIC_TRIANGLE", 4: "TETRA", 10: "QUADRATIC_TETRA"}
@@ -30,8 +29,8 @@ _PLATE_SHARE = 0.8
 def vtu(
     cells: IntArray,
     points: FloatArray,
-    on_points: Mapping[str, NDArray[np.float64]],
-    on_cells: Mapping[str, NDArray[np.float64]],
+    on_points: Mapping[str, FloatArray],
+    on_cells: Mapping[str, FloatArray],
 ) -> bytes:
     """Return a .vtu file of faces or tetrahedra.
 

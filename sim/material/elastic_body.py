@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray, IntArray
 from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
 from sim.material.elasticity import (
     GelArrays,
@@ -23,6 +22,7 @@ from sim.material.relaxation import PronySeries, Relaxation, prony_series
 from sim.mesh.discretisation import Discretisation
 from sim.mesh.tet_mesh import TetMesh
 from sim.scene.material import Material
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 

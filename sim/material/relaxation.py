@@ -24,11 +24,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray, IntArray
 from sim.device import Device, on_host
 from sim.material.elasticity import stress_kernel
 from sim.material.laws.tangent import Law
 from sim.scene.material import RelaxationTerm
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import (
     ElementOrder,
     ReferenceElement,
@@ -17,6 +16,7 @@ from sim.mesh.elements import (
 )
 from sim.mesh.sparsity import SparsePattern, sparse_pattern
 from sim.mesh.tet_mesh import TetMesh
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Of the pad's height: what lies lower is on the clamped base.

@@ -13,7 +13,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
 FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3))

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import boundary_faces
 from sim.mesh.tet_mesh import TetMesh, tet_volumes
 from sim.scene.pad import Pad
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 # Of its volume: what an element must keep when its vertices are moved.
 _FLAT_SHARE = 0.2

@@ -17,9 +17,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
 from sim.scene.pad import Pad, covers
 from sim.scene.tilted_indenter import TurnedIndenter
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Overlap of the undeformed pad and the indenter at the contact's edge, over the expected depth.

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from sim.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Edges in a thin layer are at most so many times its thickness.

@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
 from sim.mesh.graded_plane import Grading, triangulate_half_section
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import ParametricPad
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Rings stay circles up to so many radii of the fine stretch; farther out they take the pad's shape.

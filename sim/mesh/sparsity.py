@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 AnyIntArray = NDArray[np.integer[Any]]
 

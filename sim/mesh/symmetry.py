@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 _SAME_POINT = 1e-9
 # The nodes of faces and tetrahedra, linear and quadratic, in the order of their mirror image.

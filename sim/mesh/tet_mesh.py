@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import FACES
 from sim.mesh.symmetry import MirrorSymmetry
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
 from sim.mesh.graded_plane import triangulated
 from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import Pad, ParametricPad, SurfacePad
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 # The sizing field's grid reaches so far beyond the pad, in half extents, and has so many points.

@@ -17,9 +17,10 @@ from sim.optics.markers.point_kernel import see_points
 from sim.optics.markers.printed_markers import marker_places
 from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
 from sim.scene.indenter import Indenter
-from sim.sensor.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
 from sim.scene.triangle_file import MeshUnit, read_triangles
 from sim.scene.triangle_surface import TriangleSurface, closed_surface, offset, underside
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 _SIZE_MIN_M = 0.1e-3

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
 from sim.scene.triangle_file import MeshUnit, read_triangles
 from sim.scene.triangle_surface import TriangleSurface, closed_surface, underside
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 _ON_OUTLINE_M = 1e-12

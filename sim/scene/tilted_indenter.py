@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.triangle_surface import TriangleSurface, closed_surface, underside
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 _SECTORS = 256
 _FILLET_RINGS = 8

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray
 from sim.device import Device, start_warp
 from sim.scene.triangle_surface import TriangleSurface
+from tacauchy_rig.core.arrays import FloatArray
 
 start_warp()
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from sim.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Vertices nearer to each other than this share of the surface's size are one.

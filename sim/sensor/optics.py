@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from sim.arrays import IntArray
+from tacauchy_rig.core.arrays import IntArray
 from tacauchy_rig.core.errors import ConfigError, naming
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.registry import Kind, load

@@ -13,7 +13,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.contact.contact_surface import ContactSurface
 from sim.contact.indenter_distance import body_of, poses_at
 from sim.contact.state import Grip, State
@@ -26,6 +25,7 @@ from sim.solve.memory_kernels import LONGEST, Memory
 from sim.solve.model import Model
 from sim.solve.overlap import OVERLAP_SHARE
 from sim.solve.potential import Potential, pull_of
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Of the pad's height: the longest step of an indenter that is pushed. A factor that hardly holds it

@@ -31,7 +31,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
-from sim.arrays import FloatArray
 from sim.contact.state import ContactForces, Grip, State
 from sim.device import on_host
 from sim.scene.indenter import Indenter
@@ -42,6 +41,7 @@ from sim.solve.overlap import refuse_deep_overlap
 from sim.solve.potential import Potential
 from sim.solve.stiffness_factor import StiffnessFactor
 from sim.solve.untangle import TANGLED_SHARE, inverted_share, untangle
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 
 # A residual that is always enough, over E H^2 with the pad's height H.

@@ -12,9 +12,9 @@ import scipy.sparse
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.mesh.sparsity import SparsePattern
 from sim.mkl import pardiso_module, take_threads
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 
 # Pardiso's phases, and its error for a negative or zero pivot.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray
 from sim.contact.contact_surface import ContactSurface, contact_rounding_n
 from sim.contact.state import ContactForces, ContactOptions, State
 from sim.device import Device, on_host
@@ -15,6 +14,7 @@ from sim.material.relaxation import PronySeries
 from sim.mesh.discretisation import discretise
 from sim.mesh.elements import ElementOrder
 from sim.mesh.tet_mesh import TetMesh
+from tacauchy_rig.core.arrays import FloatArray
 
 
 class Model:

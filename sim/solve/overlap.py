@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.scene.indenter import Indenter
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 
 # Of the pad's height: overlap between equilibria, and at a start that is refused.

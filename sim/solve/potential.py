@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.device import Device
 from sim.solve.descent_state import Pull
+from tacauchy_rig.core.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

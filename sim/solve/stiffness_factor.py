@@ -18,7 +18,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.device import on_host
 from sim.scene.indenter import Indenter
@@ -30,6 +29,7 @@ from sim.solve.linear_solver import (
 )
 from sim.solve.model import Model
 from sim.solve.potential import Potential
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 
 logger = logging.getLogger(__name__)

@@ -14,9 +14,9 @@ import logging
 import numpy as np
 import scipy.sparse.linalg
 
-from sim.arrays import FloatArray
 from sim.mesh.sparsity import assembled
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
 
 logger = logging.getLogger(__name__)
 # Shares of the rest volume that are inverted: worth untangling, and little enough to end.

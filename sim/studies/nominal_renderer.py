@@ -10,8 +10,8 @@ import numpy as np
 from sim.optics.colour.nominal import nominal_model
 from sim.optics.height.height_map import HeightMaps
 from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
-from sim.sensor.camera_geometry import ImageArray
 from sim.sensor.sensor import Sensor
+from tacauchy_rig.core.arrays import ImageArray
 
 
 def nominal_renderer(

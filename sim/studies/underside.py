@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray
 from sim.contact.indenter_distance import Poses, body_of, poses_at
 from sim.device import Device
 from sim.fields.surface import SurfaceState
 from sim.optics.height.underside_kernel import underside
 from sim.scene.triangle_rays import BESIDE
+from tacauchy_rig.core.arrays import FloatArray
 
 
 @wp.kernel(enable_backward=False)

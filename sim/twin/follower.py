@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray
 from sim.device import Device
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.optics.colour.pixel_colours import ColourModel
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.scene import Preset, Scene
-from sim.sensor.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.twin.frame import Goal, TwinFrame
 from sim.twin.surface_maps import SurfaceMaps
 from sim.twin.worth import ForceWorth, force_worth
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 
 REFINEMENT, COARSER = 0.7, 0.5

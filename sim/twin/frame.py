@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim.arrays import FloatArray
-from sim.sensor.camera_geometry import ImageArray
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,12 +6,12 @@ import numpy as np
 import scipy.sparse
 from scipy.spatial import Delaunay
 
-from sim.arrays import FloatArray
 from sim.fields.contact_traction import surface_traction
 from sim.fields.press_fields import top_surface
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
 
 
 class SurfaceMaps:

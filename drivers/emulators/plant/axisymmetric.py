@@ -14,11 +14,11 @@ import numpy as np
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
-from drivers.emulators.plant.arrays import FloatArray, IntArray
 from drivers.emulators.plant.grip import Grip, Springs
 from drivers.emulators.plant.neo_hookean import NeoHookean
 from drivers.emulators.plant.quad_mesh import QuadMesh, line_shape
 from drivers.emulators.plant.tips import Tip
+from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import ConvergenceError
 
 PENALTY_PER_M = 2e6  # times Young's modulus: the tip sinks in by p/E * 0.5 um
@@ -126,7 +126,7 @@ class GelSolver:
         distance = tip.distance(*self.surface_points(u, tip_z)).value
         return np.asarray(-PENALTY_PER_M * np.minimum(distance, 0.0))
 
-    def _newton(self, u: FloatArray, held: IntArray, tip: Tip, tip_z: float) -> FloatArray:
+    def _newton(self, u: FloatArray, held: Int64Array, tip: Tip, tip_z: float) -> FloatArray:
         free = np.setdiff1d(np.arange(u.size), held)
         energy = self._energy(u, tip, tip_z)
         iteration = 0
@@ -149,7 +149,7 @@ class GelSolver:
         )
 
     @staticmethod
-    def _direction(residual: FloatArray, stiffness: csc_matrix, free: IntArray) -> FloatArray:
+    def _direction(residual: FloatArray, stiffness: csc_matrix, free: Int64Array) -> FloatArray:
         step = np.zeros_like(residual)
         step[free] = -_factor(stiffness, free).solve(residual[free])
         return step
@@ -249,7 +249,7 @@ class GelSolver:
 class _SparsePattern:
     """Sums element entries into a fixed compressed-column matrix."""
 
-    def __init__(self, rows: IntArray, columns: IntArray, size: int) -> None:
+    def __init__(self, rows: Int64Array, columns: Int64Array, size: int) -> None:
         keys, self._slot = np.unique(columns * size + rows, return_inverse=True)
         self._rows = (keys % size).astype(np.int32)
         self._starts = np.searchsorted(keys // size, np.arange(size + 1)).astype(np.int32)
@@ -260,7 +260,7 @@ class _SparsePattern:
         return csc_matrix((data, self._rows, self._starts), shape=(self._size, self._size))
 
 
-def _factor(stiffness: csc_matrix, free: IntArray) -> SuperLU:
+def _factor(stiffness: csc_matrix, free: Int64Array) -> SuperLU:
     try:
         return splu(
             stiffness[free][:, free], permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
@@ -269,12 +269,12 @@ def _factor(stiffness: csc_matrix, free: IntArray) -> SuperLU:
         raise ConvergenceError("emulated gel: the tangent stiffness is singular") from error
 
 
-def _assemble(dofs: IntArray, local: FloatArray, size: int) -> FloatArray:
+def _assemble(dofs: Int64Array, local: FloatArray, size: int) -> FloatArray:
     total = np.bincount(dofs.ravel(), local.ravel(), minlength=size)
     return total.astype(np.float64)
 
 
-def _pairs(dofs: IntArray, axis: int) -> IntArray:
+def _pairs(dofs: Int64Array, axis: int) -> Int64Array:
     count = dofs.shape[1]
     expanded = dofs[:, :, None] if axis == 0 else dofs[:, None, :]
     return np.broadcast_to(expanded, (dofs.shape[0], count, count)).ravel()

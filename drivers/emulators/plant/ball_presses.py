@@ -18,13 +18,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.emulators.plant.arrays import ImageArray
 from drivers.emulators.plant.press_table import case_for, press_table
 from drivers.emulators.plant.still import render_press
 from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.plant.unit import EmulatedUnit
 from drivers.emulators.plant.view import view_of
+from tacauchy_rig.core.arrays import ImageArray
 
 BALL_DIAMETER_M = 4.7e-3
 CLICK_ERROR_PX = 1.0

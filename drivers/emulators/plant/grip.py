@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.emulators.plant.arrays import FloatArray
+from tacauchy_rig.core.arrays import FloatArray
 
 STICK_PER_M = 5e5
 """Times Young's modulus: what sticks creeps by tenths of a micrometre."""

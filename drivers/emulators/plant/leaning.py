@@ -14,11 +14,11 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import splu
 
-from drivers.emulators.plant.arrays import FloatArray, IntArray
 from drivers.emulators.plant.axisymmetric import PENALTY_PER_M, Equilibrium, GelSolver
 from drivers.emulators.plant.grip import STICK_PER_M
 from drivers.emulators.plant.quad_mesh import QuadMesh
 from drivers.emulators.plant.tips import Tip
+from tacauchy_rig.core.arrays import FloatArray, Int64Array
 
 # Rows of the gradient: those of the (r, z) half-plane and the hoop, then those across it.
 _PLANE, _ACROSS = 5, 4
@@ -158,11 +158,11 @@ class _Contact:
         return -float(np.sum(self._weights * about)), float(np.sum(self._weights * side))
 
 
-def _dofs(nodes: IntArray) -> IntArray:
+def _dofs(nodes: Int64Array) -> Int64Array:
     return (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
 
 
-def _pairs(dofs: IntArray, axis: int) -> IntArray:
+def _pairs(dofs: Int64Array, axis: int) -> Int64Array:
     count = dofs.shape[1]
     expanded = dofs[:, :, None] if axis == 0 else dofs[:, None, :]
     return np.broadcast_to(expanded, (len(dofs), count, count)).ravel()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.emulators.plant.arrays import FloatArray
+from tacauchy_rig.core.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from drivers.emulators.plant.arrays import ImageArray, SingleArray
 from drivers.emulators.plant.gel import SurfaceProfile
 from drivers.emulators.plant.relief import (
     Relief,
@@ -28,6 +27,7 @@ from drivers.emulators.plant.relief import (
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.plant.unit import EmulatedUnit, GelLight
 from drivers.emulators.plant.view import View, marker_reflectance
+from tacauchy_rig.core.arrays import Float32Array, ImageArray
 
 _LIGHT_AZIMUTH = np.radians([-97.0, 94.0, 183.0])  # red above, green below, blue left
 _LIGHT_DISTANCE = 15.5 / 25.25  # of the pad's longer side, from its middle
@@ -147,8 +147,8 @@ class GelCamera:
         return image
 
     def _linear_light(
-        self, relief: Relief | None, region: Region, gain: SingleArray
-    ) -> SingleArray:
+        self, relief: Relief | None, region: Region, gain: Float32Array
+    ) -> Float32Array:
         rows, columns = region.bottom - region.top, region.right - region.left
         linear = np.empty((rows, columns, 3), np.float32)
         shown = self._shown(relief, region)
@@ -167,14 +167,14 @@ class GelCamera:
                 linear[band] = self._coloured(relief, part, shade, shares)
         return linear
 
-    def _shown(self, relief: Relief | None, region: Region) -> list[SingleArray | None]:
+    def _shown(self, relief: Relief | None, region: Region) -> list[Float32Array | None]:
         """Return the share of each light that dents leave, None where they leave all of it."""
         if relief is None or not self._unit.shadows:
             return [None] * len(self._lights)
         x, y = self._x[region.slices], self._y[region.slices]
         return [visible_share(relief, x, y, light.toward(region)) for light in self._lights]
 
-    def _grey(self, relief: Relief | None, part: Region, shade: SingleArray) -> SingleArray:
+    def _grey(self, relief: Relief | None, part: Region, shade: Float32Array) -> Float32Array:
         light = scattered_light(relief, self._x[part.slices], self._y[part.slices]) * shade
         return np.repeat(light[..., None], 3, axis=2).astype(np.float32)
 
@@ -182,13 +182,13 @@ class GelCamera:
         self,
         relief: Relief | None,
         part: Region,
-        shade: SingleArray,
-        shares: list[SingleArray | None],
-    ) -> SingleArray:
+        shade: Float32Array,
+        shares: list[Float32Array | None],
+    ) -> Float32Array:
         x, y = self._x[part.slices], self._y[part.slices]
         slope_x, slope_y, crease = self._slopes(relief, x, y)
         steepness = slope_x * slope_x + slope_y * slope_y
-        inverse: SingleArray = np.reciprocal(np.sqrt(np.float32(1.0) + steepness))
+        inverse: Float32Array = np.reciprocal(np.sqrt(np.float32(1.0) + steepness))
         normal = (-slope_x * inverse, -slope_y * inverse, inverse)
         colours = [
             light.shaded(part, normal, crease, share) * shade
@@ -197,8 +197,8 @@ class GelCamera:
         return np.asarray(cv2.transform(cv2.merge(colours[::-1]), _BGR_MIXING), np.float32)
 
     def _slopes(
-        self, relief: Relief | None, x: SingleArray, y: SingleArray
-    ) -> tuple[SingleArray, SingleArray, SingleArray]:
+        self, relief: Relief | None, x: Float32Array, y: Float32Array
+    ) -> tuple[Float32Array, Float32Array, Float32Array]:
         """Return d(height towards the camera)/dx, /dy and the share of extra scattered light."""
         dome_x, dome_y = (np.float32(bend) for bend in self._unit.dome_curvatures)
         if relief is None:
@@ -221,7 +221,7 @@ class _Light:
     """One coloured bar of lights, as each pixel sees it."""
 
     def __init__(
-        self, index: int, gain: float, unit: EmulatedUnit, x: SingleArray, y: SingleArray
+        self, index: int, gain: float, unit: EmulatedUnit, x: Float32Array, y: Float32Array
     ) -> None:
         azimuth = float(_LIGHT_AZIMUTH[index])
         away_m = _LIGHT_DISTANCE * max(unit.pad_size_m)
@@ -231,29 +231,29 @@ class _Light:
         to_y = np.float32(away_m * np.sin(azimuth)) - y
         distance = _length(to_x, to_y, np.full_like(to_x, height_m))
         near = (away_m / distance) ** np.float32(_FALLOFF)
-        self._toward: tuple[SingleArray, ...] = (
+        self._toward: tuple[Float32Array, ...] = (
             to_x / distance,
             to_y / distance,
             np.float32(height_m) / distance,
         )
         x_half, y_half, z_half = *self._toward[:2], self._toward[2] + np.float32(1.0)
         length = _length(x_half, y_half, z_half)
-        self._half: tuple[SingleArray, ...] = (x_half / length, y_half / length, z_half / length)
+        self._half: tuple[Float32Array, ...] = (x_half / length, y_half / length, z_half / length)
         self._direct = (near * np.float32(gain * _DIRECT[index])).astype(np.float32)
         self._shine = (near * np.float32(gain * _HIGHLIGHT[index])).astype(np.float32)
         self._scattered = (np.sqrt(near) * np.float32(gain * _SCATTERED[index])).astype(np.float32)
 
-    def toward(self, region: Region) -> tuple[SingleArray, ...]:
+    def toward(self, region: Region) -> tuple[Float32Array, ...]:
         """Return the unit vectors from the gel to the light in ``region``, by component."""
         return tuple(part[region.slices] for part in self._toward)
 
     def shaded(
         self,
         region: Region,
-        normal: tuple[SingleArray, ...],
-        crease: SingleArray,
-        share: SingleArray | None,
-    ) -> SingleArray:
+        normal: tuple[Float32Array, ...],
+        crease: Float32Array,
+        share: Float32Array | None,
+    ) -> Float32Array:
         """Return the light that reaches the camera from each pixel of ``region``.
 
         Args:
@@ -268,23 +268,23 @@ class _Light:
         for _ in range(4):
             shine = shine * shine
         window = region.slices
-        direct: SingleArray = self._direct[window] * lit + self._shine[window] * shine
+        direct: Float32Array = self._direct[window] * lit + self._shine[window] * shine
         if share is not None:
             direct = direct * share
-        light: SingleArray = direct + self._scattered[window] * (1.0 + crease)
+        light: Float32Array = direct + self._scattered[window] * (1.0 + crease)
         return light
 
 
-def _length(x: SingleArray, y: SingleArray, z: SingleArray) -> SingleArray:
-    length: SingleArray = np.sqrt(x * x + y * y + z * z)
+def _length(x: Float32Array, y: Float32Array, z: Float32Array) -> Float32Array:
+    length: Float32Array = np.sqrt(x * x + y * y + z * z)
     return length
 
 
 def _dot(
-    vectors: tuple[SingleArray, ...], normal: tuple[SingleArray, ...], region: Region
-) -> SingleArray:
+    vectors: tuple[Float32Array, ...], normal: tuple[Float32Array, ...], region: Region
+) -> Float32Array:
     x, y, z = (part[region.slices] for part in vectors)
-    dot: SingleArray = x * normal[0] + y * normal[1] + z * normal[2]
+    dot: Float32Array = x * normal[0] + y * normal[1] + z * normal[2]
     return dot
 
 
@@ -293,7 +293,7 @@ def _bands(rows: int, columns: int) -> list[slice]:
     return [slice(top, min(top + height, rows)) for top in range(0, rows, height)]
 
 
-def _vignette(x: SingleArray, y: SingleArray, unit: EmulatedUnit) -> SingleArray:
+def _vignette(x: Float32Array, y: Float32Array, unit: EmulatedUnit) -> Float32Array:
     edge_m = 0.495 * max(unit.pad_size_m)
     shade = 1.0 - 0.12 * (x * x + y * y) / edge_m**2
     return np.maximum(shade, 0.1).astype(np.float32)

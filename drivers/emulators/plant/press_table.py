@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from drivers.emulators.plant.arrays import FloatArray
 from drivers.emulators.plant.quad_mesh import GelDisc
 from drivers.emulators.plant.tips import CylinderTip, Tip
+from tacauchy_rig.core.arrays import FloatArray
 
 SHIPPED = Path(__file__).with_name("tables")
 # Raise them when the numbers or the fields change, so that old tables are not used: a ball's, a

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.emulators.plant.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import FloatArray, Int64Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,10 +66,10 @@ class QuadMesh:
     """
 
     nodes: FloatArray
-    elements: IntArray
-    top_edges: IntArray
-    base_nodes: IntArray
-    axis_nodes: IntArray
+    elements: Int64Array
+    top_edges: Int64Array
+    base_nodes: Int64Array
+    axis_nodes: Int64Array
     stiffness: FloatArray
 
     def at_quadrature(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -13,9 +13,9 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from drivers.emulators.plant.arrays import FloatArray, IndexArray, SingleArray
 from drivers.emulators.plant.gel import SurfaceProfile
 from drivers.emulators.plant.view import View
+from tacauchy_rig.core.arrays import Float32Array, FloatArray, IntArray
 
 STEP_M = 4e-6
 _FLAT_SLOPE = 6e-3  # a change of slope that moves no colour by half a grey level
@@ -43,31 +43,31 @@ class Relief:
     centre: tuple[float, float]
     tilt: tuple[float, float]
     reach_m: float
-    slope: SingleArray
-    curvature: SingleArray
-    inside: SingleArray
-    bulge: SingleArray
-    leaning: SingleArray
-    leaning_slope: SingleArray
+    slope: Float32Array
+    curvature: Float32Array
+    inside: Float32Array
+    bulge: Float32Array
+    leaning: Float32Array
+    leaning_slope: Float32Array
 
     def places(
-        self, x: SingleArray, y: SingleArray
-    ) -> tuple[SingleArray, SingleArray, SingleArray, IndexArray]:
+        self, x: Float32Array, y: Float32Array
+    ) -> tuple[Float32Array, Float32Array, Float32Array, IntArray]:
         """Return where points of the gel [m] lie from the axis (x, y, radius), and their index."""
         dx, dy = x - np.float32(self.centre[0]), y - np.float32(self.centre[1])
         radius = np.sqrt(dx * dx + dy * dy)
         index = np.minimum(radius * np.float32(1.0 / STEP_M), self.slope.size - 1)
         return dx, dy, radius, index.astype(np.int32)
 
-    def bulge_at(self, x: SingleArray, y: SingleArray) -> SingleArray:
+    def bulge_at(self, x: Float32Array, y: Float32Array) -> Float32Array:
         """Return the bulge at points of the gel, x and y from its centre [m]."""
         dx, dy, _, index = self.places(x, y)
         along = np.float32(self.tilt[0]) * dx + np.float32(self.tilt[1]) * dy
         return np.asarray(self.bulge[index] + along * self.leaning[index], np.float32)
 
     def lean_slopes(
-        self, dx: SingleArray, dy: SingleArray, radius: SingleArray, index: IndexArray
-    ) -> tuple[SingleArray, SingleArray]:
+        self, dx: Float32Array, dy: Float32Array, radius: Float32Array, index: IntArray
+    ) -> tuple[Float32Array, Float32Array]:
         """Return what the lean adds to the slopes along x and y; arguments as of ``places``."""
         lean_x, lean_y = (np.float32(lean) for lean in self.tilt)
         leaning = self.leaning[index]
@@ -121,7 +121,7 @@ def _smoothed_slope(
     return np.gradient(smooth, STEP_M)
 
 
-def _ending_in_zero(values: FloatArray) -> SingleArray:
+def _ending_in_zero(values: FloatArray) -> Float32Array:
     return np.append(values, 0.0).astype(np.float32)
 
 
@@ -131,8 +131,8 @@ _LIGHT_SPREAD = 0.09  # height of the light over its distance: shadows soften as
 
 
 def visible_share(
-    relief: Relief, x: SingleArray, y: SingleArray, toward: tuple[SingleArray, ...]
-) -> SingleArray:
+    relief: Relief, x: Float32Array, y: Float32Array, toward: tuple[Float32Array, ...]
+) -> Float32Array:
     """Return how much of a light each point of the gel sees, 0 to 1.
 
     Args:
@@ -160,7 +160,7 @@ _LAYERS = (((8, 6), 0.010), ((48, 36), 0.004), ((456, 342), 0.004))
 _SMUDGE_COUNT = 14
 
 
-def gel_texture(view: View, *, seed: int) -> SingleArray:
+def gel_texture(view: View, *, seed: int) -> Float32Array:
     """Return the paint's reflectance around one, shape [height, width]; the same at any size."""
     random = np.random.default_rng([seed, 2])
     texture = np.ones((view.height, view.width), np.float32)
@@ -185,13 +185,13 @@ _REMAINING = 0.22  # share of it that a gel pressed away would still send
 _DEPTH_M = 0.62e-3  # over which the rest falls to 1/e
 
 
-def scattered_light(relief: Relief | None, x: SingleArray, y: SingleArray) -> SingleArray:
+def scattered_light(relief: Relief | None, x: Float32Array, y: Float32Array) -> Float32Array:
     """Return the light that comes back from each point x, y [m] of the gel, same shape."""
     if relief is None:
         return np.full_like(x, _LEVEL)
     dent = np.maximum(relief.bulge_at(x, y), np.float32(0.0))
     falling = np.exp(dent * np.float32(-1.0 / _DEPTH_M))
-    light: SingleArray = np.float32(_LEVEL) * (
+    light: Float32Array = np.float32(_LEVEL) * (
         np.float32(_REMAINING) + np.float32(1.0 - _REMAINING) * falling
     )
     return light

@@ -8,12 +8,12 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from drivers.emulators.plant.arrays import ImageArray
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import GelCamera
 from drivers.emulators.plant.tips import Tip
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.plant.view import view_of
+from tacauchy_rig.core.arrays import ImageArray
 
 _LARGEST_WIDTH = 960  # beyond it frames are rendered smaller and enlarged, as lenses blur
 

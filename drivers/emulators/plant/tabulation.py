@@ -12,7 +12,6 @@ from collections.abc import Callable
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from drivers.emulators.plant.arrays import FloatArray
 from drivers.emulators.plant.axisymmetric import Equilibrium, GelSolver
 from drivers.emulators.plant.leaning import Lean, lean_of
 from drivers.emulators.plant.neo_hookean import NeoHookean
@@ -20,6 +19,7 @@ from drivers.emulators.plant.press_table import SHIPPED, PressCase, PressTable, 
 from drivers.emulators.plant.quad_mesh import Grading, QuadMesh, line_shape, mesh_disc
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import FRICTION
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 
 POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)

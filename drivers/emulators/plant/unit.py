@@ -11,8 +11,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from drivers.emulators.plant.arrays import FloatArray
 from drivers.emulators.plant.quad_mesh import GelDisc
+from tacauchy_rig.core.arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.emulators.plant.arrays import FloatArray, SingleArray
 from drivers.emulators.plant.gel import SurfaceProfile
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.plant.unit import MarkerGrid
+from tacauchy_rig.core.arrays import Float32Array, FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 
@@ -40,7 +40,7 @@ class View:
             shift_m=self.shift_m,
         )
 
-    def gel_points(self) -> tuple[SingleArray, SingleArray]:
+    def gel_points(self) -> tuple[Float32Array, Float32Array]:
         """Return x and y from the gel's centre for each pixel [m], shape [height, width]."""
         u = ((np.arange(self.width) + 0.5) - 0.5 * self.width) * self.m_per_px[0]
         v = ((np.arange(self.height) + 0.5) - 0.5 * self.height) * self.m_per_px[1]
@@ -102,7 +102,9 @@ def moved_dots(grid: MarkerGrid, profile: SurfaceProfile | None) -> FloatArray:
     return moved
 
 
-def marker_reflectance(grid: MarkerGrid, profile: SurfaceProfile | None, view: View) -> SingleArray:
+def marker_reflectance(
+    grid: MarkerGrid, profile: SurfaceProfile | None, view: View
+) -> Float32Array:
     """Return what the dots leave of the paint's reflectance, shape [height, width]."""
     reflectance = np.ones((view.height, view.width), np.float32)
     x, y = view.gel_points()

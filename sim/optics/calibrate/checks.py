@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.optics.calibrate.cross_validation import (
     CheckScores,
     RenderedPress,
@@ -19,6 +17,7 @@ from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.light import exposed
 from sim.optics.calibrate.presses.scene import PressScene
 from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import ConfigError
 
 FEWEST = 5
@@ -143,7 +142,7 @@ class SlopeCoverage:
     slopes_seen_share: float
     image_share: float
     tilt_edges: FloatArray
-    presses_seen: NDArray[np.int64]
+    presses_seen: Int64Array
 
 
 def slope_coverage(circles: Sequence[Circle], scene: PressScene) -> SlopeCoverage:

@@ -9,7 +9,6 @@ from itertools import product
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.optics.calibrate.fit.lamp_fit import fit_terms
 from sim.optics.calibrate.fit.photometric_fit import REFERENCE, RIDGE, fit_photometric, fit_response
 from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints, joined
@@ -20,6 +19,7 @@ from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.response import LINEAR, Response
 from sim.optics.colour.shading_terms import ShadingTerms
 from sim.sensor.optics import ShadowCaster
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 log = logging.getLogger(__name__)

@@ -16,12 +16,11 @@ from functools import partial
 import numpy as np
 from skimage.metrics import structural_similarity
 
-from sim.arrays import FloatArray
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.press_image import press_image, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
-from sim.sensor.camera_geometry import ImageArray
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.side_by_side import side_by_side
 
 _NUDGES = 2

@@ -8,12 +8,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from sim.arrays import Float32Array, FloatArray
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from sim.optics.render.shadows import darkening
 from sim.sensor.optics import ShadowCaster
+from tacauchy_rig.core.arrays import Float32Array, FloatArray
 
 
 def press_image(found: Calibration, circle: Circle) -> FloatArray:

@@ -8,7 +8,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.optics.calibrate.colours import Calibration, calibrate_optics, fit_model
 from sim.optics.calibrate.fit.photometric_fit import lowest_place
 from sim.optics.calibrate.press_image import lit_presses
@@ -17,6 +16,7 @@ from sim.optics.calibrate.presses.light import exposed
 from sim.optics.calibrate.presses.scene import PlacedPress, PredictedPixels, PressScene
 from sim.optics.calibrate.shadow_fit import calibrate_with_shadows
 from sim.sensor.optics import ShadowCaster
+from tacauchy_rig.core.arrays import FloatArray
 
 _BLUR_TURNS = 4
 _SETTLED_PX = 0.05

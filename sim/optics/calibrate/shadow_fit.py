@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 from pydantic import TypeAdapter
 
-from sim.arrays import Float32Array, FloatArray
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
 from sim.optics.calibrate.press_image import lit_presses, pressed_surface
 from sim.optics.calibrate.presses.ball_press import BallPress
@@ -25,6 +24,7 @@ from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from sim.optics.render.shadows import lost_share
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
+from tacauchy_rig.core.arrays import Float32Array, FloatArray
 
 SHADOWS = "shadows"  # their name in a calibration's provenance
 _ROUNDS = 2

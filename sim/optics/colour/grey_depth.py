@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import Float32Array
 from sim.optics.colour.colour_kernel import grey_pixels
 from sim.optics.colour.pixel_colours import PixelColours
 from sim.optics.colour.polynomial import polynomial_exponents
 from sim.optics.pixels.pixel_blocks import PixelBlocks
 from sim.sensor.optics import Lamp, Renderer
+from tacauchy_rig.core.arrays import Float32Array
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import IntArray
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.pixel_colours import ColourModel
 from sim.optics.colour.polynomial import BALL_EXPONENTS, polynomial_exponents
 from sim.optics.colour.shading_terms import MOST_LAMPS
 from sim.sensor.optics import Lamp, Renderer
 from sim.sensor.sensor import Sensor
+from tacauchy_rig.core.arrays import IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Sine of the steepest slope that a nominal model, an expansion to fourth order, is drawn at.

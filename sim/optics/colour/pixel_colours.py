@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from sim.arrays import Float32Array, RealArray
 from sim.optics.colour.response import LINEAR, Response
 from sim.optics.pixels.pixel_blocks import PixelBlocks
+from tacauchy_rig.core.arrays import Float32Array, RealArray
 
 SampleColours = Callable[[Float32Array, Float32Array], RealArray]
 """From the samples' tilt along columns and rows, dz/dx / sqrt(1 + |grad z|^2), shape

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim.arrays import Float32Array, FloatArray, IntArray, RealArray
+from tacauchy_rig.core.arrays import Float32Array, FloatArray, IndexArray, IntArray, RealArray
 
 INDENTATION_UNIT_M = 1e-3
 _BAND = 4096
@@ -99,7 +98,7 @@ def evaluate_polynomial(
     return values
 
 
-def _distinct(exponents: IntArray) -> tuple[IntArray, NDArray[np.intp]]:
+def _distinct(exponents: IntArray) -> tuple[IntArray, IndexArray]:
     """Return terms without repetition, and which of them each is."""
     _, first, which = np.unique(exponents @ _DIGITS, return_index=True, return_inverse=True)
     return exponents[first], which

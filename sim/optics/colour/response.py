@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.arrays import RealArray
+from tacauchy_rig.core.arrays import RealArray
 
 BRIGHTEST = 255.0
 _CLOSEST = 0.4  # to the end of the range that a level tells of [grey levels]

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import Float32Array, FloatArray, RealArray
 from sim.optics.pixels.pixel_blocks import PixelBlocks
+from tacauchy_rig.core.arrays import Float32Array, FloatArray, RealArray
 
 CREASE_UNIT_M = 1e-4
 MOST_LAMPS = 6

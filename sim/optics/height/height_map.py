@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.contact.indenter_distance import Poses, body_of, poses_at
 from sim.contact.triangle_distance import uploaded_surface
 from sim.device import Device, filled
@@ -23,6 +21,7 @@ from sim.optics.height.steep_faces import cut_tables
 from sim.scene.indenter import Indenter, MeshIndenter, grown
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.core.arrays import BoolArray, FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 # What touches, a little more than the gap that narrow barriers leave.
@@ -47,7 +46,7 @@ class HeightMaps:
 
     loaded: FloatArray
     rest: FloatArray
-    contact: NDArray[np.bool_]
+    contact: BoolArray
 
 
 def height_maps(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.core.arrays import FloatArray
 
 _STEP_M = 5e-5
 _TOUCHING_ROUNDS = 4

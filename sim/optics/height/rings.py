@@ -10,13 +10,11 @@ nodes at the ends of chords are put onto the smooth closed curve through those i
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from sim.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import AnyArray, FloatArray, IntArray
 
 _SAME_RADIUS_M = 1e-9
 _SAME_ANGLE_RAD = 1e-6
@@ -25,7 +23,7 @@ _SECTORS_MIN = 4
 
 def round_rings(
     rest: FloatArray, faces: IntArray, axis_m: tuple[float, float]
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, AnyArray]:
     """Return what draws circles of a revolved mesh smooth, as tables of ``node_kernel.Gel``.
 
     A periodic cubic spline is linear in its values: its weights are fixed by the mesh at rest.

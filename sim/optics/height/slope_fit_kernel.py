@@ -6,8 +6,8 @@ import numpy as np
 import warp as wp
 from scipy import sparse
 
-from sim.arrays import IntArray
 from sim.optics.height.node_kernel import FREE, TOUCHES, Canvas, Gel
+from tacauchy_rig.core.arrays import IntArray
 
 _TERMS = wp.constant(5)
 _Normal = wp.types.matrix(shape=(5, 5), dtype=wp.float64)

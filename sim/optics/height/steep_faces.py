@@ -12,13 +12,11 @@ inside. Which faces are steep changes with every press; the tables here serve wh
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import FACE_EDGES, QUARTERS, quadratic_triangle_values
+from tacauchy_rig.core.arrays import AnyArray, FloatArray, IntArray
 
 _EIGHTHS = 8
 _FACE_NODES = ((8, 0, 0), (0, 8, 0), (0, 0, 8), (4, 4, 0), (0, 4, 4), (4, 0, 4))
@@ -63,7 +61,7 @@ def _in_four(nodes: IntArray) -> list[IntArray]:
     return [np.concatenate([part, (part + np.roll(part, -1, axis=0)) // 2]) for part in parts]
 
 
-def cut_tables(faces: IntArray, node_count: int) -> dict[str, NDArray[Any]]:
+def cut_tables(faces: IntArray, node_count: int) -> dict[str, AnyArray]:
     """Number the nodes that cutting quadratic faces, shape [face_count, 6], would add.
 
     They come after the mesh's own, in tables of ``node_kernel.Gel``.

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray, IntArray
 from sim.device import Device
 from sim.fields.surface import SurfaceState, TopSurface
 from sim.mesh.elements import linear_facets
 from sim.optics.markers.point_kernel import carry_points
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 _TOLERANCE = 1e-6

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sim.arrays import FloatArray
 from sim.optics.markers.tracking import dark_markers
-from sim.sensor.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import MarkerGrid
+from tacauchy_rig.core.arrays import BoolArray, Float32Array, FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.rgb import to_grey
 
@@ -41,8 +40,8 @@ class PrintedMarkers:
     """
 
     bare: ImageArray
-    ink: NDArray[np.float32]
-    mask: NDArray[np.bool_]
+    ink: Float32Array
+    mask: BoolArray
     centres_px: FloatArray
     places_m: FloatArray
     reach_px: float

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from sim.arrays import FloatArray
-from sim.sensor.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.rgb import to_grey
 
@@ -63,7 +62,7 @@ def track_markers(
     )
 
 
-def dark_markers(image: NDArray[np.uint8], *, radius_px: float) -> FloatArray:
+def dark_markers(image: ImageArray, *, radius_px: float) -> FloatArray:
     """Find dots of a radius that are darker than the gel around them: column and row [px], [n, 2].
 
     Ink takes a share of the light, whatever the light: the share is what is weighed, against the

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.arrays import Float32Array, RealArray
 from sim.optics.pixels.pixel_kernel import Layout
 from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.core.arrays import Float32Array, RealArray
 
 # Pixels of a block: as many as the widest registers of a processor hold, and one on a GPU.
 CPU_LANES, GPU_LANES = 16, 1

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import warp as wp
 
-from sim.arrays import Float32Array, RealArray
 from sim.device import Device
 from sim.optics.colour.pixel_colours import ColourModel, PixelColours, SampleColours
 from sim.optics.pixels.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, PixelBlocks
@@ -20,8 +19,9 @@ from sim.optics.pixels.pixel_kernel import continue_samples, lay_out_samples, ti
 from sim.optics.render.exposure_kernel import blur_columns, expose_pixels, mirror_ends
 from sim.optics.render.shadow_kernel import darken_pixels
 from sim.optics.render.shadows import HiddenLamp
-from sim.sensor.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
+from tacauchy_rig.core.arrays import Float32Array, ImageArray, RealArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Evenly grey no-contact frame of a sensor that nobody has calibrated.

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.arrays import Float32Array, RealArray
 from sim.device import Device
 from sim.optics.pixels.pixel_blocks import CPU_LANES, BlockMemory
 from sim.optics.render.shadow_kernel import Rays, follow_rays, hide_samples, turn_dents
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
+from tacauchy_rig.core.arrays import Float32Array, RealArray
 
 _RAY_ROOM = 2  # blocks beside the rays of a step, which their neighbours are read from
 

@@ -21,11 +21,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.mesh.elements import ElementOrder
 from sim.mesh.tet_mesh import tet_volumes
 from sim.solve.model import Model
 from sim.solve.potential import Potential
+from tacauchy_rig.core.arrays import FloatArray
 
 # Of a tetrahedron's mass, node by node.
 Shares = Mapping[ElementOrder, FloatArray]

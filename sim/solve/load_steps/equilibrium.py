@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, SolverOptions
+from tacauchy_rig.core.arrays import FloatArray
 
 # Residual over the contact force that will do on the way to another point, which is extrapolated
 # from points in passing and the better the closer they are.

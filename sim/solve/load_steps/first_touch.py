@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.scene.indenter import Indenter, Plane
 from sim.solve.equilibrium import EquilibriumSolver, SolverOptions
 from sim.solve.model import Model
 from sim.solve.potential import Potential
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Height of an indenter that touches nothing, in heights of the pad.

@@ -14,7 +14,6 @@ from enum import StrEnum
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.scene.indenter import Indenter
 from sim.solve.dynamics.weight_and_inertia import Inertia
@@ -26,6 +25,7 @@ from sim.solve.load_steps.stepping import Stepping
 from sim.solve.model import Model
 from sim.solve.overlap import OVERLAP_SHARE
 from sim.solve.potential import Potential
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 
 STEP_SHARE = 0.0125

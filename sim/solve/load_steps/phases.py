@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.arrays import FloatArray
+from tacauchy_rig.core.arrays import FloatArray
 
 DOWN = np.array([0.0, 0.0, -1.0])
 STILL = np.zeros(3)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.material.relaxation import Relaxation
 from sim.solve.dynamics.weight_and_inertia import Inertia
@@ -20,6 +19,7 @@ from sim.solve.load_steps.equilibrium import PathPoint, Settling
 from sim.solve.load_steps.phases import DOWN, STILL, CarryPhase, Phase
 from sim.solve.overlap import OVERLAP_SHARE, overlap_fraction
 from sim.solve.potential import Potential
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 
 logger = logging.getLogger(__name__)

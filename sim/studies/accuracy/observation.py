@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.fields.contact_traction import surface_traction
@@ -20,6 +19,7 @@ from sim.sensor.camera_geometry import CameraGeometry
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.accuracy.configurations import Configuration
+from tacauchy_rig.core.arrays import FloatArray
 
 _TOUCHING_M = 6e-6
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from sim.optics.height.height_map import HeightMaps
 from sim.scene.scene import Preset, Scene
-from sim.sensor.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.studies.accuracy.configurations import Configuration, coarser
 from sim.studies.accuracy.force_limit import COARSENING, error_order, extrapolated
 from sim.studies.accuracy.observation import Observation, Row, height_error, observe
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RigError
 
 QUANTITIES = ("force", "depth", "pressure", "radius", "height", "image")

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray
 from sim.device import Device
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model
@@ -25,10 +24,10 @@ from sim.optics.height.height_map import height_maps
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.scene import Preset, Scene, Target
-from sim.sensor.camera_geometry import ImageArray
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.studies.bench.frames import times_of
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 
 SENSORS = ("gelsight-mini", "digit")

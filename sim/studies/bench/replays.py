@@ -13,8 +13,8 @@ from sim.error.tolerance import Tolerance, keeping
 from sim.fields.surface import SurfaceState
 from sim.replay import replay_forces, replay_scene
 from sim.scene.scene import Scene
-from sim.sensor.camera_geometry import ImageArray
 from sim.sensor.sensor import load_sensor
+from tacauchy_rig.core.arrays import ImageArray
 
 FORCE_ERROR_MAX = 0.02
 TIME_MAX_S = 20.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter
 from sim.solve.dynamics.weight_and_inertia import Inertia
@@ -13,6 +12,7 @@ from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import BALL, DENSITY_KG_M3, HEIGHT_M, PUNCH, pad_model, round_mesh
+from tacauchy_rig.core.arrays import FloatArray
 
 _RAMP_TO_M = 0.4e-3
 _RAMP_FROM_M = 0.36e-3

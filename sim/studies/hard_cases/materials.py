@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import scipy.optimize
 
-from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import ElementOrder, boundary_faces
 from sim.mesh.tet_mesh import TetMesh, smallest_dihedral_deg
 from sim.press import PressResult, press
@@ -19,6 +18,7 @@ from sim.solve.load_steps.path import LoadingPath
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import brick_mesh, pad_model
 from sim.studies.verification.layered_solution import BondedLayers
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 # Hayes et al. 1972 at a / h = 0.5556.
 HAYES_FACTORS = {0.45: 1.930, 0.47: 1.983, 0.49: 2.048, 0.499: 2.081}

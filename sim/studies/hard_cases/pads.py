@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions, Grip
 from sim.material.laws.tangent import law
 from sim.mesh.bisection import kuhn_tets
@@ -18,6 +17,7 @@ from sim.scene.material import LawName
 from sim.scene.pad import BoxPad, DiscPad, ParametricPad
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
 
 HEIGHT_M = 4e-3
 YOUNG_PA = 4e5

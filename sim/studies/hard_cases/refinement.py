@@ -17,7 +17,6 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
-from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions
 from sim.mesh.elements import ElementOrder, boundary_faces
 from sim.mesh.tet_mesh import TetMesh
@@ -27,6 +26,7 @@ from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import HEIGHT_M, YOUNG_PA, box_mesh, brick_mesh, pad_model
+from tacauchy_rig.core.arrays import FloatArray
 
 _POISSON = 0.3
 _STRETCH = np.array([[1.08, 0.05, -0.03], [0.02, 0.93, 0.04], [0.01, -0.06, 1.05]])

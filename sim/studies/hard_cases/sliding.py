@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions
 from sim.press import contact_measures
 from sim.scene.indenter import Plane, Sphere
@@ -17,6 +16,7 @@ from sim.solve.load_steps.path import LoadingPath
 from sim.studies.hard_cases.case import Outcome
 from sim.studies.hard_cases.pads import DISC, HEIGHT_M, grip_of, pad_model, round_mesh
 from sim.studies.modes.signatures import contact_signature
+from tacauchy_rig.core.arrays import FloatArray
 
 FRICTION = 0.5
 SLIP_M = 1e-7

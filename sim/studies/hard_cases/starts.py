@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Sphere, describe
@@ -19,6 +18,7 @@ from sim.studies.hard_cases.pads import (
     pad_model,
     quarter_brick_mesh,
 )
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 
 _FAR = Sphere(diameter_m=1e-2)

@@ -7,7 +7,6 @@ from itertools import product
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder
@@ -15,6 +14,7 @@ from sim.solve.equilibrium import SolverOptions
 from sim.solve.load_steps.path import Hold, LoadingPath
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import BARRIER_M, YOUNG_PA, pad_model, round_mesh
+from tacauchy_rig.core.arrays import FloatArray
 
 _FACTORS = (1e-3, 1e3)
 _OPTIONS = SolverOptions(residual_relative=1e-10)

@@ -16,7 +16,6 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
-from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
 from sim.fields.press_fields import surface_state
@@ -26,6 +25,7 @@ from sim.optics.markers.tracking import track_markers
 from sim.scene.scene import Motion, Scene
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import MarkerGrid
+from tacauchy_rig.core.arrays import FloatArray
 
 _LEVEL = 150
 _NOISE_LEVELS = 2.0

@@ -17,10 +17,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.tri import Triangulation
 
-from sim.arrays import FloatArray, IntArray
 from sim.studies.modes.plane_cut import PlaneCut, cut
 from sim.studies.modes.runs import ModeRun
 from sim.studies.modes.signatures import SurfaceMaps, surface_maps, traction_arrows
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
 
 _STEEL = "#C9CED6"

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
 from sim.fields.stress_field import recovered_stress
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 # Just beside the plane, so that no node lies on it.
 _BESIDE_SHARE = 1e-5

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
 from sim.fields.contact_traction import split_forces, surface_traction, unit
 from sim.fields.press_fields import top_surface
 from sim.mesh.elements import linear_facets
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 _UP = np.array([0.0, 0.0, 1.0])
 

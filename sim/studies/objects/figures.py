@@ -17,10 +17,10 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from sim.arrays import FloatArray
 from sim.scene.triangle_surface import TriangleSurface
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.studies.objects.runs import ObjectPress
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
 
 _MM = 1e3

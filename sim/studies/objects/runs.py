@@ -12,11 +12,12 @@ from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset, Target
 from sim.scene.triangle_surface import TriangleSurface
-from sim.sensor.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from sim.solve.equilibrium import SolverOptions
 from sim.studies.nominal_renderer import nominal_renderer
 from sim.studies.objects.shapes import OBJECTS
+from tacauchy_rig.core.arrays import ImageArray
 
 DEPTH_M = 0.4e-3
 _GREY = 118

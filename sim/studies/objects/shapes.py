@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.scene.indenter import MeshIndenter, mesh_indenter
+from tacauchy_rig.core.arrays import FloatArray
 
 _HEIGHT_M = 4e-3
 _AROUND = 192

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
 from sim.mesh.elements import boundary_faces
 from sim.mesh.tet_mesh import TetMesh, smallest_dihedral_deg
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 # The contact surface's edges are measured so near the pad's middle [m] and above this share of its
 # height (paper, section IV-A).

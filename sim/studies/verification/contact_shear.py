@@ -21,7 +21,7 @@ import numpy as np
 import scipy.optimize
 import scipy.special
 
-from sim.arrays import FloatArray
+from tacauchy_rig.core.arrays import FloatArray
 
 _GAUSS_COUNT = 64
 # Of the contact's radius: a narrower stuck circle is none.

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.effects.coarse import coarse_press
 from sim.effects.plan import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
@@ -17,6 +16,7 @@ from sim.scene.material import Material
 from sim.scene.scene import Preset
 from sim.solve.load_steps.path import LoadingPath
 from sim.studies.verification.prose import stated
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 # Coarser than 1, two edges and less lie under the ball, and F_z is not yet on any power of h.

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
 from sim.fields.press_fields import surface_state
@@ -26,6 +25,7 @@ from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.objects.shapes import chisel
 from sim.studies.underside import indenter_height
 from sim.studies.verification.prose import stated
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 LIMIT_M = 10e-6

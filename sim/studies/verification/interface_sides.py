@@ -8,11 +8,11 @@ import numpy as np
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
 from sim.fields.interface import InterfaceTraction, StressOnSides, nodal_forces, on_sides
 from sim.fields.stress_field import recovered_stress
 from sim.mesh.sparsity import assembled
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -34,8 +34,8 @@ import numpy as np
 import scipy.linalg
 import scipy.optimize
 
-from sim.arrays import FloatArray
 from sim.scene.material import Layer
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Beyond this wave number times the top layer's thickness, L is 1 to 1e-17 of what it may reach.

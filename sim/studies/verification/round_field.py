@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import matplotlib.tri
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.fields.press_fields import top_surface
 from sim.mesh.elements import quadratic_triangle_values
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
 
 _RADII, _ANGLES = 80, 96
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.contact.state import Grip
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model, felt_indenter
@@ -21,6 +20,7 @@ from sim.studies.verification import contact_shear
 from sim.studies.verification.layered_solution import BondedLayers, Ply
 from sim.studies.verification.prose import stated
 from sim.studies.verification.round_field import RoundField, on_circles
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 # What the L2 error over the contact may be, and what of a field may not be round, of its maximum.

@@ -12,11 +12,9 @@ from enum import StrEnum
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RecordError
-
-FloatArray = NDArray[np.float64]
 
 MODULUS_CHANGE = 0.08
 """Relative change of stiffness that a predicted force does not forgive: twice what a calibration

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from tacauchy_rig.app.importing.parquet import Rows, read_parquet
-from tacauchy_rig.app.importing.press import FloatArray, Frame, Press, Recorded, Samples
+from tacauchy_rig.app.importing.press import Frame, Press, Recorded, Samples
 from tacauchy_rig.app.importing.source import IMAGE_BYTES, LARGE_BYTES, MIB, Source
 from tacauchy_rig.app.importing.streams import PressFinding, S, Streams, cut, find_presses
 from tacauchy_rig.app.importing.video import video_frames
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.quantities import UNITS, Dimension

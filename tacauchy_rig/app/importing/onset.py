@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import correlate, correlation_lags, lfilter
 
-from tacauchy_rig.app.importing.press import FloatArray
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RecordError
 
 FINER = 4

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tacauchy_rig.app.importing.press import FloatArray
 from tacauchy_rig.app.importing.source import MIB, Source
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, RecordError
 
 if TYPE_CHECKING:

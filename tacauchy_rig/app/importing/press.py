@@ -6,11 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from tacauchy_rig.core.arrays import FloatArray, Int64Array
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Window = tuple[int, int]
 """First and last stamp [ns], both included."""
 ORDER_NS = 1_000_000
@@ -27,7 +24,7 @@ class Samples:
             [n, 6]; NaN where the source does not tell.
     """
 
-    stamp_ns: IntArray
+    stamp_ns: Int64Array
     value: FloatArray
 
     def within(self, window: Window) -> Samples:

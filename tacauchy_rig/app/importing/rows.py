@@ -8,17 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tacauchy_rig.app.importing.press import (
-    ORDER_NS,
-    FloatArray,
-    Frame,
-    Press,
-    Recorded,
-    Samples,
-    Window,
-)
+from tacauchy_rig.app.importing.press import ORDER_NS, Frame, Press, Recorded, Samples, Window
 from tacauchy_rig.app.importing.spec import Column
 from tacauchy_rig.app.importing.table import Table
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.fields import Force, Section
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.quantities import Dimension

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from tacauchy_rig.app.importing.press import FloatArray, Frame, Press, Samples, Window
+from tacauchy_rig.app.importing.press import Frame, Press, Samples, Window
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.fields import Force, Section
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import FZ

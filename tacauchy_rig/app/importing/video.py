@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from tacauchy_rig.app.importing.onset import Offset, Signal, find_offset, without_memory
-from tacauchy_rig.app.importing.press import FloatArray, Frame, Recorded, Samples, Window
+from tacauchy_rig.app.importing.press import Frame, Recorded, Samples, Window
 from tacauchy_rig.app.importing.source import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
 from tacauchy_rig.app.importing.spec import Column
 from tacauchy_rig.app.importing.streams import (
@@ -25,6 +25,7 @@ from tacauchy_rig.app.importing.streams import (
     find_presses,
 )
 from tacauchy_rig.app.importing.table import Table, read_table
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.fields import Frequency, Section
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.quantities import Dimension

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacauchy_rig.app.importing.archive import ARRAY_BYTES, members, read_member, read_npy
 from tacauchy_rig.app.importing.source import Source
+from tacauchy_rig.core.arrays import AnyArray, FloatArray
 from tacauchy_rig.core.errors import RecordError
 
-FloatArray = NDArray[np.float64]
 NPY = ".npy"
 
 
@@ -52,7 +50,7 @@ def read_fields(
     return found
 
 
-def _pixels(array: NDArray[Any], shape: tuple[int, int], *, where: str) -> FloatArray:
+def _pixels(array: AnyArray, shape: tuple[int, int], *, where: str) -> FloatArray:
     if array.dtype.kind not in "fiu":
         raise RecordError(
             f"{where}: is of type {array.dtype}, not of numbers",

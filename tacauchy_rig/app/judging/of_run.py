@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from reports.arrays import ColorImage, FloatArray
 from reports.comparison.judging import outputs_of_replay
 from reports.evidence.attempt import RunReading, readable
 from reports.evidence.evidence import RunEvidence
@@ -18,6 +17,7 @@ from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.pressing import REPLAY_NAME
 from tacauchy_rig.app.replay.replay import IMAGE_S
 from tacauchy_rig.app.replay.settings import sensor_of
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.outputs import AskedPress, Outputs, Simulator, Task
 from tacauchy_rig.core.replayed import Replay, ReplayTrial
 from tacauchy_rig.core.versions import machine
@@ -25,7 +25,7 @@ from tacauchy_rig.core.versions import machine
 OURS = "tacauchy_rig"
 
 
-def references_of(evidence: RunEvidence) -> dict[int, ColorImage]:
+def references_of(evidence: RunEvidence) -> dict[int, ImageArray]:
     """Return the no-contact frames by trial, as far as they can be read."""
     return {t.index: t.images.reference for t in evidence.trials if t.images is not None}
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacauchy_rig.app.importing.source import IMAGE_BYTES, Source, image_size
 from tacauchy_rig.app.importing.table import read_table
@@ -25,11 +24,11 @@ from tacauchy_rig.app.judging.description import (
     Description,
     read_description,
 )
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
 from tacauchy_rig.core.outputs import Outputs, PressOutput
 from tacauchy_rig.core.rgb import ColourOrder, decode_rgb
 
-ColorImage = NDArray[np.uint8]
 SWAPPED_SHARE = 0.5
 """Of the difference from the no-contact frame: so much less with channels swapped is no chance."""
 SWAPPED_LEVELS = 5.0
@@ -48,7 +47,7 @@ class Asked:
 
     trials: tuple[int, ...]
     size_px: tuple[int, int]
-    references: Mapping[int, ColorImage]
+    references: Mapping[int, ImageArray]
 
 
 def read_outputs(folder: Path, asked: Asked) -> Outputs:
@@ -176,7 +175,7 @@ def _shown(source: Source, folder: str, asked: Asked, told: Description) -> dict
     return found
 
 
-def _image(source: Source, name: str, asked: Asked, told: Description) -> ColorImage:
+def _image(source: Source, name: str, asked: Asked, told: Description) -> ImageArray:
     data = source.read(name, field="an image", most_bytes=IMAGE_BYTES)
     size = image_size(data, name=name)
     if size != asked.size_px:

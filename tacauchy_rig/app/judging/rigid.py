@@ -12,7 +12,6 @@ from functools import partial
 import numpy as np
 
 from reports.evidence.attempt import RunReading
-from sim.arrays import FloatArray
 from sim.scene.indenter import Indenter
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
@@ -21,6 +20,7 @@ from tacauchy_rig.app.replay.optics import Calibrate, optics_of
 from tacauchy_rig.app.replay.parts import parts_of
 from tacauchy_rig.app.replay.pressing import REPLAY_NAME
 from tacauchy_rig.app.replay.rendering import SAMPLES, drawn_image
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.outputs import Outputs, PressOutput, Simulator
 from tacauchy_rig.core.replayed import model_of

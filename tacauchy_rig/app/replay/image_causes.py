@@ -14,7 +14,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from reports.arrays import ColorImage, FloatArray
 from reports.evidence.attempt import AttemptReading
 from reports.evidence.evidence import TrialImages
 from reports.scores.residual_split import Cause, Mode, split_residual
@@ -31,6 +30,7 @@ from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
 from tacauchy_rig.app.replay.rendering import image_of
 from tacauchy_rig.app.replay.uncertainty import NEARLY_UPRIGHT, rounded_rim
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import RigError
@@ -71,7 +71,7 @@ class SplitPart:
 
 def split_images(
     parts: Sequence[SplitPart],
-    images: Mapping[int, ColorImage],
+    images: Mapping[int, ImageArray],
     optics: OpticalCalibration,
     config: RigConfig,
     *,
@@ -113,7 +113,7 @@ def split_images(
 
 
 def _chosen(
-    parts: Sequence[SplitPart], images: Mapping[int, ColorImage], optics: OpticalCalibration
+    parts: Sequence[SplitPart], images: Mapping[int, ImageArray], optics: OpticalCalibration
 ) -> list[tuple[SplitPart, list[_Press]]]:
     """Return the presses that are pressed again, the smallest force of each part first."""
     found = []
@@ -133,7 +133,7 @@ class _Press:
     index: int
     force_n: float
     images: TrialImages
-    bare: ColorImage
+    bare: ImageArray
 
 
 def _press_of(

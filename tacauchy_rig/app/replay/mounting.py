@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from reports.arrays import ColorImage, FloatArray
 from reports.evidence.attempt import AttemptReading
 from reports.evidence.force_depth import fit_modulus, merge_histories
 from reports.evidence.leaning import TRIALS_MIN, LeanFit, fit_lean
@@ -21,6 +20,7 @@ from sim.leaning import can_lean, lean_costs, press_leaning, restoring_moments
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.walk import History
 from tacauchy_rig.app.replay.inputs import ReplayInputs
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.devices import RobotModel
 from tacauchy_rig.core.config.model import ModulusSource, PoseSource, RigConfig
 from tacauchy_rig.core.errors import RigError
@@ -275,7 +275,7 @@ def _row(on: bool, reason: str, costs: dict[str, float] | None = None) -> dict[s
 
 def find_offset(
     attempts: Sequence[AttemptReading],
-    images: Mapping[int, ColorImage],
+    images: Mapping[int, ImageArray],
     geometry: CameraGeometry,
     config: RigConfig,
 ) -> tuple[FoundValue, ...]:

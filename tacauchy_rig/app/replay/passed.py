@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
-from reports.arrays import FloatArray
 from reports.evidence.attempt import AttemptReading
 from sim.fields.press_fields import TrialFields
 from sim.fields.surface import PassedState
@@ -20,6 +19,7 @@ from sim.optics.markers.printed_markers import printed_markers
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.optics import OpticalCalibration
+from tacauchy_rig.core.arrays import FloatArray
 
 WIDTH_PX = 160
 """Of what is kept, at most."""

@@ -20,10 +20,10 @@ from sim.optics.markers.printed_markers import draw_markers, marker_places
 from sim.optics.render.renderer import GREY_LEVEL
 from sim.press import PressResult
 from sim.scene.scene import Scene
-from sim.sensor.camera_geometry import ImageArray
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.replay.optics import nominal_optics
 from tacauchy_rig.app.replay.rendering import image_of
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.figure_style import FRAMED_STYLE, PAGE_IN, save_figure
 from tacauchy_rig.core.store.durable import write_atomically
 from tacauchy_rig.core.store.replay_files import ReplayFields, write_fields

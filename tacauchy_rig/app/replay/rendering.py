@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reports.arrays import FloatArray
 from reports.evidence.attempt import AttemptReading
 from sim.fields.press_fields import TrialFields
 from sim.fields.surface import SurfaceState
@@ -16,9 +15,9 @@ from sim.optics.markers.material_points import surface_displacement
 from sim.optics.markers.printed_markers import PrintedMarkers, printed_markers
 from sim.optics.markers.tracking import track_markers
 from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
-from sim.sensor.camera_geometry import ImageArray
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.optics import OpticalCalibration, nominal_optics
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.replayed import MarkerMotion
 from tacauchy_rig.core.store.replay_files import ReplayFields

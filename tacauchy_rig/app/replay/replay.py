@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 
-from reports.arrays import ColorImage
 from reports.evidence.attempt import RunReading
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
@@ -29,6 +28,7 @@ from tacauchy_rig.app.replay.pressing import (
 from tacauchy_rig.app.replay.rendering import render_trial
 from tacauchy_rig.app.replay.settings import check_optics
 from tacauchy_rig.app.replay.uncertainty import force_inputs
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import PoseSource
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.replayed import FoundValue, Replay, ReplayModel, ResidualSplit
@@ -172,7 +172,7 @@ def _rendered(
     ]
 
 
-def _images(rendered: Sequence[Rendered]) -> dict[int, ColorImage]:
+def _images(rendered: Sequence[Rendered]) -> dict[int, ImageArray]:
     return {
         index: made.image
         for _, kept in rendered

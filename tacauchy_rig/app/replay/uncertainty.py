@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from reports.arrays import FloatArray
 from sim.leaning import can_lean
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 from sim.scene.pad import BoxPad, SurfacePad
 from sim.scene.scene import Scene
 from sim.sensitivity import COARSE, FINER, forces_at
 from tacauchy_rig.app.replay.inputs import ReplayInputs
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.uncertainty import Stated, stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, RigError

@@ -8,13 +8,13 @@ from time import monotonic_ns, process_time
 from typing import Any
 
 from protocols.processes.feed import Shown
-from reports.arrays import ColorImage
 from reports.evidence.attempt import median_image
 from sim.twin.frame import Goal, TwinFrame
 from tacauchy_rig.app.twin.camera_image import CameraImages, contact_residual
 from tacauchy_rig.app.twin.newest import Newest
 from tacauchy_rig.app.twin.pictures import jpeg_of, map_picture
 from tacauchy_rig.app.twin.wish import Follows, Seen
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.run import JournalEvent, Phase
 
 FOLLOWED = {Phase.APPROACH, Phase.SEARCH, Phase.PRESS, Phase.DWELL, Phase.RETRACT}
@@ -71,7 +71,7 @@ class Accompaniment:
     frame_width_px: int
     newest: Newest = field(init=False)
     _images: CameraImages = field(init=False)
-    _unloaded: ColorImage | None = None
+    _unloaded: ImageArray | None = None
     _phase: str = ""
     _trial: int = 0
     _count: int = 0

@@ -7,7 +7,6 @@ import math
 import cv2
 import numpy as np
 
-from reports.arrays import ColorImage
 from reports.evidence.attempt import crop_and_resize
 from reports.evidence.evidence import ImageGeometry
 from reports.scores.contact import (
@@ -17,6 +16,7 @@ from reports.scores.contact import (
     relative_residual,
 )
 from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RecordError
 
 # Decoders leave out what a smaller picture does not need: a quarter of the time for a half.
@@ -44,7 +44,7 @@ class CameraImages:
         room = (1.0 - 2.0 * crop_fraction) * frame_width_px / view.width
         self._mode = next((mode for by, mode in _REDUCED.items() if by <= room), 1)
 
-    def of(self, jpeg: bytes) -> ColorImage | None:
+    def of(self, jpeg: bytes) -> ImageArray | None:
         """Return the image of a frame, RGB; None where it is no whole image or too small."""
         found = cv2.imdecode(np.frombuffer(jpeg, np.uint8), self._mode) if jpeg else None
         if found is None:
@@ -56,7 +56,7 @@ class CameraImages:
             return None
 
 
-def contact_residual(real: ColorImage, simulated: ColorImage, unloaded: ColorImage) -> float | None:
+def contact_residual(real: ImageArray, simulated: ImageArray, unloaded: ImageArray) -> float | None:
     """Return |real - simulated| / |real| of the changes in the contact that the real image shows.
 
     0 is perfect, 1 is what no contact would leave; None where the real image shows no contact.

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from reports.arrays import ColorImage
 from reports.evidence.attempt import AttemptReading, RunReading, median_image
 from sim.twin.follower import NO_FORCE_N
 from sim.twin.frame import Goal
@@ -20,6 +19,7 @@ from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, say_nothing
 from tacauchy_rig.app.twin.camera_image import CameraImages, contact_residual
 from tacauchy_rig.app.twin.pictures import jpeg_of, map_picture
 from tacauchy_rig.app.twin.wish import Seen, twin_of
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ImageFrame
 
@@ -127,7 +127,7 @@ def _thinned(frames: Iterator[ImageFrame]) -> Iterator[ImageFrame]:
 
 
 def _row(
-    goal: Goal, time_s: float, seen: Seen, real: ColorImage, background: ColorImage
+    goal: Goal, time_s: float, seen: Seen, real: ImageArray, background: ImageArray
 ) -> dict[str, Any]:
     made = seen.follower.follow(goal)
     maps = {"pressure": made.pressure_pa, "shear": made.shear_pa}

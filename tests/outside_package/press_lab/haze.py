@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import Float32Array, RealArray
 from sim.optics.colour.pixel_colours import PixelColours
 from sim.optics.pixels.pixel_blocks import PixelBlocks
 from sim.sensor.optics import Lamp, Renderer
+from tacauchy_rig.core.arrays import Float32Array, RealArray
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
 _WINDOW = 20.0  # grey levels between a slope that faces the window and a level one

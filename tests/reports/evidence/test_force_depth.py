@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reports.arrays import FloatArray
 from reports.comparison.results import ValidationReport
 from reports.comparison.sentences import limits_of
 from reports.evidence.evidence import RunEvidence
@@ -17,6 +16,7 @@ from reports.evidence.force_depth import (
     force_at_depth,
     merge_histories,
 )
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tests.made_model import made_model
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from reports.arrays import ColorImage
 from reports.comparison.criteria import MAX_SETTLED_CHANGE
 from reports.evidence.settled import settled_change
+from tacauchy_rig.core.arrays import ImageArray
 
 SHAPE = (60, 80, 3)
 FRAMES = 30
@@ -19,7 +19,7 @@ CONTACT[20:40, 30:50] = 25.0
 RNG_SEED = 5
 
 
-def dwell(shares: Sequence[float], *, noise: float = 1.5) -> list[ColorImage]:
+def dwell(shares: Sequence[float], *, noise: float = 1.5) -> list[ImageArray]:
     """Return frames that show each a share of the contact, with noise of so many grey levels."""
     rng = np.random.default_rng(RNG_SEED)
     return [

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from reports.arrays import ColorImage, FloatArray
 from reports.evidence.evidence import TrialImages
 from reports.scores.residual_split import Cause, Mode, split_residual
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.replayed import ResidualSplit
 from tests.reports.conftest import background, contact_change
 
@@ -15,7 +15,7 @@ FORCES_N = {1: 1.5, 2: 3.0, 3: 4.5}
 SIZE = 0.1
 
 
-def _image(change: FloatArray) -> ColorImage:
+def _image(change: FloatArray) -> ImageArray:
     noise = np.random.default_rng(3).normal(0.0, 0.4, change.shape)
     return np.clip(np.rint(background() + change + noise), 0, 255).astype(np.uint8)
 
@@ -91,7 +91,7 @@ def test_noise_is_noise() -> None:
     """What two halves of a dwell differ by is none of the causes'."""
     rng = np.random.default_rng(5)
 
-    def noisy(change: FloatArray, sigma: float) -> ColorImage:
+    def noisy(change: FloatArray, sigma: float) -> ImageArray:
         return np.clip(
             np.rint(background() + change + rng.normal(0.0, sigma, change.shape)), 0, 255
         ).astype(np.uint8)

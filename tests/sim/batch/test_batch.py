@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, Course, Environment
 from sim.batch.frames import Frames
@@ -26,6 +25,7 @@ from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.bench.batches import course_of, scaled
 from sim.studies.objects.shapes import OBJECTS
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 _YOUNG, _POISSON = 0.3e6, 0.47

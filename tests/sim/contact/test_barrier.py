@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions, State
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
@@ -18,6 +17,7 @@ from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
 
 HEIGHT = 2e-3
 INDENTERS: list[Indenter] = [

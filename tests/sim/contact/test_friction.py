@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions, State
 from sim.device import Device
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter, Plane, Sphere
 from sim.solve.model import Model
 from sim.studies.hard_cases.pads import brick_mesh, pad_model
+from tacauchy_rig.core.arrays import FloatArray
 
 MU, SLIP_M, BARRIER_M = 0.6, 1e-6, 2e-6
 WAY = np.array([0.6, 0.8, 0.0])

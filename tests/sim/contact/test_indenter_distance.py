@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.arrays import FloatArray
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Indenter, mesh_indenter
 from sim.scene.tilted_indenter import cylinder_triangles, tilted
 from sim.solve.model import Model
 from sim.studies.hard_cases.pads import brick_mesh, pad_model
+from tacauchy_rig.core.arrays import FloatArray
 
 PUNCH = Cylinder(diameter_m=4e-3)
 # The chord of one of 256 sides is farther in than the circle by r (1 - cos(pi / 256)).

@@ -9,12 +9,12 @@ import pytest
 import scipy.spatial
 from scipy.spatial.transform import Rotation
 
-from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import MeshIndenter, mesh_indenter
 from sim.solve.model import Model
 from sim.studies.hard_cases.pads import brick_mesh, pad_model
+from tacauchy_rig.core.arrays import FloatArray
 
 HALF_M = np.array([2e-3, 3e-3, 4e-3])
 # A barrier that reaches all around: the direction of its force tells the gradient.

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model, mesh_for
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
@@ -16,6 +15,7 @@ from sim.press_command import scene_from
 from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
 
 BALL = scene_from(
     "--pad disc:radius=8mm,height=4mm --young 0.3MPa --poisson 0.47 "

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from sim.arrays import FloatArray
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.graded_plane import Grading
@@ -15,6 +14,7 @@ from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
 
 PAD = DiscPad(radius_m=3e-3, height_m=2e-3)
 GRADING = Grading(start_m=1e-3, end_m=1e-3, size_m=0.6e-3, growth=2.0)

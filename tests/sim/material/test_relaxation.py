@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from sim.arrays import FloatArray
 from sim.device import on_host
 from sim.material.laws.tangent import law
 from sim.material.relaxation import PronySeries, prony_series
@@ -19,6 +18,7 @@ from sim.scene.material import LawName, RelaxationTerm
 from sim.scene.pad import DiscPad
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 YOUNG_PA = 4e5

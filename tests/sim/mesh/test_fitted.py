@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.mesh.fitted import with_rim_fitted, with_top_fitted
 from sim.mesh.graded_plane import Grading
 from sim.mesh.revolved import revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh
 from sim.scene.pad import BoxPad
+from tacauchy_rig.core.arrays import FloatArray
 
 PAD = BoxPad(
     size_x_m=10e-3, size_y_m=8e-3, height_m=2e-3, dome_radius_x_m=0.05, dome_radius_y_m=0.05

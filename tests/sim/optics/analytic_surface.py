@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from sim.arrays import FloatArray, IntArray
 from sim.fields.surface import SurfaceState
 from sim.scene.indenter import Indenter, Plane
 from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 HeightFunction = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
 APEX_M = 0.004

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 
 from sim.optics.calibrate.scale.target import ArucoTarget, CharucoTarget
-from sim.sensor.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.core.arrays import ImageArray
 
 SUPERSAMPLING = 4
 _PRINT_PX_M = 60e3

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.arrays import Float32Array
 from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.core.arrays import Float32Array
 
 
 def surface_tilt(height: NDArray[np.floating], geometry: CameraGeometry) -> Float32Array:

@@ -11,7 +11,6 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.device import Device
 from sim.effects.presets import build_model
 from sim.fields.press_fields import top_surface
@@ -26,6 +25,7 @@ from sim.scene.tilted_indenter import cylinder_triangles, tilted
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
 from sim.studies.nominal_renderer import nominal_renderer
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 _DEPTHS_M = (0.0, 0.2e-3, 0.5e-3)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.arrays import FloatArray, IntArray
 from sim.effects.footprint_presets import footprint_mesh
 from sim.effects.mesh_choice import MeshKind, mesh_choice
 from sim.effects.presets import build_model
@@ -20,6 +19,7 @@ from sim.scene.scene import Preset, Scene, Target
 from sim.scene.triangle_file import MeshUnit
 from sim.sensor.sensor import parse_sensor
 from sim.solve.load_steps.path import LoadingPath
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 DOMED = BoxPad(

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.arrays import FloatArray
 from sim.contact.state import State
 from sim.device import on_host
 from sim.effects.plan import plan_effects
@@ -21,6 +20,7 @@ from sim.scene.scene import ContactMode, Effect, Motion, Preset, Scene, Target
 from sim.solve.equilibrium import NEWTON, EquilibriumSolver, SolverOptions
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
 
 PUNCH = Cylinder(diameter_m=4e-3, fillet_m=0.3e-3)
 BALL = Sphere(diameter_m=10e-3)

@@ -10,7 +10,6 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.arrays import FloatArray
 from sim.device import Device
 from sim.solve.memory_kernels import (
     Memory,
@@ -20,6 +19,7 @@ from sim.solve.memory_kernels import (
     products_with,
     second_loop,
 )
+from tacauchy_rig.core.arrays import FloatArray
 
 _ROWS, _LENGTH = 8, 4
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import FloatArray
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 from tests.studies.libuipc.task import FRAME_S, PeerFound, PeerTask
 

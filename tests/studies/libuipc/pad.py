@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray
 from sim.batch.environment import Course, Environment
 from sim.device import Device, on_host
 from sim.effects.plan import plan_effects
@@ -32,6 +31,7 @@ from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.bench.batches import course_of, spread
 from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress, moves, pressing_frames
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 from tests.studies.libuipc.task import PeerFound, PeerTask, PeerTolerance
 

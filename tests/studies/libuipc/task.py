@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 # Time of a frame [s], libuipc's default. It does not matter: mass is as good as none.
 FRAME_S = 0.01

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from reports.arrays import ColorImage
 from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import RunEvidence
 from reports.evidence.loading import load_evidence, stated_curve
@@ -23,6 +22,7 @@ from tacauchy_rig.app.replay.optics import (
 from tacauchy_rig.app.replay.pressing import measured_depths, mounted, press_again
 from tacauchy_rig.app.replay.replay import render_again
 from tacauchy_rig.app.replay.uncertainty import force_inputs
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.replayed import ForceInput, Replay
 
 
@@ -52,7 +52,7 @@ class Bench:
     optics: OpticalCalibration
     recorded: RunEvidence
     pressed: Pressed
-    images: Mapping[int, ColorImage]
+    images: Mapping[int, ImageArray]
     force_inputs: tuple[ForceInput, ...] = ()
 
     @property
@@ -93,11 +93,11 @@ class Bench:
         pressed = pressed or self.pressed
         return self.seen(*rendered(self.run, self.inputs, pressed, optics or self.optics))
 
-    def evidence_with(self, images: Mapping[int, ColorImage]) -> RunEvidence:
+    def evidence_with(self, images: Mapping[int, ImageArray]) -> RunEvidence:
         """Return what a report is made from with other images of the true replay."""
         return self.seen(self.pressed.replay, images)
 
-    def seen(self, replay: Replay, images: Mapping[int, ColorImage]) -> RunEvidence:
+    def seen(self, replay: Replay, images: Mapping[int, ImageArray]) -> RunEvidence:
         """Return the true evidence with another replay; recordings are not read again."""
         replayed = {trial.index: trial for trial in replay.trials}
         trials = tuple(
@@ -145,7 +145,7 @@ def bench_of(
 
 def rendered(
     run: RunReading, inputs: ReplayInputs, pressed: Pressed, optics: OpticalCalibration
-) -> tuple[Replay, dict[int, ColorImage]]:
+) -> tuple[Replay, dict[int, ImageArray]]:
     """Render what was pressed: the replay as the camera sees it, and images by trial."""
     replay, kept = render_again(run, inputs.sensor, pressed.replay, pressed.fields, optics)
     return replay, {i: found.image for i, found in kept.items() if found.image is not None}

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from reports.arrays import ColorImage
 from reports.evidence.attempt import RunReading
 from reports.scores.residual_split import UNMENDABLE, Cause
 from sim.optics.colour.photometric import PhotometricModel
@@ -18,6 +17,7 @@ from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.mounting import moved
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
 from tacauchy_rig.app.replay.pressing import REPLAY_NAME, measured_attempts
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.replayed import ResidualSplit
 from tacauchy_rig.core.tables import Table, table_of
@@ -150,7 +150,7 @@ def split_planted(
     return Ranked(run=name, cause=cause or Cause.REST, planted=planted, split=split)
 
 
-def _images(believed: Believed) -> dict[int, ColorImage]:
+def _images(believed: Believed) -> dict[int, ImageArray]:
     records = [attempt.record for attempt in measured_attempts(believed.run)]
     forces_n = [record.force_measured_n or 0.0 for record in records]
     scene = believed.inputs.scene(forces_n)

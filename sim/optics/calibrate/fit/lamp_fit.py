@@ -12,10 +12,10 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import least_squares
 
-from sim.arrays import FloatArray, RealArray
 from sim.optics.calibrate.fit.samples import NormalEquations, PhotometricSamples
 from sim.optics.colour.polynomial import polynomial_exponents
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
+from tacauchy_rig.core.arrays import FloatArray, RealArray
 
 _SAMPLES = 2500
 _AZIMUTHS = np.arange(12) * (np.pi / 6.0)

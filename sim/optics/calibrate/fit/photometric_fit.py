@@ -11,12 +11,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
 from sim.optics.calibrate.fit.samples import NormalEquations, PhotometricSamples
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.colour.response import BRIGHTEST, LINEAR, Response
 from sim.optics.colour.shading_terms import ShadingTerms
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 REFERENCE = 128.0

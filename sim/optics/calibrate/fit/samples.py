@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray, RealArray
 from sim.optics.colour.polynomial import monomials
 from sim.optics.colour.shading_terms import ShadingTerms
+from tacauchy_rig.core.arrays import FloatArray, IntArray, RealArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.optics.calibrate.image_table import read_image_table
-from sim.sensor.camera_geometry import ImageArray
+from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.rgb import decode_rgb
 
@@ -27,7 +24,7 @@ class Circle:
     y_px: float
     radius_px: float
 
-    def distance(self, columns: NDArray[Any], rows: NDArray[Any]) -> FloatArray:
+    def distance(self, columns: AnyArray, rows: AnyArray) -> FloatArray:
         """Return how far pixels lie from its centre [px], in the shape of both together."""
         return np.asarray(np.hypot(columns - self.x_px, rows - self.y_px), dtype=np.float64)
 

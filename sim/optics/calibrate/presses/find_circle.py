@@ -8,10 +8,9 @@ import numpy as np
 from scipy import ndimage
 from scipy.optimize import minimize
 
-from sim.arrays import FloatArray
 from sim.optics.calibrate.presses.ball_press import Circle
 from sim.optics.calibrate.presses.scene import PressScene
-from sim.sensor.camera_geometry import ImageArray
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 
 _SMOOTHING_PX = 2.0

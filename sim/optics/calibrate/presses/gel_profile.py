@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.effects.plan import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
 from sim.effects.scene_path import path_for
@@ -17,6 +16,7 @@ from sim.scene.indenter import Sphere
 from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 _PIXEL_M = 2e-5

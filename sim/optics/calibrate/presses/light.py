@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim.arrays import FloatArray
 from sim.optics.colour.response import LINEAR, Response
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 
 _LIGHT_ROUNDS = 3
 _LIGHT_OUTLIER_LEVELS = 10.0
@@ -33,7 +32,7 @@ def light_at(light: FloatArray, position: FloatArray) -> FloatArray:
 
 
 def fit_light(
-    change: FloatArray, exposed: NDArray[np.bool_], position: FloatArray, *, level_only: bool
+    change: FloatArray, exposed: BoolArray, position: FloatArray, *, level_only: bool
 ) -> FloatArray:
     """Fit the plane of ``light_at`` to differences from the no-contact frame, bounding outliers.
 
@@ -66,11 +65,11 @@ class SeenChange:
     """
 
     change: FloatArray
-    over: NDArray[np.bool_]
-    under: NDArray[np.bool_]
+    over: BoolArray
+    under: BoolArray
 
     @property
-    def exposed(self) -> NDArray[np.bool_]:
+    def exposed(self) -> BoolArray:
         """True where the change is known, shape [n, 3]."""
         return ~(self.over | self.under)
 
@@ -86,7 +85,7 @@ class SeenChange:
 
 
 def seen_change(
-    levels: NDArray[np.uint8], expected: FloatArray, response: Response = LINEAR
+    levels: ImageArray, expected: FloatArray, response: Response = LINEAR
 ) -> SeenChange:
     """Compare the light of pixels with what it would be without contact; both of shape [n, 3]."""
     top = _TELLING if response.bends else _BRIGHTEST
@@ -96,11 +95,11 @@ def seen_change(
     )
 
 
-def light_weights(levels: NDArray[np.uint8], response: Response) -> FloatArray:
+def light_weights(levels: ImageArray, response: Response) -> FloatArray:
     """Return grey levels per unit of light of pixels, shape [n, 3]."""
     return np.asarray(response.slope(np.minimum(levels, _TELLING).astype(np.float64)))
 
 
-def exposed(levels: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def exposed(levels: ImageArray) -> BoolArray:
     """Return True where pixels are inside the camera's range, same shape."""
     return (levels > _DARKEST) & (levels < _BRIGHTEST)

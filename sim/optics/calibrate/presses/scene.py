@@ -8,13 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from sim.arrays import FloatArray, IntArray
 from sim.optics.calibrate.fit.samples import SurfacePoints
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.gel_profile import GelProfile, ball_profiles
@@ -24,10 +21,16 @@ from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.height.rest_slope import rest_slopes
 from sim.optics.markers.printed_markers import printed_markers
 from sim.scene.scene import Preset
-from sim.sensor.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
-
-PixelIndices = NDArray[np.intp]
+from tacauchy_rig.core.arrays import (
+    AnyArray,
+    BoolArray,
+    FloatArray,
+    ImageArray,
+    IndexArray,
+    IntArray,
+)
 
 BEYOND_RIM = 1.15
 _STRIDE = 4  # of the pixels along rows and columns that are used for fitting
@@ -70,7 +73,7 @@ class PressScene:
     background: FloatArray
     profile: GelProfile
     exponents: IntArray
-    masked: NDArray[np.bool_] | None = None
+    masked: BoolArray | None = None
     rest_slope: FloatArray | None = None
     lamp_count: int = 0
 
@@ -81,7 +84,7 @@ class PressScene:
         scale = self.geometry.scale_y_m / self.geometry.scale_x_m
         return float((height - 1) * scale / (width - 1))
 
-    def surface(self, circle: Circle, columns: NDArray[Any], rows: NDArray[Any]) -> SurfacePoints:
+    def surface(self, circle: Circle, columns: AnyArray, rows: AnyArray) -> SurfacePoints:
         """Return the gel at pixels, or between them.
 
         On a slope of the gel the ball touches beside its axis, so that the contact is the one on
@@ -107,7 +110,7 @@ class PressScene:
         scale_m = min(geometry.scale_x_m, geometry.scale_y_m)
         return float(profile.radius_m[-1]) / scale_m + 1.0
 
-    def at_rest(self, columns: NDArray[Any], rows: NDArray[Any]) -> SurfacePoints | None:
+    def at_rest(self, columns: AnyArray, rows: AnyArray) -> SurfacePoints | None:
         """Return the unloaded gel at pixels; None where it is level."""
         if self.rest_slope is None:
             return None
@@ -126,29 +129,29 @@ class PressScene:
         return light_at(light, self.normalised(columns, rows)).reshape(self.background.shape)
 
     @property
-    def bare(self) -> NDArray[np.bool_]:
+    def bare(self) -> BoolArray:
         """True where no marker hides the gel, shape [height, width]."""
         shape = self.background.shape[:2]
         return np.ones(shape, dtype=np.bool_) if self.masked is None else ~self.masked
 
-    def normalised(self, columns: NDArray[Any], rows: NDArray[Any]) -> FloatArray:
+    def normalised(self, columns: AnyArray, rows: AnyArray) -> FloatArray:
         """Return pixel positions as the model wants them, in [-1, 1], shape [2, n]."""
         height, width = self.background.shape[:2]
         return np.stack([2.0 * columns / (width - 1) - 1.0, 2.0 * rows / (height - 1) - 1.0])
 
-    def pixels_around(self, circle: Circle) -> tuple[PixelIndices, PixelIndices]:
+    def pixels_around(self, circle: Circle) -> tuple[IndexArray, IndexArray]:
         """Return rows and columns of the fitting lattice in contact and skirt."""
         rows, columns = self._lattice(_STRIDE)
         near = circle.distance(columns, rows) < _SKIRT_RADII * circle.radius_px
         near &= self.bare[rows, columns]
         return rows[near], columns[near]
 
-    def _lattice(self, stride: int) -> tuple[PixelIndices, PixelIndices]:
+    def _lattice(self, stride: int) -> tuple[IndexArray, IndexArray]:
         height, width = self.background.shape[:2]
         rows, columns = np.mgrid[:height:stride, :width:stride]
         return rows.ravel(), columns.ravel()
 
-    def expected(self, rows: PixelIndices, columns: PixelIndices, light: FloatArray) -> FloatArray:
+    def expected(self, rows: IndexArray, columns: IndexArray, light: FloatArray) -> FloatArray:
         """Return levels of a frame's unloaded gel at pixels of the image, shape [n, 3]."""
         position = self.normalised(columns, rows)
         return np.asarray(self.background[rows, columns] + light_at(light, position))
@@ -211,7 +214,7 @@ def _tilt_of(slope: FloatArray) -> FloatArray:
     return np.asarray(slope / np.sqrt(1.0 + np.sum(slope**2, axis=0)))
 
 
-def _slope_at(slope: FloatArray, columns: NDArray[Any], rows: NDArray[Any]) -> FloatArray:
+def _slope_at(slope: FloatArray, columns: AnyArray, rows: AnyArray) -> FloatArray:
     return slope[:, np.rint(rows).astype(np.intp), np.rint(columns).astype(np.intp)]
 
 
@@ -224,7 +227,7 @@ class PredictedPixels:
     """
 
     def __init__(
-        self, scene: PressScene, model: PhotometricModel, columns: PixelIndices, rows: PixelIndices
+        self, scene: PressScene, model: PhotometricModel, columns: IndexArray, rows: IndexArray
     ) -> None:
         self._scene, self._model, self._columns, self._rows = scene, model, columns, rows
         self._position = scene.normalised(columns, rows)
@@ -250,7 +253,7 @@ class PredictedPixels:
         found[moved] = response.levels(loaded) - response.levels(light)
         return found
 
-    def _moved(self, circle: Circle) -> tuple[PixelIndices, FloatArray]:
+    def _moved(self, circle: Circle) -> tuple[IndexArray, FloatArray]:
         """Return which pixels see gel that the contact moves, and how their light changes."""
         distance = circle.distance(self._columns, self._rows)
         moved = np.flatnonzero(distance < self._scene.reach_px(circle))

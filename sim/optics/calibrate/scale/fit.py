@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.arrays import FloatArray
 from sim.optics.calibrate.image_table import read_image_table
 from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 _APART_M = 1e-4

@@ -11,14 +11,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sim.arrays import FloatArray
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
-GreyArray = NDArray[np.uint8]
 _ENLARGE = 3
 _SMALLEST_IMAGE_PX = 1200
 # Noise is smoothed away before dots are looked for, by thresholds [grey levels]: between, a step.
@@ -85,7 +83,7 @@ class CharucoTarget(_BoardTarget):
         size = (self.columns, self.rows)
         return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, self._markers())
 
-    def find(self, image: GreyArray) -> TargetPoints:
+    def find(self, image: ImageArray) -> TargetPoints:
         """Return the inner corners that a grey image shows; none where it shows no target."""
         detector = cv2.aruco.CharucoDetector(board := self.board())
         wanted = (self.columns - 1) * (self.rows - 1)
@@ -104,7 +102,7 @@ class ArucoTarget(_BoardTarget):
         size = (self.columns, self.rows)
         return cv2.aruco.GridBoard(size, self.marker_m, self.gap_m, self._markers())
 
-    def find(self, image: GreyArray) -> TargetPoints:
+    def find(self, image: ImageArray) -> TargetPoints:
         """Return the markers' corners that a grey image shows; none where it shows no target."""
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
@@ -114,7 +112,11 @@ class ArucoTarget(_BoardTarget):
 
 
 def _board_points(
-    board: cv2.aruco.Board, detect: Callable[[Any], Sequence[Any]], image: GreyArray, *, wanted: int
+    board: cv2.aruco.Board,
+    detect: Callable[[Any], Sequence[Any]],
+    image: ImageArray,
+    *,
+    wanted: int,
 ) -> TargetPoints:
     """Return a board's points where OpenCV detects corners and their numbers."""
     # The detectors want markers of more pixels than a 320 x 240 image gives.
@@ -140,7 +142,7 @@ class DotTarget:
     rows: int
     pitch_m: float
 
-    def find(self, image: GreyArray) -> TargetPoints:
+    def find(self, image: ImageArray) -> TargetPoints:
         """Return the centres of all dots, dark or bright, or none."""
         smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX), dtype=np.uint8)
         pixels = self._grid(smooth)
@@ -151,7 +153,7 @@ class DotTarget:
         known = (places - places.mean(axis=0))[: len(pixels)]
         return TargetPoints(positions_m=known, pixels=pixels, wanted=len(places))
 
-    def _grid(self, image: GreyArray) -> FloatArray:
+    def _grid(self, image: ImageArray) -> FloatArray:
         """Return the centres of dark dots row by row [px]; none unless they are just this grid."""
         settings = cv2.SimpleBlobDetector.Params()
         settings.minArea = _SMALLEST_DOT_PX**2
@@ -187,7 +189,7 @@ _KINDS: dict[str, type[ScaleTarget]] = {
 }
 
 
-def find_target(target: ScaleTarget, image: GreyArray, *, name: str) -> TargetPoints:
+def find_target(target: ScaleTarget, image: ImageArray, *, name: str) -> TargetPoints:
     """Find a target in a grey image as it is, or mirrored, as a camera sees it through a mirror.
 
     Raises:

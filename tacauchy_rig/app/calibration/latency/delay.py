@@ -17,13 +17,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError
-
-FloatArray = NDArray[np.float64]
 
 GRID_S = 1e-3
 """Spacing of the depth's even time grid: well below any delay of interest."""
@@ -131,7 +129,7 @@ class _Path:
         return np.column_stack(shifted)
 
 
-def _fresh(path: _Path, time_s: FloatArray, value: FloatArray) -> NDArray[np.bool_]:
+def _fresh(path: _Path, time_s: FloatArray, value: FloatArray) -> BoolArray:
     """Return which samples show the moment that their stamps say, as the others do."""
     fresh = np.ones(len(value), dtype=bool)
     for _ in range(STALE_PASSES):
@@ -166,9 +164,7 @@ def _best(path: _Path, time_s: FloatArray, value: FloatArray) -> tuple[float, fl
     return float(found.x), float(found.fun)
 
 
-def even_stamps(
-    stamp_ns: NDArray[np.int64], counter: FloatArray, *, share: float = 0.5
-) -> FloatArray:
+def even_stamps(stamp_ns: Int64Array, counter: FloatArray, *, share: float = 0.5) -> FloatArray:
     """Return when samples of an even stream were stamped [s], without the jitter of single ones.
 
     A busy host reads late now and then: a line through the stamps over the counter, moved to their

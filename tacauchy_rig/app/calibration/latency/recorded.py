@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tacauchy_rig.app.calibration.latency.delay import Delay, FloatArray, even_stamps, find_delay
+from tacauchy_rig.app.calibration.latency.delay import Delay, even_stamps, find_delay
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.model import RigConfig, SyncMode
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb

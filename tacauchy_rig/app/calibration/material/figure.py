@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.stats import chi2
 
-from reports.arrays import FloatArray
 from tacauchy_rig.app.calibration.material.fit import LEVEL, MU, NU, GelFit, Interval
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.figure_style import (
     BLUE,
     GREY,

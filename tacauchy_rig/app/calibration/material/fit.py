@@ -17,10 +17,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import chi2
 
-from reports.arrays import FloatArray
 from reports.evidence.loading import stated_of_run
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.calibration.material.response import FRICTION, POISSON, Response, is_shared
+from tacauchy_rig.core.arrays import FloatArray
 
 NU = np.linspace(POISSON[0], POISSON[-1], 91)
 MU = np.linspace(FRICTION[0], FRICTION[-1], 41)

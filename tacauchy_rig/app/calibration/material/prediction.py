@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from reports.arrays import FloatArray
 from sim.scene.terms import parse_indenter
 from sim.sensitivity import COARSE, forces_at
 from tacauchy_rig.app.calibration.material.fit import MU, NU, Data, GelFit, fit_gel
 from tacauchy_rig.app.calibration.material.presses import POINTS_MIN
 from tacauchy_rig.app.calibration.material.response import gel_of
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import RigError
 

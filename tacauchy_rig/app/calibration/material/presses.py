@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from reports.arrays import FloatArray
 from reports.evidence.attempt import readable
 from sim.scene.indenter import Cylinder, Sphere, describe
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.app.replay.parts import Part, parts_of
 from tacauchy_rig.app.replay.pressing import REPLAY_NAME
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import ConfigError, RecordError

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import OptimizeWarning, curve_fit
 
-from reports.arrays import FloatArray
 from tacauchy_rig.app.replay.opening import open_run
+from tacauchy_rig.core.arrays import FloatArray
 
 _SURE = 2.0
 """Standard uncertainties by which share and time are to be above none."""

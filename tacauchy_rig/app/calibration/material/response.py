@@ -14,12 +14,12 @@ from itertools import product
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from reports.arrays import FloatArray
 from sim.scene.scene import Preset
 from sim.sensitivity import FINER, forces_at
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.uncertainty import force_inputs
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.replayed import ForceInput
 from tacauchy_rig.core.side_by_side import side_by_side
 

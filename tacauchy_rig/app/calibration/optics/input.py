@@ -16,8 +16,9 @@ from sim.optics.calibrate.presses.ball_press import (
 from sim.optics.calibrate.presses.find_circle import find_circle
 from sim.optics.calibrate.presses.scene import PressScene
 from sim.scene.scene import Preset
-from sim.sensor.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
 
 _CIRCLES = "circles.csv"

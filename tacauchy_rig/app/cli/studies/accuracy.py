@@ -20,12 +20,12 @@ from tacauchy_rig.app.cli.output import (
     write_json,
     write_text,
 )
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.versions import versions
 
 if TYPE_CHECKING:
     from sim.optics.height.height_map import HeightMaps
-    from sim.sensor.camera_geometry import ImageArray
     from sim.studies.accuracy.force_limit import PressStore
     from tacauchy_rig.core.tables import Table
 

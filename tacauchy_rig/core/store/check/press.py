@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.run import FZ, Criterion, JournalEvent, Tare, TrialRecord
 from tacauchy_rig.core.store.check.attempt import RECOVER, Attempt
 from tacauchy_rig.core.store.check.streams import within
-from tacauchy_rig.core.store.recording.reading import FloatArray, IntArray
 
 Z = 2  # of a position
 _MM = 1e3  # in a metre; depths are read in millimetres
@@ -134,7 +134,7 @@ def _arm_force(attempt: Attempt, record: TrialRecord, said_n: float) -> Iterator
     yield _same("recorded_arm_force", found_n, said_n, limit_n, "N")
 
 
-def _arm_means(attempt: Attempt) -> tuple[IntArray, FloatArray]:
+def _arm_means(attempt: Attempt) -> tuple[Int64Array, FloatArray]:
     """Return stamps of the arm's estimates and the mean [N] of each window that ends there."""
     has_estimate = np.isfinite(attempt.arm.tcp_force[:, FZ])
     stamp_ns = attempt.arm.stamp_ns[has_estimate]

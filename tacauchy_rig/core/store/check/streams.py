@@ -7,10 +7,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.run import Criterion, TrialRecord
 from tacauchy_rig.core.store.check.attempt import Attempt
 from tacauchy_rig.core.store.check.contradiction import agreement
-from tacauchy_rig.core.store.recording.reading import FloatArray, IntArray, Recording
+from tacauchy_rig.core.store.recording.reading import Recording
 
 
 def judge_streams(
@@ -85,7 +86,7 @@ def _frames(attempt: Attempt, recording: Recording, record: TrialRecord) -> Iter
             yield f"{name}: {found} images, result.json counted {counted:g}"
 
 
-def _disorder(name: str, stamps: IntArray, counters: IntArray | None) -> Iterator[str]:
+def _disorder(name: str, stamps: Int64Array, counters: Int64Array | None) -> Iterator[str]:
     if not len(stamps):
         yield f"{name} has no sample"
         return
@@ -129,6 +130,6 @@ def _repeated(recording: Recording, record: TrialRecord) -> Iterator[str]:
         yield f"image {counter} is image {first} again ({len(repeated)} such images)"
 
 
-def within(stamps: IntArray, start_ns: int, end_ns: int) -> np.ndarray:
+def within(stamps: Int64Array, start_ns: int, end_ns: int) -> np.ndarray:
     """Return which stamps lie in a window, both ends included."""
     return (stamps >= start_ns) & (stamps <= end_ns)

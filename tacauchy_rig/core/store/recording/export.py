@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.store.durable import write_error
@@ -21,7 +22,7 @@ from tacauchy_rig.core.store.recording.messages import (
     VELOCITY_FIELDS,
     WRENCH_FIELDS,
 )
-from tacauchy_rig.core.store.recording.reading import FloatArray, IntArray, Recording
+from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
@@ -149,7 +150,7 @@ def _frame_rows(recording: Recording, folder: Path, kept: tuple[str, ...]) -> It
         yield [path.name, frame.stamp_ns, time_s, *(getattr(frame, name) for name in kept)]
 
 
-def _times(recording: Recording, stamps: IntArray) -> FloatArray:
+def _times(recording: Recording, stamps: Int64Array) -> FloatArray:
     return np.round((stamps - recording.start_ns) * 1e-9, 9)
 
 

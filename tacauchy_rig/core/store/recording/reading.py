@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ImageFrame, JournalEvent
 from tacauchy_rig.core.store.durable import read_error
@@ -31,9 +31,6 @@ from tacauchy_rig.core.store.recording.messages import (
 )
 from tacauchy_rig.core.store.recording.scan import Entry, Scan, scan_file
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
 # Numbers that RecordingWriter gives to its channels, for files whose own list is damaged.
 _USUAL_CHANNELS = {1: Topic.FORCE, 2: Topic.ARM, 3: Topic.EVENT}
 
@@ -48,8 +45,8 @@ class ForceArrays:
         wrench: Fx, Fy, Fz [N], Mx, My, Mz [N m], shape [n, 6].
     """
 
-    stamp_ns: IntArray
-    counter: IntArray
+    stamp_ns: Int64Array
+    counter: Int64Array
     wrench: FloatArray
 
 
@@ -69,14 +66,14 @@ class ArmArrays:
         robot_mode: RTDE robot_mode, shape [n].
     """
 
-    stamp_ns: IntArray
+    stamp_ns: Int64Array
     controller_time_s: FloatArray
     pose: FloatArray
     velocity: FloatArray
     tcp_force: FloatArray
-    safety_bits: IntArray
-    runtime_state: IntArray
-    robot_mode: IntArray
+    safety_bits: Int64Array
+    runtime_state: Int64Array
+    robot_mode: Int64Array
 
 
 class Recording:
@@ -195,7 +192,7 @@ class Recording:
             **states,
         )
 
-    def frame_stamps(self) -> tuple[IntArray, IntArray]:
+    def frame_stamps(self) -> tuple[Int64Array, Int64Array]:
         """Return arrival stamps [ns] and counters of all frames, each of shape [n]."""
         entries = self._entries[Topic.IMAGE]
         stamps = np.array([entry.log_time for entry in entries], dtype=np.int64)
@@ -270,7 +267,7 @@ def _open(path: Path) -> Iterator[int]:
         os.close(descriptor)
 
 
-def _column(messages: list[Any], name: str) -> IntArray:
+def _column(messages: list[Any], name: str) -> Int64Array:
     return np.array([getattr(message, name) for message in messages], dtype=np.int64)
 
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.emulators.plant.arrays import FloatArray, IntArray
 from drivers.emulators.plant.axisymmetric import GelSolver
 from drivers.emulators.plant.neo_hookean import NeoHookean
 from drivers.emulators.plant.quad_mesh import GelDisc, Grading, mesh_disc
 from drivers.emulators.plant.tips import CylinderTip, SphereTip
+from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import ConvergenceError
 
 PUNCH_RADIUS = 2.5e-3
@@ -23,7 +23,7 @@ RIM = Grading(fine_from_m=2.4e-3, fine_to_m=2.6e-3, fine_size_m=2.5e-5)
 class BondedPunch(GelSolver):
     """A patch of the top that is glued to a punch: the reference solutions' other way to press."""
 
-    def press_tied(self, patch: IntArray, depth_m: float, start: FloatArray) -> tuple[float, Any]:
+    def press_tied(self, patch: Int64Array, depth_m: float, start: FloatArray) -> tuple[float, Any]:
         """Return the reaction over Young's modulus [m^2] and the displacement [m]."""
         far = (SphereTip(diameter_m=1e-3), 1.0)
         held = np.union1d(self._clamped, np.concatenate([2 * patch, 2 * patch + 1]))

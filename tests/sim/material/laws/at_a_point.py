@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.arrays import FloatArray
 from sim.material.laws.tangent import Law, tangent_block
+from tacauchy_rig.core.arrays import FloatArray
 
 YOUNG_PA, POISSON = 4e5, 0.45
 MU_PA = YOUNG_PA / (2.0 * (1.0 + POISSON))

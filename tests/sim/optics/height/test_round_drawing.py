@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sim.arrays import FloatArray, IntArray
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
@@ -22,6 +21,7 @@ from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.studies.underside import indenter_height
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 _DEPTH_M = 0.4e-3
 _RADIUS_M = 2e-3

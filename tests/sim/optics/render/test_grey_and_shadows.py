@@ -10,7 +10,6 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from sim.arrays import Float32Array, RealArray
 from sim.optics.calibrate.fit.photometric_fit import fit_photometric
 from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
 from sim.optics.colour.grey_depth import GREY_EXPONENTS, GreyDepthModel
@@ -20,6 +19,7 @@ from sim.optics.pixels.pixel_blocks import PixelBlocks
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.render.shadows import darkening
 from sim.sensor.optics import Lamp, ShadowCaster
+from tacauchy_rig.core.arrays import Float32Array, RealArray
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 from tests.sim.optics.surface_tilt import surface_tilt

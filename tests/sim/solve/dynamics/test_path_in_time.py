@@ -10,7 +10,6 @@ import pytest
 from scipy.sparse import csr_matrix, diags, triu
 from scipy.sparse.linalg import eigsh
 
-from sim.arrays import FloatArray
 from sim.contact.state import ContactOptions
 from sim.material.laws.tangent import law
 from sim.material.relaxation import prony_series
@@ -25,6 +24,7 @@ from sim.solve.dynamics.weight_and_inertia import INERTIA, Inertia, nodal_masses
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.hard_cases.dynamics import energy_j, time_step
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 PAD = DiscPad(radius_m=8e-3, height_m=4e-3)

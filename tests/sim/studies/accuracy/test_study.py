@@ -15,7 +15,7 @@ from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset, Scene, Target
-from sim.sensor.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.studies.accuracy.configurations import FULL, SHORT, Configuration, reseeded
 from sim.studies.accuracy.observation import Row
 from sim.studies.accuracy.study import (
@@ -26,6 +26,7 @@ from sim.studies.accuracy.study import (
     study,
 )
 from sim.studies.accuracy.tables import seed_table
+from tacauchy_rig.core.arrays import ImageArray
 
 _GEOMETRY = CameraGeometry(
     width=40,

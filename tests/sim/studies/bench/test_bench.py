@@ -15,7 +15,6 @@ from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
-from sim.sensor.camera_geometry import ImageArray
 from sim.studies.bench import suite
 from sim.studies.bench.growth import exponent, growth, local_exponents
 from sim.studies.bench.part import Part
@@ -23,6 +22,7 @@ from sim.studies.bench.rendering import measure_rendering
 from sim.studies.bench.replays import ReplayRow, measure_replay, peak_memory_mib
 from sim.studies.bench.suite import Benchmark
 from sim.studies.bench.tables import bench_tables
+from tacauchy_rig.core.arrays import ImageArray
 
 _SCENE = Scene(
     pad=DiscPad(radius_m=9e-3, height_m=5e-3),

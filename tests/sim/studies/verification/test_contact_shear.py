@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from sim.arrays import FloatArray
 from sim.studies.verification import contact_shear
+from tacauchy_rig.core.arrays import FloatArray
 
 # Rings of a contact of radius 1, closer towards its edge, and their areas; p0 and F are 1 too.
 _TURNS = 0.5 * math.pi * (np.arange(20_000) + 0.5) / 20_000

@@ -18,9 +18,10 @@ from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
 from tacauchy_rig.app.importing.onset import Offset, Signal, find_offset
-from tacauchy_rig.app.importing.press import FloatArray, Samples
+from tacauchy_rig.app.importing.press import Samples
 from tacauchy_rig.app.importing.streams import PressFinding, S, felt_along, find_presses
 from tacauchy_rig.app.importing.video import SMALL, followed, image_change
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.run import FZ, Pose
 
 SEEDS = range(10)

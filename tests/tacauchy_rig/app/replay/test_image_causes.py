@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from reports.arrays import ColorImage
 from reports.evidence.evidence import TrialImages
 from reports.scores.residual_split import UNMENDABLE, Cause
 from sim.replay import replay_forces
@@ -20,6 +19,7 @@ from tacauchy_rig.app.replay.image_causes import SplitPart, split_images
 from tacauchy_rig.app.replay.inputs import Mounting, ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.optics import nominal_optics
 from tacauchy_rig.app.replay.rendering import replay_images
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.replayed import ResidualSplit
 
@@ -30,14 +30,14 @@ def _inputs() -> ReplayInputs:
     return replace(inputs_of(load_config().config), preset=Preset.FAST, tolerance=None)
 
 
-def _images(inputs: ReplayInputs) -> dict[int, ColorImage]:
+def _images(inputs: ReplayInputs) -> dict[int, ImageArray]:
     """Return what a lamp-lit gel shows, pressed to each force."""
     _, fields = replay_forces(inputs.scene(FORCES_N), FORCES_N)
     render = replay_images(inputs.sensor)
     return {k: render(each.surface) for k, each in enumerate(fields, start=1)}
 
 
-def _split(true: Mapping[int, ColorImage], believed: ReplayInputs) -> ResidualSplit | None:
+def _split(true: Mapping[int, ImageArray], believed: ReplayInputs) -> ResidualSplit | None:
     optics = nominal_optics(believed.sensor)
     grey = np.full_like(true[1], 110)
     attempts: list[Any] = [

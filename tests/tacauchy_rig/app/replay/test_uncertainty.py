@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from sim.arrays import FloatArray, IntArray
 from sim.scene.indenter import Cylinder, mesh_indenter
 from sim.sensitivity import forces_at
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.uncertainty import _quick, force_inputs, variations
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.replayed import FoundValue
 

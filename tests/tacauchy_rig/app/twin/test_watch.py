@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
-from reports.arrays import ColorImage
 from sim.twin import follower
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.app.twin.camera_image import CameraImages
 from tacauchy_rig.app.twin.watch import FRAMES_PER_S, _lasting, watch_run
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tests.recorded_run import new_run, press_run
 
@@ -29,7 +29,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     store = new_run(tmp_path_factory.mktemp("runs"))
     press_run(store)
 
-    def enlarged(images: CameraImages, jpeg: bytes) -> ColorImage:
+    def enlarged(images: CameraImages, jpeg: bytes) -> ImageArray:
         found = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
         size = images._geometry.width_px, images._geometry.height_px
         return np.asarray(cv2.resize(found, size), dtype=np.uint8)

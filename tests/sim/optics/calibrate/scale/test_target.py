@@ -16,7 +16,8 @@ from sim.optics.calibrate.scale.target import (
     find_target,
     parse_target,
 )
-from sim.sensor.camera_geometry import CameraGeometry, ImageArray
+from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.rendered_targets import photograph, printed_board, printed_dots
 

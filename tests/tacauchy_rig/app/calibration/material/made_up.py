@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from reports.arrays import FloatArray
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.calibration.material.response import FRICTION, POISSON, Response
 from tacauchy_rig.app.replay.inputs import inputs_of
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import load_config
 
 DEPTHS_M = np.linspace(1e-4, 8e-4, 8)
