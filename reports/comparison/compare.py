@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from reports.comparison.criteria import judge_record
-from reports.comparison.model_criteria import judge_model, judge_modulus
+from reports.comparison.criteria import judge_model, judge_modulus, judge_record
 from reports.comparison.results import RunStatistics, StreamSummary, TrialResult, ValidationReport
 from reports.comparison.sentences import limits_of, read_scores, verdict_of
 from reports.comparison.truth import recover_truth
@@ -19,7 +18,7 @@ from reports.evidence.evidence import (
     StreamTiming,
     TrialEvidence,
 )
-from reports.scores.budget_terms import Scatter
+from reports.scores.budget import Scatter
 from reports.scores.contact import score_contact
 from reports.scores.correction import correct
 from reports.scores.floors import (

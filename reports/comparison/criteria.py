@@ -1,11 +1,18 @@
-"""What a trial must meet, with the remedy when it does not."""
+"""What a trial and a run must meet, with remedies, and the worst case of each criterion."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
-from reports.evidence.evidence import TrialEvidence
+from reports.comparison.results import TrialResult
+from reports.evidence.evidence import Thresholds, TrialEvidence
+from reports.scores.contact import ContactScores
+from reports.scores.correction import Corrections
+from reports.scores.force_agreement import ForceAgreement
+from reports.scores.force_margin import ForceMargin
+from tacauchy_rig.core.replayed import ReplayModel
 from tacauchy_rig.core.run import Criterion, Outcome
 
 MAX_SETTLED_CHANGE = 0.05
@@ -56,4 +63,230 @@ def _protocol(trial: TrialEvidence) -> Criterion:
     limit = "the attempt ran to its end and met every check of the protocol"
     return Criterion.judged(
         "press", float(passed), passed=passed, limit=limit, unit="", remedy=remedy
+    )
+
+
+MARGIN, RESIDUAL, OFFSET, PREDICTION, MODULUS, MODULUS_TRIALS = (
+    "force_margin",
+    "contact_residual",
+    "contact_offset",
+    "predicted_force",
+    "modulus_factor",
+    "modulus_trials",
+)
+
+
+def judge_model(
+    trial: TrialEvidence,
+    thresholds: Thresholds,
+    *,
+    margin: ForceMargin | None,
+    contact: ContactScores | None,
+    corrections: Corrections | None,
+    force: ForceAgreement,
+    found_offset_m: tuple[float, float] = (0.0, 0.0),
+) -> tuple[Criterion, ...]:
+    """Return the criteria that a trial's replay must meet; what is missing fails.
+
+    ``found_offset_m`` is where the images had the indenter moved to: it counts as offset still.
+    """
+    return (
+        _margin(thresholds, margin),
+        _residual(thresholds, contact),
+        _offset(thresholds, corrections if trial.place_known else None, found_offset_m),
+        _prediction(thresholds, force),
+        _mismatch(trial, thresholds),
+    )
+
+
+def _margin(thresholds: Thresholds, margin: ForceMargin | None) -> Criterion:
+    value = math.nan if margin is None else margin.in_spreads
+    limit = thresholds.min_force_margin
+    if margin is None:
+        remedy = NOT_THERE
+    elif math.isnan(value):
+        remedy = "a dwell of at least four frames, and a contact that shows, have a margin"
+    else:
+        remedy = (
+            f"the image of {margin.rival} explains this press as well: the replay's images are of"
+            " other presses or of none, or the targets are closer than images can tell"
+        )
+    return Criterion.judged(
+        MARGIN,
+        value,
+        passed=value >= limit,
+        limit=f"the own force leaves less of the contact unexplained than any wrong one and than no"
+        f" contact, by at least {limit:g} times what noise and repeats change of that",
+        unit="spreads",
+        remedy=remedy,
+    )
+
+
+def _residual(thresholds: Thresholds, contact: ContactScores | None) -> Criterion:
+    value = math.nan if contact is None else contact.relative_residual
+    limit = thresholds.max_contact_residual
+    return Criterion.judged(
+        RESIDUAL,
+        value,
+        passed=value <= limit,
+        limit=f"at most {limit:g} of the contact's change unexplained (no contact leaves 1)",
+        unit="",
+        remedy=NOT_THERE
+        if math.isnan(value)
+        else "look at the difference images: a ring is the fillet or the pose, a tint is light, a"
+        " disc is force; calibrate scale and optics for this sensor",
+    )
+
+
+def _offset(
+    thresholds: Thresholds, corrections: Corrections | None, found_offset_m: tuple[float, float]
+) -> Criterion:
+    pose = None if corrections is None else corrections.pose
+    known = pose is not None and pose.x_mm is not None and pose.y_mm is not None
+    value = math.nan
+    if pose and known:
+        x_mm, y_mm = (1e3 * found for found in found_offset_m)
+        value = math.hypot(x_mm + (pose.x_mm or 0.0), y_mm + (pose.y_mm or 0.0))
+    limit = thresholds.max_contact_offset_m * 1e3
+    return Criterion.judged(
+        OFFSET,
+        value,
+        passed=value <= limit,
+        limit=f"the contact is seen at most {limit:g} mm from where it is simulated",
+        unit="mm",
+        remedy="`tacauchy-rig calibrate scale` tells the place that the image's middle sees: write"
+        " it as camera.centre_x and centre_y into the sensor's file, and check the tool's centre",
+    )
+
+
+def _prediction(thresholds: Thresholds, force: ForceAgreement) -> Criterion:
+    error, known = force.prediction_error_n, force.known_uncertainty_n
+    value = math.nan if error is None or not known else error / known
+    limit = thresholds.coverage_factor
+    return Criterion.judged(
+        PREDICTION,
+        value,
+        passed=abs(value) <= limit,
+        limit=f"the force predicted at the measured depth is off by at most {limit:g} times its"
+        f" standard uncertainty{f' of {known:.3g} N' if known else ''}",
+        unit="uncertainties",
+        remedy="the measured depth is deeper than any that was simulated: check modulus and gel"
+        if math.isnan(value) and force.mismatch_n is not None
+        else NOT_THERE
+        if math.isnan(value)
+        else "gel, indenter or force sensor are not what is stated: check the sensor's file, the"
+        " indenter, and the cell with a known weight",
+    )
+
+
+def _mismatch(trial: TrialEvidence, thresholds: Thresholds) -> Criterion:
+    measured = None if trial.record is None else trial.record.force_measured_n
+    mismatch = math.nan
+    if measured is not None and trial.replay is not None:
+        mismatch = trial.replay.force_simulated_n - measured
+    limit = thresholds.max_force_mismatch_n
+    return Criterion.judged(
+        "force_mismatch",
+        mismatch,
+        passed=abs(mismatch) <= limit,
+        limit=f"|simulated - measured| at most {limit:g} N",
+        unit="N",
+        remedy=NOT_THERE
+        if math.isnan(mismatch)
+        else "lower replay.force_tolerance and replay the run: `tacauchy-rig replay RUN`",
+    )
+
+
+def judge_modulus(model: ReplayModel | None, thresholds: Thresholds) -> Iterator[Criterion]:
+    """Yield the criteria of a modulus that the run's own depths decided; none where it was stated.
+
+    A fit takes up whatever is wrong with forces and depths alike, so it must stay within what the
+    sensor's file allows, and rest on enough presses.
+    """
+    if model is None or model.modulus_factor is None:
+        return
+    stated, trials = model.young_uncertainty_relative, model.modulus_trials or 0
+    limit = math.nan if stated is None else thresholds.coverage_factor * stated
+    yield Criterion.judged(
+        MODULUS,
+        model.modulus_factor,
+        passed=abs(model.modulus_factor - 1.0) <= limit,
+        limit=f"within {100.0 * limit:.3g} % of 1, which is {thresholds.coverage_factor:g} times"
+        " the standard uncertainty in the sensor's file"
+        if stated is not None
+        else "the sensor's file states the uncertainty of its modulus",
+        unit="times the stated modulus",
+        remedy="check the force sensor with a known weight, its unit and range; then the gel's"
+        " modulus and height in the sensor's file, and the indenter's sizes",
+    )
+    fewest = thresholds.min_modulus_trials
+    yield Criterion.judged(
+        MODULUS_TRIALS,
+        float(trials),
+        passed=trials >= fewest,
+        limit=f"depths and forces of at least {fewest} trials tell the modulus",
+        unit="trials",
+        remedy='replay with replay.modulus = "stated", or press more trials: depths that no'
+        " simulated press reached have no part in the fit",
+    )
+
+
+COUNTS = (MARGIN, RESIDUAL, PREDICTION, OFFSET)
+COUNTS_OF_RUN = (MODULUS, MODULUS_TRIALS)
+"""Criteria that a wrong model can miss; what holds by construction is not among them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadlineRow:
+    """One criterion over all trials.
+
+    Attributes:
+        worst: Of the trials; None where one of them has no value.
+        met: Trials that met it, out of ``trials``.
+    """
+
+    name: str
+    worst: float | None
+    unit: str
+    limit: str
+    met: int
+    trials: int
+
+    @property
+    def passed(self) -> bool:
+        """Every trial met it."""
+        return self.met == self.trials
+
+
+def headline_of(
+    trials: Sequence[TrialResult], run_criteria: Sequence[Criterion]
+) -> tuple[HeadlineRow, ...]:
+    """Return what counts: of the trials first, then of the run as a whole."""
+    by_trial = [[c for t in trials for c in t.criteria if c.name == name] for name in COUNTS]
+    of_run = [[c] for c in run_criteria if c.name in COUNTS_OF_RUN]
+    return tuple(_row(found) for found in (*by_trial, *of_run) if found)
+
+
+def worst_of(criteria: Sequence[Criterion]) -> Criterion:
+    """Return the case of one criterion that is furthest off; one that has no value comes first."""
+
+    def badness(criterion: Criterion) -> float:
+        value = criterion.measured
+        if math.isnan(value):
+            return math.inf
+        return -value if criterion.name == MARGIN else abs(value)
+
+    return max(criteria, key=badness)
+
+
+def _row(criteria: Sequence[Criterion]) -> HeadlineRow:
+    worst = worst_of(criteria)
+    alike = len({c.limit for c in criteria}) == 1
+    return HeadlineRow(
+        name=worst.name,
+        worst=None if math.isnan(worst.measured) else worst.measured,
+        unit=worst.unit,
+        limit=worst.limit if alike else f"{worst.limit} (of that trial)",
+        met=sum(c.passed for c in criteria),
+        trials=len(criteria),
     )

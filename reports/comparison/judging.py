@@ -6,14 +6,14 @@ Floors and ceiling are those of the run's report, and so are the scores.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from reports.comparison.compare import compare_images
-from reports.comparison.judged_scores import ALL, CORRECTED, OF_CONTACT, WRONG
+from reports.comparison.judged_scores import ALL, CORRECTED, OF_CONTACT, WRONG, Score
 from reports.evidence.evidence import RunEvidence, TrialEvidence
 from reports.scores.contact import ContactScores, score_contact
 from reports.scores.correction import Corrections
@@ -352,3 +352,66 @@ def _ceiling(evidence: RunEvidence) -> Reference | None:
         means=_image_means([ceiling.scores for ceiling in ceilings])
         | (_contact_means([each for each in halves if each is not None]) if is_noise else {}),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contest:
+    """Ours against one other in one score.
+
+    Attributes:
+        ours: Mean over the presses that both have, in the score's unit; ``theirs`` likewise.
+        difference: Theirs minus ours, press by press, turned so that above zero ours is better;
+            None where the score is only of the means.
+    """
+
+    other: str
+    score: Score
+    ours: float
+    theirs: float
+    difference: MeanInterval
+
+    @property
+    def is_lost(self) -> bool:
+        """Ours is worse in the mean."""
+        return self.difference.mean is not None and self.difference.mean < 0.0
+
+    @property
+    def is_clear(self) -> bool:
+        """The 95 % interval of the difference does not hold zero."""
+        low, high = self.difference.low, self.difference.high
+        return low is not None and high is not None and (low > 0.0 or high < 0.0)
+
+
+def contests(judgement: Judgement) -> tuple[Contest, ...]:
+    """Set ours against every other in every score that both have."""
+    ours = next((s for s in judgement.simulators if s.is_ours), None)
+    if ours is None:
+        return ()
+    others = [s for s in judgement.simulators if s is not ours]
+    return tuple(contest for other in others for contest in _against(ours, other))
+
+
+def _against(ours: JudgedSimulator, other: JudgedSimulator) -> Iterator[Contest]:
+    mine, theirs = _by_index(ours), _by_index(other)
+    shared = sorted(set(mine) & set(theirs))
+    for each in ALL:
+        if each.larger_is_better is None:
+            continue
+        pairs = [(mine[i].value(each.key), theirs[i].value(each.key)) for i in shared]
+        both = [(a, b) for a, b in pairs if a is not None and b is not None]
+        if not both:
+            continue
+        sign = -1.0 if each.larger_is_better else 1.0
+        first, second = (t_interval(values).mean for values in zip(*both, strict=True))
+        if first is not None and second is not None:
+            yield Contest(
+                other=other.simulator.title,
+                score=each,
+                ours=each.factor * first,
+                theirs=each.factor * second,
+                difference=t_interval([sign * each.factor * (b - a) for a, b in both]),
+            )
+
+
+def _by_index(simulator: JudgedSimulator) -> Mapping[int, JudgedPress]:
+    return {press.index: press for press in simulator.presses}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from reports.comparison.headline import headline_of, worst_of
+from reports.comparison.criteria import headline_of, worst_of
 from reports.comparison.results import RunStatistics, TrialResult
 from reports.evidence.evidence import RunEvidence
 from reports.scores.floors import CONTACT_RESIDUAL, CeilingKind, SkillStatus, WrongForceMatrix

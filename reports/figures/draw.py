@@ -9,12 +9,15 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from reports.comparison.results import ValidationReport
-from reports.figures.budget import budgeted, draw_budget
 from reports.figures.diagnostics import draw_arrival, draw_contact, draw_truth
-from reports.figures.forces import draw_force_depth, draw_time_curves
-from reports.figures.images import LINEAR_LEVELS, draw_images
-from reports.figures.matrices import draw_matrices
-from reports.figures.pressure import draw_pressure
+from reports.figures.forces import (
+    budgeted,
+    draw_budget,
+    draw_force_depth,
+    draw_pressure,
+    draw_time_curves,
+)
+from reports.figures.images import LINEAR_LEVELS, draw_images, draw_matrices
 from reports.figures.residual import draw_residual, residual_of
 from reports.figures.scores import draw_errors, draw_similarities
 from tacauchy_rig.core.figure_style import STYLE, save_figure

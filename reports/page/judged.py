@@ -10,8 +10,7 @@ from typing import Any
 import matplotlib as mpl
 
 from reports.comparison.judged_scores import CONTACT, FRAME, MECHANICS, Score
-from reports.comparison.judging import JudgedSimulator, Judgement
-from reports.comparison.scoreboard import contests
+from reports.comparison.judging import JudgedSimulator, Judgement, contests
 from reports.figures.judged import draw_judged
 from reports.page.html import page_environment, png_data
 from tacauchy_rig.core.errors import RecordError

@@ -2,23 +2,184 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import AsinhNorm
 
-from reports.comparison.results import ValidationReport
+from reports.comparison.criteria import headline_of
+from reports.comparison.results import TrialResult, ValidationReport
 from reports.evidence.evidence import RunEvidence
 from reports.figures.draw import draw_figures
 from reports.figures.images import DIFFERENCE_COLORS, difference_scale, luminance_difference
-from reports.page.html import render_html
-from reports.page.passing import passing_numbers, passing_pictures
-from reports.page.summary import build_summary, junit_xml, metrics_csv
+from reports.page.html import passing_numbers, passing_pictures, render_html
+from reports.scores.floors import NOISE_MULTIPLE
+from reports.scores.metrics import CONFIDENCE, Metric
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.page import prose
 from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.store.codec import to_plain
+
+SCHEMA = 1
+
+
+def build_summary(report: ValidationReport) -> dict[str, Any]:
+    """Return the JSON value of ``summary.json``; units stand in the keys, nothing is NaN."""
+    evidence = report.evidence
+    geometry = evidence.geometry
+    return {
+        "schema": SCHEMA,
+        "simulated": evidence.simulated,
+        "imported": evidence.imported is not None,
+        "marks": list(evidence.marks),
+        "passed": report.passed,
+        "verdict": report.verdict,
+        "headline": to_plain(headline_of(report.trials, report.criteria)),
+        "criteria": to_plain(report.criteria),
+        "reading": list(report.reading),
+        "limits": list(report.limits),
+        "thresholds": to_plain(evidence.thresholds),
+        "image": {
+            "width_px": geometry.width_px,
+            "height_px": geometry.height_px,
+            "crop_fraction_per_border": geometry.crop_fraction,
+            "scale_x_mm_px": _millimetres(geometry.scale_x_m_px),
+            "scale_y_mm_px": _millimetres(geometry.scale_y_m_px),
+            "mask": "none: the whole scored frame",
+            "real": "pixelwise median of the frames of the dwell",
+            "reference": "pixelwise median of the no-contact frames before the press",
+        },
+        "definitions": {
+            name: prose(
+                "reports",
+                "templates/definitions.txt.jinja",
+                name,
+                camera=evidence.camera,
+                noise_multiple=f"{NOISE_MULTIPLE:g}",
+                confidence=f"{CONFIDENCE:.0%}",
+            )
+            for name in (*Metric, "metrics", "skill", "contact", "interval")
+        },
+        "optics": None if evidence.optics is None else to_plain(evidence.optics),
+        "trials": [_trial(trial, evidence) for trial in report.trials],
+        "statistics": to_plain(report.statistics),
+        "wrong_force_matrices": to_plain(report.matrices),
+        "truth": to_plain(report.truth),
+        "sync_mode": evidence.sync_mode,
+        "force_check": None
+        if evidence.force_check is None
+        else {
+            **to_plain(evidence.force_check),
+            "passed": evidence.force_check.passed,
+            "ratio": evidence.force_check.ratio,
+        },
+        "journal": to_plain(evidence.journal),
+        "model": {} if evidence.model is None else to_plain(evidence.model),
+        "other_models": to_plain(evidence.others),
+        "provenance": {
+            "versions": {},
+            "config_hash": None,
+            "seed": None,
+            **to_plain(evidence.provenance),
+        },
+    }
+
+
+def _trial(trial: TrialResult, evidence: RunEvidence) -> dict[str, Any]:
+    value: dict[str, Any] = to_plain(trial)
+    model = evidence.model_of(trial.index)
+    if model is not None and evidence.others:
+        value["pressed_with"] = {
+            "indenter": model.indenter,
+            "x_m": model.centre_x_m,
+            "y_m": model.centre_y_m,
+        }
+    # Readers find these keys in every trial, with nulls where there was nothing to score.
+    value["metrics"] = value["metrics"] or {metric.value: None for metric in Metric}
+    value["floors"] = value["floors"] or {"no_contact": None, "flat_mean": None}
+    value["floors"]["wrong_force"] = value["floors"].get("wrong_force") or {}
+    return value
+
+
+def _millimetres(value_m: float | None) -> float | None:
+    return None if value_m is None else value_m * 1e3
+
+
+def metrics_csv(summary: Mapping[str, Any]) -> str:
+    """Return one line a trial with every scalar of ``summary.json``, empty where unknown.
+
+    Nested names are joined by dots, such as ``floors.no_contact.ssim``.
+    """
+    rows = [_scalars(trial) for trial in summary["trials"]]
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    text = io.StringIO()
+    marks = {key: summary[key] for key in ("simulated", "imported")}
+    writer = csv.DictWriter(text, [*marks, *columns], lineterminator="\n", restval="")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({**marks, **row})
+    return text.getvalue()
+
+
+def _scalars(value: Mapping[str, Any], prefix: str = "") -> dict[str, object]:
+    found: dict[str, object] = {}
+    for key, item in value.items():
+        name = f"{prefix}{key}"
+        if isinstance(item, Mapping):
+            found |= _scalars(item, f"{name}.")
+        elif not isinstance(item, list):
+            found[name] = "" if item is None else item
+    return found
+
+
+def junit_xml(summary: Mapping[str, Any]) -> str:
+    """Return a JUnit report of a case per criterion of the run and of each trial."""
+    cases = [("run", criterion) for criterion in summary["criteria"]]
+    for trial in summary["trials"]:
+        target = trial["force_target_n"]
+        force = "" if target is None else f"-{target:.4f}N"
+        name = f"trial-{trial['index']:02d}{force}"
+        cases += [(name, criterion) for criterion in trial["criteria"]]
+    untold = [_is_untold(criterion, summary) for _, criterion in cases]
+    failures = sum(not criterion["passed"] for _, criterion in cases) - sum(untold)
+    name = f"tacauchy-rig {summary['provenance'].get('name', 'run')}"
+    name += "".join(f" ({mark.partition(':')[0]})" for mark in summary["marks"])
+    counted = {"tests": len(cases), "failures": failures, "skipped": sum(untold), "errors": 0}
+    root = ET.Element("testsuites", {"name": name, **{k: str(n) for k, n in counted.items()}})
+    suite = ET.SubElement(root, "testsuite", root.attrib)
+    properties = ET.SubElement(suite, "properties")
+    for key in ("simulated", "imported", "passed"):
+        ET.SubElement(properties, "property", name=key, value=str(summary[key]).lower())
+    for (where, criterion), is_untold in zip(cases, untold, strict=True):
+        case = ET.SubElement(suite, "testcase", classname=where, name=criterion["name"])
+        if is_untold:
+            ET.SubElement(case, "skipped", message=f"not known; {criterion['limit']}")
+        elif not criterion["passed"]:
+            message = f"{_measured(criterion)}; limit: {criterion['limit']}"
+            failure = ET.SubElement(case, "failure", message=message, type="criterion")
+            failure.text = criterion["remedy"]
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _is_untold(criterion: Mapping[str, Any], summary: Mapping[str, Any]) -> bool:
+    """Return whether a criterion rests on what an imported run does not tell."""
+    return summary["imported"] and not criterion["passed"] and criterion["measured"] is None
+
+
+def _measured(criterion: Mapping[str, Any]) -> str:
+    if criterion["measured"] is None:
+        return "not measured"
+    return f"measured {criterion['measured']:.6g} {criterion['unit']}".rstrip()
+
 
 OPTICS_PICTURE = "optics-held-out.png"
 

@@ -12,8 +12,14 @@ from dataclasses import dataclass
 
 from reports.evidence.evidence import TrialEvidence
 from reports.evidence.force_depth import depth_at_force, force_at_depth
-from reports.scores.budget import Combined, UncertaintyTerm, combine
-from reports.scores.budget_terms import Scatter, scatter_of, uncertainty_budget
+from reports.scores.budget import (
+    Combined,
+    Scatter,
+    UncertaintyTerm,
+    combine,
+    scatter_of,
+    uncertainty_budget,
+)
 from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.replayed import ReplayModel
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from reports.comparison.headline import headline_of
-from reports.comparison.model_criteria import MODULUS, MODULUS_TRIALS, PREDICTION
+from reports.comparison.criteria import MODULUS, MODULUS_TRIALS, PREDICTION, headline_of
 from tacauchy_rig.core.run import Criterion
 
 

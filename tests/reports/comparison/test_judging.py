@@ -8,9 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from reports.comparison.judging import Judgement, judge, outputs_of_replay
+from reports.comparison.judging import Judgement, contests, judge, outputs_of_replay
 from reports.comparison.results import ValidationReport
-from reports.comparison.scoreboard import contests
 from reports.evidence.evidence import RunEvidence
 from tacauchy_rig.core.outputs import Driven, Outputs, PressOutput, Simulator
 

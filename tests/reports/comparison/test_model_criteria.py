@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from reports.comparison.compare import compare
-from reports.comparison.model_criteria import judge_model, judge_modulus
+from reports.comparison.criteria import judge_model, judge_modulus
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import RunEvidence
 from reports.scores.force_margin import ForceMargin

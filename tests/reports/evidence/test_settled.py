@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from reports.comparison.criteria import MAX_SETTLED_CHANGE
-from reports.evidence.settled import settled_change
+from reports.evidence.attempt import settled_change
 from tacauchy_rig.core.arrays import ImageArray
 
 SHAPE = (60, 80, 3)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from reports.comparison.results import ValidationReport
-from reports.figures.budget import draw_budget
+from reports.figures.forces import draw_budget
 from reports.page.writing import write_report
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from reports.comparison.results import ValidationReport
 from reports.evidence.pressure import PressureProfile
-from reports.figures.pressure import draw_pressure
+from reports.figures.forces import draw_pressure
 
 
 def test_trials_without_pressure_have_no_line(report: ValidationReport) -> None:

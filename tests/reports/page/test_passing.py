@@ -18,7 +18,7 @@ import pytest
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import PassingFrame, PassingState, TrialEvidence
 from reports.page import writing
-from reports.page.passing import MOST_PRESSES
+from reports.page.html import MOST_PRESSES
 from reports.page.writing import ReportPaths
 
 STATES, HEIGHT, WIDTH = 8, 120, 160

@@ -16,8 +16,7 @@ import pytest
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import camera_of
 from reports.page.html import number, plain, signed, words
-from reports.page.summary import build_summary, junit_xml, metrics_csv
-from reports.page.writing import ReportPaths, write_report
+from reports.page.writing import ReportPaths, build_summary, junit_xml, metrics_csv, write_report
 from tacauchy_rig.core.errors import RecordError
 
 METRICS = {"ssim", "ncc", "histogram_correlation", "psnr_db", "mse"}

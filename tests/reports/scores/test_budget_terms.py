@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from reports.evidence.evidence import RunEvidence
-from reports.scores.budget import UncertaintyTerm
-from reports.scores.budget_terms import Scatter, scatter_of, uncertainty_budget
+from reports.scores.budget import Scatter, UncertaintyTerm, scatter_of, uncertainty_budget
 from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.replayed import ForceInput
 from tests.made_model import made_model

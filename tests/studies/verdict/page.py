@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from reports.comparison.headline import headline_of
+from reports.comparison.criteria import headline_of
 from reports.comparison.results import ValidationReport
 from tacauchy_rig.core.page import page
 from tacauchy_rig.core.tables import Cell, Table, table_of

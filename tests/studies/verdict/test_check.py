@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from reports.comparison.compare import compare
-from reports.comparison.model_criteria import judge_modulus
+from reports.comparison.criteria import judge_modulus
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.core.errors import ConvergenceError
