@@ -52,11 +52,6 @@ class Walk:
             and not goes_its_own_way(plan)
         )
 
-    def leads(self, scene: Scene) -> bool:
-        """Return whether this is the walk of a scene; time counts only where it changes the way."""
-        alike = replace(scene, duration_s=self.scene.duration_s) == self.scene
-        return alike and self.serves(scene, plan_effects(scene))
-
     def on_from(
         self, path: LoadingPath, force_n: float, *, stiffer: float, above_n: float
     ) -> ForceMatch:

@@ -53,10 +53,10 @@ def side_by_side(
 
 
 @contextmanager
-def beside() -> Iterator[ProcessPoolExecutor]:
-    """Give a process that works beside this one, begun with the first work that it is given.
+def worker_process() -> Iterator[ProcessPoolExecutor]:
+    """Give an executor with one process, which starts with the first work that it is given.
 
-    At an error, an interrupt included, it is ended: a program would wait for it at its own end.
+    An error, an interrupt included, ends the process: the program would wait for it otherwise.
     """
     with _processes(1, tasks_each=None) as pool:
         yield pool

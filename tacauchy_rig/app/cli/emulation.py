@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+from concurrent.futures import BrokenExecutor, Executor, Future
 from functools import partial
 from pathlib import Path
 
@@ -16,8 +18,12 @@ from sim.scene.pad import BoxPad
 from sim.sensor.sensor import MarkerGrid as PrintedGrid
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.optics import Calibrate, OpticalCalibration, Say, calibrate_folder
+from tacauchy_rig.app.replay.settings import sensor_of
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.store.run_store import RunStore
+
+_NICENESS = 19
+"""Of a calibration in the background: the devices of the run come first."""
 
 
 def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
@@ -89,17 +95,67 @@ def _dome_radius(sensor: Sensor) -> float:
     return round(1.0 / curvature, 3) if curvature > 0.0 else math.inf
 
 
-def emulated_calibration(store: RunStore, *, to_be_pressed: bool = False) -> Calibrate | None:
+class BackgroundCalibration:
+    """Calibrates a run's emulated sensor in a worker process, while the run is still recorded.
+
+    Calibrating takes longer than all presses of a replay, and needs nothing that is recorded.
+
+    Args:
+        store: The run.
+        worker: Runs it.
+    """
+
+    def __init__(self, store: RunStore, worker: Executor) -> None:
+        self._store, self._worker = store, worker
+        self._begun: Future[tuple[OpticalCalibration, list[str]]] | None = None
+
+    def begin(self) -> None:
+        """Begin where it is needed; the emulated devices have started."""
+        calibrate, config = emulated_calibration(self._store), self._store.config
+        sensor = sensor_of(config)
+        given = config.sensor.optics_calibration
+        if calibrate is not None and not given and sensor.optics.renderer.exponents is not None:
+            self._begun = self._worker.submit(_at_low_priority, calibrate, sensor)
+
+    @property
+    def calibrate(self) -> Calibrate | None:
+        """What waits for the calibration; None where a real sensor was pressed."""
+        calibrate, begun = emulated_calibration(self._store), self._begun
+        return (
+            calibrate if calibrate is None or begun is None else partial(_awaited, begun, calibrate)
+        )
+
+
+def _at_low_priority(calibrate: Calibrate, sensor: Sensor) -> tuple[OpticalCalibration, list[str]]:
+    """Return the calibration and its lines of progress."""
+    os.nice(_NICENESS)
+    lines: list[str] = []
+    return calibrate(sensor, lines.append), lines
+
+
+def _awaited(
+    begun: Future[tuple[OpticalCalibration, list[str]]],
+    calibrate: Calibrate,
+    sensor: Sensor,
+    say: Say,
+) -> OpticalCalibration:
+    try:
+        found, lines = begun.result()
+    except BrokenExecutor:
+        say("the process that calibrated the optics was ended: calibrating again")
+        return calibrate(sensor, say)
+    for line in lines:
+        say(line)
+    return found
+
+
+def emulated_calibration(store: RunStore) -> Calibrate | None:
     """Return how a run's emulated sensor is calibrated; None where a real sensor was pressed.
 
     It is done the way a lab calibrates its own, from ball presses on it. The presses know nothing
     of the trials; of the emulated world only its images are used.
-
-    Args:
-        to_be_pressed: Its emulated world is still to be made.
     """
-    to_come = to_be_pressed and store.config.camera.is_emulated
-    if not (to_come or store.paths.truth.exists()):
+    if not store.paths.truth.exists():
         return None
     return partial(_calibrate, store.paths.truth, store.paths.root / "calibration")
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from concurrent.futures import BrokenExecutor
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,7 +17,7 @@ from tacauchy_rig.core.store.recording.export_kind import ExportKind
 if TYPE_CHECKING:
     from reports.evidence.attempt import RunReading
     from sim.error.tolerance import Tolerance
-    from tacauchy_rig.app.replay.ahead import Ahead
+    from tacauchy_rig.app.cli.emulation import BackgroundCalibration
     from tacauchy_rig.core.replayed import MarkerMotion, Replay
     from tacauchy_rig.core.store.check.run import RunCheck
     from tacauchy_rig.core.store.recording.recover import RecoveryReport
@@ -51,7 +49,9 @@ def replay(
     Example: tacauchy-rig replay runs/20261123-gelsight-mini --tolerance 1%
     """
     from sim.error.tolerance import parse_tolerance
+    from tacauchy_rig.app.cli.emulation import BackgroundCalibration
     from tacauchy_rig.app.replay.opening import open_run
+    from tacauchy_rig.core.side_by_side import worker_process
     from tacauchy_rig.core.store.check.run import check_run
 
     run = open_run(folder)
@@ -62,7 +62,10 @@ def replay(
     if watch:
         _watch(run)
         return
-    replay_and_show(run, tolerance=kept)
+    with worker_process() as worker:
+        calibration = BackgroundCalibration(run.store, worker)
+        calibration.begin()
+        replay_and_show(run, calibration, tolerance=kept)
     report_and_exit(run, json_file)
 
 
@@ -156,34 +159,19 @@ def _say_mended(report: RecoveryReport) -> None:
 
 
 def replay_and_show(
-    run: RunReading, *, tolerance: Tolerance | None = None, ahead: Ahead | None = None
+    run: RunReading, calibration: BackgroundCalibration, *, tolerance: Tolerance | None = None
 ) -> None:
     """Replay a run and say what its forces are worth.
-
-    Args:
-        ahead: What began while it was recorded.
 
     Raises:
         AbortedError: Ctrl-C; what was recorded stays, and can be replayed.
     """
-    from tacauchy_rig.app.cli.emulation import emulated_calibration
     from tacauchy_rig.app.replay.replay import replay_run
 
-    replayed = partial(
-        replay_run,
-        run,
-        tolerance=tolerance,
-        calibrate=emulated_calibration(run.store),
-        on_progress=say,
-    )
     try:
-        try:
-            replay = replayed(ahead=ahead)
-        except BrokenExecutor:
-            if ahead is None:
-                raise
-            complain("the process that began with the replay was ended: beginning anew")
-            replay = replayed()
+        replay = replay_run(
+            run, tolerance=tolerance, calibrate=calibration.calibrate, on_progress=say
+        )
     except KeyboardInterrupt:
         raise AbortedError(
             "aborted by Ctrl-C during the replay; what was recorded is kept",

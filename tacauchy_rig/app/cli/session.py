@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import resource
-from collections.abc import Sequence
-from contextlib import ExitStack, nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -220,25 +221,33 @@ def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
 
 
 def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None:
-    from tacauchy_rig.app.cli.emulation import emulated_calibration
+    from tacauchy_rig.app.cli.emulation import BackgroundCalibration
     from tacauchy_rig.app.cli.folders import replay_and_show, report_and_exit
-    from tacauchy_rig.app.replay.ahead import going_ahead
     from tacauchy_rig.app.replay.opening import open_run
+    from tacauchy_rig.core.side_by_side import worker_process
 
     if asked.press_only:
         result = _press_confirmed(store, config, asked)
         say(f"recorded in {store.paths.root}")
         raise typer.Exit(result.exit_code or int(not asked.is_whole))
-    calibrate = emulated_calibration(store, to_be_pressed=True)
-    # A twin takes what the devices leave of the processors.
-    with nullcontext() if asked.watched.twin else going_ahead(config, calibrate) as ahead:
-        _press_confirmed(store, config, asked)
+    with worker_process() as worker:
+        calibration = BackgroundCalibration(store, worker)
+        # A twin takes what the devices leave of the processors.
+        is_busy = bool(asked.watched.twin) or len(os.sched_getaffinity(0)) < 2
+        _press_confirmed(store, config, asked, None if is_busy else calibration.begin)
+        if is_busy:
+            calibration.begin()
         recorded = open_run(store.paths.root)
-        replay_and_show(recorded, ahead=ahead)
+        replay_and_show(recorded, calibration)
     report_and_exit(recorded, asked.json_file)
 
 
-def _press_confirmed(store: RunStore, config: RigConfig, asked: _Asked) -> SessionResult:
+def _press_confirmed(
+    store: RunStore,
+    config: RigConfig,
+    asked: _Asked,
+    on_start: Callable[[], None] | None = None,
+) -> SessionResult:
     """Press once a person has agreed; end the program where a fault or a person ended the run."""
     from tacauchy_rig.app.cli.operator import confirm
     from tacauchy_rig.app.session.cell import needs_weight, require_bounded_force, standing_check
@@ -259,7 +268,14 @@ def _press_confirmed(store: RunStore, config: RigConfig, asked: _Asked) -> Sessi
     say(f"force expected of the gel: {made}")
     if config.moves_real_hardware:
         confirm(config)
-    result = press(store, config, weight=asked.weight, again=asked.again, watched=asked.watched)
+    result = press(
+        store,
+        config,
+        weight=asked.weight,
+        again=asked.again,
+        watched=asked.watched,
+        on_start=on_start,
+    )
     if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
         _end_badly(store, result)
     _tell_missed(store, result)
@@ -273,6 +289,7 @@ def press(
     weight: Weight | None = None,
     again: frozenset[int] = frozenset(),
     watched: Watched | None = None,
+    on_start: Callable[[], None] | None = None,
 ) -> SessionResult:
     """Run the session of a run folder, with its emulated devices if it has any.
 
@@ -282,6 +299,7 @@ def press(
         weight: Checks the cell before anything moves; None leaves that out.
         again: Trials to press once more though they have a passed attempt.
         watched: The operator's page; None for none.
+        on_start: Called when the emulated devices have started and the cell was checked.
     """
     from drivers.emulators.launch import (
         EmulatedAddresses,
@@ -321,6 +339,8 @@ def press(
                 store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
         running = with_addresses(config, addresses)
         _check_force(store, running, weight, store.paths.emulation if chosen else None)
+        if on_start is not None:
+            on_start()
         progress = SessionProgress(
             config,
             plan=plan_session(store, again=again),

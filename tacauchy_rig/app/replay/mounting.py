@@ -81,7 +81,7 @@ class Restoring:
 def tried_forces(config: RigConfig) -> list[float]:
     """Return where the answer to a lean is pressed [N]: from below to above what may be measured.
 
-    They are known before anything is measured, so that it can be told then.
+    They do not depend on what was measured.
     """
     targets_n, allowed_n = config.protocol.force_targets, config.protocol.force_tolerance
     ends_n = {min(targets_n) - allowed_n, max(targets_n) + allowed_n}
@@ -104,20 +104,12 @@ def dwells_of(attempts: Sequence[AttemptReading]) -> list[Dwell]:
 
 
 def with_found_lean(
-    dwells: Sequence[Dwell],
-    inputs: ReplayInputs,
-    config: RigConfig,
-    *,
-    foreseen: Restoring | None = None,
+    dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
 ) -> FoundMounting:
-    """Return how a run is replayed with the lean that its moments tell, where that is asked for.
-
-    Args:
-        foreseen: How the gel answers a lean, if that is known; else it is pressed.
-    """
+    """Return how a run is replayed with the lean that its moments tell, where that is asked for."""
     if config.replay.pose is not PoseSource.FOUND:
         return FoundMounting(inputs=inputs)
-    fit, why = lean_of(dwells, inputs, config, foreseen=foreseen)
+    fit, why = lean_of(dwells, inputs, config)
     mounting = inputs.mounting
     if fit is None:
         values = tuple(_unknown(f"lean towards {axis}", "rad", why) for axis in "xy")
@@ -147,11 +139,7 @@ def with_found_lean(
 
 
 def lean_of(
-    dwells: Sequence[Dwell],
-    inputs: ReplayInputs,
-    config: RigConfig,
-    *,
-    foreseen: Restoring | None = None,
+    dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
 ) -> tuple[LeanFit | None, str]:
     """Return what moments tell, and how; None and the reason where they tell nothing."""
     known = sorted(
@@ -167,9 +155,9 @@ def lean_of(
         return None, "force_sensor.to_tip is not stated, so nobody knows what moments refer to"
     tried_n = np.array(tried_forces(config))
     if config.is_imported or forces_n[0] < tried_n[0] or tried_n[-1] < forces_n[-1]:
-        tried_n, foreseen = forces_n, None
+        tried_n = forces_n
     try:
-        restoring = foreseen or restoring_of(inputs, tried_n.tolist())
+        restoring = restoring_of(inputs, tried_n.tolist())
     except RigError as error:
         return None, f"no coarse press with a lean: {error.message}"
     factor = 1.0

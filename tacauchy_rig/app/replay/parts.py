@@ -9,7 +9,6 @@ import numpy as np
 
 from reports.evidence.attempt import RunReading
 from sim.error.tolerance import Tolerance
-from tacauchy_rig.app.replay.foreseen import Foreseen
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.imported import SAME_PLACE_M, ImportedTrial
@@ -42,14 +41,11 @@ class Part:
         return replace(self, inputs=replace(self.inputs, mounting=mounting))
 
 
-def parts_of(
-    run: RunReading, *, tolerance: Tolerance | None = None, foreseen: Foreseen | None = None
-) -> list[Part]:
+def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Part]:
     """Return the parts of a run: one, unless it was imported and its presses differ.
 
     Args:
         tolerance: Counts more than the configured one.
-        foreseen: Of the run's configuration, if that is known.
 
     Raises:
         ConfigError: An indenter, or what a replay is made with, does not exist.
@@ -60,7 +56,7 @@ def parts_of(
     if len(groups) == 1:
         told = [trials[index].place_m for index in groups[0]]
         known = not told or None not in told or config.replay.offset is not None
-        inputs = _inputs(config, tolerance, run, foreseen)
+        inputs = _inputs(config, tolerance, run)
         return [Part(run=run, inputs=inputs, config=config, place_known=known)]
     parts = []
     for indices in groups:
@@ -113,18 +109,11 @@ def _pressed_so(config: RigConfig, indenter: str, place: Place | None) -> RigCon
     return config.model_copy(update={"replay": config.replay.model_copy(update=said)})
 
 
-def _inputs(
-    config: RigConfig,
-    tolerance: Tolerance | None,
-    run: RunReading,
-    foreseen: Foreseen | None = None,
-) -> ReplayInputs:
+def _inputs(config: RigConfig, tolerance: Tolerance | None, run: RunReading) -> ReplayInputs:
     inputs = inputs_of(config)
     if tolerance is not None:
         return replace(inputs, tolerance=tolerance, is_auto=False)
-    if not config.is_imported:  # what is pressed ahead of measuring knows the targets alone
-        if foreseen is not None and foreseen.settles(config):
-            return foreseen.settled
+    if not config.is_imported:
         return inputs.settled(config.protocol.force_targets)
     known = [record.force_measured_n for record in run.records.values() if record is not None]
     forces_n = [force_n for force_n in known if force_n is not None]

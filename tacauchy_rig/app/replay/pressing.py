@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from statistics import median
 
@@ -16,7 +16,7 @@ from sim.replay import replay_forces
 from sim.scene.scene import Scene
 from sim.sensitivity import forces_at
 from sim.walk import History, Walk, goes_its_own_way, walked
-from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
+from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.mounting import (
     FoundMounting,
     dwells_of,
@@ -43,16 +43,9 @@ def measured_depths(run: RunReading) -> list[float]:
 
 
 def mounted(
-    run: RunReading,
-    inputs: ReplayInputs,
-    *,
-    on_progress: Say = say_nothing,
-    find: Callable[..., FoundMounting] = with_found_lean,
+    run: RunReading, inputs: ReplayInputs, *, on_progress: Say = say_nothing
 ) -> FoundMounting:
     """Return how a run is replayed in its own time, and with the lean that its moments tell.
-
-    Args:
-        find: Finds it as ``with_found_lean`` does.
 
     Raises:
         RecordError: No trial has a measured force.
@@ -63,7 +56,7 @@ def mounted(
     known = [seconds for seconds in lasted if seconds is not None]
     if known:
         inputs = replace(inputs, duration_s=median(known))
-    found = find(dwells_of(attempts), inputs, run.store.config)
+    found = with_found_lean(dwells_of(attempts), inputs, run.store.config)
     for row in found.effects:
         on_progress(f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}")
     return found
@@ -78,17 +71,12 @@ def press_again(
     return pressed
 
 
-def press_parts(
-    parts: Sequence[Part], *, on_progress: Say = say_nothing, walks: Sequence[Walk] = ()
-) -> list[Pressed]:
+def press_parts(parts: Sequence[Part], *, on_progress: Say = say_nothing) -> list[Pressed]:
     """Press every measured force, with the modulus that all depths tell if the run asks so.
 
     Where the indenter leans, an upright one and coarse presses of both tell the modulus: a lean
     breaks the symmetry, and a press with it takes ten times as long. A press without a force is
     pressed to its depth.
-
-    Args:
-        walks: That were taken before, of which one may serve.
 
     Raises:
         RecordError: No trial has a measured force.
@@ -101,26 +89,8 @@ def press_parts(
     fit: ModulusFit | None = None
     taken: list[Walk | None] = [None] * len(parts)
     if tells_modulus(parts[0].run.store.config):
-        fit, taken = _told(parts, walks, on_progress)
+        fit, taken = _told(parts, on_progress)
     return [_pressed(part, fit, walk, on_progress) for part, walk in zip(parts, taken, strict=True)]
-
-
-def walk_ahead(config: RigConfig) -> Walk | None:
-    """Press what is configured to the largest force that a passed trial may have, before any has.
-
-    Returns:
-        None where that would not serve: the indenter is known to lean, the gel remembers or has
-        mass, or nothing is to be told of its modulus.
-
-    Raises:
-        ConfigError: A configured name does not exist, or no preset keeps the tolerance.
-        ConvergenceError: The force cannot be reached.
-    """
-    inputs = inputs_of(config).settled(config.protocol.force_targets)
-    if any(inputs.mounting.lean_rad) or not tells_modulus(config):
-        return None
-    scene = _walk_scene(inputs, config, config.protocol.force_targets)
-    return None if scene is None else walked(scene, [scene.target.force_n or 0.0], to_go_on=True)
 
 
 def _pressed(part: Part, fit: ModulusFit | None, walk: Walk | None, on_progress: Say) -> Pressed:
@@ -184,10 +154,12 @@ def _forces_met(
 
 
 def _walk_scene(inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[float]) -> Scene | None:
-    """Return the press to the largest force that a passed trial may have, if it is one of these.
+    """Return the press to the largest force that a passed trial may have.
 
-    So far it goes whatever was measured, so that it can be taken before. None where forces or times
-    that are not measured yet would change the way to it, or others pressed as they liked.
+    A path that does not depend on the measured forces makes replays of one rig comparable.
+
+    Returns:
+        None where this force is no bound of the measured ones, or where time changes the path.
     """
     protocol = config.protocol
     most_n = max(protocol.force_targets) + protocol.force_tolerance
@@ -197,19 +169,14 @@ def _walk_scene(inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[floa
     return None if goes_its_own_way(plan_effects(scene)) else scene
 
 
-def _walked(
-    inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[float], walks: Sequence[Walk]
-) -> Walk:
+def _walked(inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[float]) -> Walk:
     scene = _walk_scene(inputs, config, forces_n)
     if scene is None:
         return walked(inputs.scene(forces_n), forces_n, to_go_on=True)
-    known = (walk for walk in walks if walk.leads(scene))
-    return next(known, None) or walked(scene, [scene.target.force_n or 0.0], to_go_on=True)
+    return walked(scene, [scene.target.force_n or 0.0], to_go_on=True)
 
 
-def _told(
-    parts: Sequence[Part], walks: Sequence[Walk], on_progress: Say
-) -> tuple[ModulusFit | None, list[Walk | None]]:
+def _told(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None, list[Walk | None]]:
     """Return what the gel's modulus is to be multiplied by, as the run's depths tell, and why.
 
     Returns:
@@ -227,7 +194,7 @@ def _told(
         if forces_n and leans:
             walk = walked(upright(inputs).scene(forces_n), forces_n, to_go_on=False)
         elif forces_n:
-            walk = _walked(inputs, part.config, forces_n, walks)
+            walk = _walked(inputs, part.config, forces_n)
         curve = merge_histories([() if walk is None else walk.history])
         simulated.append((records, leaned(curve, inputs) if leans else curve))
         taken.append(None if leans else walk)

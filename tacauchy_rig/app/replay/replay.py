@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 
 from reports.evidence.attempt import RunReading
 from sim.error.tolerance import Tolerance
 from sim.fields.press_fields import TrialFields
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.app.replay.ahead import Ahead, Beside, Seen, optics_told
 from tacauchy_rig.app.replay.image_causes import SplitPart, split_images
 from tacauchy_rig.app.replay.mounting import find_offset, offset_of
-from tacauchy_rig.app.replay.optics import Calibrate, OpticalCalibration, Say, say_nothing
+from tacauchy_rig.app.replay.optics import (
+    Calibrate,
+    OpticalCalibration,
+    Say,
+    optics_of,
+    say_nothing,
+)
 from tacauchy_rig.app.replay.parts import Part, parts_of
 from tacauchy_rig.app.replay.passed import passed_arrays
 from tacauchy_rig.app.replay.pressing import (
@@ -32,7 +38,7 @@ from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import PoseSource
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.replayed import FoundValue, Replay, ReplayModel, ResidualSplit
-from tacauchy_rig.core.side_by_side import beside
+from tacauchy_rig.core.side_by_side import worker_process
 from tacauchy_rig.core.store.replay_files import ReplayFields
 
 IMAGE_S = "image_s"
@@ -46,7 +52,6 @@ def replay_run(
     tolerance: Tolerance | None = None,
     calibrate: Calibrate | None = None,
     on_progress: Say = say_nothing,
-    ahead: Ahead | None = None,
 ) -> Replay:
     """Replay every trial of a run that has a measured force, and keep fields and images.
 
@@ -54,9 +59,8 @@ def replay_run(
         run: The run; the replay is written into its folder.
         tolerance: Take the cheapest preset that keeps it, whatever is configured.
         calibrate: How the sensor is calibrated where the run's configuration names no calibration
-            file; its file's nominal lamps do without it.
+            file; without it the file's nominal lamps are used. It is called after pressing.
         on_progress: Told of every step.
-        ahead: What began while the run was recorded; its ``calibrate`` counts.
 
     Raises:
         RecordError: No trial has a measured force.
@@ -65,32 +69,25 @@ def replay_run(
         ConvergenceError: A force cannot be reached.
     """
     store, config = run.store, run.store.config
-    foreseen = None if ahead is None else ahead.foreseen()
-    parts = parts_of(run, tolerance=tolerance, foreseen=foreseen)
+    parts = parts_of(run, tolerance=tolerance)
     sensor = parts[0].inputs.sensor
     check_optics(config, sensor)
     parts = _with_presses(run, parts)
-    with _company(ahead, optics_told(config, sensor, calibrate)) as company:
-        mountings = [
-            mounted(each.run, each.inputs, on_progress=on_progress, find=company.find_lean)
-            for each in parts
-        ]
-        parts = [
-            replace(part, inputs=found.inputs) for part, found in zip(parts, mountings, strict=True)
-        ]
-        pressing = company.pressing(parts, on_progress)
-        _read_frames(run)
-        pressed = pressing()
-        optics, said = company.seen()
-        for line in said:
-            on_progress(line)
-        places, parts, rendered = _drawn(parts, pressed, optics, on_progress)
-        on_progress("trying what uncertain inputs change of the force")
-        values = [(*found.values, *places) for found in mountings]
+    mountings = [mounted(each.run, each.inputs, on_progress=on_progress) for each in parts]
+    parts = [
+        replace(part, inputs=found.inputs) for part, found in zip(parts, mountings, strict=True)
+    ]
+    with ThreadPoolExecutor(1) as reader:  # decoding needs no Python, and pressing hardly any
+        reader.submit(_read_frames, run)
+        pressed = press_parts(parts, on_progress=on_progress)
+    given = config.sensor.optics_calibration
+    optics = optics_of(given, sensor, calibrate=calibrate, on_progress=on_progress)
+    places, parts, rendered = _drawn(parts, pressed, optics, on_progress)
+    on_progress("trying what uncertain inputs change of the force")
+    values = [(*found.values, *places) for found in mountings]
+    with worker_process() as worker:
         tried = [
-            company.other.submit(
-                force_inputs, part.inputs, config, measured_depths(part.run), found=known
-            )
+            worker.submit(force_inputs, part.inputs, config, measured_depths(part.run), found=known)
             for part, known in zip(parts, values, strict=True)
         ]
         residual = _residual(parts, rendered, optics, on_progress)
@@ -110,15 +107,6 @@ def replay_run(
     replay = _together([replay for replay, _ in rendered], models, residual)
     store.save_replay(replay, {i: kept for _, by_trial in rendered for i, kept in by_trial.items()})
     return replay
-
-
-@contextmanager
-def _company(ahead: Ahead | None, optics: Callable[[], Seen]) -> Iterator[Beside]:
-    if ahead is not None:
-        yield ahead
-        return
-    with beside() as other:
-        yield Beside(other, optics)
 
 
 def _read_frames(run: RunReading) -> None:

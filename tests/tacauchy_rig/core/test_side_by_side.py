@@ -15,7 +15,7 @@ import psutil
 import pytest
 
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.side_by_side import beside, side_by_side
+from tacauchy_rig.core.side_by_side import side_by_side, worker_process
 
 
 def _process_of(name: str) -> tuple[str, int]:
@@ -36,7 +36,7 @@ def test_results_keep_their_order_and_come_from_other_processes() -> None:
 
 def test_one_process_works_beside_this_one_and_its_errors_come_back() -> None:
     """It is another process, the same for all work, and what is raised there is raised here."""
-    with beside() as other:
+    with worker_process() as other:
         (_, first), (_, second) = (other.submit(_process_of, name).result() for name in "ab")
         refused = other.submit(_refuse, "c")
         with pytest.raises(ConfigError, match="c is refused"):
@@ -49,7 +49,7 @@ def _wait_long(_name: str) -> None:
 
 
 def _interrupted_with_work(found: list[psutil.Process]) -> None:
-    with beside() as other:
+    with worker_process() as other:
         _, number = other.submit(_process_of, "a").result()
         found.append(psutil.Process(number))
         other.submit(_wait_long, "b")
