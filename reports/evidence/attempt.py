@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Collection, Sequence
 from copy import copy
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb
 from tacauchy_rig.core.run import FZ, ImageFrame, TrialRecord
-from tacauchy_rig.core.store.recording.reading import ArmArrays, ForceArrays, Recording
+from tacauchy_rig.core.store.recording.reading import ArmArrays, ForceArrays
 from tacauchy_rig.core.store.run_store import RunStore
 
 THIRDS = 3
@@ -81,15 +81,15 @@ class AttemptReading:
     def __init__(self, store: RunStore, record: TrialRecord, geometry: ImageGeometry) -> None:
         self.store = store
         self.record = record
-        self.recording = Recording.open(store.paths.recording(record.index, record.attempt))
+        self.recording = store.recording(record.index, record.attempt)
         self.geometry = geometry
 
-    @cached_property
+    @property
     def force(self) -> ForceArrays:
         """The force stream, raw."""
         return self.recording.force()
 
-    @cached_property
+    @property
     def arm(self) -> ArmArrays:
         """The arm's states."""
         return self.recording.arm()
@@ -148,10 +148,9 @@ class AttemptReading:
             self.record.dwell_start_ns,
             self.record.dwell_end_ns,
         )
-        if tare is None or start_ns is None or end_ns is None:
+        if tare is None:
             return None
-        held = (self.force.stamp_ns >= start_ns) & (self.force.stamp_ns <= end_ns)
-        samples = self.force.wrench[held]
+        samples = self.force.between(start_ns, end_ns)
         if len(samples) < MIN_SAMPLES or not np.isfinite(samples).all():
             return None
         variance = samples.var(axis=0, ddof=1) / len(samples)
@@ -244,10 +243,6 @@ class RunReading:
         self.geometry = geometry
         self.records = {index: store.counting(index) for index in store.trial_indices()}
         self._attempts: dict[int, AttemptReading] = {}
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave what was read to the process that read it."""
-        return {**self.__dict__, "_attempts": {}}
 
     def of(self, trials: Collection[int]) -> RunReading:
         """Return some of its trials; what was read of them is shared."""

@@ -22,9 +22,6 @@ from tacauchy_rig.app.replay.settings import sensor_of
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.store.run_store import RunStore
 
-_NICENESS = 19
-"""Of a calibration in the background: the devices of the run come first."""
-
 
 def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
     """Return a unit of the sensor's sizes, with a disc of gel of the pad's area in its place.
@@ -109,13 +106,13 @@ class BackgroundCalibration:
         self._store, self._worker = store, worker
         self._begun: Future[tuple[OpticalCalibration, list[str]]] | None = None
 
-    def begin(self) -> None:
+    def begin(self, niceness: int = 0) -> None:
         """Begin where it is needed; the emulated devices have started."""
         calibrate, config = emulated_calibration(self._store), self._store.config
         sensor = sensor_of(config)
         given = config.sensor.optics_calibration
         if calibrate is not None and not given and sensor.optics.renderer.exponents is not None:
-            self._begun = self._worker.submit(_at_low_priority, calibrate, sensor)
+            self._begun = self._worker.submit(_calibrated, niceness, calibrate, sensor)
 
     @property
     def calibrate(self) -> Calibrate | None:
@@ -126,9 +123,11 @@ class BackgroundCalibration:
         )
 
 
-def _at_low_priority(calibrate: Calibrate, sensor: Sensor) -> tuple[OpticalCalibration, list[str]]:
+def _calibrated(
+    niceness: int, calibrate: Calibrate, sensor: Sensor
+) -> tuple[OpticalCalibration, list[str]]:
     """Return the calibration and its lines of progress."""
-    os.nice(_NICENESS)
+    os.nice(niceness)
     lines: list[str] = []
     return calibrate(sensor, lines.append), lines
 

@@ -7,6 +7,7 @@ import resource
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 EMULATED_WEIGHT = "200g"
 """Hung on an emulated cell where the arm calls for a check: about as much as a press of 2 N."""
+LOWEST_PRIORITY = 19
+"""Niceness of what is computed while devices are served."""
 
 PressOnly = Annotated[bool, typer.Option("--press-only", help="Record only; no replay, no report.")]
 Changes = Annotated[
@@ -234,7 +237,8 @@ def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None
         calibration = BackgroundCalibration(store, worker)
         # A twin takes what the devices leave of the processors.
         is_busy = bool(asked.watched.twin) or len(os.sched_getaffinity(0)) < 2
-        _press_confirmed(store, config, asked, None if is_busy else calibration.begin)
+        begin = partial(calibration.begin, LOWEST_PRIORITY)
+        _press_confirmed(store, config, asked, None if is_busy else begin)
         if is_busy:
             calibration.begin()
         recorded = open_run(store.paths.root)

@@ -25,6 +25,7 @@ from tacauchy_rig.core.store.codec import dumps, loads, to_json
 from tacauchy_rig.core.store.durable import write_atomically, write_error
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.layout import RunPaths, run_folder
+from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.replay_files import ReplayFields, read_fields, write_fields
 from tacauchy_rig.core.store.run_lock import run_lock
 from tacauchy_rig.core.store.sealed_file import SealedFile, read_json
@@ -58,6 +59,7 @@ class RunStore:
         self.config: RigConfig = restore_config(description["written"])
         self.config_hash: str = description["config_hash"]
         self.simulated: bool = description["simulated"]
+        self._recordings: dict[Any, Recording] = {}
         sealed = partial(SealedFile, journal=self.paths.journal)
         self._run_json: SealedFile[Any] = sealed(self.paths.run_json, Any, what=_DESCRIPTION)
         self.expected: SealedFile[ExpectedPress] = sealed(
@@ -212,6 +214,19 @@ class RunStore:
             result_sha256=file_sha256(path, what="the result"),
             recording_sha256=record.recording_sha256,
         )
+
+    def recording(self, trial: int, attempt: int) -> Recording:
+        """Return an attempt's recording, opened and decoded once as long as its file is the same.
+
+        Raises:
+            RecordError: As for ``Recording.open``.
+        """
+        path = self.paths.recording(trial, attempt)
+        state = path.stat() if path.exists() else None
+        key = (trial, attempt, state and (state.st_mtime_ns, state.st_size))
+        if key not in self._recordings:
+            self._recordings[key] = Recording.open(path)
+        return self._recordings[key]
 
     def load_result(self, trial: int, attempt: int) -> TrialRecord | None:
         """Return an attempt's result, or None if it has none (it was cut off).

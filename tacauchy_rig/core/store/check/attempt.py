@@ -61,16 +61,16 @@ class Attempt:
     def recording(self) -> Recording | RecordError:
         """The recording, or why it cannot be opened."""
         try:
-            return Recording.open(self.path)
+            return self.store.recording(*self.key)
         except RecordError as error:
             return error
 
-    @cached_property
+    @property
     def force(self) -> ForceArrays:
         """The force stream; only where the recording opens."""
         return self._opened().force()
 
-    @cached_property
+    @property
     def arm(self) -> ArmArrays:
         """The arm's states; only where the recording opens."""
         return self._opened().arm()

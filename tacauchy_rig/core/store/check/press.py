@@ -167,19 +167,13 @@ def _entered(attempt: Attempt, record: TrialRecord, phase: str) -> JournalEvent 
 
 def _mean_force_n(attempt: Attempt, start_ns: int | None, end_ns: int | None) -> FloatArray:
     """Return mean raw Fx, Fy, Fz [N] of a window; NaN where it has no sample."""
-    raw_n = _raw_force_n(attempt, start_ns, end_ns)
+    raw_n = attempt.force.between(start_ns, end_ns)[:, :3]
     return np.asarray(raw_n.mean(axis=0)) if len(raw_n) else np.full(3, math.nan)
 
 
 def _deviation_n(attempt: Attempt, start_ns: int | None, end_ns: int | None) -> float:
-    raw_n = _raw_force_n(attempt, start_ns, end_ns)
+    raw_n = attempt.force.between(start_ns, end_ns)[:, :3]
     return float(raw_n[:, FZ].std(ddof=1)) if len(raw_n) > 1 else math.nan
-
-
-def _raw_force_n(attempt: Attempt, start_ns: int | None, end_ns: int | None) -> FloatArray:
-    if start_ns is None or end_ns is None:
-        return np.empty((0, 3))
-    return attempt.force.wrench[within(attempt.force.stamp_ns, start_ns, end_ns), :3]
 
 
 def _heights_m(attempt: Attempt, start_ns: int | None, end_ns: int | None) -> FloatArray:
@@ -190,7 +184,7 @@ def _heights_m(attempt: Attempt, start_ns: int | None, end_ns: int | None) -> Fl
 
 def _force_error_n(attempt: Attempt, record: TrialRecord, tare: Tare) -> float:
     """Return the standard error [N] of the mean force over what is left of the samples."""
-    left = len(_raw_force_n(attempt, record.dwell_start_ns, record.dwell_end_ns))
+    left = len(attempt.force.between(record.dwell_start_ns, record.dwell_end_ns))
     return math.hypot(
         _standard_error(record.force_deviation_n or 0.0, left),
         _standard_error(tare.deviation[FZ], tare.sample_count),

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -48,6 +49,12 @@ class ForceArrays:
     stamp_ns: Int64Array
     counter: Int64Array
     wrench: FloatArray
+
+    def between(self, start_ns: int | None, end_ns: int | None) -> FloatArray:
+        """Return the wrenches of a window, both ends included, shape [m, 6]; none without one."""
+        if start_ns is None or end_ns is None:
+            return np.empty((0, 6))
+        return self.wrench[(self.stamp_ns >= start_ns) & (self.stamp_ns <= end_ns)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,7 +178,15 @@ class Recording:
         return f"{self.message_count} messages over {self.duration_s:.2f} s are readable ({parts})"
 
     def force(self) -> ForceArrays:
-        """Return the force stream."""
+        """Return the force stream; it is decoded once."""
+        return self._force
+
+    def arm(self) -> ArmArrays:
+        """Return the arm's states; they are decoded once."""
+        return self._arm
+
+    @cached_property
+    def _force(self) -> ForceArrays:
         messages = self._decoded(Topic.FORCE)
         return ForceArrays(
             stamp_ns=_column(messages, "stamp_ns"),
@@ -179,8 +194,8 @@ class Recording:
             wrench=_table(messages, WRENCH_FIELDS),
         )
 
-    def arm(self) -> ArmArrays:
-        """Return the arm's states."""
+    @cached_property
+    def _arm(self) -> ArmArrays:
         messages = self._decoded(Topic.ARM)
         states = {name: _column(messages, name) for name in ARM_STATES}
         return ArmArrays(

@@ -34,7 +34,6 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         return FOUND
 
     monkeypatch.setattr(emulation, "emulated_calibration", lambda _: calibrate)
-    monkeypatch.setattr("os.nice", lambda _: 0)
     return made
 
 
