@@ -22,7 +22,7 @@ from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.load_steps.path import LoadingPath
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.replayed import Alternative
+from tacauchy_rig.core.simulated import Alternative
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -26,7 +26,7 @@ from sim.solve.load_steps.force_search import ForceMatch, find_force, push_to_fo
 from sim.solve.load_steps.path import LoadingPath
 from sim.walk import Walk
 from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.replayed import Replay, ReplayLayer, ReplayModel, ReplayTrial
+from tacauchy_rig.core.simulated import Replay, ReplayLayer, ReplayModel, ReplayTrial
 from tacauchy_rig.core.versions import installed
 
 Progress = Callable[[int, str], None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tacauchy_rig.core.replayed import (
+from tacauchy_rig.core.simulated import (
     Alternative,
     FoundCause,
     ReplayModel,

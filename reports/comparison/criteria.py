@@ -12,8 +12,8 @@ from reports.scores.contact import ContactScores
 from reports.scores.correction import Corrections
 from reports.scores.force_agreement import ForceAgreement
 from reports.scores.force_margin import ForceMargin
-from tacauchy_rig.core.replayed import ReplayModel
 from tacauchy_rig.core.run import Criterion, Outcome
+from tacauchy_rig.core.simulated import ReplayModel
 
 MAX_SETTLED_CHANGE = 0.05
 """Of the contact's change. A force that drifts as fast as `protocol.dwell_force_rate` admits moves

@@ -24,11 +24,10 @@ from reports.scores.floors import (
     trial_ceiling,
     trial_floors,
 )
-from reports.scores.force_agreement import predict
 from reports.scores.force_margin import ForceMargin, force_margins
 from reports.scores.metrics import ImageScores, MeanInterval, Metric, score, t_interval
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.outputs import Driven, Outputs, PressOutput, Simulator
+from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator
 
 _SEEN = ("metrics", "skill", "contact", "corrections", "floors")
 """Of what a comparison of images finds."""
@@ -158,7 +157,7 @@ def judge(
     Args:
         evidence: The run.
         others: Their images have the scored size; their trials are the run's.
-        ours: What its own replay gives, of ``outputs_of_replay``; stands first.
+        ours: What its own replay gives; stands first.
 
     Raises:
         RecordError: Images of one trial differ in shape.
@@ -171,40 +170,6 @@ def judge(
         floors=_floors(evidence),
         ceiling=_ceiling(evidence),
         evidence=evidence,
-    )
-
-
-def outputs_of_replay(
-    evidence: RunEvidence,
-    simulator: Simulator,
-    heights_m: Mapping[int, FloatArray],
-    pressures_pa: Mapping[int, FloatArray] | None = None,
-    shears_pa: Mapping[int, FloatArray] | None = None,
-) -> Outputs:
-    """Return what the run's own replay gives, as any other simulator's outputs.
-
-    Forces are those that the stated gel predicts at the measured depths, not the matched ones,
-    which agree by construction.
-
-    Args:
-        simulator: Who we are.
-        heights_m: Height of the surface over itself at rest, by trial.
-        pressures_pa: Normal pressure, likewise.
-        shears_pa: Shear on the gel along x and y, likewise.
-    """
-    presses = {}
-    for trial in evidence.trials:
-        if trial.simulated_image is not None or trial.replay is not None:
-            presses[trial.index] = PressOutput(
-                image=trial.simulated_image,
-                force_n=predict(trial, evidence.contact_force_n)[0],
-                height_m=heights_m.get(trial.index),
-                pressure_pa=(pressures_pa or {}).get(trial.index),
-                shear_pa=(shears_pa or {}).get(trial.index),
-            )
-    missing = tuple(t.index for t in evidence.trials if t.index not in presses)
-    return Outputs(
-        simulator=replace(simulator, driven_by=Driven.DEPTH), presses=presses, left_out=missing
     )
 
 

@@ -18,8 +18,8 @@ from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.figure_style import IMPORTED_MARK, SIMULATED_MARK
 from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.imported import Imported
-from tacauchy_rig.core.replayed import ReplayModel, ReplayTrial, model_of
 from tacauchy_rig.core.run import Criterion, TrialRecord
+from tacauchy_rig.core.simulated import ReplayModel, ReplayTrial, model_of
 
 PressKey = tuple[float, int, int]
 """Force [N], or zero and a number of its own, and the kind of a press."""

@@ -28,8 +28,8 @@ from tacauchy_rig.core.config.uncertainty import REFINE_RATIO, Stated, stated_un
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.imported import Imported
-from tacauchy_rig.core.replayed import Replay, model_of
 from tacauchy_rig.core.run import Criterion, JournalEvent, TrialRecord
+from tacauchy_rig.core.simulated import Replay, model_of
 from tacauchy_rig.core.store.check.attempt import RESULT_HASH, RESULT_WHOLE
 from tacauchy_rig.core.store.check.contradiction import agreement
 from tacauchy_rig.core.store.check.run import RunCheck, check_run

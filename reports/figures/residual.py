@@ -23,7 +23,7 @@ from tacauchy_rig.core.figure_style import (
     letter,
     new_figure,
 )
-from tacauchy_rig.core.replayed import ResidualSplit
+from tacauchy_rig.core.simulated import ResidualSplit
 
 MINUS = "\u2212"
 COLORS = {

@@ -17,8 +17,8 @@ from scipy.stats import t as student
 from reports.evidence.evidence import TrialEvidence
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.uncertainty import Stated
-from tacauchy_rig.core.replayed import ForceInput, ReplayModel
 from tacauchy_rig.core.run import FZ
+from tacauchy_rig.core.simulated import ForceInput, ReplayModel
 
 CONFIDENCE = 0.95
 

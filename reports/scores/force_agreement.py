@@ -21,7 +21,7 @@ from reports.scores.budget import (
     uncertainty_budget,
 )
 from tacauchy_rig.core.config.uncertainty import Stated
-from tacauchy_rig.core.replayed import ReplayModel
+from tacauchy_rig.core.simulated import ReplayModel
 
 UNKNOWN_SCATTER = scatter_of(())
 

@@ -31,7 +31,7 @@ from reports.scores.contact import (
 )
 from reports.scores.correction import register_changes, shift_change
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
-from tacauchy_rig.core.replayed import FoundCause, ResidualSplit, TrialSplit
+from tacauchy_rig.core.simulated import FoundCause, ResidualSplit, TrialSplit
 
 STEPS = 4
 """Of Gauss and Newton: a contact is moved to where the step before found it."""

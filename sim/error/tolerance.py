@@ -11,7 +11,7 @@ from sim.error.settings import FAST, WORTH, setting_of
 from sim.scene.scene import Scene
 from tacauchy_rig.core.errors import ConfigError, RigError
 from tacauchy_rig.core.quantities import UNITS, Dimension, parse_quantity, split_quantity
-from tacauchy_rig.core.replayed import Alternative
+from tacauchy_rig.core.simulated import Alternative
 
 # Relative error of F_z by which effects are left out where a tolerance is not chosen yet.
 _FORESEEN = 1e-3

@@ -1,7 +1,7 @@
 """What was asked and what happened in a run: the types that folders exchange.
 
 Drivers, protocols, sim and reports never import one another; they meet in these types, in those of
-``tacauchy_rig.core.replayed``, and in the run folder that ``tacauchy_rig.core.store`` reads and
+``tacauchy_rig.core.simulated``, and in the run folder that ``tacauchy_rig.core.store`` reads and
 writes. All
 values are SI.
 """

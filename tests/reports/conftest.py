@@ -28,7 +28,6 @@ from reports.evidence.evidence import (
 from reports.page import writing
 from reports.page.writing import ReportPaths, write_report
 from tacauchy_rig.core.config.load import default_text, load_config
-from tacauchy_rig.core.replayed import Replay, ReplayTrial
 from tacauchy_rig.core.run import (
     ArmSample,
     Criterion,
@@ -41,6 +40,7 @@ from tacauchy_rig.core.run import (
     TrialRecord,
     Wrench,
 )
+from tacauchy_rig.core.simulated import Replay, ReplayTrial
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.replay_files import ReplayFields

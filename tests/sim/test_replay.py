@@ -18,7 +18,7 @@ from sim.scene.scene import Preset, Scene
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.walk import walked
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.replayed import Replay
+from tacauchy_rig.core.simulated import Replay
 
 PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.2e-3)
 FORCES = (0.9, 0.4)

@@ -17,7 +17,7 @@ from tacauchy_rig.core.errors import ConfigError
 if TYPE_CHECKING:
     from reports.evidence.attempt import RunReading
     from reports.evidence.evidence import RunEvidence
-    from tacauchy_rig.core.outputs import Outputs
+    from tacauchy_rig.core.simulated import Outputs
 
 
 class Baseline(StrEnum):
@@ -67,8 +67,7 @@ def judge(
     """
     from reports.comparison.judging import judge as judged
     from reports.page.judged import write_judgement
-    from tacauchy_rig.app.judging.of_run import our_outputs, references_of, task_of
-    from tacauchy_rig.app.judging.task import write_task
+    from tacauchy_rig.app.judging.of_run import references_of, replay_outputs, task_of, write_task
     from tacauchy_rig.app.replay.opening import open_run
     from tacauchy_rig.app.replay.report import evidence_of
 
@@ -81,7 +80,7 @@ def judge(
     written = [_write_baseline(each, reading, out) for each in dict.fromkeys(baselines or ())]
     others = read_folders([*(folders or ()), *written], evidence)
     if ours_folder is None:
-        ours = our_outputs(reading, evidence)
+        ours = replay_outputs(reading, evidence)
     else:
         (ours,) = read_folders([ours_folder], evidence)
     writable_folder(out)
@@ -107,8 +106,8 @@ def _write_baseline(baseline: Baseline, reading: RunReading, out: Path) -> Path:
         RecordError: The folder is not empty, or no press can be drawn.
     """
     from tacauchy_rig.app.cli.emulation import emulated_calibration
+    from tacauchy_rig.app.judging.layout import check_empty, write_outputs
     from tacauchy_rig.app.judging.rigid import rigid_outputs
-    from tacauchy_rig.app.judging.writing import check_empty, write_outputs
 
     folder = out / baseline.value
     check_empty(folder)

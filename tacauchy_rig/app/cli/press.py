@@ -19,7 +19,7 @@ from tacauchy_rig.core.tables import table_of
 
 if TYPE_CHECKING:
     from sim.press import PressResult
-    from tacauchy_rig.core.replayed import Alternative
+    from tacauchy_rig.core.simulated import Alternative
 
 
 EstimateErrorOption = Annotated[

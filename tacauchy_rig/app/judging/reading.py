@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tacauchy_rig.app.importing.archive import ARRAY_BYTES, members, read_member, read_npy
 from tacauchy_rig.app.importing.source import IMAGE_BYTES, Source, image_size
 from tacauchy_rig.app.importing.table import read_table
-from tacauchy_rig.app.judging.arrays import read_fields, read_pixels
-from tacauchy_rig.app.judging.description import (
+from tacauchy_rig.app.judging.layout import (
     DESCRIPTION,
     DIMENSIONS,
     FIELDS,
@@ -24,11 +24,12 @@ from tacauchy_rig.app.judging.description import (
     Description,
     read_description,
 )
-from tacauchy_rig.core.arrays import ImageArray
+from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
-from tacauchy_rig.core.outputs import Outputs, PressOutput
 from tacauchy_rig.core.rgb import ColourOrder, decode_rgb
+from tacauchy_rig.core.simulated import Outputs, PressOutput
 
+NPY = ".npy"
 SWAPPED_SHARE = 0.5
 """Of the difference from the no-contact frame: so much less with channels swapped is no chance."""
 SWAPPED_LEVELS = 5.0
@@ -152,12 +153,12 @@ def _shown(source: Source, folder: str, asked: Asked, told: Description) -> dict
         name = f"{folder}/{HEIGHT}"
         unit = told.units.column("height", file=name)
         factor = unit.factor(DIMENSIONS["height"], field=DESCRIPTION)
-        found["height_m"] = factor * read_pixels(source, name, (height, width))
+        found["height_m"] = factor * _read_pixels(source, name, (height, width))
     if (root / FIELDS).exists():
         name = f"{folder}/{FIELDS}"
         unit = told.units.column(PRESSURE, file=name)
         factor = unit.factor(DIMENSIONS[PRESSURE], field=DESCRIPTION)
-        arrays = read_fields(source, name, (height, width), known=(PRESSURE, *SHEAR))
+        arrays = _read_fields(source, name, (height, width), known=(PRESSURE, *SHEAR))
         if PRESSURE in arrays:
             found["pressure_pa"] = factor * arrays[PRESSURE]
         if along := [arrays[key] for key in SHEAR if key in arrays]:
@@ -233,3 +234,62 @@ def _check_colours(presses: Mapping[int, PressOutput], asked: Asked, told: Descr
             f"levels from the no-contact frames; with red and blue exchanged {swapped:.1f}",
             remedy=f'write colour_order = "{other.value}", or exchange the channels',
         )
+
+
+def _read_pixels(source: Source, name: str, shape: tuple[int, int]) -> FloatArray:
+    """Read an array of finite numbers, one a pixel.
+
+    Raises:
+        RecordError: It is none, or of another shape.
+    """
+    data = source.read(name, field="an array", most_bytes=ARRAY_BYTES)
+    return _pixels(read_npy(data, name=name), shape, where=name)
+
+
+def _read_fields(
+    source: Source, name: str, shape: tuple[int, int], *, known: Collection[str]
+) -> dict[str, FloatArray]:
+    """Read the arrays of an archive, each as by ``_read_pixels``.
+
+    Args:
+        known: Names that may be in it, and no others.
+
+    Raises:
+        RecordError: It is no archive of such arrays.
+    """
+    data = source.read(name, field="an archive", most_bytes=ARRAY_BYTES)
+    there = sorted(each.removesuffix(NPY) for each in members(data, name=name))
+    if not there or not set(there) <= set(known):
+        raise RecordError(
+            f"{name}: holds {', '.join(there)[:200] or 'nothing'}",
+            remedy=f"what is judged: {', '.join(known)}",
+        )
+    found: dict[str, FloatArray] = {}
+    for key in there:
+        where = f"{name}, {key}"
+        member = read_member(data, f"{key}{NPY}", name=name)
+        found[key] = _pixels(read_npy(member, name=where), shape, where=where)
+    return found
+
+
+def _pixels(array: AnyArray, shape: tuple[int, int], *, where: str) -> FloatArray:
+    if array.dtype.kind not in "fiu":
+        raise RecordError(
+            f"{where}: is of type {array.dtype}, not of numbers",
+            remedy="save it as float64 or float32",
+        )
+    if array.shape != shape:
+        raise RecordError(
+            f"{where}: has the shape {list(array.shape)}; the scored image is {list(shape)} "
+            "[height, width]",
+            remedy="give one value a pixel of the scored image",
+        )
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        row, column = bad[0].tolist()
+        raise RecordError(
+            f"{where}: {len(bad)} of its values are no finite numbers, the first "
+            f"{array[row, column]} in row {row}, column {column}",
+            remedy="give every pixel a number: gel that is not touched has height 0, pressure 0",
+        )
+    return array.astype(np.float64)

@@ -18,12 +18,10 @@ from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig import __version__
 from tacauchy_rig.app.replay.optics import Calibrate, optics_of
 from tacauchy_rig.app.replay.parts import parts_of
-from tacauchy_rig.app.replay.pressing import REPLAY_NAME
 from tacauchy_rig.app.replay.rendering import SAMPLES, drawn_image
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.outputs import Outputs, PressOutput, Simulator
-from tacauchy_rig.core.replayed import model_of
+from tacauchy_rig.core.simulated import REPLAY_NAME, Outputs, PressOutput, Simulator, model_of
 from tacauchy_rig.core.versions import machine
 
 NAME = "rigid penetration"

@@ -34,7 +34,7 @@ from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.replayed import ResidualSplit
+from tacauchy_rig.core.simulated import ResidualSplit
 
 MOST_TRIALS = 12
 """That are pressed again; of more, so many evenly spread over the forces: each takes two seconds,

@@ -24,8 +24,8 @@ from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.devices import RobotModel
 from tacauchy_rig.core.config.model import ModulusSource, PoseSource, RigConfig
 from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.replayed import FoundValue
 from tacauchy_rig.core.run import TrialRecord
+from tacauchy_rig.core.simulated import FoundValue
 
 TAKEN_FROM = 2.0
 """Standard uncertainties: what is found within them of zero stays zero."""

@@ -29,10 +29,9 @@ from tacauchy_rig.app.replay.optics import Say, say_nothing
 from tacauchy_rig.app.replay.parts import Part
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.replayed import Replay, ReplayModel
 from tacauchy_rig.core.run import TrialRecord
+from tacauchy_rig.core.simulated import REPLAY_NAME, Replay, ReplayModel
 
-REPLAY_NAME = "force-matched"
 Pressed = tuple[Replay, dict[int, TrialFields]]
 """A replay of which nothing is rendered yet, and fields by trial."""
 

@@ -19,7 +19,7 @@ from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.optics import OpticalCalibration, nominal_optics
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.replayed import MarkerMotion
+from tacauchy_rig.core.simulated import MarkerMotion
 from tacauchy_rig.core.store.replay_files import ReplayFields
 
 SAMPLES = 2

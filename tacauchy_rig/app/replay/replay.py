@@ -37,12 +37,10 @@ from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import PoseSource
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.replayed import FoundValue, Replay, ReplayModel, ResidualSplit
 from tacauchy_rig.core.side_by_side import worker_process
+from tacauchy_rig.core.simulated import IMAGE_S, FoundValue, Replay, ReplayModel, ResidualSplit
 from tacauchy_rig.core.store.replay_files import ReplayFields
 
-IMAGE_S = "image_s"
-"""Of a trial's ``wall_s``: rendering, the no-contact frame's reading included [s]."""
 Rendered = tuple[Replay, dict[int, ReplayFields]]
 
 

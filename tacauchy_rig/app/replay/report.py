@@ -8,7 +8,7 @@ from reports.evidence.attempt import RunReading, readable
 from reports.evidence.evidence import RunEvidence
 from reports.evidence.loading import load_evidence
 from reports.page.writing import ReportPaths, write_report
-from tacauchy_rig.app.replay.pressing import REPLAY_NAME
+from tacauchy_rig.core.simulated import REPLAY_NAME
 
 
 def evidence_of(run: RunReading) -> RunEvidence:

@@ -23,7 +23,7 @@ from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.uncertainty import Stated, stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, RigError
-from tacauchy_rig.core.replayed import ForceInput, FoundValue
+from tacauchy_rig.core.simulated import ForceInput, FoundValue
 
 _DEPTHS = 4
 """At which an input is tried; between them its change is interpolated."""

@@ -19,8 +19,8 @@ from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.imported import Imported, ImportedTrial
-from tacauchy_rig.core.replayed import Replay
 from tacauchy_rig.core.run import TrialRecord
+from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.codec import dumps, loads, to_json
 from tacauchy_rig.core.store.durable import write_atomically, write_error
 from tacauchy_rig.core.store.journal import read_journal

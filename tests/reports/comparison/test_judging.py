@@ -8,10 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from reports.comparison.judging import Judgement, contests, judge, outputs_of_replay
+from reports.comparison.judging import Judgement, contests, judge
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import RunEvidence
-from tacauchy_rig.core.outputs import Driven, Outputs, PressOutput, Simulator
+from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator
+from tests.reports.replay_outputs import replay_outputs
 
 HEIGHT_M, PRESSURE_PA = -1.0e-4, 2.0e3
 WEAK = 0.7  # of the contact's change
@@ -48,7 +49,7 @@ def judged(two: RunEvidence, made: SimpleNamespace) -> Judgement:
     heights = {trial.index: np.zeros(shape) for trial in two.trials}
     pressures = {trial.index: np.full(shape, 2.0 * PRESSURE_PA) for trial in two.trials}
     shears = {trial.index: np.full((*shape, 2), (0.0, PRESSURE_PA)) for trial in two.trials}
-    ours = outputs_of_replay(two, Simulator(name="ours", version="1"), heights, pressures, shears)
+    ours = replay_outputs(two, heights, pressures, shears)
     return judge(two, [_others(two, made, force=2.0, part=WEAK)], ours=ours)
 
 
@@ -86,7 +87,7 @@ def test_ours_can_lose(two: RunEvidence) -> None:
     """Where the other shows the very camera's image, ours loses every score and it is said."""
     seen = {t.index: PressOutput(image=t.images.real) for t in two.trials}
     perfect = Outputs(simulator=Simulator(name="Camera", version="1"), presses=seen)
-    ours = outputs_of_replay(two, Simulator(name="ours", version="1"), {})
+    ours = replay_outputs(two)
     found = contests(judge(two, [perfect], ours=ours))
     assert {c.score.key for c in found} >= {"ssim", "contact_relative_residual"}
     assert all(c.is_lost for c in found if c.score.key != "psnr_db")
@@ -121,7 +122,7 @@ def test_left_out_presses_are_no_presses(two: RunEvidence, made: SimpleNamespace
     other = _others(two, made, force=1.0, part=1.0)
     last = two.trials[-1].index
     kept = {i: press for i, press in other.presses.items() if i != last}
-    ours = outputs_of_replay(two, Simulator(name="ours", version="1"), {})
+    ours = replay_outputs(two)
     found = judge(two, [replace(other, presses=kept, left_out=(last,))], ours=ours)
     assert [press.index for press in found.simulators[1].presses] == sorted(kept)
     assert all(c.difference.count == len(kept) for c in contests(found) if c.score.key == "ssim")

@@ -10,8 +10,8 @@ from reports.comparison.compare import compare
 from reports.comparison.results import ValidationReport
 from reports.comparison.truth import recover_truth
 from reports.evidence.evidence import EmulatedWorld, RunEvidence, TrueDwell
-from tacauchy_rig.core.replayed import FoundValue
 from tacauchy_rig.core.run import Tare
+from tacauchy_rig.core.simulated import FoundValue
 from tests.made_model import made_model
 
 WORLD = EmulatedWorld(

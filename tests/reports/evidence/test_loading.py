@@ -15,8 +15,8 @@ from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import ImageGeometry, RunEvidence, TrueDwell
 from reports.evidence.loading import load_evidence, read_true_dwells, summarize_journal
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.replayed import Replay
 from tacauchy_rig.core.run import JournalEvent
+from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.made_model import made_model
 

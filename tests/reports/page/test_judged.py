@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reports.comparison.judging import judge, outputs_of_replay
+from reports.comparison.judging import judge
 from reports.evidence.evidence import RunEvidence
 from reports.page.judged import JudgedPaths, write_judgement
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.outputs import Driven, Outputs, PressOutput, Simulator
+from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator
+from tests.reports.replay_outputs import replay_outputs
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,7 @@ def judgement(evidence: RunEvidence):  # type: ignore[no-untyped-def]
     who = Simulator(
         name="<b>Bold</b>", version="1", driven_by=Driven.DEPTH, note="<script>", machine="here"
     )
-    ours = outputs_of_replay(two, Simulator(name="ours", version="1"), {})
+    ours = replay_outputs(two)
     return judge(two, [Outputs(simulator=who, presses=presses, left_out=(2,))], ours=ours)
 
 

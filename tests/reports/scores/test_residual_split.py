@@ -8,7 +8,7 @@ import pytest
 from reports.evidence.evidence import TrialImages
 from reports.scores.residual_split import Cause, Mode, split_residual
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.replayed import ResidualSplit
+from tacauchy_rig.core.simulated import ResidualSplit
 from tests.reports.conftest import background, contact_change
 
 FORCES_N = {1: 1.5, 2: 3.0, 3: 4.5}

@@ -24,8 +24,8 @@ from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.uncertainty import force_inputs, variations
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
-from tacauchy_rig.core.replayed import Replay
 from tacauchy_rig.core.run import Outcome, Tare, TrialRecord
+from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.tables import Table
 
 HELD_MIN = 0.85

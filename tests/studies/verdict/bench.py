@@ -23,7 +23,7 @@ from tacauchy_rig.app.replay.pressing import measured_depths, mounted, press_aga
 from tacauchy_rig.app.replay.replay import render_again
 from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.replayed import ForceInput, Replay
+from tacauchy_rig.core.simulated import ForceInput, Replay
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,10 +16,10 @@ from tacauchy_rig.app.replay.image_causes import SplitPart, split_images
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.mounting import moved
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
-from tacauchy_rig.app.replay.pressing import REPLAY_NAME, measured_attempts
+from tacauchy_rig.app.replay.pressing import measured_attempts
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.replayed import ResidualSplit
+from tacauchy_rig.core.simulated import REPLAY_NAME, ResidualSplit
 from tacauchy_rig.core.tables import Table, table_of
 from tests.studies.verdict.bench import Bench, Pressed, rendered
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from reports.scores.residual_split import Cause
-from tacauchy_rig.core.replayed import ResidualSplit
+from tacauchy_rig.core.simulated import ResidualSplit
 from tests.studies.verdict.planted import Ranked, planted_table
 
 

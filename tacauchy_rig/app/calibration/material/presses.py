@@ -17,12 +17,11 @@ from sim.scene.indenter import Cylinder, Sphere, describe
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.app.replay.parts import Part, parts_of
-from tacauchy_rig.app.replay.pressing import REPLAY_NAME
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import ConfigError, RecordError
-from tacauchy_rig.core.replayed import FoundValue, Replay, model_of
+from tacauchy_rig.core.simulated import REPLAY_NAME, FoundValue, Replay, model_of
 
 COLUMNS = ("indenter", "depth_mm", "force_n")
 POINTS_MIN = 4

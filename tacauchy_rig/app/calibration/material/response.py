@@ -20,8 +20,8 @@ from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.replayed import ForceInput
 from tacauchy_rig.core.side_by_side import side_by_side
+from tacauchy_rig.core.simulated import ForceInput
 
 POISSON = (0.40, 0.43, 0.455, 0.475, 0.49)
 FRICTION = (0.0, 0.1, 0.3, 0.6, 1.0)

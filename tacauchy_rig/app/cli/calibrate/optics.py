@@ -79,7 +79,7 @@ def optics(
     """
     from tacauchy_rig.app.calibration.optics.of_run import keep_optics, request_of
     from tacauchy_rig.app.calibration.optics.run import calibrate_and_check
-    from tacauchy_rig.app.judging.writing import check_empty
+    from tacauchy_rig.app.judging.layout import check_empty
     from tacauchy_rig.app.replay.opening import open_run
 
     run = open_run(folder) if (folder / "run.json").is_file() else None
@@ -126,8 +126,8 @@ def _write_outputs(
     Their numbers are a run's trials, or else the order of their table.
     """
     from tacauchy_rig import __version__
-    from tacauchy_rig.app.judging.writing import write_outputs
-    from tacauchy_rig.core.outputs import Outputs, PressOutput, Simulator
+    from tacauchy_rig.app.judging.layout import write_outputs
+    from tacauchy_rig.core.simulated import Outputs, PressOutput, Simulator
     from tacauchy_rig.core.versions import machine
 
     if folder is None:

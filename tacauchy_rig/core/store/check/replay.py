@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator
 
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.replayed import Replay
 from tacauchy_rig.core.run import Criterion
+from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.check.contradiction import agreement, shown, unlike
 from tacauchy_rig.core.store.check.journal import JournalReading
 from tacauchy_rig.core.store.run_store import RunStore

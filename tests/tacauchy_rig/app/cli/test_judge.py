@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from tacauchy_rig.app.cli.judge import Baseline, judge
-from tacauchy_rig.app.judging.writing import write_outputs
+from tacauchy_rig.app.judging.layout import write_outputs
 from tacauchy_rig.core.errors import ConfigError, RecordError
-from tacauchy_rig.core.outputs import Driven, Outputs, PressOutput, Simulator
 from tacauchy_rig.core.rgb import decode_rgb
+from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator
 from tests.recorded_run import new_run, press_run
 
 

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 import pytest
 
+from tacauchy_rig.app.judging.layout import write_outputs
 from tacauchy_rig.app.judging.reading import Asked, read_outputs
-from tacauchy_rig.app.judging.writing import write_outputs
 from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.outputs import Driven, Outputs, PressOutput, Simulator
+from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator
 
 WIDTH, HEIGHT = 24, 16
 COLOUR = np.array([40, 90, 200], dtype=np.uint8)

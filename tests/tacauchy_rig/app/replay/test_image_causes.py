@@ -21,7 +21,7 @@ from tacauchy_rig.app.replay.optics import nominal_optics
 from tacauchy_rig.app.replay.rendering import replay_images
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.replayed import ResidualSplit
+from tacauchy_rig.core.simulated import ResidualSplit
 
 FORCES_N = (2.0, 4.0)
 

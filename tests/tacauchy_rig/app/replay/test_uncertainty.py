@@ -14,7 +14,7 @@ from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.uncertainty import _quick, force_inputs, variations
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.replayed import FoundValue
+from tacauchy_rig.core.simulated import FoundValue
 
 BALL = ('indenter.kind="sphere"', 'indenter.diameter="8 mm"', 'indenter.fillet="0 mm"')
 SMOOTH = ("replay.friction=0", "uncertainty.friction=0")

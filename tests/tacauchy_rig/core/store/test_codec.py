@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.replayed import MarkerMotion, Replay, ReplayTrial
 from tacauchy_rig.core.run import Criterion, Outcome, Tare, TrialRecord
+from tacauchy_rig.core.simulated import MarkerMotion, Replay, ReplayTrial
 from tacauchy_rig.core.store.codec import dumps, from_json, loads, to_json, to_plain
 from tests.made_model import made_model
 

@@ -15,8 +15,8 @@ import pytest
 
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.replayed import Replay, ReplayTrial
 from tacauchy_rig.core.run import Outcome, TrialRecord
+from tacauchy_rig.core.simulated import Replay, ReplayTrial
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.layout import RunPaths, run_root_of
 from tacauchy_rig.core.store.replay_files import ReplayFields

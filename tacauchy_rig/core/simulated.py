@@ -1,14 +1,92 @@
-"""What was replayed of a run, with which model, and what that is worth. All values are SI."""
+"""What simulators answer: any simulator's outputs for a run's presses, and our replay. All SI."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Annotated, Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as pydantic_dataclass
+
+REPLAY_NAME = "force-matched"
+"""Of our replay within a run."""
+IMAGE_S = "image_s"
+"""Of a trial's ``wall_s``: rendering, the no-contact frame's reading included [s]."""
+
+
+class Driven(StrEnum):
+    """What a simulator was told of a press: the other one of force and depth is its answer."""
+
+    DEPTH = "depth"
+    FORCE = "force"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Simulator:
+    """Who simulated.
+
+    Attributes:
+        version: As its maker numbers it.
+        milliseconds_an_image: From the press's depth or force to the image [ms]; None: not stated.
+        machine: That this was measured on.
+        fitted_to_these: Something of it was fitted to the very presses that are judged.
+        driven_by: What it was told; None where it gives no force.
+        note: What a reader has to know, in a sentence.
+    """
+
+    name: str
+    version: str
+    milliseconds_an_image: float | None = None
+    machine: str = ""
+    fitted_to_these: bool = False
+    driven_by: Driven | None = None
+    note: str = ""
+
+    @property
+    def title(self) -> str:
+        """Name and version."""
+        return f"{self.name} {self.version}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressOutput:
+    """One press, simulated.
+
+    Attributes:
+        image: RGB, of the scored size, shape [height, width, 3].
+        force_n: F_z on the indenter, positive in compression [N].
+        depth_m: From first touch [m].
+        height_m: Height of the gel's surface over itself at rest [m], negative where it is pressed
+            in, a value a pixel of the scored image, shape [height, width].
+        pressure_pa: Normal pressure on the gel, likewise [Pa].
+        shear_pa: Tangential traction on the gel along the pad's x and y [Pa], shape
+            [height, width, 2].
+    """
+
+    image: NDArray[np.uint8] | None = None
+    force_n: float | None = None
+    depth_m: float | None = None
+    height_m: NDArray[np.float64] | None = None
+    pressure_pa: NDArray[np.float64] | None = None
+    shear_pa: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outputs:
+    """All presses of a simulator, by the run's trial.
+
+    Attributes:
+        left_out: Trials that it says it did not simulate.
+    """
+
+    simulator: Simulator
+    presses: dict[int, PressOutput] = field(default_factory=dict)
+    left_out: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tacauchy_rig.core.replayed import Alternative
+from tacauchy_rig.core.simulated import Alternative
 
 
 def test_long_times_are_whole_numbers() -> None:
