@@ -107,6 +107,7 @@ def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Laboratory:
     return Laboratory(folder=folder, site=site)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_its_sensor_law_and_indenter_press(laboratory: Laboratory) -> None:
     """At small strains its law gives the force of the linear one within 2 %, and is another law."""

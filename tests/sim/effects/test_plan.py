@@ -222,7 +222,7 @@ def test_symmetry_changes_nothing_but_the_size() -> None:
     [
         {"motion": Motion(tilt_rad=(0.0, 0.01)), "indenter": PUNCH},
         {"motion": Motion(shift_m=(0.0, 2e-5)), "contact": ContactMode.FRICTION},
-        {"centre_m": (1e-3, 0.0)},
+        pytest.param({"centre_m": (1e-3, 0.0)}, marks=pytest.mark.slow),
     ],
     ids=["tilted", "sliding", "off centre"],
 )

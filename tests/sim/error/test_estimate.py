@@ -86,8 +86,8 @@ def test_no_force_has_no_error(found: PressOutputs) -> None:
     "scene",
     [
         SCENE,
-        replace(SCENE, target=Target(depth_m=1.4e-3)),
-        replace(SCENE, contact=ContactMode.BONDED),
+        pytest.param(replace(SCENE, target=Target(depth_m=1.4e-3)), marks=pytest.mark.slow),
+        pytest.param(replace(SCENE, contact=ContactMode.BONDED), marks=pytest.mark.slow),
         replace(SCENE, contact=ContactMode.FRICTION, friction=0.8),
         replace(SCENE, target=Target(force_n=0.05)),
     ],
@@ -114,6 +114,7 @@ def test_a_result_has_its_errors_and_what_they_took() -> None:
     assert press(SCENE).estimated_force_error_relative is None
 
 
+@pytest.mark.slow
 def test_linear_tetrahedra_are_held_against_quadratic_ones() -> None:
     """Preset paper has one mesh, which locks by tens of per cent."""
     result = press(replace(SCENE, preset=Preset.PAPER), estimate_error=True)

@@ -76,8 +76,9 @@ def history(model: Model, *, step_s: float = 0.05) -> FloatArray:
     return np.asarray(positions + rng.normal(scale=2e-5, size=positions.shape))
 
 
-@pytest.mark.parametrize("order", ["P1", "P2"])
-@pytest.mark.parametrize("name", list(LawName))
+@pytest.mark.parametrize(
+    ("name", "order"), [(law, ("P1", "P2")[k % 2]) for k, law in enumerate(LawName)]
+)
 def test_step_has_an_energy(name: LawName, order: str) -> None:
     """Forces and stiffness of a step with a past are derivatives of its energy."""
     gel = model(name, order=order)

@@ -80,6 +80,7 @@ def test_labels_are_kept_in_the_mesh_file(tmp_path: Path) -> None:
     assert kept.content_hash != replace(mesh, layers=None).content_hash
 
 
+@pytest.mark.slow
 def test_ftetwild_keeps_to_the_interface() -> None:
     """Labels fill the layers' volumes, with nodes on the interface itself."""
     pad = BoxPad(size_x_m=6e-3, size_y_m=6e-3, height_m=3e-3)
@@ -213,7 +214,7 @@ def test_the_reference_itself_gives_the_published_factors(poisson: float, kappa:
 @pytest.mark.parametrize(
     ("ratio", "share", "radius_m", "tolerance"),
     [
-        (4.0, 0.925, 2.5e-3, 0.05),
+        pytest.param(4.0, 0.925, 2.5e-3, 0.05, marks=pytest.mark.slow),
         (1e-4, 0.925, 2.5e-3, 0.03),
         pytest.param(1e4, 0.5, 0.5e-3, 0.03, marks=pytest.mark.slow),
     ],

@@ -86,6 +86,7 @@ def test_bad_surfaces_are_refused(tmp_path: Path) -> None:
         read_surface_pad(tmp_path / "none.stl", unit=MeshUnit.MILLIMETRE)
 
 
+@pytest.mark.slow
 def test_press_into_a_file_is_that_into_the_formula(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

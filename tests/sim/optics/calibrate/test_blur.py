@@ -31,6 +31,7 @@ def test_a_blur_is_noticed(blur_px: float, low: float, high: float) -> None:
     assert low <= fit_blur(calibration.placed(found), calibration) <= high
 
 
+@pytest.mark.slow
 def test_colours_are_fitted_to_the_sharp_gel() -> None:
     """Told of the blur, the fit takes less of it for the gel's own colours."""
     sensor = load_sensor("gelsight-mini")

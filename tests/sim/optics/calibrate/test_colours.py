@@ -57,6 +57,7 @@ def _fit(scene: PressScene) -> Callable[[Sequence[BallPress]], Calibration]:
     return partial(calibrate_optics, scene=scene)
 
 
+@pytest.mark.slow
 def test_held_out_colours_are_recovered_to_within_the_noise() -> None:
     """Good labels, steady light: held-out error is the noise of the pixels alone."""
     scene = press_scene()

@@ -30,6 +30,7 @@ def _caster(azimuths_deg: tuple[float, ...], elevation_deg: float, level: float)
     )
 
 
+@pytest.mark.slow
 def test_lamps_are_found_from_their_shadows() -> None:
     """From lamps that are 15 degrees and a third off, directions and elevations come back."""
     scene, true = press_scene(), _caster((-75.0, 45.0), 12.0, 140.0)

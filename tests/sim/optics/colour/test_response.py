@@ -48,6 +48,7 @@ def test_the_last_levels_of_a_shoulder_only_bound_the_light() -> None:
     assert seen.change[0, 2] == 0.0
 
 
+@pytest.mark.slow
 def test_presses_tell_where_the_shoulder_begins() -> None:
     """A knee in the middle of the presses' levels is found, and none where there is none."""
     bright = replace(true_model(), coefficients=4.0 * true_model().coefficients)

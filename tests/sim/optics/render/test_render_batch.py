@@ -32,10 +32,20 @@ _TERMS = ShadingTerms(
 )
 
 
-@pytest.mark.parametrize("samples", [1, 2])
-@pytest.mark.parametrize("blur_px", [0.0, 0.7])
-@pytest.mark.parametrize("terms", [None, _TERMS])
-@pytest.mark.parametrize("shadows", [None, ShadowCaster(lamps=_LAMPS, softness_m=8e-5)])
+_SHADOWS = ShadowCaster(lamps=_LAMPS, softness_m=8e-5)
+
+
+@pytest.mark.parametrize(
+    ("samples", "blur_px", "terms", "shadows"),
+    [  # every pair of settings once
+        (1, 0.0, None, None),
+        (1, 0.7, _TERMS, _SHADOWS),
+        (2, 0.0, _TERMS, _SHADOWS),
+        (2, 0.7, None, _SHADOWS),
+        (2, 0.7, _TERMS, None),
+        (1, 0.0, None, _SHADOWS),
+    ],
+)
 def test_batch_gives_the_single_images(
     monkeypatch: pytest.MonkeyPatch,
     samples: int,

@@ -70,7 +70,9 @@ def in_time(
     return LoadingPath(model, indenter, potentials=potentials, inertia=mass)
 
 
-@pytest.mark.parametrize("contact", [{}, {"friction": 0.5}, {"bonded": True}])
+@pytest.mark.parametrize(
+    "contact", [pytest.param({}, marks=pytest.mark.slow), {"friction": 0.5}, {"bonded": True}]
+)
 def test_a_slow_press_is_statics(contact: dict[str, Any]) -> None:
     """0.3 mm in a second, slid while the force is held: free, with friction, bonded."""
     options = ContactOptions(distance_m=5e-6, **contact)
