@@ -17,10 +17,10 @@ dry-run: $(VENV)/.product
 	$(BIN)/tacauchy-rig dry-run
 
 test: $(VENV)/.tools
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
+	$(BIN)/python -m pytest -n 2 --dist worksteal --durations=50 -m "not slow"
 
 test-slow: $(VENV)/.tools
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "slow and not alone"
+	$(BIN)/python -m pytest -n 2 --dist worksteal --durations=20 -m "slow and not alone"
 	$(BIN)/python -m pytest -m "slow and alone"
 
 check: lint types contracts dependencies
