@@ -1,9 +1,11 @@
-"""Arrays and kernel launches on one Warp device."""
+"""Arrays and kernel launches on one Warp device, and what Warp logs."""
 
 from __future__ import annotations
 
 import ctypes.util
+import logging
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
@@ -14,8 +16,39 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.warp_log import WarpLog
 from tacauchy_rig.core.errors import ConfigError
+
+logger = logging.getLogger(__name__)
+# Of its own, so that who wants to hear of compiled kernels need not hear the rest.
+compiled = logging.getLogger(f"{__name__}.compiled")
+
+# Of a module that was compiled; Warp says "(cached)" of one that only had to be loaded.
+_COMPILED = re.compile(r"^Module (?P<name>\S+) .* took (?P<ms>[\d.]+) ms\s+\(compiled\)")
+
+
+class WarpLog:
+    """A logger for ``warp.set_logger``.
+
+    A record of a compiled module goes to ``sim.device.compiled``, its seconds as ``compiled_s``.
+    """
+
+    debug = staticmethod(logger.debug)
+    error = staticmethod(logger.error)
+
+    def info(self, message: str) -> None:
+        """Tell of a module that was compiled; the rest is for debugging."""
+        found = _COMPILED.match(message)
+        if found is None:
+            logger.debug("%s", message)
+            return
+        seconds = 1e-3 * float(found["ms"])
+        compiled.info("compiled %s", found["name"], extra={"compiled_s": seconds})
+
+    def warning(self, message: str, category: object = None, stacklevel: int = 1) -> None:
+        """Pass on a warning."""
+        del category
+        logger.warning("%s", message, stacklevel=stacklevel + 1)
+
 
 # Products and sums in one instruction; and with Warp's own flags no block of pixels is put whole
 # into one (``sim/optics/pixels/pixel_kernel.py``). One set of flags for all kernels: a process that

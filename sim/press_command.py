@@ -10,8 +10,7 @@ from sim.effects.estimates import expected_force
 from sim.error.tolerance import Tolerance, keeping, parse_tolerance
 from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import Pad
-from sim.scene.scene import Drive, Motion, Output, Preset, Scene, Target
-from sim.scene.scene_terms import SceneTerms
+from sim.scene.scene import Drive, Motion, Output, Preset, Scene, SceneTerms, Target
 from sim.scene.terms import (
     parse_contact,
     parse_indenter,

@@ -21,9 +21,9 @@ from sim.press import measure
 from sim.scene.indenter import Indenter, describe
 from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.force_search import ForceMatch, find_force, push_to_force
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.force_search import ForceMatch, find_force, push_to_force
+from sim.solve.loading_path import LoadingPath
+from sim.solve.path_point import PathPoint
 from sim.walk import Walk
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import Replay, ReplayLayer, ReplayModel, ReplayTrial

@@ -16,9 +16,9 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.error.settings import setting_of
 from sim.scene.scene import Drive, Effect, Output, Scene
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.force_search import ForceMatch, push_to_force
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.force_search import ForceMatch, push_to_force
+from sim.solve.loading_path import LoadingPath
+from sim.solve.path_point import PathPoint
 
 History = tuple[tuple[float, float], ...]
 """(depth [m], F_z [N])."""

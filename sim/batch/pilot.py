@@ -15,10 +15,9 @@ from sim.effects.presets import BATCH, build_model, mesh_for
 from sim.scene.indenter import Indenter
 from sim.scene.scene import Effect, Scene
 from sim.solve.equilibrium import SolverOptions
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.first_touch import touch_height
-from sim.solve.load_steps.path import Hold, LoadingPath
+from sim.solve.loading_path import Hold, LoadingPath, touch_height
 from sim.solve.model import Model
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 

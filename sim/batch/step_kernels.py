@@ -20,7 +20,7 @@ from sim.batch.pilots_way import (
     place_of,
     stands_of,
 )
-from sim.contact.friction import GripArrays
+from sim.contact.contact_kernels import GripArrays
 from sim.contact.indenter_distance import Poses
 from sim.solve.descent_state import Descent, Mode, Status
 from sim.solve.memory_kernels import Memory, wait_for_all

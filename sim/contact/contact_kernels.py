@@ -1,9 +1,35 @@
-"""Warp kernels of contact: barrier and what acts along the surface, point by point.
+"""Warp kernels of contact between the gel's surface and the indenter: barrier, friction, bonding.
 
-They are compiled for what presses, an analytic body or one of triangles, and for whether anything
-resists along the surface, so that none carries what it does not need. All launch over
-[environment_count, face_count, face_point_count], and leave environments alone that are not
-``wanted``.
+Barrier. It is integrated over the rest surface, so it converges under refinement:
+
+    E = sum_p A_p kappa f(g_p / d_hat),  f(s) = s - 1 - ln s for s < 1, else 0
+
+so the pressure is kappa / d_hat (1/s - 1). The barrier of Incremental Potential Contact (Li et al.
+2020), -(s - 1)^2 ln s, lets the pressure vanish quadratically at d_hat; Newton then frees a point
+by a factor of four an iteration, where this one frees it in one. Below s = extension the barrier
+goes on as the parabola that joins it with two derivatives, so that Newton may start from a slight
+overlap; an accepted equilibrium has every s above the extension, where that changes nothing.
+
+Friction and bonding. A point that touches remembers where on the indenter it did so, its anchor.
+Its tangential offset u from there costs, per area,
+
+    bonded    k u^2 / 2
+    friction  mu p s f(u / s),  f(y) = y^2 - y^3 / 3 for y < 1, y - 1/3 beyond
+
+f is IPC's smoothed Coulomb law (Li et al. 2020, Eq. 14-16), but s is a length and u is counted from
+the anchor, not from the last time step: a point that sticks does not creep, however many steps are
+taken. Pressure p and normal are lagged: they are refreshed whenever the residual has become small,
+until they stand still. Where u exceeds s, the anchor is then dragged along to that distance.
+
+A point that comes to touch within a step takes hold where its gap fell to d_hat on a straight path,
+so that gel running in under an edge is gripped from the start. Its anchor is where it was free, and
+only the share c of the path that is left counts: u is c times the offset from there, at an energy
+of 1 / c. That is the same force as from an anchor on the path, but what is lagged is c, not a place
+that would run after the point. When the step has ended, the place is the anchor.
+
+The kernels are compiled for one kind of indenter, analytic or of triangles, and for whether
+anything resists along the surface, so that none carries what it does not need. All launch over
+[environment_count, face_count, face_point_count], and skip environments that are not ``wanted``.
 """
 
 from __future__ import annotations
@@ -14,14 +40,6 @@ from typing import Any
 
 import warp as wp
 
-from sim.contact.barrier import TouchedSurface, normal_contact, surface_point
-from sim.contact.friction import (
-    GripArrays,
-    grip_offset,
-    held_back,
-    share_held,
-    tangential_contact,
-)
 from sim.contact.indenter_distance import (
     MeshBody,
     Poses,
@@ -31,6 +49,184 @@ from sim.contact.indenter_distance import (
     posed,
     signed_distance,
 )
+
+_STIFFNESS_FACTOR = wp.constant(wp.float64(8.0))  # kappa over E d_hat
+
+
+@wp.struct
+class TouchedSurface:
+    """The faces that may be touched, and the numbers of the contact model.
+
+    Attributes:
+        faces: Nodes of every face, shape [face_count, face_node_count].
+        values: Of the shape functions, shape [point_count, face_node_count].
+        areas: At rest, of every contact point [m^2], shape [face_count, point_count].
+        young: E of what is touched [Pa], shape [environment_count].
+        extensions: Share of d_hat below which the barrier goes on as a parabola, the same shape.
+        friction: mu, the same shape.
+        distance: d_hat [m].
+        slip: s [m], the offset at which sticking has become sliding.
+        bonded: Points that touch stick, with k = E / d_hat.
+    """
+
+    faces: wp.array2d(dtype=wp.int32)
+    values: wp.array2d(dtype=wp.float64)
+    areas: wp.array2d(dtype=wp.float64)
+    young: wp.array(dtype=wp.float64)
+    extensions: wp.array(dtype=wp.float64)
+    friction: wp.array(dtype=wp.float64)
+    distance: wp.float64
+    slip: wp.float64
+    bonded: wp.bool
+
+
+@wp.func
+def surface_point(
+    surface: TouchedSurface, positions: wp.array(dtype=wp.vec3d), face: wp.int32, point: wp.int32
+) -> wp.vec3d:
+    """Return the position of a contact point [m]."""
+    x = wp.vec3d()
+    for k in range(surface.faces.shape[1]):
+        x += positions[surface.faces[face, k]] * surface.values[point, k]
+    return x
+
+
+@wp.func
+def tangential_part(v: wp.vec3d, n: wp.vec3d) -> wp.vec3d:
+    """Return ``v`` without its component along the unit vector ``n``."""
+    return v - n * wp.dot(v, n)
+
+
+@wp.func
+def normal_contact(surface: TouchedSurface, b: wp.int32, s: wp.float64):
+    """Return energy [J/m^2], pressure [Pa] and its change by the gap [Pa/m] at gap s d_hat < d_hat.
+
+    The pressure is the energy's derivative by the gap: it is negative where the surfaces repel.
+    """
+    one = wp.float64(1.0)
+    r = wp.max(s, surface.extensions[b])
+    h = s - r
+    scale = _STIFFNESS_FACTOR * surface.young[b]
+    energy = r - one - wp.log(r) + h * (one - one / r) + wp.float64(0.5) * h * h / (r * r)
+    pressure = scale * (one - one / r + h / (r * r))
+    change = scale / surface.distance * (one / (r * r))
+    return scale * surface.distance * energy, pressure, change
+
+
+@wp.kernel(enable_backward=False)
+def hessian(
+    # Model:
+    blocks: wp.array3d(dtype=wp.int32),
+    face_values: wp.array2d(dtype=wp.float64),
+    # Data in:
+    stiffness: wp.array2d(dtype=wp.mat33d),
+    # Data out:
+    values_out: wp.array(dtype=wp.mat33d),
+):
+    """Add a face's blocks to the matrix; launches over [face_count, face_node_count]."""
+    f, i = wp.tid()
+    active = wp.bool(False)
+    for q in range(stiffness.shape[1]):
+        if wp.ddot(stiffness[f, q], stiffness[f, q]) > wp.float64(0.0):
+            active = True
+    if active:
+        for j in range(i, blocks.shape[2]):
+            slot = blocks[f, i, j]
+            if slot >= 0:
+                total = wp.mat33d()
+                for q in range(stiffness.shape[1]):
+                    total += stiffness[f, q] * (face_values[q, i] * face_values[q, j])
+                wp.atomic_add(values_out, slot // 2, total)
+
+
+# Of its way, what a point has at least been held for that touches.
+_LEAST_SHARE = wp.constant(wp.float64(1.0e-6))
+
+
+@wp.struct
+class GripArrays:
+    """``Grip`` on a device; arrays have shape [environment_count, face_count, face_point_count]."""
+
+    held: wp.array3d(dtype=wp.float64)
+    anchors: wp.array3d(dtype=wp.vec3d)
+    loads: wp.array3d(dtype=wp.vec3d)
+
+
+@wp.func
+def grip_offset(
+    body: Any, held: wp.float64, load: wp.vec3d, anchor: wp.vec3d, x: wp.vec3d
+) -> wp.vec3d:
+    """Return the tangential offset in the pad's frame [m]: a share of that from the anchor."""
+    p = wp.length(load)
+    away = local_point(body, x) - anchor
+    if p > wp.float64(0.0):
+        away = tangential_part(away, load / p)
+    return body.rotation * (held * away)
+
+
+@wp.func
+def share_held(body: Any, free: wp.vec3d, distance: wp.float64, reach: wp.float64) -> wp.float64:
+    """Return the share of a straight way after its gap fell to ``reach``.
+
+    Args:
+        free: Where the point was last free, in the indenter's frame [m].
+        distance: Where it is now [m].
+    """
+    before, _ = signed_distance(body, body.position + body.rotation * free)
+    share = wp.float64(1.0)
+    if before > reach:
+        share = wp.max((reach - distance) / (before - distance), _LEAST_SHARE)
+    return share
+
+
+@wp.func
+def tangential_contact(surface: TouchedSurface, b: wp.int32, load: wp.float64, length: wp.float64):
+    """Return energy [J/m^2] and stiffness across and along an offset [Pa/m], at its length [m].
+
+    ``load`` is the lagged pressure [Pa].
+    """
+    one = wp.float64(1.0)
+    bond = surface.young[b] / surface.distance
+    across = bond
+    along = bond
+    density = wp.float64(0.5) * bond * length * length
+    if not surface.bonded:
+        strength = surface.friction[b] * load
+        y = length / surface.slip
+        third = one / wp.float64(3.0)
+        if y < one:
+            across = strength * (wp.float64(2.0) - y) / surface.slip
+            along = strength * (wp.float64(2.0) - wp.float64(2.0) * y) / surface.slip
+            density = strength * surface.slip * (y * y * (one - y * third))
+        else:
+            across = strength / length
+            along = wp.float64(0.0)
+            density = strength * surface.slip * (y - third)
+    return density, across, along
+
+
+@wp.func
+def held_back(
+    surface: TouchedSurface,
+    body: Any,
+    grip: GripArrays,
+    b: wp.int32,
+    f: wp.int32,
+    q: wp.int32,
+    x: wp.vec3d,
+):
+    """Return energy [J/m^2] and its gradient [Pa] of what a point of an environment holds on to."""
+    density = wp.float64(0.0)
+    along = wp.vec3d()
+    held = grip.held[b, f, q]
+    if held > wp.float64(0.0):
+        load = grip.loads[b, f, q]
+        u = grip_offset(body, held, load, grip.anchors[b, f, q], x)
+        whole, across, _stiffness = tangential_contact(surface, b, wp.length(load), wp.length(u))
+        density = whole / held
+        along = u * across
+    return density, along
+
 
 # A lagged pressure that is none.
 _TINY_PA = wp.constant(wp.float64(1.0e-12))

@@ -9,8 +9,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.contact import barrier, friction
-from sim.contact.contact_kernels import ContactKernels, contact_kernels
+from sim.contact.contact_kernels import (
+    ContactKernels,
+    GripArrays,
+    TouchedSurface,
+    contact_kernels,
+    hessian,
+)
 from sim.contact.indenter_distance import body_kind, body_of, poses_at
 from sim.contact.state import ContactForces, ContactOptions, Grip, State
 from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
@@ -38,7 +43,7 @@ class ContactSurface:
         self._slots = device.array(pad.pattern.slots(pad.faces), wp.int32)
         areas = pad.face_areas[:, None] * pad.reference.face_weights
         self._surface = filled(
-            barrier.TouchedSurface,
+            TouchedSurface,
             faces=device.array(pad.faces, wp.int32),
             values=device.array(pad.reference.face_values, wp.float64),
             areas=device.array(areas, wp.float64),
@@ -52,7 +57,7 @@ class ContactSurface:
         """Return the surface for environments that differ in E [Pa] and mu."""
         extensions = np.full(len(young_pa), self._options.extension)
         return replaced(
-            barrier.TouchedSurface,
+            TouchedSurface,
             self._surface,
             young=self._device.array(young_pa, wp.float64),
             friction=self._device.array(friction, wp.float64),
@@ -115,7 +120,7 @@ class ContactSurface:
     def add_hessian(self, stiffness: FloatArray, values: Any) -> None:
         """Add the contact points' stiffness [N/m] to the matrix's blocks."""
         self._device.launch(
-            barrier.hessian,
+            hessian,
             (self._shape[0], self._pad.reference.face_node_count),
             [self._slots, self._surface.values, self._device.array(stiffness, wp.mat33d)],
             [values],
@@ -159,9 +164,9 @@ class ContactSurface:
         """
         if grip is not None:
             held = {name: getattr(grip, name)[None] for name in _GRIP}
-            return self._device.tables(friction.GripArrays, held)
+            return self._device.tables(GripArrays, held)
         shape = (count, *self._shape) if self._options.is_tangential else (1, 1, 1)
-        return self._device.zeroed(friction.GripArrays, shape)
+        return self._device.zeroed(GripArrays, shape)
 
     def grip_of(self, arrays: Any, b: int = 0) -> Grip | None:
         """Return an environment's memory from the device; None where nothing is kept."""
@@ -178,7 +183,7 @@ class ContactSurface:
 
     def _model(self, indenter: Indenter, state: State) -> list[Any]:
         extensions = self._device.array([state.extension], wp.float64)
-        surface = replaced(barrier.TouchedSurface, self._surface, extensions=extensions)
+        surface = replaced(TouchedSurface, self._surface, extensions=extensions)
         return [surface, body_of(indenter, device=self._device.name)]
 
     def _at(self, positions: FloatArray, state: State) -> tuple[Any, Any]:

@@ -9,18 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.effects.mesh_choice import has_brick, mesh_depth
-from sim.mesh.bisection import bisected, brick_mesh
-from sim.mesh.fitted import with_rim_fitted, with_top_fitted
 from sim.mesh.footprint import Footprint, footprint, sizing_field
-from sim.mesh.store import mesh_key, stored_mesh
+from sim.mesh.refinement import bisected, brick_mesh, with_rim_fitted, with_top_fitted
 from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh, refuse_flat
+from sim.mesh.tet_mesh import TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
-from sim.scene.indenter import Cylinder
+from sim.scene.indenter import Cylinder, TurnedIndenter, tilted
 from sim.scene.material import interface_shares
 from sim.scene.pad import BoxPad, Pad, SurfacePad
 from sim.scene.scene import Preset, Scene
-from sim.scene.tilted_indenter import TurnedIndenter, tilted
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 

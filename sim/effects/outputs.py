@@ -23,8 +23,8 @@ import numpy as np
 
 from sim.fields.contact_traction import split_forces
 from sim.scene.scene import Output
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
 
 _PERCENTILE = 0.95

@@ -14,11 +14,9 @@ from sim.effects.mesh_choice import MeshKind, contact_reach, mesh_choice, mirror
 from sim.material.elastic_body import element_constants, prony_of
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
-from sim.mesh.store import mesh_key, stored_mesh
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh, refuse_flat
+from sim.mesh.tet_mesh import TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.indenter import Cylinder, Indenter
 from sim.scene.material import LawName, interface_shares, law_name, sector_factor

@@ -6,14 +6,14 @@ from sim.effects.effect_plan import EffectPlan
 from sim.effects.estimates import expected_depth
 from sim.effects.presets import build_model, felt_indenter
 from sim.material.elastic_body import densities_of
+from sim.scene.indenter import tilted
 from sim.scene.scene import ContactMode, Drive, Effect, Output, Scene
-from sim.scene.tilted_indenter import tilted
-from sim.solve.dynamics.weight_and_inertia import Inertia, weight
 from sim.solve.equilibrium import SolverOptions
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.force_search import find_force
-from sim.solve.load_steps.path import STEP_SHARE, Hold, LoadingPath
+from sim.solve.force_search import find_force
+from sim.solve.loading_path import STEP_SHARE, Hold, LoadingPath
 from sim.solve.model import Model
+from sim.solve.nodal_energies import Inertia, weight
+from sim.solve.path_point import PathPoint
 
 # Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
 # thousandth of it, at most, and a load is then met no closer than that.

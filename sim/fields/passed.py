@@ -5,8 +5,8 @@ from __future__ import annotations
 from sim.fields.contact_traction import surface_traction
 from sim.fields.press_fields import surface_state, top_surface
 from sim.fields.surface import PassedState
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
+from sim.solve.path_point import PathPoint
 
 KEPT = 12
 """States of a path, at most."""

@@ -13,9 +13,9 @@ from sim.fields.surface import PassedState, SurfaceState, TopSurface
 from sim.fields.vtu import vtu
 from sim.mesh.symmetry import WholeSurface
 from sim.scene.indenter import grown
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, IntArray
 
 

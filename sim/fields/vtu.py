@@ -10,10 +10,9 @@ import numpy as np
 from sim.fields.stress_field import cauchy_stress, components
 from sim.fields.surface import SurfaceState
 from sim.mesh.symmetry import WholeSurface
-from sim.scene.indenter import MeshIndenter
-from sim.scene.tilted_indenter import ring_walls
-from sim.solve.load_steps.equilibrium import PathPoint
+from sim.scene.indenter import MeshIndenter, ring_walls
 from sim.solve.model import Model
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 # VTK's names of cells by their nodes: faces and tetrahedra, linear and quadratic.

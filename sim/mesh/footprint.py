@@ -17,8 +17,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from sim.scene.indenter import TurnedIndenter
 from sim.scene.pad import Pad, covers
-from sim.scene.tilted_indenter import TurnedIndenter
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.mesh.graded_plane import triangulated
+from sim.mesh.revolved import triangulated
 from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import Pad, ParametricPad, SurfacePad
 from tacauchy_rig.core.arrays import FloatArray, IntArray

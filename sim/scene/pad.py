@@ -9,8 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.scene.triangle_file import MeshUnit, read_triangles
-from sim.scene.triangle_surface import TriangleSurface, closed_surface, underside
+from sim.scene.triangle_surface import (
+    MeshUnit,
+    TriangleSurface,
+    closed_surface,
+    read_triangles,
+)
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
@@ -144,6 +148,8 @@ class SurfacePad:
 
     def height_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the top at rest [m], -inf beside the pad."""
+        from sim.scene.triangle_rays import underside  # noqa: PLC0415 - Warp, where rays are cast
+
         mirror = np.array([1.0, 1.0, -1.0])
         mirrored = replace(
             self.surface,

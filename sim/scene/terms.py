@@ -10,7 +10,7 @@ from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Plane, Sphere, 
 from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad, DiscPad, Pad, SurfacePad, read_surface_pad
 from sim.scene.scene import ContactMode, Effect
-from sim.scene.triangle_file import MeshUnit
+from sim.scene.triangle_surface import MeshUnit
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.registry import Kind, load, names, unknown

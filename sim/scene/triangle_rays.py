@@ -95,12 +95,14 @@ def _lowest_heights(
     height_out[i] = lowest_height(surface, plan[i][0], plan[i][1])
 
 
-def lowest_heights(surface: TriangleSurface, plan: FloatArray) -> FloatArray:
-    """Return the lowest height of a surface over points [count, 2] of the plan, inf beside it."""
+def underside(surface: TriangleSurface, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the lowest height over points of the plan, of one shape together; inf beside it."""
+    x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+    plan = np.column_stack([x.reshape(-1), y.reshape(-1)])
     device = Device("cpu")
     uploaded, _tree = on_device(surface, device.name)
     heights = device.empty((len(plan),), wp.float64)
     inputs = [uploaded, device.array(plan, wp.vec2d)]
     device.launch(_lowest_heights, (len(plan),), inputs, [heights])
     found: FloatArray = heights.numpy()
-    return np.where(found >= float(BESIDE), np.inf, found)
+    return np.where(found >= float(BESIDE), np.inf, found).reshape(x.shape)

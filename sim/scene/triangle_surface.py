@@ -1,4 +1,4 @@
-"""Closed triangle surfaces: merged vertices, neighbours, normals, and their height from below.
+"""Closed triangle surfaces: read from STL and OBJ files, merged, checked, with normals.
 
 The sign of the distance to a triangle surface is that of the pseudonormal at the nearest point: the
 normal of a face, the sum of two faces' normals on an edge, and the normals weighted by the faces'
@@ -8,13 +8,103 @@ angles at a vertex (Baerentzen and Aanaes 2005).
 from __future__ import annotations
 
 import hashlib
+import importlib
 from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
 
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
+
+_EXPORT = "export the part again, as binary STL"
+
+
+class MeshUnit(StrEnum):
+    """Unit of a mesh file's coordinates; the files themselves name none."""
+
+    MICROMETRE = "um"
+    MILLIMETRE = "mm"
+    CENTIMETRE = "cm"
+    METRE = "m"
+    INCH = "in"
+
+    @property
+    def metres(self) -> float:
+        """Length of the unit [m]."""
+        return {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 25.4e-3}[self.value]
+
+
+def read_triangles(path: Path, unit: MeshUnit) -> tuple[FloatArray, IntArray]:
+    """Read vertices [m] and faces from a file of triangles; polygons of an OBJ are cut into them.
+
+    Coordinates of an STL are of single precision, as its binary form has them. Corners of
+    neighbouring triangles are not merged.
+
+    Raises:
+        ConfigError: The file is missing, damaged, empty, or of another kind.
+    """
+    kind = path.suffix.lower()
+    if kind not in (".stl", ".obj"):
+        raise ConfigError(
+            f"{path}: {kind or 'a file without an ending'} is no kind of triangle file known here",
+            remedy="give an .stl or .obj file",
+        )
+    try:
+        path.open("rb").close()
+    except OSError as error:
+        raise ConfigError(
+            f"{path} cannot be read: {error.strerror}", remedy="check the path"
+        ) from error
+    vertices, faces = _read(path)
+    if not len(faces):
+        raise ConfigError(f"{path} holds no triangle", remedy=_EXPORT)
+    if not np.isfinite(vertices).all():
+        raise ConfigError(f"{path} has coordinates that are not finite", remedy=_EXPORT)
+    return vertices * unit.metres, faces
+
+
+def _read(path: Path) -> tuple[FloatArray, IntArray]:
+    # Here, since importing it takes a second that most presses need not spend.
+    pyvista = importlib.import_module("pyvista")
+    reader = pyvista.get_reader(str(path)).reader
+    if path.suffix.lower() == ".stl":
+        reader.MergingOff()
+    complaints: list[str] = []
+
+    def note(_source: Any, _event: str, text: str) -> None:
+        complaints.append(text)
+
+    note.CallDataType = "string0"  # type: ignore[attr-defined]
+    # Unobserved, VTK prints what is wrong with a file and goes on.
+    for source in (reader, reader.GetExecutive()):
+        source.AddObserver("ErrorEvent", note)
+    reader.AddObserver("WarningEvent", lambda *_: None)
+    reader.Update()
+    if complaints:
+        # "ERROR: In FILE, line N", then "vtkSTLReader (0x...): what is wrong".
+        why = complaints[0].strip().split("): ", maxsplit=1)[-1].rstrip(".")
+        raise ConfigError(
+            f"{path} of {path.stat().st_size} bytes is damaged or no "
+            f"{path.suffix[1:].upper()} file: {why}",
+            remedy=_EXPORT,
+        )
+    found = reader.GetOutput()
+    corners, count = found.GetPolys().GetConnectivityArray(), found.GetNumberOfPoints()
+    if corners.GetNumberOfValues() and corners.GetRange()[1] >= count:
+        raise ConfigError(
+            f"{path}: a corner names vertex {corners.GetRange()[1] + 1:g} of {count}",
+            remedy=_EXPORT,
+        )
+    mesh = pyvista.wrap(found)
+    if not mesh.is_all_triangles:
+        mesh = mesh.triangulate()
+    faces = mesh.faces.reshape(-1, 4)[:, 1:]
+    return np.array(mesh.points, dtype=np.float64), faces.astype(np.int32)
+
 
 # Vertices nearer to each other than this share of the surface's size are one.
 _MERGE_SHARE = 1e-6
@@ -176,12 +266,3 @@ def is_mirrored(surface: TriangleSurface, axis: int) -> bool:
     turned = np.abs(surface.vertex_normals[image] - surface.vertex_normals * flip)
     size = float(np.ptp(surface.vertices, axis=0).max())
     return bool(away.max() <= _MERGE_SHARE * size and turned.max() <= _SAME_NORMAL)
-
-
-def underside(surface: TriangleSurface, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the lowest height over points of the plan, of one shape together; inf beside it."""
-    from sim.scene.triangle_rays import lowest_heights  # noqa: PLC0415 - Warp, where rays are cast
-
-    x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
-    plan = np.column_stack([x.reshape(-1), y.reshape(-1)])
-    return lowest_heights(surface, plan).reshape(x.shape)

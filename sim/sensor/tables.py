@@ -12,7 +12,7 @@ from typing import Any
 
 from sim.scene.material import RelaxationTerm
 from sim.scene.pad import SurfacePad, read_surface_pad
-from sim.scene.triangle_file import MeshUnit
+from sim.scene.triangle_surface import MeshUnit
 from tacauchy_rig.core.errors import ConfigError, naming
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 

@@ -28,7 +28,7 @@ from sim.solve.linear_solver import (
     linear_solver,
 )
 from sim.solve.model import Model
-from sim.solve.potential import Potential
+from sim.solve.nodal_energies import Potential
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 

@@ -16,7 +16,7 @@ from sim.optics.surface_images import SurfaceImages
 from sim.scene.scene import Preset, Scene
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
-from sim.solve.load_steps.equilibrium import PathPoint
+from sim.solve.path_point import PathPoint
 from sim.twin.frame import Goal, TwinFrame
 from sim.twin.surface_maps import SurfaceMaps
 from sim.twin.worth import ForceWorth, force_worth

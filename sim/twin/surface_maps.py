@@ -9,8 +9,8 @@ from scipy.spatial import Delaunay
 from sim.fields.contact_traction import surface_traction
 from sim.fields.press_fields import top_surface
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.model import Model
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
 
 

@@ -13,7 +13,7 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.error.estimate import estimate_from, rung
 from sim.scene.scene import Scene, Target
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from tacauchy_rig.core.errors import RigError
 
 # Of the largest force: between them the error goes evenly.

@@ -6,7 +6,7 @@ import os
 
 # Read by OpenBLAS when it is loaded, the first of them that is set; NumPy and SciPy bring it.
 _READ_BY_OPENBLAS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
-# Read by sim/mkl.py, which else chooses by the number of unknowns.
+# Read by sim/solve/linear_solver.py, which else chooses by the number of unknowns.
 _READ_BY_MKL = ("MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
 

@@ -10,8 +10,7 @@ import pytest
 from sim.contact.state import ContactOptions
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.press import press
 from sim.scene.indenter import Cylinder, Indenter, Sphere
@@ -19,7 +18,7 @@ from sim.scene.material import LawName, Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import ContactMode, Preset, Scene, Target
 from sim.solve.equilibrium import SolverOptions
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 

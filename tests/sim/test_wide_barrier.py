@@ -11,11 +11,18 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.optics.height.height_map import height_maps
-from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, grown, mesh_indenter
+from sim.scene.indenter import (
+    Cylinder,
+    Indenter,
+    Plane,
+    Sphere,
+    cylinder_triangles,
+    grown,
+    mesh_indenter,
+)
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
-from sim.scene.tilted_indenter import cylinder_triangles
 from sim.sensor.camera_geometry import CameraGeometry
 
 _DEPTH_M = 0.4e-3

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.contact.indenter_distance import Poses, body_of, poses_at
-from sim.contact.triangle_distance import uploaded_surface
+from sim.contact.indenter_distance import Poses, body_of, poses_at, uploaded_surface
 from sim.device import Device, filled
 from sim.fields.surface import SurfaceState, TopSurface
 from sim.mesh.elements import QUARTERS

@@ -17,7 +17,7 @@ from sim.press import contact_measures
 from sim.scene.scene import Scene
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.solve.equilibrium import SolverOptions
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.studies.accuracy.configurations import Configuration
 from tacauchy_rig.core.arrays import FloatArray
 

@@ -14,9 +14,9 @@ from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, BatchResult, Course, Environment
 from sim.batch.pilot import Pilot
 from sim.optics.surface_images import SurfaceImages
+from sim.scene.indenter import tilted
 from sim.scene.material import Material
 from sim.scene.scene import Scene
-from sim.scene.tilted_indenter import tilted
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
 

@@ -25,7 +25,7 @@ from sim.optics.render.renderer import TactileRenderer
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import Sensor, load_sensor
-from sim.solve.load_steps.equilibrium import PathPoint
+from sim.solve.path_point import PathPoint
 from sim.studies.bench.frames import times_of
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError

@@ -13,7 +13,7 @@ import numpy as np
 from sim.contact.state import ContactOptions
 from sim.scene.indenter import Cylinder
 from sim.scene.material import LawName
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import BARRIER_M, HEIGHT_M, pad_model, round_mesh
 

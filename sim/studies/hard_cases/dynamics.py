@@ -6,10 +6,10 @@ import numpy as np
 
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter
-from sim.solve.dynamics.weight_and_inertia import Inertia
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
+from sim.solve.nodal_energies import Inertia
+from sim.solve.path_point import PathPoint
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import BALL, DENSITY_KG_M3, HEIGHT_M, PUNCH, pad_model, round_mesh
 from tacauchy_rig.core.arrays import FloatArray

@@ -14,7 +14,7 @@ from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import LawName, Layer, Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Effect, Preset, Scene, Target
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import brick_mesh, pad_model
 from sim.studies.verification.layered_solution import BondedLayers

@@ -6,17 +6,16 @@ import numpy as np
 
 from sim.contact.state import ContactOptions, Grip
 from sim.material.laws.tangent import law
-from sim.mesh.bisection import kuhn_tets
 from sim.mesh.elements import ElementOrder
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
+from sim.mesh.refinement import kuhn_tets
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import BoxPad, DiscPad, ParametricPad
-from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.model import Model
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
 
 HEIGHT_M = 4e-3

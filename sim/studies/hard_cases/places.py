@@ -15,7 +15,7 @@ from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Effect, Preset, Scene, Target
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import HEIGHT_M, balance_relative, box_mesh, pad_model, round_mesh
 from tacauchy_rig.core.errors import ConfigError

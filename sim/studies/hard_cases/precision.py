@@ -26,7 +26,7 @@ from sim.contact.state import ContactOptions
 from sim.device import KERNEL_EPSILON
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter, describe
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import BALL, PUNCH, pad_model, round_mesh
 

@@ -10,8 +10,8 @@ import numpy as np
 from sim.contact.state import ContactOptions
 from sim.mesh.elements import ElementOrder
 from sim.press import contact_measures
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import Hold, LoadingPath
+from sim.solve.loading_path import Hold, LoadingPath
+from sim.solve.path_point import PathPoint
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import (
     BALL,

@@ -22,7 +22,7 @@ from sim.mesh.elements import ElementOrder, boundary_faces
 from sim.mesh.tet_mesh import TetMesh
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import LawName
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import HEIGHT_M, YOUNG_PA, box_mesh, brick_mesh, pad_model

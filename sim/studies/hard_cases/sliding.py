@@ -11,8 +11,8 @@ from sim.contact.state import ContactOptions
 from sim.press import contact_measures
 from sim.scene.indenter import Plane, Sphere
 from sim.scene.pad import DiscPad
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
+from sim.solve.path_point import PathPoint
 from sim.studies.hard_cases.case import Outcome
 from sim.studies.hard_cases.pads import DISC, HEIGHT_M, grip_of, pad_model, round_mesh
 from sim.studies.modes.signatures import contact_signature

@@ -8,7 +8,7 @@ from sim.contact.state import State
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.solve.equilibrium import NEWTON, EquilibriumSolver, Reuse, SolverOptions
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import (

@@ -11,7 +11,7 @@ from sim.contact.state import ContactOptions
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder
 from sim.solve.equilibrium import SolverOptions
-from sim.solve.load_steps.path import Hold, LoadingPath
+from sim.solve.loading_path import Hold, LoadingPath
 from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import BARRIER_M, YOUNG_PA, pad_model, round_mesh
 from tacauchy_rig.core.arrays import FloatArray

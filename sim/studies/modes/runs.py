@@ -14,8 +14,8 @@ from sim.effects.scene_path import path_for
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Target
 from sim.sensor.sensor import Sensor
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import Hold, LoadingPath
+from sim.solve.loading_path import Hold, LoadingPath
+from sim.solve.path_point import PathPoint
 from sim.studies.modes.signatures import ContactSignature, contact_signature
 
 FRICTION = 0.5

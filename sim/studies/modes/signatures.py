@@ -15,9 +15,9 @@ import numpy as np
 from sim.fields.contact_traction import split_forces, surface_traction, unit
 from sim.fields.press_fields import top_surface
 from sim.mesh.elements import linear_facets
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 _UP = np.array([0.0, 0.0, 1.0])

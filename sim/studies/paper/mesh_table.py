@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sim.effects.presets import PAPER_SIZING, mesh_for
-from sim.mesh.store import mesh_key, stored_mesh
-from sim.mesh.tet_mesh import TetMesh
+from sim.mesh.tet_mesh import TetMesh, mesh_key, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.pad import Pad
 from sim.scene.scene import Preset, Scene

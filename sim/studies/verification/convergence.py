@@ -14,7 +14,7 @@ from sim.press_command import scene_from
 from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.material import Material
 from sim.scene.scene import Preset
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.studies.verification.prose import stated
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows

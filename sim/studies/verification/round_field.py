@@ -10,8 +10,8 @@ import numpy as np
 
 from sim.fields.press_fields import top_surface
 from sim.mesh.elements import quadratic_triangle_values
-from sim.solve.load_steps.equilibrium import PathPoint
 from sim.solve.model import Model
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
 
 _RADII, _ANGLES = 80, 96

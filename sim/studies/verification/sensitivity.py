@@ -12,7 +12,7 @@ from sim.replay import replay_forces, replay_scene
 from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.scene import ContactMode, Drive, Preset, Scene
 from sim.sensor.sensor import load_sensor
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.studies.verification.prose import stated
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 

@@ -14,8 +14,8 @@ from sim.effects.presets import build_model, felt_indenter
 from sim.fields.contact_traction import surface_traction
 from sim.press_command import scene_from
 from sim.scene.scene import ContactMode, Effect, Preset, Scene
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
+from sim.solve.path_point import PathPoint
 from sim.studies.verification import contact_shear
 from sim.studies.verification.layered_solution import BondedLayers, Ply
 from sim.studies.verification.prose import stated

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 from tacauchy_rig.app.cli.output import complain
 
-# Its records of a compiled module have ``compiled_s``: see sim/warp_log.py.
-_SOURCE = "sim.warp_log.compiled"
+# Its records of a compiled module have ``compiled_s``: see sim/device.py.
+_SOURCE = "sim.device.compiled"
 
 
 class _Told(logging.Handler):

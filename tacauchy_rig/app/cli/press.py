@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sim.scene.material import LawName, Material
-from sim.scene.scene import Output, Scene
-from sim.scene.scene_terms import SceneTerms
+from sim.scene.scene import Output, Scene, SceneTerms
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import complain, say, show_table, write_json
 from tacauchy_rig.app.cli.scene_options import DeviceOption, OutputOption, states_a_scene

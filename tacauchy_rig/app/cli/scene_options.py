@@ -11,8 +11,7 @@ from typing import Annotated, Any, Concatenate, ParamSpec, get_type_hints
 import typer
 
 from sim.scene.material import LawName
-from sim.scene.scene import Drive, Output, Preset
-from sim.scene.scene_terms import SceneTerms
+from sim.scene.scene import Drive, Output, Preset, SceneTerms
 from tacauchy_rig.core.registry import Kind, names, unknown
 
 _Own = ParamSpec("_Own")

@@ -21,7 +21,7 @@ from sim.scene.material import Layer, Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
 from sim.solve.descent_state import Status
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.bench.batches import course_of, scaled
 from sim.studies.objects.shapes import OBJECTS

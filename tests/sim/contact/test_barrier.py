@@ -10,8 +10,7 @@ import pytest
 from sim.contact.state import ContactOptions, State
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from sim.mesh.elements import ElementOrder
-from sim.scene.indenter import Cylinder, Indenter, mesh_indenter
-from sim.scene.tilted_indenter import cylinder_triangles, tilted
+from sim.scene.indenter import Cylinder, Indenter, cylinder_triangles, mesh_indenter, tilted
 from sim.solve.model import Model
 from sim.studies.hard_cases.pads import brick_mesh, pad_model
 from tacauchy_rig.core.arrays import FloatArray

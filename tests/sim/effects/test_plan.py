@@ -18,7 +18,7 @@ from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Effect, Motion, Output, Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
 from sim.solve.equilibrium import SolverOptions
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from tacauchy_rig.core.errors import ConfigError
 
 GEL = Material(young_pa=4e5, poisson=0.48)

@@ -12,9 +12,9 @@ from sim.effects.presets import build_model, mesh_for
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.press_fields import trial_fields
 from sim.press_command import scene_from
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
 
 BALL = scene_from(

@@ -9,14 +9,13 @@ from sim.fields.interface import InterfaceTraction, interface_traction
 from sim.material.elastic_body import element_constants
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.press import press
 from sim.press_command import scene_from
 from sim.scene.indenter import Sphere
 from sim.scene.material import LawName, Material
 from sim.scene.pad import DiscPad
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.verification.interface import (
     ABOVE,

@@ -8,7 +8,7 @@ import pytest
 from sim.effects.presets import build_model
 from sim.fields.stress_field import cauchy_stress, components
 from sim.press_command import scene_from
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 
 BALL = scene_from(

@@ -12,8 +12,8 @@ from sim.effects.presets import build_model
 from sim.fields.press_fields import surface_state
 from sim.fields.vtu import gel_vtu, indenter_vtu
 from sim.press_command import scene_from
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
+from sim.solve.path_point import PathPoint
 
 BALL = scene_from(
     "--pad disc:radius=8mm,height=4mm --young 0.3MPa --poisson 0.47 "

@@ -8,8 +8,7 @@ import scipy.sparse
 
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad

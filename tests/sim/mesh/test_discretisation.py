@@ -7,8 +7,7 @@ import pytest
 
 from sim.mesh.discretisation import Discretisation, discretise
 from sim.mesh.elements import ElementOrder
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import WholeSurface
 from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import BoxPad

@@ -12,8 +12,7 @@ from sim.mesh.elements import (
     quadratic_nodes,
     reference_element,
 )
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh
 from sim.scene.pad import BoxPad

@@ -15,22 +15,29 @@ from sim.effects.footprint_presets import FOOTPRINT_RESOLUTIONS, footprint_mesh
 from sim.effects.mesh_choice import MeshKind, mesh_choice
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model, mesh_for
-from sim.mesh.bisection import bisected
 from sim.mesh.elements import boundary_faces
 from sim.mesh.footprint import footprint
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
+from sim.mesh.refinement import bisected
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, smallest_dihedral_deg, tet_volumes
-from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, mesh_indenter
+from sim.scene.indenter import (
+    Cylinder,
+    Indenter,
+    Plane,
+    Sphere,
+    TurnedIndenter,
+    cylinder_triangles,
+    mesh_indenter,
+    tilted,
+)
 from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Effect, Motion, Preset, Scene, Target
 from sim.scene.tetwild_options import TetWildOptions
-from sim.scene.tilted_indenter import TurnedIndenter, cylinder_triangles, tilted
 from sim.scene.triangle_surface import closed_surface
 from sim.sensor.sensor import load_sensor
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.registry import Kind, names
 

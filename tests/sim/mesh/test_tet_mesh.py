@@ -10,11 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.effects.presets import PAPER_SIZING, mesh_for
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
-from sim.mesh.store import cache_folder, read_mesh, stored_mesh, write_mesh
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh, oriented
+from sim.mesh.tet_mesh import TetMesh, cache_folder, oriented, read_mesh, stored_mesh, write_mesh
 from sim.mesh.tetwild import WildSizing, edge_length_at, pad_surface, wild_mesh
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad, DiscPad, Pad

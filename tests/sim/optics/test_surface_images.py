@@ -19,9 +19,16 @@ from sim.optics.height.height_map import height_maps
 from sim.optics.markers.material_points import surface_displacement
 from sim.optics.markers.printed_markers import marker_places
 from sim.optics.surface_images import SurfaceImages
-from sim.scene.indenter import Cylinder, Indenter, Sphere, grown, mesh_indenter
+from sim.scene.indenter import (
+    Cylinder,
+    Indenter,
+    Sphere,
+    cylinder_triangles,
+    grown,
+    mesh_indenter,
+    tilted,
+)
 from sim.scene.scene import Effect, Preset, Target
-from sim.scene.tilted_indenter import cylinder_triangles, tilted
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
 from sim.studies.nominal_renderer import nominal_renderer

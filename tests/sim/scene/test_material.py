@@ -14,17 +14,15 @@ from sim.effects.presets import build_model
 from sim.material.elastic_body import element_constants
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
-from sim.mesh.store import read_mesh, write_mesh
-from sim.mesh.tet_mesh import TetMesh
+from sim.mesh.revolved import Grading, revolved_mesh
+from sim.mesh.tet_mesh import TetMesh, read_mesh, write_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.press import press
 from sim.scene.indenter import Cylinder
 from sim.scene.material import LawName, Layer, Material, interface_shares, law_name, sector_factor
 from sim.scene.pad import BoxPad, DiscPad
 from sim.scene.scene import Effect, Preset, Scene, Target
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.studies.verification.layered_solution import BondedLayers
 from tacauchy_rig.core.errors import ConfigError

@@ -16,9 +16,9 @@ from sim.scene.indenter import Sphere
 from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad, covers, read_surface_pad, surface_pad
 from sim.scene.scene import Preset, Scene, Target
-from sim.scene.triangle_file import MeshUnit
+from sim.scene.triangle_surface import MeshUnit
 from sim.sensor.sensor import parse_sensor
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 

@@ -5,8 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
-from sim.scene.tilted_indenter import TurnedIndenter, cylinder_triangles, tilted
+from sim.scene.indenter import (
+    Cylinder,
+    Indenter,
+    Plane,
+    Sphere,
+    TurnedIndenter,
+    cylinder_triangles,
+    tilted,
+)
 from sim.scene.triangle_surface import closed_surface
 
 PUNCH = Cylinder(diameter_m=5e-3, fillet_m=0.4e-3)

@@ -10,7 +10,7 @@ from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Sphere
 from sim.solve.descent_rules import note_residual, stands_still
 from sim.solve.equilibrium import SolverOptions
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.studies.hard_cases.pads import pad_model, quarter_brick_mesh
 from tacauchy_rig.core.errors import ConvergenceError
 

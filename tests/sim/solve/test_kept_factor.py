@@ -18,7 +18,7 @@ from sim.scene.material import Layer, Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Effect, Motion, Preset, Scene, Target
 from sim.solve.equilibrium import NEWTON, EquilibriumSolver, SolverOptions
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
 

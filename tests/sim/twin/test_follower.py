@@ -13,7 +13,7 @@ from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset, Target
 from sim.sensor.sensor import load_sensor
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.twin.follower import Follower, Look, twin_scene
 from sim.twin.frame import Goal
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError

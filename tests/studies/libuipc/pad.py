@@ -21,14 +21,13 @@ from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model
 from sim.effects.scene_path import path_for
 from sim.material.elastic_body import element_constants
-from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
+from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere, cylinder_triangles, tilted
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Effect, Scene
-from sim.scene.tilted_indenter import cylinder_triangles, tilted
 from sim.scene.triangle_surface import TriangleSurface, closed_surface
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
+from sim.solve.path_point import PathPoint
 from sim.studies.bench.batches import course_of, spread
 from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress, moves, pressing_frames
 from tacauchy_rig.core.arrays import FloatArray

@@ -15,7 +15,7 @@ from sim.batch.environment import Course
 from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.studies.bench.scenes.catalogue import all_scenes
 from sim.studies.bench.scenes.press import FRAME_COUNT, stated_scene, within
 from tacauchy_rig.core.errors import ConfigError

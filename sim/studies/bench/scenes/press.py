@@ -23,8 +23,8 @@ from sim.error.tolerance import keeping, parse_tolerance
 from sim.press import measure
 from sim.press_command import scene_from
 from sim.scene.scene import Preset, Scene
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import Hold, LoadingPath
+from sim.solve.loading_path import Hold, LoadingPath
+from sim.solve.path_point import PathPoint
 from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.core.errors import ConfigError, RigError
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sim.scene.scene_terms import SceneTerms
+from sim.scene.scene import SceneTerms
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import (
     complain,

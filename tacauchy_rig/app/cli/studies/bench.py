@@ -9,8 +9,7 @@ from typing import Annotated
 
 import typer
 
-from sim.scene.scene import Preset
-from sim.scene.scene_terms import SceneTerms
+from sim.scene.scene import Preset, SceneTerms
 from sim.studies.bench.part import REFERENCE_FILE, SCENE_LIMIT_S, Part
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import (

@@ -8,14 +8,12 @@ import pytest
 from sim.material.laws.paper_eq4 import free_stretch
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.scene.indenter import Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
 from sim.solve.equilibrium import SolverOptions
-from sim.solve.load_steps.first_touch import unloaded_positions
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath, unloaded_positions
 from sim.solve.model import Model
 
 PAD = DiscPad(radius_m=3e-3, height_m=2e-3)

@@ -8,7 +8,7 @@ import pytest
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.solve.equilibrium import SolverOptions
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.studies.hard_cases.pads import pad_model, quarter_brick_mesh
 from sim.studies.hard_cases.starts import ENERGY_ROUNDING, random_start
 from tacauchy_rig.core.errors import ConvergenceError

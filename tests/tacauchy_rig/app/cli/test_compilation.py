@@ -8,7 +8,7 @@ import pytest
 
 from tacauchy_rig.app.cli.compilation import compilation_told
 
-SOURCE = logging.getLogger("sim.warp_log.compiled")
+SOURCE = logging.getLogger("sim.device.compiled")
 
 
 def test_the_first_is_announced_and_the_sum_is_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,7 @@ import typer
 from typer.testing import CliRunner
 
 from sim.scene.material import LawName
-from sim.scene.scene_terms import SceneTerms
+from sim.scene.scene import SceneTerms
 from tacauchy_rig.app.cli.scene_options import states_a_scene
 
 GIVEN = ("--indenter", "plane", "--law", "linear", "--layer", "a", "--layer", "b", "--twice", "3")

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim import mkl
 from sim.mesh.sparsity import sparse_pattern
+from sim.solve import linear_solver as solvers
 from sim.solve.linear_solver import LinearSolver, linear_solver
 
 VARIABLES = ("MKL_NUM_THREADS", "OMP_NUM_THREADS")
@@ -27,7 +27,7 @@ def nothing_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
 def library() -> Any:
     """MKL, which is asked what it would do."""
     pytest.importorskip("pypardiso")
-    return mkl.pardiso_module().PyPardisoSolver(mtype=2).libmkl
+    return solvers.pardiso_module().PyPardisoSolver(mtype=2).libmkl
 
 
 def factored(solver: LinearSolver, count: int) -> None:
@@ -55,7 +55,7 @@ def is_diagonal(count: int) -> Any:
 @pytest.mark.usefixtures("nothing_chosen")
 def test_mkl_takes_one_thread_for_a_small_system(library: Any) -> None:
     """MKL itself says so, also after a large system that took more."""
-    mkl.take_threads(library, 1_000_000)
+    solvers.take_threads(library, 1_000_000)
     assert library.MKL_Get_Max_Threads() == min(4, CORES)
     factored(linear_solver(chain(20)), 20)
     assert library.MKL_Get_Max_Threads() == 1
@@ -66,15 +66,15 @@ def test_mkl_takes_one_thread_for_a_small_system(library: Any) -> None:
 def test_a_user_overrules_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A number in either variable holds for every size; what is no number is no choice."""
     monkeypatch.setenv(name, "3")
-    assert [mkl.thread_count(unknowns) for unknowns in (10, 1_000_000)] == [3, 3]
+    assert [solvers.thread_count(unknowns) for unknowns in (10, 1_000_000)] == [3, 3]
     monkeypatch.setenv(name, "many")
-    assert mkl.thread_count(10) == 1
+    assert solvers.thread_count(10) == 1
 
 
 @pytest.mark.usefixtures("nothing_chosen")
 def test_solvers_of_both_kinds_live_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     """One with several threads and one with one take turns; a mixture of both would crash."""
-    monkeypatch.setattr(mkl, "_SEVERAL_FROM_UNKNOWNS", 100)
+    monkeypatch.setattr(solvers, "_SEVERAL_FROM_UNKNOWNS", 100)
     for kind in (np.float64, np.float32):
         small, large = (linear_solver(chain(count), kind) for count in (20, 60))
         for _ in range(2):
@@ -86,5 +86,5 @@ def test_the_library_is_found_without_a_search(monkeypatch: pytest.MonkeyPatch) 
     """Where MKL is installed as a package, its place is known before pypardiso is imported."""
     pytest.importorskip("pypardiso")
     monkeypatch.delenv("PYPARDISO_MKL_RT", raising=False)
-    mkl.pardiso_module()
+    solvers.pardiso_module()
     assert "libmkl_rt" in os.environ["PYPARDISO_MKL_RT"]

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
+from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.errors import ConvergenceError
 
 _EVALUATIONS_MAX = 40

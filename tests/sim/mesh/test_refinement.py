@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.mesh.fitted import with_rim_fitted, with_top_fitted
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
+from sim.mesh.refinement import with_rim_fitted, with_top_fitted
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh
 from sim.scene.pad import BoxPad

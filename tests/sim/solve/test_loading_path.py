@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.solve.load_steps.phases import CarryPhase, DepthPhase, ForcePhase
+from sim.solve.stepping import CarryPhase, DepthPhase, ForcePhase
 
 
 def _carried(twist_rad: float, *, load_n: float | None = None) -> CarryPhase:

@@ -9,8 +9,8 @@ from sim.contact.state import ContactForces, State
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
 from sim.solve.equilibrium import Equilibrium
-from sim.solve.load_steps.equilibrium import PathPoint
-from sim.solve.load_steps.stepping import predicted_state
+from sim.solve.path_point import PathPoint
+from sim.solve.stepping import predicted_state
 from sim.studies.effects_check.drawn import drawn_scene
 
 _NONE = np.zeros((0, 1, 3))

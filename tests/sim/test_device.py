@@ -24,7 +24,7 @@ def test_a_compiled_module_is_told_with_its_time_and_a_cached_one_is_not(
     """An empty cache makes Warp compile, and the record has the seconds; then nothing is new."""
     start_warp()
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
-    caplog.set_level(logging.INFO, logger="sim.warp_log.compiled")
+    caplog.set_level(logging.INFO, logger="sim.device.compiled")
     values: Any = wp.zeros(3, dtype=wp.float32, device="cpu")
     for _ in range(2):
         wp.launch(set_to_one, dim=3, outputs=[values], device="cpu")

@@ -8,12 +8,14 @@ import pytest
 from sim.contact.state import ContactOptions
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
-from sim.solve.dynamics.weight_and_inertia import (
+from sim.solve.equilibrium import SolverOptions
+from sim.solve.loading_path import unloaded_positions
+from sim.solve.model import Model
+from sim.solve.nodal_energies import (
     INERTIA,
     STANDARD_M_S2,
     WEIGHT,
@@ -22,9 +24,6 @@ from sim.solve.dynamics.weight_and_inertia import (
     nodal_masses,
     weight,
 )
-from sim.solve.equilibrium import SolverOptions
-from sim.solve.load_steps.first_touch import unloaded_positions
-from sim.solve.model import Model
 
 PAD = DiscPad(radius_m=3e-3, height_m=2e-3)
 DENSITY = 1070.0

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.scene.triangle_file import MeshUnit, read_triangles
+from sim.scene.triangle_surface import MeshUnit, read_triangles
 from tacauchy_rig.core.errors import ConfigError
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.25, 0.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, 0.123456789012]])

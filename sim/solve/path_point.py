@@ -1,4 +1,4 @@
-"""One pose of the indenter settled, and the answer of its stiffness to a motion."""
+"""One pose of the indenter settled, and the response of its stiffness to a motion."""
 
 from __future__ import annotations
 

@@ -14,15 +14,14 @@ from sim.contact.state import ContactOptions
 from sim.material.laws.tangent import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName, RelaxationTerm
 from sim.scene.pad import DiscPad
-from sim.solve.dynamics.weight_and_inertia import INERTIA, Inertia, nodal_masses, weight
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
+from sim.solve.nodal_energies import INERTIA, Inertia, nodal_masses, weight
 from sim.studies.hard_cases.dynamics import energy_j, time_step
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError

@@ -8,13 +8,12 @@ from hypothesis import strategies as st
 
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
-from sim.mesh.graded_plane import Grading
-from sim.mesh.revolved import revolved_mesh
+from sim.mesh.revolved import Grading, revolved_mesh
 from sim.scene.indenter import Cylinder
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad
-from sim.solve.load_steps.force_search import find_force
-from sim.solve.load_steps.path import LoadingPath
+from sim.solve.force_search import find_force
+from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 
 PUNCH = Cylinder(diameter_m=4e-3, fillet_m=0.3e-3)

@@ -1,1 +1,0 @@
-"""Presses in time: inertia and weight."""

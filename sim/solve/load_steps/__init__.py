@@ -1,1 +1,0 @@
-"""Loading paths: the indenter advanced, carried and turned in steps."""
