@@ -1,4 +1,4 @@
-"""The examples of docs/python.md, run as they stand there."""
+"""The Python examples of the documentation, run as they are printed."""
 
 from __future__ import annotations
 
@@ -17,9 +17,20 @@ from tacauchy_rig.core.store.run_store import RunStore
 from tests.reports import conftest as made
 from tests.reports.conftest import FORCE_N, record, write_recording
 
-PAGE = (Path(__file__).parents[1] / "docs" / "python.md").read_text("utf-8")
-EXAMPLES = dict(re.findall(r"^## ([^\n]*)\n\n```python\n(.*?)```", PAGE, re.DOTALL | re.M))
+DOCS = Path(__file__).parents[1] / "docs"
 LINES_MOST = 15
+
+
+def examples(page: str) -> dict[str, str]:
+    """Return the first Python block of each section, by the section's title."""
+    text = (DOCS / page).read_text("utf-8")
+    sections = re.findall(r"^## ([^\n]*)\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.M)
+    found = {title: re.search(r"```python\n(.*?)```", body, re.DOTALL) for title, body in sections}
+    return {title: block.group(1) for title, block in found.items() if block}
+
+
+LESSON = examples("tutorials/first-press-in-python.md")
+RUNS = examples("how-to/use-from-python.md")
 SETTINGS = ("replay.preset=fast", f'protocol.force_targets=["{FORCE_N} N"]')
 
 
@@ -40,39 +51,49 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def run(title: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """Run an example in a folder, and return what it leaves."""
-    monkeypatch.chdir(place)
+def run(code: str, names: dict[str, Any]) -> dict[str, Any]:
+    """Run an example, and return what it leaves."""
     mpl.use("agg")
-    names: dict[str, Any] = {}
-    exec(compile(EXAMPLES[title], title, "exec"), names)  # noqa: S102 - our own page
+    exec(compile(code, "documentation", "exec"), names)  # noqa: S102 - our own page
     return names
 
 
 def test_examples_are_short() -> None:
-    """Four of them, none longer than a screen's half."""
-    lines = {title: len(re.findall(r"\S.*\n", code)) for title, code in EXAMPLES.items()}
-    assert len(lines) == 4
-    assert max(lines.values()) <= LINES_MOST
+    """Four in the lesson, three on runs, none longer than half a screen."""
+    assert len(LESSON) == 4
+    assert len(RUNS) == 3
+    lines = [len(re.findall(r"\S.*\n", code)) for code in (*LESSON.values(), *RUNS.values())]
+    assert max(lines) <= LINES_MOST
 
 
-def test_a_ball_presses_hardest_in_its_middle(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The pressure is that of Hertz: highest at the axis, zero outside the contact."""
-    names = run("Press a ball and plot its pressure", place, monkeypatch)
+def test_the_lesson_gives_what_it_prints(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The printed force; the pressure of Hertz: highest at the axis, zero outside the contact."""
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    for code in LESSON.values():
+        run(code, names)
+    text = (DOCS / "tutorials/first-press-in-python.md").read_text("utf-8")
+    assert capsys.readouterr().out.splitlines()[0] in text
     radius = np.hypot(names["x"], names["y"])
     pressure, edge = names["pressure"], names["result"].contact_radius_m
     assert radius[np.argmax(pressure)] < 0.5 * edge
     assert pressure[radius > 1.2 * edge].max() < 0.02 * pressure.max()
-    assert (place / "pressure.png").exists()
+    assert (tmp_path / "pressure.png").exists()
+    assert names["to_force"].force_n[2] == pytest.approx(1.0, rel=1e-3)
+    assert 0.0 < names["soft"].force_n[2] < names["result"].force_n[2]
 
 
+@pytest.mark.timeout(300)
 def test_a_recorded_run_is_read_replayed_and_scored(
     place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The three examples on a run, in the order of the page."""
-    attempt = run("Open a run", place, monkeypatch)["attempt"]
+    monkeypatch.chdir(place)
+    attempt = run(RUNS["Open a run"], {})["attempt"]
     assert attempt.force_curve.value[attempt.force_curve.time_s > 0.0] == pytest.approx(FORCE_N)
-    (trial,) = run("Replay it", place, monkeypatch)["replay"].trials
+    trial = run(RUNS["Replay it"], {})["trial"]
     assert trial.force_simulated_n == pytest.approx(FORCE_N, abs=0.01)
-    names = run("Score two images with floors", place, monkeypatch)
+    names = run(RUNS["Score two images with floors"], {})
     assert names["scores"].ssim > names["floors"].flat_mean.ssim
