@@ -1,9 +1,9 @@
 """What can be chosen by name: ours, and what other packages bring.
 
-A package adds to a kind by an entry point of the group ``tacauchy_rig.<kind>`` (docs/extending.md).
-Ours stand in a table in place of this project's own entry points, in the same form: so a source
-tree works without being installed again, and nothing is imported before it is asked for. The names
-in the table cannot be taken by another package.
+A package adds to a kind by an entry point of the group ``tacauchy_rig.<kind>``
+(docs/how-to/add-an-effect-or-study.md). Ours stand in a table in place of this project's own entry
+points, in the same form: so a source tree works without being installed again, and nothing is
+imported before it is asked for. The names in the table cannot be taken by another package.
 """
 
 from __future__ import annotations

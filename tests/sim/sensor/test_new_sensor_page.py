@@ -9,7 +9,7 @@ import pytest
 
 from sim.sensor.sensor import load_sensor, parse_sensor
 
-PAGE = Path(__file__).parents[3] / "docs" / "new_sensor.md"
+PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "add-a-sensor.md"
 
 
 def _file() -> str:
