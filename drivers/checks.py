@@ -9,8 +9,7 @@ from drivers.arm.checks import robot_checks
 from drivers.camera.checks import camera_checks
 from drivers.force_sensor.checks import force_sensor_checks
 from tacauchy_rig.core.check_result import CheckResult, skipped
-from tacauchy_rig.core.config.devices import DeviceSection
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.model import DeviceSection, RigConfig
 
 
 def device_checks(

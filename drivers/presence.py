@@ -8,8 +8,7 @@ from drivers.arm.interface import Arm
 from drivers.arm.ur5_probe import probe_controller, require_ready
 from drivers.camera.interface import Camera
 from drivers.force_sensor.interface import ForceTorqueSensor
-from tacauchy_rig.core.config.devices import DeviceSection
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.model import DeviceSection, RigConfig
 from tacauchy_rig.core.errors import DeviceError, RigError
 from tacauchy_rig.core.registry import Kind, load
 

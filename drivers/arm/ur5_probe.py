@@ -23,7 +23,7 @@ from drivers.arm.ur5_wire import (
     PacketReader,
     pack_packet,
 )
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.errors import DeviceError
 
 _OUTPUTS = ["timestamp", "robot_mode", "runtime_state", "safety_status_bits", "actual_TCP_pose"]

@@ -30,8 +30,7 @@ from drivers.camera.video_device import (
 )
 from drivers.device.interface import DeviceIdentity, StreamHealth
 from drivers.device.stream_buffer import StreamBuffer
-from tacauchy_rig.core.config.devices import CameraSection
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.model import CameraSection, RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ImageFrame
 

@@ -10,7 +10,7 @@ import math
 import random
 from dataclasses import dataclass
 
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Vector6
 
 _MOST_DEVIATIONS = 2.0

@@ -28,7 +28,7 @@ import struct
 import zlib
 from dataclasses import dataclass
 
-from tacauchy_rig.core.config.devices import Checksum
+from tacauchy_rig.core.config.model import Checksum
 from tacauchy_rig.core.run import Vector6
 
 MARK = b"\xaa\x55"

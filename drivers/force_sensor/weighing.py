@@ -9,8 +9,7 @@ from enum import StrEnum
 
 from drivers.device.interface import Clock, HostClock
 from drivers.force_sensor.interface import ForceTorqueSensor
-from tacauchy_rig.core.config.devices import MOCK
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.model import MOCK, RigConfig
 from tacauchy_rig.core.errors import ConfigError, DeviceError
 from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.run import ForceSample, Tare, Vector6

@@ -11,8 +11,7 @@ from drivers.device.force_estimate import ForceEstimate
 from drivers.device.interface import DeviceIdentity, HostClock
 from drivers.device.lies import LyingArm
 from drivers.mock.world import MockWorld, Still, beside_no_mock, plan_faults
-from tacauchy_rig.core.config.devices import MOCK
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.model import MOCK, RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ArmSample, Pose, Vector6
 

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import FZ, ArmSample
 
 WINDOW_S = 0.2

@@ -16,7 +16,7 @@ import pytest
 
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.process import EmulatedProcess
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

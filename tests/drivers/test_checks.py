@@ -16,9 +16,8 @@ from drivers.camera.checks import exposure_check
 from drivers.checks import device_checks
 from drivers.force_sensor.checks import latency_timer_check
 from tacauchy_rig.core.check_result import CheckResult, CheckStatus
-from tacauchy_rig.core.config.devices import RobotModel
 from tacauchy_rig.core.config.load import restore_config
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.model import RigConfig, RobotModel
 
 RunBox = Callable[..., AbstractContextManager[str]]
 ServeMjpeg = Callable[..., AbstractContextManager[str]]

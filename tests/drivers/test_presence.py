@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 from drivers.presence import missing_devices, require_devices
-from tacauchy_rig.core.config.devices import RobotModel
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.config.real_devices import ARM_REQUIRES
+from tacauchy_rig.core.config.model import RigConfig, RobotModel
+from tacauchy_rig.core.config.rules import ARM_REQUIRES
 from tacauchy_rig.core.errors import DeviceError
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from drivers.arm.ur5_safety import RobotMode, RuntimeState, SafetyBit
 from drivers.arm.ur5_wire import INPUT_TYPES, OUTPUT_TYPES, TYPE_FORMATS, Value
 from drivers.emulators.arm.motion import ToolMotion
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Pose, Vector6
 
 VERSIONS: dict[RobotModel, tuple[int, int, int, int]] = {

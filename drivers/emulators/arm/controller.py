@@ -25,7 +25,7 @@ from drivers.emulators.arm.trace import ArmTrace
 from drivers.emulators.gel_settings import GelSettings
 from drivers.emulators.process import Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Pose, Vector6
 

@@ -12,7 +12,7 @@ from enum import IntEnum
 
 from drivers.arm.ur5_safety import RuntimeState
 from drivers.emulators.arm.body import PROGRAM_END_DECELERATION, ControllerBody
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.rotations import composed, rotated
 from tacauchy_rig.core.run import Vector6
 

@@ -11,7 +11,7 @@ from drivers.arm.ur5_safety import RobotMode, RuntimeState
 from drivers.arm.ur5_wire import DASHBOARD_PORT, SCRIPT_PORT
 from drivers.emulators.arm.body import VERSIONS, ControllerBody
 from drivers.emulators.arm.connection import Connection, Port
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 
 _SCRIPT_END = re.compile(rb"^end[ \t]*\r?\n", re.MULTILINE)
 _REGISTER_OFFSET = re.compile(rb"reg_offset_int\s*=\s*(\d+)")

@@ -21,7 +21,7 @@ from drivers.force_sensor.sri_wire import (
     encode_frame,
     encode_reply,
 )
-from tacauchy_rig.core.config.devices import Checksum
+from tacauchy_rig.core.config.model import Checksum
 from tacauchy_rig.core.run import Vector6
 
 MAX_RATE_HZ = 2000

@@ -67,7 +67,7 @@ def show_ceilings(json_file: JsonFile = None) -> None:
     Example: tacauchy-rig config ceilings
     """
     from tacauchy_rig.app.session.gel_limits import DEPTH_SHARE, PRESSURE_MODULI
-    from tacauchy_rig.core.config.ceilings import ceilings
+    from tacauchy_rig.core.config.fields import ceilings
     from tacauchy_rig.core.page import page
 
     table = tables.table_of(

@@ -120,7 +120,7 @@ def resume(
     from drivers.presence import require_devices
     from tacauchy_rig.app.cli.folders import say_recovered
     from tacauchy_rig.app.session.record import note_changes
-    from tacauchy_rig.core.config.changes import resumed_config
+    from tacauchy_rig.core.config.load import resumed_config
     from tacauchy_rig.core.store.recovery import recover_run
     from tacauchy_rig.core.store.run_store import RunStore
 

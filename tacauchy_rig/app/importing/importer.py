@@ -6,38 +6,73 @@ import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
+from pydantic import Field, field_validator
 
 from tacauchy_rig.app.importing.bag import BagData, read_bag
-from tacauchy_rig.app.importing.csv_folder import CsvData, read_csv_folder
 from tacauchy_rig.app.importing.lerobot import LeRobotData, read_lerobot
-from tacauchy_rig.app.importing.press import Recorded
+from tacauchy_rig.app.importing.presses import Recorded
 from tacauchy_rig.app.importing.records import RecordsData, read_records
 from tacauchy_rig.app.importing.source import MIB, Source
-from tacauchy_rig.app.importing.spec import PATH_FIELDS, SourceKind, Spec, read_section
+from tacauchy_rig.app.importing.table import CsvData, read_csv_folder, read_section
 from tacauchy_rig.app.importing.taxim import TaximData, read_taxim
 from tacauchy_rig.app.importing.video import VideoData, read_video
 from tacauchy_rig.app.importing.writing import write_run
-from tacauchy_rig.core.config.devices import IMPORTED
 from tacauchy_rig.core.config.fields import Section
-from tacauchy_rig.core.config.load import (
-    LoadedConfig,
-    leaves,
-    nest,
-    parse_override,
-    restore_config,
-)
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.load import LoadedConfig, leaves, nest, parse_override, restore_config
+from tacauchy_rig.core.config.model import IMPORTED, RigConfig
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.imported import SAME_PLACE_M
 from tacauchy_rig.core.registry import Kind, unknown
 from tacauchy_rig.core.store.run_store import RunStore
 
-T = TypeVar("T", bound=Section)
-Reader = Callable[[Source, Mapping[str, Any]], Recorded]
+RIG_TABLES = ("sensor", "replay", "report", "uncertainty")
+RIG_FIELDS = ("force_sensor.to_tip", "force_sensor.compression_sign", "robot.tool_rotation")
+"""What of ``rig.toml`` a source may say: the rest is of devices that it does not have."""
+PATH_FIELDS = ("sensor.name", "sensor.optics_calibration")
+"""Of these, names that may be files: they are looked for in the folder."""
+
+
+class SourceKind(StrEnum):
+    """Formats that can be imported."""
+
+    CSV = "csv"
+    BAG = "bag"
+    TAXIM = "taxim"
+    VIDEO = "video"
+    RECORDS = "records"
+    LEROBOT = "lerobot"
+
+
+class Spec(Section):
+    """All of ``import.toml``.
+
+    Attributes:
+        name: Of the run; what the format suggests, if left out.
+        simulated: The presses are of a simulator or an emulator.
+        data: Of the source; its kind says what may stand there.
+        rig: What the run's ``rig.toml`` is to say of sensor, replay and report.
+    """
+
+    kind: SourceKind
+    name: str | None = Field(default=None, pattern=r"^[A-Za-z0-9_.-]{1,60}$")
+    simulated: bool = False
+    data: dict[str, Any]
+    rig: dict[str, Any]
+
+    @field_validator("rig")
+    @classmethod
+    def _is_of_the_replay(cls, tables: dict[str, Any]) -> dict[str, Any]:
+        for name, _ in leaves(tables):
+            if name.partition(".")[0] not in RIG_TABLES and name not in RIG_FIELDS:
+                known = ", ".join((*(f"rig.{table}" for table in RIG_TABLES), *RIG_FIELDS))
+                raise ValueError(f'"{name}" says nothing of an imported run; it may say: {known}')
+        return tables
+
 
 SPEC_NAME = "import.toml"
 SPEC_BYTES = MIB
@@ -59,18 +94,15 @@ BARE = {
 FILE = "data.file"
 
 
-def _reader(kind: type[T], read: Callable[[Source, T], Recorded]) -> Reader:
-    return lambda source, data: read(source, read_section(kind, data, where="data."))
-
-
-READERS: Mapping[SourceKind, Reader] = {
-    SourceKind.CSV: _reader(CsvData, read_csv_folder),
-    SourceKind.BAG: _reader(BagData, read_bag),
-    SourceKind.TAXIM: _reader(TaximData, read_taxim),
-    SourceKind.VIDEO: _reader(VideoData, read_video),
-    SourceKind.RECORDS: _reader(RecordsData, read_records),
-    SourceKind.LEROBOT: _reader(LeRobotData, read_lerobot),
+READERS: Mapping[SourceKind, tuple[type[Section], Callable[[Source, Any], Recorded]]] = {
+    SourceKind.CSV: (CsvData, read_csv_folder),
+    SourceKind.BAG: (BagData, read_bag),
+    SourceKind.TAXIM: (TaximData, read_taxim),
+    SourceKind.VIDEO: (VideoData, read_video),
+    SourceKind.RECORDS: (RecordsData, read_records),
+    SourceKind.LEROBOT: (LeRobotData, read_lerobot),
 }
+"""Of each format its ``[data]``, and what reads it."""
 
 
 def import_run(
@@ -96,7 +128,8 @@ def import_run(
     overridden = {k: v for each in overrides for k, v in leaves(parse_override(each))}
     spec = _spec(source, path, overridden)
     stated = _stated(source, spec, trusted=overridden)
-    recorded = _with_tools(source, READERS[spec.kind](source, spec.data))
+    kind, read = READERS[spec.kind]
+    recorded = _with_tools(source, read(source, read_section(kind, spec.data, where="data.")))
     rig = _rig(spec, {**_common(recorded), **stated}, recorded)
     check(rig.config)
     for term in {each.indenter for each in recorded.presses} - {""}:

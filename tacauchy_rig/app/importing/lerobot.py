@@ -10,22 +10,152 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from tacauchy_rig.app.importing.parquet import Rows, read_parquet
-from tacauchy_rig.app.importing.press import Frame, Press, Recorded, Samples
+from tacauchy_rig.app.importing.presses import (
+    Frame,
+    Press,
+    PressFinding,
+    Recorded,
+    S,
+    Samples,
+    Streams,
+    cut,
+    find_presses,
+    needed,
+)
 from tacauchy_rig.app.importing.source import IMAGE_BYTES, LARGE_BYTES, MIB, Source
-from tacauchy_rig.app.importing.streams import PressFinding, S, Streams, cut, find_presses
-from tacauchy_rig.app.importing.video import video_frames
-from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.app.importing.table import unit_factor
+from tacauchy_rig.app.importing.video import png_frames
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, Int64Array
 from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError
-from tacauchy_rig.core.quantities import UNITS, Dimension
-from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.quantities import Dimension
+
+if TYPE_CHECKING:
+    import pyarrow
+
+
+FILE_BYTES = 1024 * MIB
+UNPACKED_BYTES = 4096 * MIB
+"""Of the columns that are read, as the file's foot says."""
+ROWS_MOST = 2_000_000
+EXTRA = "lerobot"
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Rows of some columns.
+
+    Attributes:
+        name: Of the file, for messages.
+        table: As Arrow has them.
+    """
+
+    name: str
+    table: pyarrow.Table
+
+    def rows(self) -> Iterator[Mapping[str, Any]]:
+        """Yield each row by column."""
+        yield from self.table.to_pylist()
+
+    def numbers(self, column: str) -> FloatArray:
+        """Return a column of numbers, or of lists of as many numbers each, shape [n, k].
+
+        Raises:
+            RecordError: It holds something else, or values that are no finite numbers.
+        """
+        cells = self.table.column(column).to_pylist()
+        try:
+            values = np.array(cells, dtype=np.float64).reshape(len(cells), -1)
+        except (TypeError, ValueError) as error:
+            raise RecordError(
+                f"{self.name}: {column}: no numbers, or not as many in each row",
+                remedy="name a feature of numbers",
+            ) from error
+        if not np.isfinite(values).all():
+            raise RecordError(
+                f"{self.name}: {column}: holds values that are no finite numbers",
+                remedy="leave these episodes out",
+            )
+        return values
+
+    def image(self, column: str, row: int, *, most_bytes: int) -> bytes:
+        """Return the bytes of an image that stands in a cell.
+
+        Raises:
+            RecordError: There are none, or too many.
+        """
+        cell = self.table.column(column)[row].as_py()
+        data = cell.get("bytes") if isinstance(cell, dict) else None
+        if not isinstance(data, bytes) or not 0 < len(data) <= most_bytes:
+            raise RecordError(
+                f"{self.name}: {column}, row {row}: holds no image's bytes",
+                remedy="images have to lie within the file; paths to others are not followed",
+            )
+        return data
+
+
+def read_parquet(
+    source: Source, name: str, columns: Sequence[str], *, where: tuple[str, int] | None = None
+) -> Rows:
+    """Return columns of a file, and of them the rows whose column has a value.
+
+    Raises:
+        RecordError: It is none, lacks a column, or unpacks to too much.
+        ConfigError: ``pyarrow`` is not there.
+    """
+    try:
+        arrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
+    except ImportError as error:
+        raise ConfigError(
+            f"{name}: Parquet is read by pyarrow, which is not installed",
+            remedy=f'pip install "tacauchy-rig[{EXTRA}]", or: pip install pyarrow',
+        ) from error
+    path = source.path(name, field="the dataset", most_bytes=FILE_BYTES)
+    try:
+        with parquet.ParquetFile(path) as file:
+            _check_size(file, name, columns)
+            table = file.read(columns=list(columns), use_threads=False)
+        if where is not None:
+            kept = np.flatnonzero(np.asarray(table.column(where[0])) == where[1])
+            table = table.take(kept)
+    except (arrow.ArrowException, OSError, ValueError, MemoryError) as error:
+        raise RecordError(
+            f"{name}: no whole Parquet file: {str(error)[:200]}",
+            remedy="copy it anew from its source",
+        ) from error
+    return Rows(name, table)
+
+
+def _check_size(file: Any, name: str, columns: Sequence[str]) -> None:
+    """Refuse what the file's foot says to be too large, before anything of it is unpacked."""
+    foot = file.metadata
+    there = set(file.schema_arrow.names)
+    if missing := [each for each in columns if each not in there]:
+        raise RecordError(
+            f"{name}: has no column {', '.join(missing)[:200]}",
+            remedy=f"its columns: {', '.join(file.schema_arrow.names)[:300]}",
+        )
+    groups = [foot.row_group(k) for k in range(foot.num_row_groups)]
+    size = sum(
+        group.column(k).total_uncompressed_size
+        for group in groups
+        for k in range(group.num_columns)
+        if group.column(k).path_in_schema.partition(".")[0] in columns
+        or group.column(k).path_in_schema in columns
+    )
+    if foot.num_rows > ROWS_MOST or not 0 <= size <= UNPACKED_BYTES:
+        raise RecordError(
+            f"{name}: {foot.num_rows} rows of {size} bytes; at most {ROWS_MOST} of "
+            f"{UNPACKED_BYTES} are read",
+            remedy="split the dataset",
+        )
+
 
 VERSION = "v3."
 INFO = "meta/info.json"
@@ -191,23 +321,20 @@ def _presses(
     index = int(episode["episode_index"])
     rows = _rows(source, data, dataset, episode)
     stamp_ns = _stamps(rows, index)
-    factor = _factor(data.force.unit, Dimension.FORCE, "data.force.unit")
-    turn = _factor(data.moment_unit, Dimension.TORQUE, "data.moment_unit")
+    factor = unit_factor(data.force.unit, Dimension.FORCE, field="data.force.unit")
+    turn = unit_factor(data.moment_unit, Dimension.TORQUE, field="data.moment_unit")
     force = Samples(
         stamp_ns=stamp_ns, value=_wrench(rows.numbers(data.force.feature), data.force, factor, turn)
     )
     pose = None
     if data.pose is not None:
-        metres = _factor(data.pose.unit, Dimension.LENGTH, "data.pose.unit")
+        metres = unit_factor(data.pose.unit, Dimension.LENGTH, field="data.pose.unit")
         placed = metres * _taken(rows.numbers(data.pose.feature), data.pose, 3)
         padded = np.pad(placed, ((0, 0), (0, 3)), constant_values=np.nan)
         pose = Samples(stamp_ns=stamp_ns, value=padded)
     try:
         found = find_presses(force, data.presses)
-        wanted = np.zeros(len(stamp_ns), dtype=np.bool_)
-        for start, end in (window for each in found for window in (each.rest, each.held)):
-            wanted |= (stamp_ns >= start) & (stamp_ns <= end)
-        frames = _frames(source, dataset, episode, rows, stamp_ns, wanted)
+        frames = _frames(source, dataset, episode, rows, stamp_ns, needed(stamp_ns, found))
         for press in cut(Streams(force=force, frames=frames, pose=pose), found):
             yield replace(press, name=f"episode {index}, {press.name}")
     except RecordError as error:
@@ -231,7 +358,7 @@ def _rows(source: Source, data: LeRobotData, dataset: _Dataset, episode: Mapping
     )
 
 
-def _stamps(rows: Rows, index: int) -> NDArray[np.int64]:
+def _stamps(rows: Rows, index: int) -> Int64Array:
     time_s = rows.numbers("timestamp")[:, 0]
     if not len(time_s) or not (np.diff(time_s) > 0.0).all():
         raise RecordError(
@@ -239,16 +366,6 @@ def _stamps(rows: Rows, index: int) -> NDArray[np.int64]:
             remedy="the dataset is damaged: leave the episode out with data.episodes",
         )
     return np.asarray(np.rint((time_s - time_s[0] + 1.0) * S), dtype=np.int64)
-
-
-def _factor(unit: str, dimension: Dimension, field: str) -> float:
-    units = UNITS[dimension]
-    if unit not in units:
-        raise ConfigError(
-            f'{field}: "{unit}" is no unit of a {dimension.value}',
-            remedy=f"one of: {', '.join(each for each in units if each)}",
-        )
-    return units[unit]
 
 
 def _taken(values: FloatArray, feature: Feature, count: int) -> FloatArray:
@@ -281,8 +398,8 @@ def _frames(
     dataset: _Dataset,
     episode: Mapping[str, Any],
     rows: Rows,
-    stamp_ns: NDArray[np.int64],
-    wanted: NDArray[np.bool_],
+    stamp_ns: Int64Array,
+    wanted: BoolArray,
 ) -> tuple[Frame, ...]:
     """Return the frames that are at rest or held."""
     key, index = dataset.image, int(episode["episode_index"])
@@ -301,20 +418,13 @@ def _frames(
     path = source.path(name, field=f"episode {index}", most_bytes=LARGE_BYTES)
     time_s = rows.numbers("timestamp")[:, 0] + float(episode[f"videos/{key}/from_timestamp"])
     numbers = np.rint(time_s * dataset.rate_hz).astype(np.int64)
-    places = {int(number): row for row, number in enumerate(numbers) if wanted[row]}
-    found = []
-    for number, frame in enumerate(video_frames(path, name)):
-        if number > numbers[-1]:
-            break
-        if (row := places.get(number)) is not None:
-            png = encode_png(np.ascontiguousarray(frame[..., ::-1]))
-            stamp, told = int(stamp_ns[row]), f"{name} frame {number}"
-            found.append(Frame(stamp_ns=stamp, name=told, read=partial(bytes, png)))
-    if len(found) < len(places):
+    stamps = {int(numbers[row]): int(stamp_ns[row]) for row in np.flatnonzero(wanted)}
+    found = png_frames(path, name, stamps)
+    if len(found) < len(stamps):
         raise RecordError(
-            f"{name}: {len(found)} of the {len(places)} frames that are wanted can be read, up to "
+            f"{name}: {len(found)} of the {len(stamps)} frames that are wanted can be read, up to "
             f"frame {int(numbers[-1])}",
             remedy="the video was cut off, or its codec is not read here: convert it with "
             "`ffmpeg -c:v ffv1`, keeping its name, or to H.264",
         )
-    return tuple(found)
+    return found

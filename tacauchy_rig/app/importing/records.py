@@ -16,12 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from tacauchy_rig.app.importing.archive import members, read_member, read_npy
-from tacauchy_rig.app.importing.csv_folder import image_files
-from tacauchy_rig.app.importing.press import Recorded
-from tacauchy_rig.app.importing.rows import RowsData, presses_of
-from tacauchy_rig.app.importing.source import IMAGE_PIXELS, MIB, Source
-from tacauchy_rig.app.importing.table import Table
+from tacauchy_rig.app.importing.presses import Recorded
+from tacauchy_rig.app.importing.source import (
+    IMAGE_PIXELS,
+    MIB,
+    Source,
+    members,
+    read_member,
+    read_npy,
+)
+from tacauchy_rig.app.importing.table import RowsData, Table, image_files, presses_of
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import ColourOrder, encode_png
 

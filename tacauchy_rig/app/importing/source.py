@@ -1,17 +1,25 @@
-"""The folder that is imported: files are found in it, bounded, hashed, and nowhere else."""
+"""The folder that is imported: files and arrays of it, bounded, hashed, never unpickled."""
 
 from __future__ import annotations
 
 import io
+import math
 import os
 import stat
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import IO, Any
 
-from PIL import Image, UnidentifiedImageError
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+from PIL import Image
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.durable import read_error
-from tacauchy_rig.core.store.seals import bytes_sha256, file_sha256
+from tacauchy_rig.core.store.seals import file_sha256
 
 MIB = 2**20
 IMAGE_BYTES = 64 * MIB
@@ -125,20 +133,127 @@ def image_size(data: bytes, *, name: str) -> tuple[int, int]:
                     remedy="convert it to RGB with 8 bits a channel",
                 )
             image.load()
-    except RecordError:
-        raise
-    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError) as error:
+    except (Image.DecompressionBombError, OSError, ValueError, SyntaxError) as error:
+        # Pillow raises a SyntaxError where a PNG is broken.
         raise RecordError(
             f"image {name}: no whole JPEG or PNG ({len(data)} bytes): {error}",
             remedy="replace the file, or leave its row out",
         ) from error
-    except SyntaxError as error:  # what Pillow says of a broken PNG
-        raise RecordError(
-            f"image {name}: damaged: {error}", remedy="replace the file, or leave its row out"
-        ) from error
     return width, height
 
 
-def content_hash(data: bytes) -> str:
-    """Return the SHA-256 of a member of an archive."""
-    return bytes_sha256(data)
+ARRAY_BYTES = 1024 * MIB
+"""Of an array in memory: a thousand frames of 640 x 480 px in colour."""
+MEMBERS_MOST = 10_000
+"""Of an archive; a wheel has some dozens."""
+_BROKEN = (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError, ValueError, EOFError)
+
+
+def read_member(archive: bytes | IO[bytes], member: str, *, name: str) -> bytes:
+    """Return one file of a zip archive, no larger than an array may be.
+
+    Args:
+        archive: Its bytes or its open file.
+        member: The file wanted.
+        name: Of the archive, for messages.
+
+    Raises:
+        RecordError: It is no archive, lacks the file, or the file is damaged or too large.
+    """
+    with _archive(archive, name) as found:
+        if member not in found.namelist():
+            raise RecordError(
+                f"{name}: has no {member}", remedy="look at the archive: it is another than is said"
+            )
+        info = found.getinfo(member)
+        if info.file_size > ARRAY_BYTES:
+            raise RecordError(
+                f"{name}: {member[:80]} unpacks to {info.file_size} bytes; at most {ARRAY_BYTES} "
+                "are read",
+                remedy="split it",
+            )
+        with found.open(info) as file:
+            return file.read(info.file_size)
+
+
+def members(archive: bytes | IO[bytes], *, name: str) -> list[str]:
+    """Return the names of an archive's files; raises as ``read_member``."""
+    with _archive(archive, name) as found:
+        return found.namelist()
+
+
+@contextmanager
+def _archive(archive: bytes | IO[bytes], name: str) -> Iterator[zipfile.ZipFile]:
+    """Open an archive of at most ``MEMBERS_MOST`` files; damage within ends in a RecordError."""
+    stream = io.BytesIO(archive) if isinstance(archive, bytes) else archive
+    try:
+        with zipfile.ZipFile(stream) as found:
+            if (count := len(found.filelist)) > MEMBERS_MOST:
+                raise RecordError(
+                    f"{name}: an archive of {count} files; at most {MEMBERS_MOST} are read",
+                    remedy="unpack what is needed",
+                )
+            yield found
+    except _BROKEN as error:
+        raise RecordError(
+            f"{name}: no whole zip archive: {str(error)[:200]}",
+            remedy="copy it anew from its source",
+        ) from error
+
+
+def read_npz(data: bytes, wanted: Mapping[str, str], *, name: str) -> dict[str, NDArray[Any]]:
+    """Return arrays of an ``.npz``.
+
+    Args:
+        wanted: What each array is that is needed, by its name.
+        name: Of the file, for messages.
+
+    Raises:
+        RecordError: It is no such archive; an array is missing, damaged, too large or of objects.
+    """
+    there = members(data, name=name)
+    for array, what in wanted.items():
+        if f"{array}.npy" not in there:
+            raise RecordError(
+                f"{name}: has no array {array} ({what})",
+                remedy=f"it holds: {', '.join(there)[:200] or 'nothing'}",
+            )
+    return {
+        array: read_npy(read_member(data, f"{array}.npy", name=name), name=f"{name}: {array}")
+        for array in wanted
+    }
+
+
+def read_npy(data: bytes, *, name: str) -> NDArray[Any]:
+    """Return the array of an ``.npy``'s bytes.
+
+    Its head is read first: an array of objects is a pickle, which is never loaded, and one that
+    says to be larger than its bytes is never made room for.
+
+    Raises:
+        RecordError: It is damaged, or of objects.
+    """
+    stream = io.BytesIO(data)
+    try:
+        version = npy.read_magic(stream)
+        read_head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        shape, _, dtype = read_head(stream)
+    except (ValueError, EOFError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
+        raise RecordError(
+            f"{name}: no array of NumPy's ({len(data)} bytes): {str(error)[:200]}",
+            remedy="save it anew with numpy.save",
+        ) from error
+    if dtype.hasobject:
+        raise RecordError(
+            f"{name}: an array of Python objects, which is a pickle; pickles are never loaded",
+            remedy="save plain numbers or images: numpy.save(..., allow_pickle=False)",
+        )
+    bytes_said = math.prod(shape) * dtype.itemsize
+    if min(shape, default=0) < 0 or bytes_said != len(data) - stream.tell():
+        raise RecordError(
+            f"{name}: says that it is {shape} of {dtype}, {bytes_said} bytes, and has "
+            f"{len(data) - stream.tell()}",
+            remedy="the file was cut off or edited: copy it anew from its source",
+        )
+    stream.seek(0)
+    return np.asarray(npy.read_array(stream, allow_pickle=False))

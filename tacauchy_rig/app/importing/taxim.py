@@ -14,9 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tacauchy_rig.app.importing.archive import ARRAY_BYTES, members, read_member, read_npz
-from tacauchy_rig.app.importing.press import ORDER_NS, Frame, Press, Recorded
-from tacauchy_rig.app.importing.source import IMAGE_PIXELS, Source
+from tacauchy_rig.app.importing.presses import ORDER_NS, Frame, Press, Recorded
+from tacauchy_rig.app.importing.source import (
+    ARRAY_BYTES,
+    IMAGE_PIXELS,
+    Source,
+    members,
+    read_member,
+    read_npz,
+)
 from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import encode_png

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.app.importing.press import Press, Recorded, Samples
+from tacauchy_rig.app.importing.presses import Press, Recorded, Samples
 from tacauchy_rig.app.importing.source import image_size
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import LoadedConfig

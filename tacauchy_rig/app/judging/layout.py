@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from tacauchy_rig.app.importing.source import MIB, Source
-from tacauchy_rig.app.importing.spec import Column, read_section
+from tacauchy_rig.app.importing.table import Column, read_section
 from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.quantities import UNITS, Dimension

@@ -9,8 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.app.importing.archive import ARRAY_BYTES, members, read_member, read_npy
-from tacauchy_rig.app.importing.source import IMAGE_BYTES, Source, image_size
+from tacauchy_rig.app.importing.source import (
+    ARRAY_BYTES,
+    IMAGE_BYTES,
+    Source,
+    image_size,
+    members,
+    read_member,
+    read_npy,
+)
 from tacauchy_rig.app.importing.table import read_table
 from tacauchy_rig.app.judging.layout import (
     DESCRIPTION,

@@ -21,8 +21,7 @@ from sim.sensor.camera_geometry import CameraGeometry
 from sim.walk import History
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.config.devices import RobotModel
-from tacauchy_rig.core.config.model import ModulusSource, PoseSource, RigConfig
+from tacauchy_rig.core.config.model import ModulusSource, PoseSource, RigConfig, RobotModel
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import FoundValue

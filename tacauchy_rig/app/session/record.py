@@ -13,8 +13,7 @@ from protocols.processes.supervisor import SessionResult
 from protocols.session import run_session
 from tacauchy_rig.app.session.cell import require_bounded_force
 from tacauchy_rig.app.session.expected import kept_expectation
-from tacauchy_rig.core.config.changes import Change
-from tacauchy_rig.core.config.load import LoadedConfig
+from tacauchy_rig.core.config.load import Change, LoadedConfig
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.run import Criterion, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.free_space import check_free_space

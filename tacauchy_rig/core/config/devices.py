@@ -7,8 +7,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 
-from tacauchy_rig.core.config.ceilings import CEILINGS
 from tacauchy_rig.core.config.fields import (
+    CEILINGS,
     Acceleration,
     Angle,
     Force,

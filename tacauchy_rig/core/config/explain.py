@@ -10,8 +10,7 @@ from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from tacauchy_rig.core.config.devices import RobotModel
-from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.model import RigConfig, RobotModel
 from tacauchy_rig.core.quantities import UNITS, Dimension, example, split_quantity
 
 _LINE_MOST = 400

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
-from tacauchy_rig.core.config.ceilings import NO_CEILINGS, Ceiling
+from tacauchy_rig.core.config.fields import NO_CEILINGS, Ceiling
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, example, parse_quantity
 

@@ -15,8 +15,7 @@ from pydantic import ValidationError
 
 from tacauchy_rig.core.config.explain import explain
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.config.real_devices import ARM_REQUIRES, required_but_missing
-from tacauchy_rig.core.config.rules import broken_rules
+from tacauchy_rig.core.config.rules import ARM_REQUIRES, broken_rules, required_but_missing
 from tacauchy_rig.core.errors import ConfigError
 
 BUILT_IN = "built-in default"

@@ -7,14 +7,8 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from tacauchy_rig.core.config.ceilings import CEILINGS
-from tacauchy_rig.core.config.devices import (
-    CameraSection,
-    DeviceSection,
-    ForceSensorSection,
-    RobotSection,
-)
 from tacauchy_rig.core.config.fields import (
+    CEILINGS,
     Angle,
     Force,
     ForceRate,
@@ -25,6 +19,12 @@ from tacauchy_rig.core.config.fields import (
     Section,
     Time,
     Torque,
+)
+from tacauchy_rig.core.config.model import (
+    CameraSection,
+    DeviceSection,
+    ForceSensorSection,
+    RobotSection,
 )
 from tacauchy_rig.core.config.uncertainty import UncertaintySection
 

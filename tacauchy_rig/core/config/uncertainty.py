@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from tacauchy_rig.core.config.ceilings import CEILINGS
-from tacauchy_rig.core.config.devices import RobotModel
-from tacauchy_rig.core.config.fields import Angle, Length, Ratio, Section, Time
+from tacauchy_rig.core.config.fields import CEILINGS, Angle, Length, Ratio, Section, Time
+from tacauchy_rig.core.config.model import RobotModel
 
 if TYPE_CHECKING:
     from tacauchy_rig.core.config.model import RigConfig

@@ -24,8 +24,8 @@ from drivers.device.faults import parse_fault
 from drivers.emulators.arm.trace import read_trace
 from drivers.emulators.faults import post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
-from tacauchy_rig.core.config.devices import RobotModel
 from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.errors import DeviceError, RigError, SafetyError
 from tacauchy_rig.core.run import Pose
 from tests.drivers.arm_events import read_events

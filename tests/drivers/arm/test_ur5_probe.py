@@ -15,7 +15,7 @@ from drivers.arm.ur5_wire import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT
 from drivers.device.faults import FaultKind, parse_fault
 from drivers.emulators.faults import post_fault
 from drivers.emulators.launch import free_loopback_host
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.errors import DeviceError
 
 _MODELS = list(RobotModel)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.device.force_estimate import COARSENESS, ForceEstimate
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Vector6
 
 STILL: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

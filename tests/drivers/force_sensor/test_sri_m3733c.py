@@ -20,8 +20,8 @@ from drivers.device.faults import FaultKind, parse_fault
 from drivers.emulators.faults import post_fault
 from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.force_sensor.sri_m3733c import SriM3733c, explain_open_error
-from tacauchy_rig.core.config.devices import Checksum
 from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.config.model import Checksum
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ForceSample
 

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.device.force_estimate import COARSENESS, ForceEstimate
 from protocols.guard.arm_estimate import TOLERANCE, WINDOW_S, ArmEstimate
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import ArmSample, Pose
 
 TRIAL_S = 50.0

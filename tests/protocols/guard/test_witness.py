@@ -9,8 +9,8 @@ import pytest
 
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.witness import Stage, Witness
-from tacauchy_rig.core.config.devices import RobotModel
 from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.run import ArmSample, Pose
 

@@ -17,7 +17,7 @@ from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
 from drivers.emulators.plant.view import view_of
 from tacauchy_rig.app.gel_health.comparison import Advice, GelState, Seen, compare_presses
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.config.uncertainty import DEPTH_ERROR_M
 from tacauchy_rig.core.tables import Table
 

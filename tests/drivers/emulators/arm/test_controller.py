@@ -27,7 +27,7 @@ from drivers.emulators.faults import post_fault
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.process import arguments_of, settings_from
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Pose, Vector6
 from tests.drivers.arm_events import read_events
 from tests.studies.fault_table.arm import arm_after

@@ -17,7 +17,7 @@ from drivers.emulators.arm.connection import Connection
 from drivers.emulators.arm.text_ports import DashboardPort, ScriptPort
 from drivers.emulators.arm.trace import TRACE_FILE, ArmTrace, read_trace
 from drivers.emulators.launch import free_loopback_host
-from tacauchy_rig.core.config.devices import RobotModel
+from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Pose, Vector3
 from tests.drivers.arm_events import read_events
 

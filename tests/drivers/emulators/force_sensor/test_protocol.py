@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from drivers.device.faults import Device, Fault, FaultKind
 from drivers.emulators.force_sensor.protocol import BoxCommands, FrameStream, ReplyStyle
 from drivers.force_sensor.sri_wire import FrameParser, SriFrame
-from tacauchy_rig.core.config.devices import Checksum
+from tacauchy_rig.core.config.model import Checksum
 from tacauchy_rig.core.run import Vector6
 
 

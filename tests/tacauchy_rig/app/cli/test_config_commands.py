@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tacauchy_rig.app.cli.app import app
-from tacauchy_rig.core.config.ceilings import ceilings
+from tacauchy_rig.core.config.fields import ceilings
 from tacauchy_rig.core.config.load import example_text, load_config
 from tacauchy_rig.core.errors import ConfigError
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.real_devices import ARM_REQUIRES
+from tacauchy_rig.core.config.rules import ARM_REQUIRES
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError
 from tacauchy_rig.core.store.run_store import RunStore
 

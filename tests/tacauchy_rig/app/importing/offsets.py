@@ -17,10 +17,21 @@ from drivers.emulators.camera.frames import DEPTH_STEP_M, FrameFactory, PressKey
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
-from tacauchy_rig.app.importing.onset import Offset, Signal, find_offset
-from tacauchy_rig.app.importing.press import Samples
-from tacauchy_rig.app.importing.streams import PressFinding, S, felt_along, find_presses
-from tacauchy_rig.app.importing.video import SMALL, followed, image_change
+from tacauchy_rig.app.importing.presses import (
+    PressFinding,
+    S,
+    Samples,
+    felt_along,
+    find_presses,
+)
+from tacauchy_rig.app.importing.video import (
+    SMALL,
+    Offset,
+    Signal,
+    find_offset,
+    followed,
+    image_change,
+)
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.run import FZ, Pose
 

@@ -10,8 +10,8 @@ import pytest
 from backports import zstd
 from rosbags.rosbag2 import StoragePlugin
 
+from tacauchy_rig.app.importing.bag import CHUNK_BYTES, MAGIC, check_chunks
 from tacauchy_rig.app.importing.importer import import_run
-from tacauchy_rig.app.importing.mcap_chunks import CHUNK_BYTES, MAGIC, check_chunks
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.tacauchy_rig.app.importing.sources import write_bag

@@ -244,7 +244,7 @@ def test_damage_is_refused_by_name(
 
 def test_a_bomb_is_not_unpacked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An archive that unpacks to more than any image has values is refused by what it states."""
-    monkeypatch.setattr("tacauchy_rig.app.importing.archive.ARRAY_BYTES", 10_000)
+    monkeypatch.setattr("tacauchy_rig.app.importing.source.ARRAY_BYTES", 10_000)
     with zipfile.ZipFile(folder / "01/fields.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("pressure.npy", b"\0" * 100_000)
     with pytest.raises(RigError, match="unpacks to 100000 bytes"):

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tacauchy_rig.app.session.record import note_changes
-from tacauchy_rig.core.config.changes import Change
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import Change, default_text, load_config
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.run_store import RunStore
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tacauchy_rig.core.config.changes import OF_DEVICES, Change, resumed_config
-from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.config.load import OF_DEVICES, Change, load_config, resumed_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import ConfigError
 

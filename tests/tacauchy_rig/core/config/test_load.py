@@ -14,7 +14,7 @@ from tacauchy_rig.core.config.load import (
     load_config,
     restore_config,
 )
-from tacauchy_rig.core.config.real_devices import ARM_REQUIRES, CELL_REQUIRES
+from tacauchy_rig.core.config.rules import ARM_REQUIRES, CELL_REQUIRES
 from tacauchy_rig.core.errors import ConfigError
 
 

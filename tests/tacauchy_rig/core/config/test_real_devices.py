@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tacauchy_rig.core.config.load import example_text, load_config, restore_config
-from tacauchy_rig.core.config.real_devices import ARM_REQUIRES, CELL_REQUIRES
+from tacauchy_rig.core.config.rules import ARM_REQUIRES, CELL_REQUIRES
 from tacauchy_rig.core.errors import ConfigError
 
 WRITTEN = load_config().written

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tacauchy_rig.app.session.record import note_changes
-from tacauchy_rig.core.config.changes import resumed_config
+from tacauchy_rig.core.config.load import resumed_config
 from tacauchy_rig.core.run import Outcome
 from tacauchy_rig.core.store.check.run import RunCheck, check_run
 from tacauchy_rig.core.store.recording.reading import Recording

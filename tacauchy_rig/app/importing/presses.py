@@ -1,20 +1,115 @@
-"""Presses within a recording that runs on: found by the force, each with its rest before it."""
+"""Presses of others: samples and frames with stamps, and where presses are in a recording."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
-from tacauchy_rig.app.importing.press import Frame, Press, Samples, Window
-from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, Int64Array
 from tacauchy_rig.core.config.fields import Force, Section
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import FZ
+
+Window = tuple[int, int]
+"""First and last stamp [ns], both included."""
+ORDER_NS = 1_000_000
+"""Between the stamps of what has no time: they tell nothing but the order."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Samples:
+    """A stream of numbers.
+
+    Attributes:
+        stamp_ns: Of the source's clock, ascending, shape [n].
+        value: Fx, Fy, Fz [N], Mx, My, Mz [N m], or x, y, z [m] and rotation vector [rad], shape
+            [n, 6]; NaN where the source does not tell.
+    """
+
+    stamp_ns: Int64Array
+    value: FloatArray
+
+    def within(self, window: Window) -> Samples:
+        """Return the samples of a window."""
+        inside = (self.stamp_ns >= window[0]) & (self.stamp_ns <= window[1])
+        return Samples(stamp_ns=self.stamp_ns[inside], value=self.value[inside])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """An image of the source.
+
+    Attributes:
+        name: What the source calls it, for messages.
+        read: Returns its bytes, JPEG or PNG.
+    """
+
+    stamp_ns: int
+    name: str
+    read: Callable[[], bytes]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Press:
+    """One press.
+
+    Attributes:
+        name: What the source calls it.
+        frames: All of its images, in order.
+        force: Raw wrenches; None where there are none.
+        pose: Of the tip; None where there are none.
+        reference: Window of the frames without contact.
+        dwell: Window in which the press was held.
+        tare: Window of unloaded force samples; None takes forces as they are.
+        contact_z_m: Height of the tip at first contact [m].
+        depth_m: Stated depth [m], where no pose tells it.
+        place_m: Beside the pad's centre [m]; None is not known.
+        indenter: As ``press --indenter`` has it; empty is the run's.
+        contact_px: Column, row and radius of the contact's edge as drawn into the image [px].
+    """
+
+    name: str
+    frames: tuple[Frame, ...]
+    reference: Window
+    dwell: Window
+    force: Samples | None = None
+    pose: Samples | None = None
+    tare: Window | None = None
+    contact_z_m: float | None = None
+    depth_m: float | None = None
+    place_m: tuple[float, float] | None = None
+    indenter: str = ""
+    contact_px: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recorded:
+    """All that was read of a source.
+
+    Attributes:
+        has_clock: Stamps are times; without, they tell nothing but the order.
+        sync_mode: What ties forces and images together in time (``run.sync_mode``).
+        unknown: What it does not tell, a sentence each.
+        notes: What was made of it, a sentence each.
+        contact_force_n: At which depths begin [N]; None is first touch.
+        name: Of a run of it.
+        rig: Fields of ``rig.toml`` that its format comes with; ``import.toml`` counts more.
+    """
+
+    presses: tuple[Press, ...]
+    has_clock: bool
+    sync_mode: str = "unknown"
+    unknown: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    rig: Mapping[str, Any] = field(default_factory=dict)
+    contact_force_n: float | None = None
+    name: str = "imported"
+
 
 S = 1_000_000_000
 """Nanoseconds of a second."""
@@ -111,6 +206,13 @@ def find_presses(force: Samples, finding: PressFinding) -> list[Found]:
         found.append(_found(name, force, rest, pressed, finding))
         free_ns = pressed[1] + APART_NS
     return found
+
+
+def needed(stamp_ns: Int64Array, found: Sequence[Found]) -> BoolArray:
+    """Return at which stamps some press is held, or at rest before it."""
+    windows = [window for each in found for window in (each.rest, each.held)]
+    inside = [(stamp_ns >= start) & (stamp_ns <= end) for start, end in windows]
+    return np.logical_or.reduce(inside, axis=0)
 
 
 def cut(streams: Streams, found: Sequence[Found]) -> tuple[Press, ...]:
