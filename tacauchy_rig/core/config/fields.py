@@ -1,17 +1,68 @@
-"""Field types of the configuration: text with a unit in the file, SI floats in the program."""
+"""Field types of the configuration: text with a unit in the file, SI in the program; ranges."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib import resources
+from typing import Annotated, Any, ClassVar, Unpack
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo, field_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    TypeAdapter,
+    ValidationInfo,
+    field_validator,
+)
 from pydantic_core import PydanticCustomError
 
-from tacauchy_rig.core.config.fields import NO_CEILINGS, Ceiling
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, example, parse_quantity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ceiling:
+    """The range of one field.
+
+    Attributes:
+        least: Smallest value, as it is written; None where the field's type is enough.
+        most: Largest value, likewise.
+        because: Reason, as a clause that follows a semicolon.
+    """
+
+    dimension: Dimension
+    because: str
+    least: str | None = None
+    most: str | None = None
+
+    def crossed(self, value: float) -> tuple[str, float] | None:
+        """Return ``"le"`` or ``"ge"`` and the bound [SI] that ``value`` [SI] is beyond, if any."""
+        for name, bound, sign in (("le", self.most, 1.0), ("ge", self.least, -1.0)):
+            if bound is not None:
+                limit = parse_quantity(bound, dimension=self.dimension)
+                if sign * value > sign * limit:
+                    return name, limit
+        return None
+
+
+def _read() -> Mapping[str, Mapping[str, Ceiling]]:
+    text = resources.files("tacauchy_rig.core.config").joinpath("ceilings.toml").read_text("utf-8")
+    tables = tomllib.loads(text)
+    return TypeAdapter(dict[str, dict[str, Ceiling]]).validate_python(tables)
+
+
+CEILINGS = _read()
+"""By table and field, in the order of the file."""
+
+
+def ceilings() -> Iterator[tuple[str, Ceiling]]:
+    """Yield dotted field and range, in the order of the file."""
+    for table, fields in CEILINGS.items():
+        for field, ceiling in fields.items():
+            yield f"{table}.{field}", ceiling
 
 
 class Section(BaseModel):
@@ -24,7 +75,13 @@ class Section(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", validate_default=True, allow_inf_nan=False
     )
-    ceilings: ClassVar[Mapping[str, Ceiling]] = NO_CEILINGS
+    ceilings: ClassVar[Mapping[str, Ceiling]] = {}
+
+    def __init_subclass__(cls, *, ceilings: str = "", **options: Unpack[ConfigDict]) -> None:
+        """Take the ranges of a table of ``ceilings.toml``."""
+        super().__init_subclass__(**options)
+        if ceilings:
+            cls.ceilings = CEILINGS[ceilings]
 
     @field_validator("*", mode="before")
     @classmethod

@@ -3,30 +3,175 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Self
+from typing import Annotated, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
 from tacauchy_rig.core.config.fields import (
-    CEILINGS,
+    Acceleration,
     Angle,
     Force,
     ForceRate,
     Frequency,
     Length,
+    Mass,
     Pressure,
     Ratio,
     Section,
+    Speed,
     Time,
     Torque,
 )
-from tacauchy_rig.core.config.model import (
-    CameraSection,
-    DeviceSection,
-    ForceSensorSection,
-    RobotSection,
-)
-from tacauchy_rig.core.config.uncertainty import UncertaintySection
+from tacauchy_rig.core.registry import Kind, unknown
+
+EMULATED = "emulated"
+MOCK = "mock"
+IMPORTED = "imported"
+"""What was recorded elsewhere, by whatever it was: nothing is known of its devices."""
+
+
+def _driver(kind: Kind) -> BeforeValidator:
+    """Admit a name that the registry knows, and any name of a run that was recorded elsewhere."""
+
+    def check(value: object, info: ValidationInfo) -> object:
+        is_recorded = isinstance(value, str) and bool((info.context or {}).get("recorded"))
+        if not is_recorded and (problem := unknown(kind, value)):
+            raise ValueError(problem)
+        return value
+
+    return BeforeValidator(check)
+
+
+def _is_sign(value: int) -> int:
+    if value not in (-1, 1):
+        raise ValueError(f"{value} is neither 1 nor -1")
+    return value
+
+
+Sign = Annotated[int, AfterValidator(_is_sign)]
+
+
+class DeviceSection(Section):
+    """A device by the name that the registry knows it by.
+
+    ``options`` is for drivers of other packages: what theirs need and ours do not.
+    """
+
+    driver: str
+    options: dict[str, bool | int | float | str] = Field(
+        default_factory=dict, exclude_if=lambda options: not options
+    )
+
+    @property
+    def is_emulated(self) -> bool:
+        """True when the run starts the device as a process of its own."""
+        return self.driver == EMULATED
+
+    @property
+    def is_imported(self) -> bool:
+        """True where others recorded, with a device that nobody here knows."""
+        return self.driver == IMPORTED
+
+    @property
+    def is_stand_in(self) -> bool:
+        """True for a device that is emulated or a mock."""
+        return self.driver in (EMULATED, MOCK)
+
+    @property
+    def is_real(self) -> bool:
+        """True for a device that this program can reach; drivers of other packages are such."""
+        return not self.is_stand_in and not self.is_imported
+
+
+class RobotModel(StrEnum):
+    """Generation of the controller: it decides rates, flags and what the arm can do."""
+
+    CB3 = "cb3"
+    E_SERIES = "e-series"
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate at which the controller reports its state [Hz]."""
+        return 125.0 if self is RobotModel.CB3 else 500.0
+
+    @property
+    def major_version(self) -> int:
+        """Major version of the controller software that drives this generation."""
+        return 3 if self is RobotModel.CB3 else 5
+
+
+class Checksum(StrEnum):
+    """Checksum of the force sensor's frames."""
+
+    SUM = "SUM"
+    CRC32 = "CRC32"
+
+
+class RobotSection(DeviceSection, ceilings="robot"):
+    """The arm, the pose above the gel it starts from, and its speeds.
+
+    ``home`` is the tip's position (x, y, z) in the base frame, above the gel, and
+    ``tool_rotation`` its rotation vector there: the indenter points straight down. The controller
+    stops the arm when this program is not heard from at the rate ``watchdog``. ``force_sign`` times
+    its own estimate of force, Fz in the base frame, rises while the indenter is pressed.
+    """
+
+    driver: Annotated[str, _driver(Kind.ARM)]
+    model: RobotModel
+    host: str
+    home: tuple[Length, Length, Length]
+    tool_rotation: tuple[Angle, Angle, Angle]
+    tcp_offset: tuple[Length, Length, Length]
+    payload: Mass = Field(ge=0)
+    approach_speed: Speed = Field(gt=0)
+    search_speed: Speed = Field(gt=0)
+    press_speed: Speed = Field(gt=0)
+    retract_speed: Speed = Field(gt=0)
+    acceleration: Acceleration = Field(gt=0)
+    watchdog: Frequency = Field(ge=2, le=50)
+    connect_timeout: Time = Field(gt=0, le=60)
+    force_sign: Sign = 1
+
+
+class ForceSensorSection(DeviceSection, ceilings="force_sensor"):
+    """The force sensor. Capacity and overload come from its own calibration sheet.
+
+    ``compression_sign`` times the raw Fz is positive while the indenter is pressed. ``to_tip`` is
+    how far the indenter's tip lies from the point that the moments refer to, along the tool's axis;
+    without it no real cell's moments tell how the tool leans. ``delay`` is how much later than the
+    arm's state of the same moment a sample is stamped; reports correct it.
+    """
+
+    driver: Annotated[str, _driver(Kind.FORCE_SENSOR)]
+    port: str
+    baud_rate: int = Field(ge=9600, le=4_000_000)
+    rate: Frequency = Field(ge=50, le=1000)
+    checksum: Checksum
+    compression_sign: Sign
+    capacity: Force = Field(gt=0)
+    calibration_sheet: str
+    connect_timeout: Time = Field(gt=0, le=60)
+    to_tip: Length | None = None
+    delay: Time
+
+
+class CameraSection(DeviceSection, ceilings="camera"):
+    """The camera: by name or serial number, ``/dev/...`` path, or URL; never by list order.
+
+    ``delay`` is how much later than the arm's state of the same moment a frame is stamped; reports
+    correct it.
+    """
+
+    driver: Annotated[str, _driver(Kind.CAMERA)]
+    device: str
+    width: int = Field(ge=160, le=8192)
+    height: int = Field(ge=120, le=8192)
+    rate: Frequency = Field(ge=1, le=240)
+    exposure: int | None = None
+    gain: int | None = None
+    white_balance: int | None = None
+    connect_timeout: Time = Field(gt=0, le=60)
+    delay: Time
 
 
 class SyncMode(StrEnum):
@@ -77,7 +222,7 @@ class IndenterSection(Section):
         return self
 
 
-class SensorSection(Section):
+class SensorSection(Section, ceilings="sensor"):
     """The tactile sensor, and where its gel lies in the robot's base frame.
 
     ``name`` is a built-in sensor or the path of a TOML file; ``optics_calibration`` is what
@@ -86,18 +231,14 @@ class SensorSection(Section):
     expected: contact is found by force.
     """
 
-    ceilings = CEILINGS["sensor"]
-
     name: str
     optics_calibration: str
     surface: tuple[Length, Length, Length]
     surface_uncertainty: Length = Field(gt=0)
 
 
-class WorkspaceSection(Section):
+class WorkspaceSection(Section, ceilings="workspace"):
     """Box in the base frame that the tip never leaves, and how far the tool may tilt."""
-
-    ceilings = CEILINGS["workspace"]
 
     x_min: Length
     x_max: Length
@@ -109,14 +250,12 @@ class WorkspaceSection(Section):
     home_radius: Length = Field(gt=0)
 
 
-class LimitsSection(Section):
+class LimitsSection(Section, ceilings="limits"):
     """Limits of the guard, compared with every force sample and every state of the arm.
 
     An arm that covers less than a quarter of its commanded travel for ``no_motion`` is stopped.
     ``allow_unchecked_force`` lets an arm that hardly feels press by a cell that no weight checked.
     """
-
-    ceilings = CEILINGS["limits"]
 
     soft_force: Force = Field(gt=0)
     hard_force: Force = Field(gt=0)
@@ -134,13 +273,11 @@ class LimitsSection(Section):
     allow_unchecked_force: bool = False
 
 
-class ProtocolSection(Section):
+class ProtocolSection(Section, ceilings="protocol"):
     """The six presses: targets, tolerances, windows and gates.
 
     After its dwell a press sways up and down for ``sway``, which tells how late the streams are.
     """
-
-    ceilings = CEILINGS["protocol"]
 
     force_targets: tuple[Force, ...] = Field(min_length=1, max_length=100)
     force_tolerance: Force = Field(gt=0)
@@ -177,7 +314,7 @@ class PoseSource(StrEnum):
     FOUND = "found"
 
 
-class ReplaySection(Section):
+class ReplaySection(Section, ceilings="replay"):
     """How trials are replayed: model settings that override the sensor's file.
 
     ``preset`` ``auto`` is the cheapest that promises F_z within 3 %, or ``balanced`` where none
@@ -191,8 +328,6 @@ class ReplaySection(Section):
     comes down beside ``sensor.surface``; with ``pose`` ``found`` what moments and images tell takes
     their place.
     """
-
-    ceilings = CEILINGS["replay"]
 
     force_tolerance: Force = Field(gt=0)
     preset: str
@@ -210,10 +345,8 @@ class ReplaySection(Section):
     offset: tuple[Length, Length] | None = None
 
 
-class ReportSection(Section):
+class ReportSection(Section, ceilings="report"):
     """What a replay must reach for the verdict; ``docs/explanation/verdict.md`` has the reasons."""
-
-    ceilings = CEILINGS["report"]
 
     min_force_margin: Ratio = Field(ge=1)
     max_contact_residual: Ratio = Field(gt=0)
@@ -223,14 +356,12 @@ class ReportSection(Section):
     max_force_mismatch: Force = Field(gt=0)
 
 
-class EmulationSection(Section):
+class EmulationSection(Section, ceilings="emulation"):
     """The emulated world, for every device whose driver is ``emulated``.
 
     ``friction`` is Coulomb's coefficient between indenter and gel; ``tilt``, how far the indenter's
     axis leans towards base x and y, takes the place of what the seed draws.
     """
-
-    ceilings = CEILINGS["emulation"]
 
     seed: int = Field(ge=0)
     robot_host: str
@@ -238,6 +369,24 @@ class EmulationSection(Section):
     friction: Ratio = Field(default=0.0, ge=0)
     tilt: tuple[Angle, Angle] | None = None
     faults: tuple[str, ...] = ()
+
+
+class UncertaintySection(Section, ceilings="uncertainty"):
+    """Standard uncertainties of the press; what is left out takes its default.
+
+    ``diameter``, ``fillet``, ``friction`` are of the indenter, ``tilt`` and ``offset`` of how it is
+    mounted where neither moments nor images tell it, ``depth`` of the difference of two heights of
+    the arm, ``force_scale`` of the cell's reading, ``delay`` between force and height.
+    """
+
+    diameter: Length | None = Field(default=None, ge=0)
+    fillet: Length | None = Field(default=None, ge=0)
+    friction: Ratio | None = Field(default=None, ge=0)
+    tilt: Angle | None = Field(default=None, ge=0)
+    offset: Length | None = Field(default=None, ge=0)
+    depth: Length | None = Field(default=None, ge=0)
+    force_scale: Ratio | None = Field(default=None, ge=0)
+    delay: Time | None = Field(default=None, ge=0)
 
 
 class RigConfig(Section):

@@ -9,15 +9,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from pydantic import Field
-
-from tacauchy_rig.core.config.fields import CEILINGS, Angle, Length, Ratio, Section, Time
-from tacauchy_rig.core.config.model import RobotModel
-
-if TYPE_CHECKING:
-    from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.model import RigConfig, RobotModel
 
 DEPTH_ERROR_M = {RobotModel.E_SERIES: 20e-6, RobotModel.CB3: 30e-6}
 """Difference of two heights within a millimetre: below the repeatability that the data sheets give
@@ -33,26 +26,6 @@ _FINE_M = ((6e-3, 0.05e-3), (30e-3, 0.1e-3), (120e-3, 0.15e-3))
 """ISO 2768-1, class f: up to this diameter [m], so much either way [m]."""
 _FILLET_SHARE, _SHARP_M = 0.5, 0.05e-3
 _FRICTION, _PLACE_M, _SCALE = 0.2, 0.3e-3, 0.01
-
-
-class UncertaintySection(Section):
-    """Standard uncertainties of the press; what is left out takes its default.
-
-    ``diameter``, ``fillet``, ``friction`` are of the indenter, ``tilt`` and ``offset`` of how it is
-    mounted where neither moments nor images tell it, ``depth`` of the difference of two heights of
-    the arm, ``force_scale`` of the cell's reading, ``delay`` between force and height.
-    """
-
-    ceilings = CEILINGS["uncertainty"]
-
-    diameter: Length | None = Field(default=None, ge=0)
-    fillet: Length | None = Field(default=None, ge=0)
-    friction: Ratio | None = Field(default=None, ge=0)
-    tilt: Angle | None = Field(default=None, ge=0)
-    offset: Length | None = Field(default=None, ge=0)
-    depth: Length | None = Field(default=None, ge=0)
-    force_scale: Ratio | None = Field(default=None, ge=0)
-    delay: Time | None = Field(default=None, ge=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.config.uncertainty import UncertaintySection, stated_uncertainty
+from tacauchy_rig.core.config.model import UncertaintySection
+from tacauchy_rig.core.config.uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError
 
 
