@@ -1,37 +1,304 @@
-"""Checks of the devices that a configuration names, one after the other; nothing moves."""
+"""Is every device of a configuration there, ready and fast enough? Nothing moves or is set."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+import math
+import os
+import statistics
+import time
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
-from drivers.arm.checks import robot_checks
-from drivers.camera.checks import camera_checks
-from drivers.force_sensor.checks import force_sensor_checks
-from tacauchy_rig.core.check_result import CheckResult, skipped
-from tacauchy_rig.core.config.model import DeviceSection, RigConfig
+from drivers.arm.ur5_probe import probe_controller, require_ready
+from drivers.interfaces import MANUAL_EXPOSURE, Arm, DeviceIdentity, StreamHealth
+from tacauchy_rig.core.check_result import (
+    CheckResult,
+    CheckStatus,
+    checked,
+    failed,
+    judged,
+    passed,
+    skipped,
+)
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError, RigError
+from tacauchy_rig.core.registry import Kind, load
+from tacauchy_rig.core.run import FZ, ForceSample, ImageFrame
+
+_GOOD_TIMER_MS = 1
+_FORCE_RATE_TOLERANCE = 0.02
+_IMAGE_RATE_TOLERANCE = 0.05
+
+
+def require_devices(config: RigConfig) -> None:
+    """Ask the arm's controller, see a frame of the force sensor and one of the camera.
+
+    Devices that the run itself starts are passed over.
+
+    Raises:
+        DeviceError: One or more do not answer; each is named with what to do.
+    """
+    errors = list(missing_devices(config))
+    if errors:
+        raise DeviceError("\n".join(map(str, errors)))  # each with its own remedy below it
+
+
+def missing_devices(config: RigConfig) -> Iterator[RigError]:
+    """Yield why a device does not answer, for each real device that does not."""
+    sections: dict[str, tuple[Kind, tuple[object, ...]]] = {
+        "robot": (Kind.ARM, ()),
+        "force_sensor": (Kind.FORCE_SENSOR, (None,)),
+        "camera": (Kind.CAMERA, ()),
+    }
+    for name, (kind, others) in sections.items():
+        section = getattr(config, name)
+        if section.is_real:
+            try:
+                if section.driver == "ur5":
+                    _probe_ready(config)
+                else:
+                    _try_device(load(kind, section.driver)(config, *others))
+            except RigError as error:
+                yield error
+
+
+def _probe_ready(config: RigConfig) -> None:
+    robot = config.robot
+    report = probe_controller(robot.host, timeout_s=robot.connect_timeout)
+    require_ready(report, model=robot.model)
+
+
+def _try_device(device: Any) -> None:
+    try:
+        device.connect()
+        if hasattr(device, "state"):  # an arm, which may refuse only now
+            device.state()
+    finally:
+        device.close()
 
 
 def device_checks(
     config: RigConfig, *, measure_s: float = 2.0, sys_folder: Path = Path("/sys")
 ) -> list[CheckResult]:
-    """Look at every real device; never raises, because what is wrong is the result.
+    """Check every real device; never raises, because what is wrong is the result.
 
     Args:
         config: Where the devices are and what is asked of them.
         measure_s: How long each stream is measured [s].
         sys_folder: Where the kernel tells about adapters and cameras.
     """
-    looks: dict[str, Callable[[], list[CheckResult]]] = {
+    checks: dict[str, Callable[[], list[CheckResult]]] = {
         "robot": lambda: robot_checks(config),
-        "force_sensor": lambda: force_sensor_checks(
-            config, measure_s=measure_s, sys_folder=sys_folder
-        ),
-        "camera": lambda: camera_checks(config, measure_s=measure_s),
+        "force_sensor": lambda: _force_sensor_checks(config, measure_s, sys_folder),
+        "camera": lambda: _camera_checks(config, measure_s),
     }
     results: list[CheckResult] = []
-    for name, look in looks.items():
-        device: DeviceSection = getattr(config, name)
-        found = f'driver = "{device.driver}": it starts with the run, there is nothing to check'
-        results += look() if device.is_real else [skipped(name, found)]
+    for name, check in checks.items():
+        device = getattr(config, name)
+        reason = f'driver = "{device.driver}": it starts with the run, there is nothing to check'
+        results += check() if device.is_real else [skipped(name, reason)]
     return results
+
+
+def robot_checks(config: RigConfig) -> list[CheckResult]:
+    """Return ``robot.controller`` and ``robot.home``, of a UR also ``robot.ready``."""
+    robot = config.robot
+    later = ["robot.ready", "robot.home"] if robot.driver == "ur5" else ["robot.home"]
+    try:
+        if robot.driver != "ur5":
+            identity, position = _connected_arm(config)
+            answers = passed("robot.controller", f"{identity.model} at {identity.address}")
+            return [answers, _home_check(config, position)]
+        report = probe_controller(robot.host, timeout_s=robot.connect_timeout)
+    except DeviceError as error:
+        unknown = [skipped(name, "no controller answers") for name in later]
+        return [failed("robot.controller", error), *unknown]
+    finding = (
+        f"{report.model.value}, software {report.version_text}, serial number "
+        f"{report.serial or 'unknown'}, answered everything in {report.probe_s * 1e3:.0f} ms"
+    )
+
+    def ready() -> str:
+        require_ready(report, model=robot.model)
+        return "powered, in remote control, free, no safety stop"
+
+    return [
+        passed("robot.controller", finding, value=report.probe_s * 1e3, unit="ms"),
+        checked("robot.ready", ready),
+        _home_check(config, report.pose),
+    ]
+
+
+def _connected_arm(config: RigConfig) -> tuple[DeviceIdentity, Sequence[float]]:
+    """Connect to an arm of another package, which checks for itself whether it is ready."""
+    arm: Arm = load(Kind.ARM, config.robot.driver)(config)
+    try:
+        return arm.connect(), arm.state().pose.position
+    finally:
+        arm.close()
+
+
+def _home_check(config: RigConfig, pose: Sequence[float]) -> CheckResult:
+    distance_m = math.dist(pose[:3], config.robot.home)
+    position = ", ".join(f"{value * 1e3:.1f}" for value in pose[:3])
+    return judged(
+        "robot.home",
+        f"the tip is at ({position}) mm, {distance_m * 1e3:.1f} mm from home",
+        is_good=distance_m <= config.workspace.home_radius,
+        value=distance_m * 1e3,
+        unit="mm",
+        remedy=f"jog the tip to within {config.workspace.home_radius * 1e3:g} mm of robot.home, or "
+        "correct robot.home and the pendant's tool centre point",
+    )
+
+
+def _force_sensor_checks(
+    config: RigConfig, measure_s: float, sys_folder: Path
+) -> list[CheckResult]:
+    """Return the checks of the serial port and of ``measure_s`` [s] of unloaded samples."""
+    section = config.force_sensor
+    sensor = load(Kind.FORCE_SENSOR, section.driver)(config, None)
+    try:
+        identity = sensor.connect()
+        # While the port is open: the driver has asked the adapter for low latency by now.
+        timer = latency_timer_check(section.port, sys_folder=sys_folder)
+        time.sleep(measure_s)
+        samples, health = sensor.drain(), sensor.health()
+    except DeviceError as error:
+        return [failed("force_sensor.stream", error)]
+    finally:
+        sensor.close()
+    return [
+        passed("force_sensor.stream", f"{identity.model} at {_place(identity)}"),
+        timer,
+        _force_rate_check(samples, health, asked_hz=section.rate),
+        _noise_check(samples, config),
+    ]
+
+
+def _place(identity: DeviceIdentity, more: str = "") -> str:
+    settings = ", ".join(f"{key} {value}" for key, value in identity.settings.items())
+    return f"{identity.address}{more}: {settings}"
+
+
+def latency_timer_check(port: str, *, sys_folder: Path) -> CheckResult:
+    """Judge how long the USB adapter holds bytes back before it sends them on."""
+    name = "force_sensor.latency_timer"
+    adapter = Path(os.path.realpath(port)).name
+    path = sys_folder / "bus/usb-serial/devices" / adapter / "latency_timer"
+    try:
+        timer_ms = int(path.read_text("ascii"))
+    except (OSError, ValueError):
+        return skipped(name, f"{port} is not a USB adapter with a latency timer")
+    is_good = timer_ms <= _GOOD_TIMER_MS
+    late = f"{adapter} holds data back for up to {timer_ms} ms, which bunches the frames"
+    return judged(
+        name,
+        f"{adapter} passes data on after {timer_ms} ms" if is_good else late,
+        is_good=is_good,
+        value=timer_ms,
+        unit="ms",
+        remedy=f"echo {_GOOD_TIMER_MS} | sudo tee {path}",
+    )
+
+
+def _force_rate_check(
+    samples: list[ForceSample], health: StreamHealth, *, asked_hz: float
+) -> CheckResult:
+    """Judge rate, losses and bunching."""
+    gaps = [b.stamp_ns - a.stamp_ns for a, b in itertools.pairwise(samples)]
+    wrong = abs(health.rate_hz / asked_hz - 1.0) > _FORCE_RATE_TOLERANCE
+    return judged(
+        "force_sensor.rate",
+        f"{health.rate_hz:.2f} Hz for {asked_hz:g} Hz asked, longest gap "
+        f"{max(gaps, default=0) * 1e-6:.1f} ms, {health.lost_count} lost and "
+        f"{health.corrupt_count} damaged of {health.received_count}",
+        is_good=not (wrong or health.lost_count or health.corrupt_count),
+        value=health.rate_hz,
+        unit="Hz",
+        remedy="check cable and shield, the adapter's latency timer, and the rate set in the box",
+    )
+
+
+def _noise_check(samples: list[ForceSample], config: RigConfig) -> CheckResult:
+    """Judge zero and noise of Fz; the sensor is taken to be unloaded."""
+    name = "force_sensor.noise"
+    values = [sample.wrench.force[FZ] for sample in samples]
+    if len(values) < 2:
+        return skipped(name, f"{len(values)} samples are too few")
+    mean, deviation = statistics.fmean(values), statistics.stdev(values)
+    finding = f"Fz {mean:+.4f} N with {deviation:.4f} N of noise (standard deviation)"
+    gate = config.protocol
+    remedy = ""
+    if deviation > gate.tare_deviation:
+        remedy = f"noise is above protocol.tare_deviation {gate.tare_deviation:g} N: keep the arm "
+        remedy += "still, check shield and earth"
+    elif abs(mean) > gate.tare_mean:
+        remedy = f"zero is beyond protocol.tare_mean {gate.tare_mean:g} N: unload the sensor, or "
+        remedy += "zero it in the box (AT+ADJZF)"
+    elif deviation == 0.0:
+        remedy = "a live sensor has noise: switch the box off and on"
+    return judged(name, finding, is_good=not remedy, value=deviation, unit="N", remedy=remedy)
+
+
+def _camera_checks(config: RigConfig, measure_s: float) -> list[CheckResult]:
+    """Return the checks of the camera's mode and of ``measure_s`` [s] of frames."""
+    section = config.camera
+    camera = load(Kind.CAMERA, section.driver)(config)
+    try:
+        identity = camera.connect()
+        time.sleep(measure_s)
+        frames, health = camera.drain(), camera.health()
+    except DeviceError as error:
+        return [failed("camera.stream", error)]
+    finally:
+        camera.close()
+    size = f", {section.width}x{section.height} px"
+    return [
+        passed("camera.stream", f"{identity.model} at {_place(identity, size)}"),
+        _image_rate_check(frames, health, config),
+        exposure_check(identity.settings),
+    ]
+
+
+def _image_rate_check(
+    frames: list[ImageFrame], health: StreamHealth, config: RigConfig
+) -> CheckResult:
+    """Judge the rate that was reached, by the configuration and by the protocol's least."""
+    asked, least = config.camera.rate, config.protocol.min_image_rate
+    size = sum(len(frame.jpeg) for frame in frames) / max(len(frames), 1)
+    status, remedy = CheckStatus.OK, ""
+    if health.rate_hz < least:
+        status = CheckStatus.FAIL
+        remedy = f"protocol.min_image_rate is {least:g} fps: lower it or the image size; use a "
+        remedy += "USB port of its own, and a shorter exposure"
+    elif health.rate_hz < asked * (1.0 - _IMAGE_RATE_TOLERANCE) or health.corrupt_count:
+        status = CheckStatus.WARN
+        remedy = "use a USB port of its own and a shorter exposure, or set camera.rate to what is "
+        remedy += "reached"
+    return CheckResult(
+        name="camera.rate",
+        status=status,
+        finding=f"{health.rate_hz:.2f} fps for {asked:g} fps asked, {size / 1e3:.0f} kB a frame, "
+        f"{health.corrupt_count} damaged of {health.received_count + health.corrupt_count}",
+        value=health.rate_hz,
+        unit="fps",
+        remedy=remedy,
+    )
+
+
+def exposure_check(settings: dict[str, str]) -> CheckResult:
+    """Judge whether the exposure is locked; an automatic one changes what a press looks like."""
+    name = "camera.exposure"
+    if "auto_exposure" not in settings:
+        return skipped(name, "a stream has no exposure to set")
+    is_locked = float(settings["auto_exposure"]) == MANUAL_EXPOSURE
+    found = f"{settings['exposure']}, gain {settings['gain']}"
+    return judged(
+        name,
+        f"locked at {found}" if is_locked else f"is automatic (now {found})",
+        is_good=is_locked,
+        remedy="set camera.exposure, camera.gain and camera.white_balance to fixed values",
+    )

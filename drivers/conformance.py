@@ -18,11 +18,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
-from drivers.arm.interface import Arm
-from drivers.camera.interface import Camera
-from drivers.camera.jpeg import jpeg_size
-from drivers.device.interface import DeviceIdentity, StreamingDevice
-from drivers.force_sensor.interface import ForceTorqueSensor
+from drivers.camera.pictures import jpeg_size
+from drivers.interfaces import Arm, Camera, DeviceIdentity, ForceTorqueSensor, StreamingDevice
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ForceSample, ImageFrame, Pose
 

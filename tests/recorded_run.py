@@ -6,18 +6,16 @@ import zlib
 from collections.abc import Callable, Set
 from pathlib import Path
 
-from drivers.camera.touch import Look, TouchWatch
-from drivers.device.faults import parse_fault
-from drivers.device.interface import StreamHealth
+from drivers.camera.pictures import TouchWatch
+from drivers.emulators.faults import parse_fault
+from drivers.interfaces import FrameMark, Rig, StreamHealth, TouchMode
 from drivers.mock.streams import MockCamera
 from drivers.mock.world import MockWorld
-from drivers.rig import FrameMark, Rig
 from protocols.control.cycle import Cycle
-from protocols.control.journal import Journal
-from protocols.control.record import Entry
+from protocols.control.record import Entry, Journal
 from protocols.guard.abort import Abort
-from protocols.processes.record_keeper import RecordKeeper
-from protocols.session import plan_session
+from protocols.processes.recorder import RecordKeeper, encoded
+from protocols.processes.supervisor import plan_session
 from protocols.trials.programme import ProgrammeResult, run_programme
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.config.model import RigConfig
@@ -50,7 +48,7 @@ class KeptOnDisk:
 
     def put(self, entry: Entry) -> None:
         """Keep an entry."""
-        self.keeper.keep(entry)
+        self.keeper.keep(encoded(entry))
 
     def problem(self) -> str:
         """Return that there is none."""
@@ -69,15 +67,15 @@ class RecordedCamera:
         self._sink = sink
         self._touch = TouchWatch()
 
-    def ask(self, look: Look) -> None:
+    def ask(self, mode: TouchMode) -> None:
         """Look for something else."""
-        self._touch.ask(look)
+        self._touch.ask(mode)
 
     def poll(self) -> list[FrameMark]:
         """Keep new frames and return their marks."""
         frames = self._camera.drain()
-        for frame in frames:
-            self._sink.put(frame)
+        if frames:
+            self._sink.put(tuple(frames))
         return [
             FrameMark(
                 frame.stamp_ns,
@@ -108,7 +106,7 @@ def press_run(
     start_ns: int = 10**9,
     again: Set[int] = frozenset(),
     config: RigConfig | None = None,
-    lie: tuple[str, str] | None = None,
+    silent_fault: tuple[str, str] | None = None,
 ) -> ProgrammeResult:
     """Press every trial without a passed attempt, in simulated time.
 
@@ -118,7 +116,7 @@ def press_run(
         start_ns: When it begins [ns].
         again: Trials to press once more though they passed.
         config: The run's own if None.
-        lie: A phase, and the fault that begins there and stays.
+        silent_fault: A phase, and the fault that begins there and stays.
     """
     config = config or store.config
     world = MockWorld(SimulatedClock(start_ns=start_ns), config, seed=seed)
@@ -132,18 +130,22 @@ def press_run(
     )
     store.set_devices({"robot": bench.arm.connect(), "camera": bench.camera.connect()})
     note(store, world, "run-start", pids={})
-    cycle = Cycle(rig, config, sink=sink, abort=Abort(same_wish_s=0.0))
-    journal = Journal(sink, world.clock, listener=_liar(world, lie))
+    cycle = Cycle(rig, config, sink=sink, abort=Abort(same_request_s=0.0))
+    journal = Journal(sink, world.clock, listener=_observer(world, silent_fault))
     result = run_programme(cycle, journal, plan_session(store, again=again))
     sink.keeper.close()
     note(store, world, "run-end", outcome=result.outcome.value, reason=result.reason)
     return result
 
 
-def _liar(world: MockWorld, lie: tuple[str, str] | None) -> Callable[[JournalEvent], None]:
+def _observer(
+    world: MockWorld, silent_fault: tuple[str, str] | None
+) -> Callable[[JournalEvent], None]:
     def heard(event: JournalEvent) -> None:
-        if lie is not None and event.detail.get("phase") == lie[0] and not world.lies:
-            world.lies.append(parse_fault(lie[1]))
+        if silent_fault is None or event.detail.get("phase") != silent_fault[0]:
+            return
+        if not world.silent_faults:
+            world.silent_faults.append(parse_fault(silent_fault[1]))
 
     return heard
 

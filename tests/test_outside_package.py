@@ -27,9 +27,9 @@ _USE_THE_ARM = """
 import sys
 from pathlib import Path
 
-from drivers.arm.checks import robot_checks
+from drivers.checks import robot_checks
 from drivers.conformance import ARM_CHECKS, LOCKING_ARM_CHECKS
-from drivers.rig import build_arm_and_force_sensor
+from drivers.interfaces import build_arm_and_force_sensor
 from tacauchy_rig.core.config.load import load_config
 
 config = load_config(Path("rig.toml")).config

@@ -7,12 +7,11 @@ import math
 import time
 from collections import deque
 from dataclasses import dataclass
-from enum import StrEnum
 
 from drivers.arm.ur5_link import LineMove, UrLink
 from drivers.arm.ur5_probe import probe_controller, require_ready
-from drivers.arm.ur5_safety import safety_reason
-from drivers.device.interface import DeviceIdentity
+from drivers.arm.ur5_wire import safety_reason
+from drivers.interfaces import DeviceIdentity
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError, SafetyError
 from tacauchy_rig.core.run import ArmSample, Pose, Vector6
@@ -29,12 +28,6 @@ _TURN_SPEED_CAP_RAD_S = 0.2
 _STOP_DECELERATION_M_S2 = 1.0
 
 
-class _Motion(StrEnum):
-    NONE = "none"
-    LINE = "line"
-    VELOCITY = "velocity"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionCaps:
     """Largest values that are ever sent.
@@ -49,26 +42,14 @@ class MotionCaps:
     turn_speed: float
     acceleration: float
 
-    def require_line(self, device: str, target: Vector6, speed: float, acceleration: float) -> None:
-        """Refuse a straight move that is too fast or leads nowhere.
+    def require(
+        self, device: str, *, speed: float, turn_speed: float = 0.0, acceleration: float
+    ) -> None:
+        """Refuse a motion that is too fast.
 
         Raises:
-            SafetyError: Beyond a cap, not positive, or not a number.
+            SafetyError: Beyond a cap, negative, or not a number.
         """
-        if not all(map(math.isfinite, target)):
-            raise SafetyError(f"{device}: target {target} is not a pose")
-        self._require(device, speed, 0.0, acceleration)
-
-    def require_velocity(self, device: str, velocity: Vector6, acceleration: float) -> None:
-        """Refuse a velocity that is too fast.
-
-        Raises:
-            SafetyError: Beyond a cap, or not a number.
-        """
-        speed, turn_speed = math.hypot(*velocity[:3]), math.hypot(*velocity[3:])
-        self._require(device, speed, turn_speed, acceleration)
-
-    def _require(self, device: str, speed: float, turn_speed: float, acceleration: float) -> None:
         for name, asked, limit, unit in (
             ("speed", speed * 1e3, self.speed * 1e3, "mm/s"),
             ("turning speed", turn_speed, self.turn_speed, "rad/s"),
@@ -106,9 +87,8 @@ class Ur5:
         self._stale_limit_s = config.limits.stale_robot
         self._tcp_offset = (*robot.tcp_offset, 0.0, 0.0, 0.0)
         self._link: UrLink | None = None
-        self._motion = _Motion.NONE
-        self._velocity: tuple[Vector6, float] = ((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0)
         self._watchdog_armed = False
+        self._velocity: tuple[Vector6, float] | None = None  # set, with its acceleration
         self._line: LineMove | None = None
         self._record: deque[ArmSample] = deque(maxlen=_RECORD_LIMIT)
 
@@ -123,7 +103,7 @@ class Ur5:
         report = probe_controller(robot.host, timeout_s=robot.connect_timeout)
         require_ready(report, model=robot.model)
         self._link = UrLink(robot, stale_limit_s=self._stale_limit_s)
-        self._motion, self._watchdog_armed = _Motion.NONE, False
+        self._line, self._velocity, self._watchdog_armed = None, None, False
         try:
             self._set_tool(self._link)
             self.state()
@@ -175,19 +155,23 @@ class Ur5:
             SafetyError: Beyond the speed or acceleration cap, or not a number.
             DeviceError: The controller refused.
         """
-        self._caps.require_line(self._device, target.as_vector(), speed, acceleration)
-        link = self._prepare_motion(_Motion.LINE)
-        self._motion = _Motion.LINE
+        if not all(map(math.isfinite, target.as_vector())):
+            raise SafetyError(f"{self._device}: target {target.as_vector()} is not a pose")
+        self._caps.require(self._device, speed=speed, acceleration=acceleration)
+        link = self._require_link()
+        # Two of the controller's threads that drive the arm at once would end its program.
+        self.stop()
+        self._arm_watchdog(link)
         self._line = LineMove(link)
         self._line.start(target.as_vector(), speed=speed, acceleration=acceleration)
 
     def is_moving(self) -> bool:
         """Return True until the move started last has ended; see ``Arm``."""
-        if self._motion is _Motion.LINE and self._line is not None:
+        if self._line is not None:
             self._require_link()
             if not self._line.is_running():
-                self._motion = _Motion.NONE
-        return self._motion is not _Motion.NONE
+                self._line = None
+        return self._line is not None or self._velocity is not None
 
     def set_velocity(self, velocity: Vector6, *, acceleration: float) -> None:
         """Set the tool velocity [m/s, rad/s]; holds until changed, stopped or the watchdog bites.
@@ -196,11 +180,16 @@ class Ur5:
             SafetyError: Beyond a cap, or not a number.
             DeviceError: The controller refused.
         """
-        self._caps.require_velocity(self._device, velocity, acceleration)
-        link = self._prepare_motion(_Motion.VELOCITY)
-        self._motion = _Motion.VELOCITY
+        speed, turn_speed = math.hypot(*velocity[:3]), math.hypot(*velocity[3:])
+        self._caps.require(
+            self._device, speed=speed, turn_speed=turn_speed, acceleration=acceleration
+        )
+        link = self._require_link()
+        if self._line is not None:
+            self.stop()
+        self._arm_watchdog(link)
         self._velocity = (velocity, acceleration)
-        self._send_velocity(link)
+        self._send_velocity(link, velocity, acceleration)
 
     def kick_watchdog(self) -> None:
         """Tell the controller that this program lives; call it at ``robot.watchdog`` or faster.
@@ -209,10 +198,10 @@ class Ur5:
             DeviceError: The arm is lost, so feeding it would only keep it moving.
         """
         link = self._require_link()
-        if self._motion is _Motion.VELOCITY:
+        if self._velocity is not None:
             # A kick clears the command register: sent before the controller's next cycle it
             # would swallow a new velocity. Repeating the velocity feeds the watchdog as well.
-            self._send_velocity(link)
+            self._send_velocity(link, *self._velocity)
         else:
             link.command("feeding the watchdog", lambda c: c.kickWatchdog(), deadline_s=_FEED_S)
 
@@ -222,23 +211,21 @@ class Ur5:
         When the controller does not answer, the arm counts as lost and is fed no more, so that
         its watchdog stops it.
         """
-        if self._link is None or self._motion is _Motion.NONE:
-            return
         try:
-            if self._motion is _Motion.VELOCITY:
+            if self._link is not None and self._velocity is not None:
                 self._stop_velocity(self._link)
             elif self._line is not None:
                 self._line.stop(_STOP_DECELERATION_M_S2, deadline_s=_STOP_S)
         except DeviceError as error:
             _logger.error("%s", error)
-        self._motion = _Motion.NONE
+        self._line = self._velocity = None
 
     def protective_stop(self) -> None:
         """Trigger the controller's protective stop; see ``Arm``."""
         link = self._link
         if link is None:
             raise DeviceError(f"{self._device}: not connected", remedy="call connect first")
-        self._motion = _Motion.NONE
+        self._line = self._velocity = None
         # The program dies of it, so whether it answers says nothing: the safety bits do.
         activity = "triggering a protective stop"
         link.call(activity, lambda c: c.triggerProtectiveStop())
@@ -257,8 +244,7 @@ class Ur5:
             self._link.close()
             self._link = None
 
-    def _send_velocity(self, link: UrLink) -> None:
-        velocity, acceleration = self._velocity
+    def _send_velocity(self, link: UrLink, velocity: Vector6, acceleration: float) -> None:
         link.command(
             "setting the velocity",
             lambda c: c.speedL(list(velocity), acceleration, 0.0),
@@ -272,15 +258,10 @@ class Ur5:
         if not stopped:
             raise link.health.lose("did not take the stop", "see why its program ended")
 
-    def _prepare_motion(self, wanted: _Motion) -> UrLink:
-        link = self._require_link()
-        # Two of the controller's threads that drive the arm at once would end its program.
-        if self._motion is _Motion.LINE or self._motion not in (_Motion.NONE, wanted):
-            self.stop()
+    def _arm_watchdog(self, link: UrLink) -> None:
         if not self._watchdog_armed:
             link.command("setting the watchdog", lambda c: c.setWatchdog(self._robot.watchdog))
             self._watchdog_armed = True
-        return link
 
     def _set_tool(self, link: UrLink) -> None:
         offset, mass = list(self._tcp_offset), self._robot.payload

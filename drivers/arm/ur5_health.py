@@ -8,14 +8,14 @@ import time
 
 import psutil
 
-from drivers.arm.ur5_safety import (
+from drivers.arm.ur5_wire import (
+    RTDE_PORT,
     RobotMode,
     RuntimeState,
     robot_mode_name,
     runtime_state_name,
     safety_reason,
 )
-from drivers.arm.ur5_wire import RTDE_PORT
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ArmSample
 

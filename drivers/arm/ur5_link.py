@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import functools
 import logging
+import os
 import queue
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -18,12 +21,11 @@ from typing import Any, TypeVar
 from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 
-from drivers.arm.ur5_guardian import Guardian
 from drivers.arm.ur5_health import ArmHealth, RtdeSockets
-from drivers.arm.ur5_safety import RuntimeState
+from drivers.arm.ur5_wire import RuntimeState
 from tacauchy_rig.core.config.model import RobotSection
 from tacauchy_rig.core.errors import DeviceError, RigError
-from tacauchy_rig.core.run import ArmSample, Pose, Vector6
+from tacauchy_rig.core.run import ArmSample, Pose, Vector6, vector6
 
 _logger = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -184,9 +186,8 @@ class UrLink:
         receive = self._receive
         for _ in range(_TORN_READS):
             time_s = receive.getTimestamp()
-            x, y, z, rx, ry, rz = receive.getActualTCPPose()
-            vx, vy, vz, wx, wy, wz = receive.getActualTCPSpeed()
-            fx, fy, fz, mx, my, mz = receive.getActualTCPForce()
+            pose, velocity = receive.getActualTCPPose(), receive.getActualTCPSpeed()
+            force = receive.getActualTCPForce()
             runtime_state = receive.getRuntimeState()
             safety_bits = receive.getSafetyStatusBits()
             robot_mode = receive.getRobotMode()
@@ -195,12 +196,12 @@ class UrLink:
         return ArmSample(
             stamp_ns=time.monotonic_ns(),
             controller_time_s=time_s,
-            pose=Pose(position=(x, y, z), rotation_vector=(rx, ry, rz)),
-            velocity=(vx, vy, vz, wx, wy, wz),
+            pose=Pose.of(pose),
+            velocity=vector6(velocity),
             runtime_state=runtime_state,
             safety_bits=safety_bits,
             robot_mode=robot_mode,
-            tcp_force=(fx, fy, fz, mx, my, mz),
+            tcp_force=vector6(force),
         )
 
     def command(
@@ -334,3 +335,52 @@ def _progress(control: Any) -> tuple[bool, int]:
     """Return (whether an asynchronous operation runs, its number)."""
     status = control.getAsyncOperationProgressEx()
     return bool(status.isAsyncOperationRunning()), int(status.operationId())
+
+
+_RELEASE_S = 1.0
+_GUARD = """
+import os, select, signal, sys
+process_id, timeout_s, activity = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3]
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+ready, _, _ = select.select([sys.stdin], [], [], timeout_s)
+if not ready and os.getppid() == process_id:
+    print(
+        f"{activity}: no answer within {timeout_s:g} s, so this process is ended\\n"
+        "  -> look at the device, then start again; an arm in motion is stopped by its watchdog",
+        file=sys.stderr, flush=True,
+    )
+    os.kill(process_id, signal.SIGKILL)
+"""
+
+
+class Guardian:
+    """A context: if its body takes longer than ``timeout_s`` [s], this process is killed.
+
+    ur_rtde's constructors and destructors hold Python's interpreter lock: while one hangs, no
+    Python thread and no signal handler of the process runs, so a deadline inside it cannot work. A
+    tiny second process can: it holds the reading end of a pipe, which closes when the call returns.
+    Killing is safe for the arm, whose watchdog stops it once nobody feeds the controller. Forking
+    instead of starting a fresh interpreter would copy locks that native threads hold.
+
+    Args:
+        activity: What hangs, for the message on stderr.
+    """
+
+    def __init__(self, activity: str, *, timeout_s: float) -> None:
+        self._arguments = (str(os.getpid()), str(timeout_s), activity)
+
+    def __enter__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-I", "-S", "-c", _GUARD, *self._arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+        )
+
+    def __exit__(self, *_: object) -> None:
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        try:
+            self._process.wait(_RELEASE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()

@@ -12,7 +12,6 @@ import struct
 import time
 from dataclasses import dataclass
 
-from drivers.arm.ur5_safety import RobotMode, robot_mode_name, safety_reason
 from drivers.arm.ur5_wire import (
     DASHBOARD_PORT,
     PROTOCOL_VERSION,
@@ -21,7 +20,10 @@ from drivers.arm.ur5_wire import (
     OutputRecipe,
     PacketKind,
     PacketReader,
+    RobotMode,
     pack_packet,
+    robot_mode_name,
+    safety_reason,
 )
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.errors import DeviceError

@@ -13,23 +13,19 @@ from __future__ import annotations
 
 import logging
 import os
+import socket
 import threading
 import time
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import cv2
 
-from drivers.camera.jpeg import jpeg_size
-from drivers.camera.video_device import (
-    VideoDevice,
-    find_device,
-    is_on_this_computer,
-    is_url,
-    probe_url,
-)
-from drivers.device.interface import DeviceIdentity, StreamHealth
-from drivers.device.stream_buffer import StreamBuffer
+from drivers.camera.pictures import jpeg_size
+from drivers.interfaces import DeviceIdentity, StreamHealth
+from drivers.stream_buffer import StreamBuffer, device_holders
 from tacauchy_rig.core.config.model import CameraSection, RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ImageFrame
@@ -298,3 +294,133 @@ def _read_back(capture: cv2.VideoCapture) -> dict[str, str]:
         "auto_white_balance": f"{capture.get(cv2.CAP_PROP_AUTO_WB):g}",
         "white_balance": f"{capture.get(cv2.CAP_PROP_WB_TEMPERATURE):g}",
     }
+
+
+_PORTS = {"http": 80, "https": 443, "rtsp": 554}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VideoDevice:
+    """A capture device that the kernel lists; ``serial`` may be empty."""
+
+    path: str
+    name: str = ""
+    serial: str = ""
+
+
+def is_url(device: str) -> bool:
+    """Return whether ``device`` is the address of a stream."""
+    return "://" in device
+
+
+def is_on_this_computer(url: str) -> bool:
+    """Return whether a stream comes from this computer's loopback, as an emulated camera's does."""
+    host = urlsplit(url).hostname or ""
+    return host == "localhost" or host.startswith("127.") or host == "::1"
+
+
+def video_devices(
+    *, sys_folder: Path = Path("/sys/class/video4linux"), dev_folder: Path = Path("/dev")
+) -> list[VideoDevice]:
+    """Return the first node (``video-index0``) of every camera present."""
+    found = []
+    for entry in sorted(sys_folder.glob("video*")):
+        if _text(entry / "index") not in ("", "0"):
+            continue
+        # device is the USB interface; the USB device above it holds the serial number
+        serial = _text((entry / "device").resolve().parent / "serial")
+        path = str(dev_folder / entry.name)
+        found.append(VideoDevice(path=path, name=_text(entry / "name"), serial=serial))
+    return found
+
+
+def find_device(
+    wanted: str,
+    *,
+    sys_folder: Path = Path("/sys/class/video4linux"),
+    dev_folder: Path = Path("/dev"),
+) -> VideoDevice:
+    """Return the one camera that ``wanted`` names, and check that this user may open it.
+
+    Args:
+        wanted: Path of a device file, a serial number, or a part of the camera's name.
+        sys_folder: Where the kernel lists cameras.
+        dev_folder: Where their device files are.
+
+    Raises:
+        DeviceError: None or several match, no permission, or in use.
+    """
+    present = video_devices(sys_folder=sys_folder, dev_folder=dev_folder)
+    listed = "; ".join(f"{d.name!r} serial {d.serial or 'none'} at {d.path}" for d in present)
+    if wanted.startswith("/"):
+        device = _by_path(wanted, present)
+    else:
+        matches = [d for d in present if d.serial and d.serial == wanted]
+        matches = matches or [d for d in present if wanted.casefold() in d.name.casefold()]
+        if not wanted or len(matches) != 1:
+            several = f"{len(matches)} cameras match" if matches else "no camera matches"
+            raise DeviceError(
+                f"camera: {several} {wanted!r}; present: {listed or 'none'}",
+                remedy="set camera.device to the serial number, the full name, or the path below "
+                "/dev/v4l/by-id/ that ends in video-index0; check the USB cable",
+            )
+        device = matches[0]
+    check_access(device)
+    return device
+
+
+def probe_url(url: str, *, timeout_s: float) -> None:
+    """See whether anything accepts connections where ``url`` points.
+
+    Raises:
+        DeviceError: Nothing does.
+    """
+    parts = urlsplit(url)
+    address = (parts.hostname or "", parts.port or _PORTS.get(parts.scheme, 80))
+    try:
+        socket.create_connection(address, timeout=timeout_s).close()
+    except OSError as error:
+        raise DeviceError(
+            f"camera: nothing answers at {url} ({error})",
+            remedy="check that the stream is running and camera.device is its address",
+        ) from error
+
+
+def _by_path(path: str, present: list[VideoDevice]) -> VideoDevice:
+    if not Path(path).exists():
+        listed = ", ".join(device.path for device in present)
+        raise DeviceError(
+            f"camera: {path} does not exist",
+            remedy=f"check the USB cable; cameras present now: {listed or 'none'}",
+        )
+    real = os.path.realpath(path)
+    for device in present:
+        if os.path.realpath(device.path) == real:
+            return VideoDevice(path=path, name=device.name, serial=device.serial)
+    return VideoDevice(path=path)
+
+
+def check_access(device: VideoDevice) -> None:
+    """See whether this user may open the camera and nobody else holds it.
+
+    Raises:
+        DeviceError: No permission, or in use.
+    """
+    if not os.access(device.path, os.R_OK | os.W_OK, effective_ids=True):
+        raise DeviceError(
+            f"camera: no permission to open {device.path}",
+            remedy="sudo usermod -aG video $USER, then log out and in again",
+        )
+    holders = device_holders(device.path)
+    if holders:
+        raise DeviceError(
+            f"camera: {device.path} is in use by {', '.join(holders)}",
+            remedy=f"end that program; `fuser -v {device.path}` names it",
+        )
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text("utf-8", errors="replace").strip()
+    except OSError:
+        return ""

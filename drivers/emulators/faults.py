@@ -1,178 +1,224 @@
-"""How an emulated device is told to fail, while it runs or by a plan made before.
+"""Faults that a stand-in for a device can show, and how they are written.
 
-A fault travels as one JSON datagram to the Unix socket ``<folder>/<device>.control``, which every
-emulator polls in its loop. So does the weight that somebody hangs on the emulated cell.
+A fault is written ``device:kind[=amount][@start][+duration]``, for example
+``force_sensor:freeze@12s+2s`` or ``force_sensor:scale=0.1@3s``.
 """
 
 from __future__ import annotations
 
-import json
-import logging
-import os
-import socket
-from collections.abc import Container, Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
-from pathlib import Path
+import math
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
-from drivers.device.faults import Device, Fault, FaultKind
-from tacauchy_rig.core.errors import ConfigError, DeviceError, RigError
 
-_logger = logging.getLogger(__name__)
+class Device(StrEnum):
+    """Emulated devices that can be told to fail."""
 
-_DATAGRAM_LIMIT = 65536
-_FAULT = TypeAdapter(Fault)
+    ROBOT = "robot"
+    FORCE_SENSOR = "force_sensor"
+    CAMERA = "camera"
+
+
+class FaultKind(StrEnum):
+    """What can go wrong; the later ones go wrong quietly. ``unlock`` is a person's remedy."""
+
+    FREEZE = "freeze"
+    DROP = "drop"
+    GARBLE = "garble"
+    DELAY = "delay"
+    PROTECTIVE_STOP = "protective-stop"
+    EMERGENCY_STOP = "emergency-stop"
+    UNPLUG = "unplug"
+    SATURATE = "saturate"
+    STALL = "stall"
+    UNLOCK = "unlock"
+    SCALE = "scale"
+    STICK = "stick"
+    STICK_NOISILY = "stick-noisily"
+    SIGN = "sign"
+    SWAP_AXES = "swap-axes"
+    OLD_DATA = "old-data"
+    FREEZE_IMAGE = "freeze-image"
+    REPEAT_IMAGE = "repeat-image"
+    WRONG_POSE = "wrong-pose"
+    CLOCK_JUMP = "clock-jump"
+
+
+ChoiceT = TypeVar("ChoiceT", bound=StrEnum)
+
+STOPS = frozenset({FaultKind.PROTECTIVE_STOP, FaultKind.EMERGENCY_STOP})
+SILENT_FORCE_FAULTS = frozenset(
+    {
+        FaultKind.SCALE,
+        FaultKind.STICK,
+        FaultKind.STICK_NOISILY,
+        FaultKind.SIGN,
+        FaultKind.SWAP_AXES,
+        FaultKind.OLD_DATA,
+    }
+)
+SILENT_FAULTS = SILENT_FORCE_FAULTS | {
+    FaultKind.FREEZE_IMAGE,
+    FaultKind.REPEAT_IMAGE,
+    FaultKind.WRONG_POSE,
+    FaultKind.CLOCK_JUMP,
+}
+"""What passes for a measurement."""
+_ANY_DEVICE = frozenset({FaultKind.DROP, FaultKind.DELAY, FaultKind.STALL})
+_SENSORS = _ANY_DEVICE | {FaultKind.GARBLE, FaultKind.UNPLUG, FaultKind.SATURATE}
+
+FAULTS_OF_DEVICE: dict[Device, frozenset[FaultKind]] = {
+    Device.ROBOT: _ANY_DEVICE
+    | STOPS
+    | {FaultKind.FREEZE, FaultKind.UNLOCK, FaultKind.WRONG_POSE, FaultKind.CLOCK_JUMP},
+    Device.FORCE_SENSOR: _SENSORS | SILENT_FORCE_FAULTS | {FaultKind.FREEZE},
+    Device.CAMERA: _SENSORS | {FaultKind.FREEZE_IMAGE, FaultKind.REPEAT_IMAGE},
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Amount:
+    """How much of a fault there can be.
+
+    Attributes:
+        dimension: Of the amount.
+        usual: As one writes it; empty where the device decides.
+        least: Smallest possible [SI unit].
+        most: Largest possible [SI unit].
+    """
+
+    dimension: Dimension
+    usual: str
+    least: float
+    most: float
+
+
+OLDEST_S = 60.0
+"""Nothing older than this is sent again [s]."""
+_LONGEST_LOOP = 100.0
+
+AMOUNTS: dict[tuple[Device, FaultKind], Amount] = {
+    (Device.ROBOT, FaultKind.DELAY): Amount(Dimension.TIME, "200 ms", 0.0, OLDEST_S),
+    (Device.ROBOT, FaultKind.WRONG_POSE): Amount(Dimension.SPEED, "0.1 mm/s", -0.1, 0.1),
+    (Device.ROBOT, FaultKind.CLOCK_JUMP): Amount(Dimension.TIME, "10 s", -86400.0, 86400.0),
+    (Device.FORCE_SENSOR, FaultKind.DROP): Amount(Dimension.RATIO, "50 %", 0.0, 1.0),
+    (Device.FORCE_SENSOR, FaultKind.GARBLE): Amount(Dimension.RATIO, "30 %", 0.0, 1.0),
+    (Device.FORCE_SENSOR, FaultKind.DELAY): Amount(Dimension.TIME, "200 ms", 0.0, OLDEST_S),
+    (Device.FORCE_SENSOR, FaultKind.SATURATE): Amount(Dimension.FORCE, "", -1e6, 1e6),
+    (Device.FORCE_SENSOR, FaultKind.SCALE): Amount(Dimension.RATIO, "0.5", -1e3, 1e3),
+    (Device.FORCE_SENSOR, FaultKind.OLD_DATA): Amount(Dimension.TIME, "3 s", 0.0, OLDEST_S),
+    (Device.CAMERA, FaultKind.DROP): Amount(Dimension.RATIO, "30 %", 0.0, 1.0),
+    (Device.CAMERA, FaultKind.GARBLE): Amount(Dimension.RATIO, "30 %", 0.0, 1.0),
+    (Device.CAMERA, FaultKind.DELAY): Amount(Dimension.TIME, "500 ms", 0.0, OLDEST_S),
+    (Device.CAMERA, FaultKind.REPEAT_IMAGE): Amount(Dimension.RATIO, "5", 2.0, _LONGEST_LOOP),
+}
+
+_PLAN = re.compile(r"^\s*([^:@+=\s]+):([^:@+=\s]+)(?:=([^@+]+))?(?:@([^@+]+))?(?:\+([^@+]+))?\s*$")
+_EXAMPLE = (
+    "write device:kind=amount@start+duration, for example force_sensor:freeze@12s+2s or "
+    "force_sensor:scale=0.1@3s"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HungWeight:
-    """What somebody has hung on the emulated cell [kg]; 0 once it is taken off."""
-
-    mass_kg: float
-
-
-_WEIGHT = TypeAdapter(HungWeight)
-
-
-def post_fault(folder: Path, fault: Fault) -> None:
-    """Send ``fault`` to the emulator in ``folder`` that it is meant for.
-
-    Raises:
-        DeviceError: No emulator of that device listens in ``folder``.
-    """
-    _post(folder, fault.device, encode_fault(fault))
-
-
-def hang_weight(folder: Path, mass_kg: float) -> None:
-    """Hang a weight [kg] on the emulated cell in ``folder``; 0 takes it off.
-
-    Raises:
-        DeviceError: No emulated cell listens in ``folder``.
-    """
-    _post(folder, Device.FORCE_SENSOR, json.dumps({"mass_kg": mass_kg}).encode())
-
-
-def _post(folder: Path, device: Device, datagram: bytes) -> None:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
-        try:
-            with _short_address(folder, device) as address:
-                sender.sendto(datagram, address)
-        except OSError as error:
-            raise DeviceError(
-                f"emulated {device.value}: nothing listens at "
-                f"{control_path(folder, device)} ({error.strerror or error})",
-                remedy="start the emulated devices, and name the folder that they printed",
-            ) from error
-
-
-def encode_fault(fault: Fault) -> bytes:
-    """Return the datagram for ``fault``."""
-    return json.dumps(asdict(fault)).encode()
-
-
-def decode_fault(datagram: bytes) -> Fault:
-    """Return the fault in ``datagram``.
-
-    Raises:
-        ConfigError: Not such a datagram.
-    """
-    try:
-        return _FAULT.validate_json(datagram)
-    except ValidationError as error:
-        raise ConfigError(f"fault message {datagram[:80]!r} is not understood") from error
-
-
-def _decode_weight(datagram: bytes) -> HungWeight | None:
-    try:
-        return _WEIGHT.validate_json(datagram)
-    except ValidationError:
-        return None
-
-
-class FaultInbox:
-    """The listening end, polled by an emulator's loop; never blocks.
+class Fault:
+    """One thing that goes wrong with one device.
 
     Attributes:
-        hung_kg: Weight that hangs on the device [kg].
+        duration_s: How long it lasts [s]; infinite for ever. At the end of a stop or an
+            unplugging somebody has unlocked the arm or plugged the device in again.
+        start_s: When it begins, after the emulator is told of it [s]; 0 is at once.
+        amount: How much of it, in the SI unit of ``AMOUNTS``; the usual one if None.
     """
 
-    def __init__(self, folder: Path, device: Device) -> None:
-        self.path = control_path(folder, device)
-        self.device = device
-        self.hung_kg = 0.0
-        folder.mkdir(parents=True, exist_ok=True)
-        self.path.unlink(missing_ok=True)
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        with _short_address(folder, device) as address:
-            self._socket.bind(address)
+    device: Device
+    kind: FaultKind
+    duration_s: float = math.inf
+    start_s: float = 0.0
+    amount: float | None = None
 
-    def fileno(self) -> int:
-        """Return the descriptor, for loops that wait on several at once."""
-        return self._socket.fileno()
+    def __post_init__(self) -> None:
+        if self.kind not in FAULTS_OF_DEVICE[self.device]:
+            possible = ", ".join(sorted(FAULTS_OF_DEVICE[self.device]))
+            raise ConfigError(
+                f"fault: a {self.device.value} cannot {self.kind.value}",
+                remedy=f"{self.device.value} knows: {possible}",
+            )
+        if not (self.duration_s > 0.0 and 0.0 <= self.start_s < math.inf):
+            raise ConfigError(
+                f"fault {self.device.value}:{self.kind.value}: start {self.start_s} s and duration "
+                f"{self.duration_s} s are impossible",
+                remedy="give a start of 0 s or later and a duration above 0 s",
+            )
+        if self.amount is not None:
+            self._require_amount(self.amount)
 
-    def poll(self) -> list[Fault]:
-        """Return the faults that arrived since the last call; bad messages are logged."""
-        faults: list[Fault] = []
-        while True:
-            try:
-                datagram = self._socket.recv(_DATAGRAM_LIMIT)
-            except BlockingIOError:
-                return faults
-            if (weight := _decode_weight(datagram)) is not None:
-                self.hung_kg = weight.mass_kg
-                continue
-            try:
-                fault = decode_fault(datagram)
-            except RigError as error:
-                _logger.warning("%s", error)
-                continue
-            if fault.device is self.device:
-                faults.append(fault)
+    def _require_amount(self, amount: float) -> None:
+        name = f"fault {self.device.value}:{self.kind.value}"
+        possible = AMOUNTS.get((self.device, self.kind))
+        if possible is None:
+            raise ConfigError(f"{name} takes no amount", remedy="leave out = and what follows it")
+        if not possible.least <= amount <= possible.most:
+            raise ConfigError(
+                f"{name}: {amount:g} is not from {possible.least:g} to {possible.most:g} [SI unit]",
+                remedy=f"for example {self.kind.value}={possible.usual}",
+            )
 
-    def close(self) -> None:
-        """Stop listening and remove the socket."""
-        self._socket.close()
-        self.path.unlink(missing_ok=True)
-
-
-class FaultSchedule:
-    """Which faults are on now, by the clock of the emulator that asks."""
-
-    def __init__(self) -> None:
-        self._entries: list[tuple[float, float, Fault]] = []
-
-    def add(self, fault: Fault, *, now_s: float) -> None:
-        """Take ``fault`` in, its start counted from ``now_s`` [s]."""
-        start_s = now_s + fault.start_s
-        self._entries.append((start_s, start_s + fault.duration_s, fault))
-
-    def forget(self, kinds: Container[FaultKind], *, now_s: float) -> None:
-        """End those of ``kinds`` that have begun by ``now_s`` [s]; later ones are still to come."""
-        self._entries = [
-            entry for entry in self._entries if entry[0] > now_s or entry[2].kind not in kinds
-        ]
-
-    def active(self, now_s: float) -> list[Fault]:
-        """Return the faults that are on at ``now_s`` [s] and forget those that are over."""
-        if not self._entries:
-            return []
-        self._entries = [entry for entry in self._entries if now_s < entry[1]]
-        return [fault for start_s, _, fault in self._entries if start_s <= now_s]
+    @property
+    def size(self) -> float:
+        """How much of it [SI unit], as asked or as usual; NaN where only the device knows."""
+        if self.amount is not None:
+            return self.amount
+        possible = AMOUNTS.get((self.device, self.kind))
+        if possible is None or not possible.usual:
+            return math.nan
+        return parse_quantity(possible.usual, dimension=possible.dimension, field="fault")
 
 
-def control_path(folder: Path, device: Device) -> Path:
-    """Return where the emulator of ``device`` listens."""
-    return folder / f"{device.value}.control"
+def parse_fault(text: str) -> Fault:
+    """Parse text such as ``robot:stall@3s+500ms``; amount, start and duration may be left out.
+
+    Raises:
+        ConfigError: Malformed, an unknown device or kind, or a kind the device cannot show.
+    """
+    match = _PLAN.match(text)
+    if match is None:
+        raise ConfigError(f"fault: {text!r} is not understood", remedy=_EXAMPLE)
+    device_name, kind_name, amount, start, duration = match.groups()
+    device, kind = _named(Device, "device", device_name), _named(FaultKind, "kind", kind_name)
+    known = AMOUNTS.get((device, kind))
+    dimension = Dimension.RATIO if known is None else known.dimension
+    return Fault(
+        device=device,
+        kind=kind,
+        start_s=_seconds(start) if start else 0.0,
+        duration_s=_seconds(duration) if duration else math.inf,
+        amount=parse_quantity(amount, dimension=dimension, field="fault") if amount else None,
+    )
 
 
-@contextmanager
-def _short_address(folder: Path, device: Device) -> Iterator[str]:
-    """Yield an address of the socket that fits the 107 bytes that Unix sockets allow."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        yield f"/proc/self/fd/{descriptor}/{control_path(folder, device).name}"
-    finally:
-        os.close(descriptor)
+def written_faults(device: Device) -> str:
+    """Return the kinds that ``device`` knows, as one writes them, with their usual amounts."""
+    kinds = [kind for kind in FaultKind if kind in FAULTS_OF_DEVICE[device]]
+    amounts = [AMOUNTS.get((device, kind)) for kind in kinds]
+    return ", ".join(
+        f"{kind}={amount.usual.replace(' ', '')}" if amount and amount.usual else kind.value
+        for kind, amount in zip(kinds, amounts, strict=True)
+    )
+
+
+def _named(choices: type[ChoiceT], what: str, name: str) -> ChoiceT:
+    if name not in set(choices):
+        raise ConfigError(
+            f"fault: {what} {name!r} is unknown", remedy=f"one of: {', '.join(choices)}"
+        )
+    return choices(name)
+
+
+def _seconds(text: str) -> float:
+    return parse_quantity(text, dimension=Dimension.TIME, field="fault")

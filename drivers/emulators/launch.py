@@ -10,17 +10,14 @@ from pathlib import Path
 from typing import Any, Self
 from urllib.parse import urlsplit
 
-from drivers.device.faults import Device, parse_fault
 from drivers.emulators.arm.controller import ControllerSettings
 from drivers.emulators.camera.stream import CameraSettings
-from drivers.emulators.faults import post_fault
+from drivers.emulators.faults import Device, parse_fault
 from drivers.emulators.force_sensor.box import BoxSettings
-from drivers.emulators.gel_settings import GelSettings
 from drivers.emulators.plant.gel import Plant
-from drivers.emulators.plant.truth import TRUTH_FILE, draw_truth, write_truth
-from drivers.emulators.plant.unit import EmulatedUnit
-from drivers.emulators.process import EmulatedProcess, arguments_of
-from drivers.emulators.shared_world import WORLD_FILE, FollowerSettings, SharedWorld
+from drivers.emulators.plant.truth import TRUTH_FILE, EmulatedUnit, draw_truth, write_truth
+from drivers.emulators.process import EmulatedProcess, arguments_of, post_fault
+from drivers.emulators.shared_world import WORLD_FILE, FollowerSettings, GelSettings, SharedWorld
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Vector3
@@ -41,12 +38,7 @@ class EmulatedAddresses:
 
 def emulated_devices(config: RigConfig) -> frozenset[Device]:
     """Return the devices whose driver is ``emulated``."""
-    chosen = {
-        Device.ROBOT: config.robot.is_emulated,
-        Device.FORCE_SENSOR: config.force_sensor.is_emulated,
-        Device.CAMERA: config.camera.is_emulated,
-    }
-    return frozenset(device for device, emulated in chosen.items() if emulated)
+    return frozenset(each for each in Device if getattr(config, each.value).is_emulated)
 
 
 def with_addresses(config: RigConfig, addresses: EmulatedAddresses) -> RigConfig:
@@ -125,6 +117,7 @@ class Emulation:
         self.follow_host = follow_host
         self.unit = unit or EmulatedUnit()
         self.processes: dict[str, EmulatedProcess] = {}
+        self._robot_host = ""
         self.addresses = EmulatedAddresses()
 
     def __enter__(self) -> Self:
@@ -169,12 +162,7 @@ class Emulation:
             DeviceError: It did not come up.
         """
         self.processes[device.value].stop()
-        if device is Device.ROBOT and self.addresses.robot_host is not None:
-            self._start_robot(self.addresses.robot_host, tip=tip)
-        elif device is Device.FORCE_SENSOR:
-            self._start_box()
-        else:
-            self._start_camera()
+        self._start(device, tip=tip)
         self.processes[device.value].wait_ready()
 
     def _start_all(self) -> EmulatedAddresses:
@@ -183,18 +171,17 @@ class Emulation:
         write_truth(self.folder, truth)
         self.gel()  # its table is made here once: that may take longer than a device's coming up
         SharedWorld.create(self.world_path).close()
-        robot_host = port = url = None
+        port = url = None
         if Device.ROBOT in self.devices:
-            host = self.config.emulation.robot_host
-            robot_host = free_loopback_host() if host == "auto" else host
-            self._start_robot(robot_host)
+            self._robot_host = asked.robot_host
+            if self._robot_host == "auto":
+                self._robot_host = free_loopback_host()
         elif self.follow_host is not None:
             follower = FollowerSettings(host=self.follow_host, world=self.world_path)
-            self._start("pose_follower", "shared_world", follower)
-        if Device.FORCE_SENSOR in self.devices:
-            self._start_box()
-        if Device.CAMERA in self.devices:
-            self._start_camera()
+            self._launch("pose_follower", "shared_world", follower)
+        for device in Device:
+            if device in self.devices:
+                self._start(device)
         for name, process in self.processes.items():
             ready = process.wait_ready()
             logger.info("emulated %s: %s", name, ready)
@@ -204,44 +191,44 @@ class Emulation:
         if url is not None:
             self.camera_port = urlsplit(url).port or 0
         self._send_planned_faults()
-        return EmulatedAddresses(robot_host=robot_host, force_sensor_port=port, camera_url=url)
+        host = self._robot_host or None
+        return EmulatedAddresses(robot_host=host, force_sensor_port=port, camera_url=url)
 
-    def _start(self, name: str, module: str, settings: object) -> None:
+    def _launch(self, name: str, module: str, settings: object) -> None:
         command = [f"drivers.emulators.{module}", *arguments_of(settings)]
         self.processes[name] = EmulatedProcess(name, command, folder=self.folder)
 
-    def _start_robot(self, host: str, *, tip: Vector3 | None = None) -> None:
-        robot = self.config.robot
-        settings = ControllerSettings(
-            host=host,
-            model=robot.model,
-            force_sign=robot.force_sign,
-            home=(*(robot.home if tip is None else tip), *robot.tool_rotation),
-            **self._gel_settings(),
-        )
-        self._start("robot", "arm.controller", settings)
-
-    def _start_box(self) -> None:
-        sensor = self.config.force_sensor
-        settings = BoxSettings(
-            rate=round(sensor.rate),
-            full_scale_n=sensor.capacity,
-            compression_sign=sensor.compression_sign,
-            **self._gel_settings(),
-        )
-        self._start("force_sensor", "force_sensor.box", settings)
-
-    def _start_camera(self) -> None:
-        camera = self.config.camera
-        settings = CameraSettings(
-            host=self.camera_host,
-            port=self.camera_port,
-            width=camera.width,
-            height=camera.height,
-            rate=camera.rate,
-            **self._gel_settings(),
-        )
-        self._start("camera", "camera.stream", settings)
+    def _start(self, device: Device, *, tip: Vector3 | None = None) -> None:
+        robot, sensor, camera = self.config.robot, self.config.force_sensor, self.config.camera
+        shared = self._gel_settings()
+        if device is Device.ROBOT:
+            home = (*(robot.home if tip is None else tip), *robot.tool_rotation)
+            controller = ControllerSettings(
+                host=self._robot_host,
+                model=robot.model,
+                force_sign=robot.force_sign,
+                home=home,
+                **shared,
+            )
+            self._launch(device.value, "arm.controller", controller)
+        elif device is Device.FORCE_SENSOR:
+            box = BoxSettings(
+                rate=round(sensor.rate),
+                full_scale_n=sensor.capacity,
+                compression_sign=sensor.compression_sign,
+                **shared,
+            )
+            self._launch(device.value, "force_sensor.box", box)
+        else:
+            stream = CameraSettings(
+                host=self.camera_host,
+                port=self.camera_port,
+                width=camera.width,
+                height=camera.height,
+                rate=camera.rate,
+                **shared,
+            )
+            self._launch(device.value, "camera.stream", stream)
 
     def _gel_settings(self) -> dict[str, Any]:
         indenter = self.config.indenter

@@ -14,20 +14,21 @@ import logging
 import os
 import select
 import signal
+import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Container, Sequence
-from dataclasses import MISSING, dataclass, fields
+from collections.abc import Callable, Container, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
 from types import FrameType
 from typing import Any, TypeVar, get_origin, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
-from drivers.device.faults import Device, Fault, FaultKind
-from drivers.emulators.faults import FaultInbox, FaultSchedule
-from tacauchy_rig.core.errors import DeviceError, RigError
+from drivers.emulators.faults import Device, Fault, FaultKind
+from tacauchy_rig.core.errors import ConfigError, DeviceError, RigError
 
 logger = logging.getLogger(__name__)
 
@@ -184,6 +185,7 @@ class Service:
         self._device = device
         self._parent_pid = settings.parent_pid
         self._inbox = FaultInbox(settings.folder, device)
+        self.fileno, self.close = self._inbox.fileno, self._inbox.close
         self._schedule = FaultSchedule()
         self._told_to_end = False
         for number in (signal.SIGTERM, signal.SIGINT):
@@ -202,10 +204,6 @@ class Service:
         """Weight that somebody has hung on the device [kg], as of the last look at its faults."""
         return self._inbox.hung_kg
 
-    def fileno(self) -> int:
-        """Return the descriptor on which faults arrive, for loops that wait on several at once."""
-        return self._inbox.fileno()
-
     def faults_at(self, now_s: float) -> list[Fault]:
         """Return the faults that are on at ``now_s`` [s]; a new one's start counts from there."""
         for fault in self._inbox.poll():
@@ -221,10 +219,6 @@ class Service:
         """Print the one line that says that the device answers, and where."""
         line = {"device": self._device.value, "pid": os.getpid(), **where}
         print(json.dumps(line), flush=True)
-
-    def close(self) -> None:
-        """Hear of no more faults."""
-        self._inbox.close()
 
 
 DeviceSettingsT = TypeVar("DeviceSettingsT", bound=DeviceSettings)
@@ -260,3 +254,150 @@ def run_device(
         print(error, file=sys.stderr)
         return error.exit_code
     return 0
+
+
+_DATAGRAM_LIMIT = 65536
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HungWeight:
+    """What somebody has hung on the emulated cell [kg]; 0 once it is taken off."""
+
+    mass_kg: float
+
+
+_MESSAGE = TypeAdapter[Fault | HungWeight](Fault | HungWeight)
+
+
+def encode_message(message: Fault | HungWeight) -> bytes:
+    """Return the datagram that tells an emulator of a fault or a weight."""
+    return json.dumps(asdict(message)).encode()
+
+
+def decode_message(datagram: bytes) -> Fault | HungWeight:
+    """Return what a datagram tells.
+
+    Raises:
+        ConfigError: Not such a datagram.
+    """
+    try:
+        return _MESSAGE.validate_json(datagram)
+    except ValidationError as error:
+        raise ConfigError(f"fault message {datagram[:80]!r} is not understood") from error
+
+
+def post_fault(folder: Path, fault: Fault) -> None:
+    """Send ``fault`` to the emulator in ``folder`` that it is meant for.
+
+    Raises:
+        DeviceError: No emulator of that device listens in ``folder``.
+    """
+    _post(folder, fault.device, fault)
+
+
+def hang_weight(folder: Path, mass_kg: float) -> None:
+    """Hang a weight [kg] on the emulated cell in ``folder``; 0 takes it off.
+
+    Raises:
+        DeviceError: No emulated cell listens in ``folder``.
+    """
+    _post(folder, Device.FORCE_SENSOR, HungWeight(mass_kg=mass_kg))
+
+
+def _post(folder: Path, device: Device, message: Fault | HungWeight) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+        try:
+            with _short_address(folder, device) as address:
+                sender.sendto(encode_message(message), address)
+        except OSError as error:
+            raise DeviceError(
+                f"emulated {device.value}: nothing listens at "
+                f"{control_path(folder, device)} ({error.strerror or error})",
+                remedy="start the emulated devices, and name the folder that they printed",
+            ) from error
+
+
+class FaultInbox:
+    """The listening end, polled by an emulator's loop; never blocks.
+
+    Attributes:
+        hung_kg: Weight that hangs on the device [kg].
+    """
+
+    def __init__(self, folder: Path, device: Device) -> None:
+        self.path = control_path(folder, device)
+        self.device = device
+        self.hung_kg = 0.0
+        folder.mkdir(parents=True, exist_ok=True)
+        self.path.unlink(missing_ok=True)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        with _short_address(folder, device) as address:
+            self._socket.bind(address)
+
+    def fileno(self) -> int:
+        """Return the descriptor, for loops that wait on several at once."""
+        return self._socket.fileno()
+
+    def poll(self) -> list[Fault]:
+        """Return the faults that arrived since the last call; bad messages are logged."""
+        faults: list[Fault] = []
+        while True:
+            try:
+                datagram = self._socket.recv(_DATAGRAM_LIMIT)
+            except BlockingIOError:
+                return faults
+            try:
+                message = decode_message(datagram)
+            except RigError as error:
+                logger.warning("%s", error)
+                continue
+            if isinstance(message, HungWeight):
+                self.hung_kg = message.mass_kg
+            elif message.device is self.device:
+                faults.append(message)
+
+    def close(self) -> None:
+        """Stop listening and remove the socket."""
+        self._socket.close()
+        self.path.unlink(missing_ok=True)
+
+
+class FaultSchedule:
+    """Which faults are on now, by the clock of the emulator that asks."""
+
+    def __init__(self) -> None:
+        self._entries: list[tuple[float, float, Fault]] = []
+
+    def add(self, fault: Fault, *, now_s: float) -> None:
+        """Take ``fault`` in, its start counted from ``now_s`` [s]."""
+        start_s = now_s + fault.start_s
+        self._entries.append((start_s, start_s + fault.duration_s, fault))
+
+    def forget(self, kinds: Container[FaultKind], *, now_s: float) -> None:
+        """End those of ``kinds`` that have begun by ``now_s`` [s]; later ones are still to come."""
+        self._entries = [
+            entry for entry in self._entries if entry[0] > now_s or entry[2].kind not in kinds
+        ]
+
+    def active(self, now_s: float) -> list[Fault]:
+        """Return the faults that are on at ``now_s`` [s] and forget those that are over."""
+        if not self._entries:
+            return []
+        self._entries = [entry for entry in self._entries if now_s < entry[1]]
+        return [fault for start_s, _, fault in self._entries if start_s <= now_s]
+
+
+def control_path(folder: Path, device: Device) -> Path:
+    """Return where the emulator of ``device`` listens."""
+    return folder / f"{device.value}.control"
+
+
+@contextmanager
+def _short_address(folder: Path, device: Device) -> Iterator[str]:
+    """Yield an address of the socket that fits the 107 bytes that Unix sockets allow."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{descriptor}/{control_path(folder, device).name}"
+    finally:
+        os.close(descriptor)

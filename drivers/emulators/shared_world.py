@@ -24,9 +24,13 @@ from pathlib import Path
 from rtde_receive import RTDEReceiveInterface
 
 from drivers.arm.ur5_probe import probe_controller
-from drivers.emulators.process import settings_from
+from drivers.emulators.plant.gel import Plant
+from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
+from drivers.emulators.plant.truth import draw_truth, read_truth
+from drivers.emulators.process import DeviceSettings, settings_from
+from tacauchy_rig.core.config.model import IndenterKind
 from tacauchy_rig.core.errors import DeviceError, RigError
-from tacauchy_rig.core.run import Pose, Vector6
+from tacauchy_rig.core.run import Pose, Vector3, Vector6, vector6
 
 WORLD_FILE = "world.bin"
 
@@ -134,8 +138,8 @@ class SharedWorld:
     def _decode(self, body: bytes) -> WorldState:
         sequence, stamp_ns, *v = _STATE.unpack(body)
         return WorldState(
-            pose=Pose(position=(v[0], v[1], v[2]), rotation_vector=(v[3], v[4], v[5])),
-            velocity=(v[6], v[7], v[8], v[9], v[10], v[11]),
+            pose=Pose.of(v[:6]),
+            velocity=vector6(v[6:]),
             stamp_ns=stamp_ns,
             sequence=sequence,
         )
@@ -186,21 +190,14 @@ def follow(settings: FollowerSettings) -> None:
         stamp, now = receiver.getTimestamp(), time.monotonic()
         if stamp != newest:
             newest, moved = stamp, now
-            pose = _vector(receiver.getActualTCPPose())
-            velocity = _vector(receiver.getActualTCPSpeed())
-            reported = Pose(position=pose[:3], rotation_vector=pose[3:])
-            world.publish(reported, velocity, time.monotonic_ns())
+            velocity = vector6(receiver.getActualTCPSpeed())
+            world.publish(Pose.of(receiver.getActualTCPPose()), velocity, time.monotonic_ns())
         elif now - moved > STALE_S:
             raise DeviceError(
                 f"robot {host}: no new state for {STALE_S * 1e3:.0f} ms",
                 remedy="the emulated devices beside it have stopped too; start the run again",
             )
         time.sleep(POLL_S)
-
-
-def _vector(values: list[float]) -> Vector6:
-    x, y, z, rx, ry, rz = values
-    return (x, y, z, rx, ry, rz)
 
 
 def main() -> None:
@@ -210,6 +207,40 @@ def main() -> None:
         follow(settings)
     except RigError as error:
         sys.exit(f"pose follower: {error}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GelSettings(DeviceSettings):
+    """One gel under one indenter; the seed draws its world where there is no file of its truth.
+
+    Attributes:
+        world: Shared file with the arm's pose.
+        truth: truth.json to use instead of the seed.
+        surface_m: Where the gel's highest point is expected: x,y,z [m].
+        tip: cylinder or sphere.
+        diameter_m: Of the tip [m].
+        fillet_m: Radius of a cylinder's edge [m].
+    """
+
+    world: Path | None = None
+    truth: Path | None = None
+    surface_m: Vector3 = (0.0, 0.0, 0.0)
+    tip: IndenterKind = IndenterKind.CYLINDER
+    diameter_m: float = 5e-3
+    fillet_m: float = 1e-4
+
+    def plant(self) -> Plant:
+        """Return the gel, at rest.
+
+        Raises:
+            RecordError: The truth file cannot be read.
+            ConfigError: The tip is impossible.
+        """
+        truth = draw_truth(self.seed) if self.truth is None else read_truth(self.truth)
+        tip: Tip = SphereTip(diameter_m=self.diameter_m)
+        if self.tip is IndenterKind.CYLINDER:
+            tip = CylinderTip(diameter_m=self.diameter_m, fillet_m=self.fillet_m)
+        return Plant(truth, tip, self.surface_m)
 
 
 if __name__ == "__main__":

@@ -18,9 +18,6 @@ from pathlib import Path
 import serial
 from serial.tools import list_ports
 
-from drivers.device.device_file import device_holders
-from drivers.device.interface import DeviceIdentity, StreamHealth
-from drivers.device.stream_buffer import StreamBuffer
 from drivers.force_sensor.sri_wire import (
     Command,
     FrameParser,
@@ -29,9 +26,11 @@ from drivers.force_sensor.sri_wire import (
     find_reply,
     frame_length,
 )
+from drivers.interfaces import DeviceIdentity, StreamHealth
+from drivers.stream_buffer import StreamBuffer, device_holders
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError
-from tacauchy_rig.core.run import ForceSample, Wrench
+from tacauchy_rig.core.run import ForceSample
 
 _logger = logging.getLogger(__name__)
 
@@ -214,14 +213,8 @@ class SriM3733c:
         return data
 
     def _accept(self, data: bytes, stamp_ns: int) -> None:
-        for frame in self._parser.feed(data):
-            v = frame.values
-            sample = ForceSample(
-                stamp_ns=stamp_ns,
-                counter=frame.counter,
-                wrench=Wrench(force=(v[0], v[1], v[2]), torque=(v[3], v[4], v[5])),
-            )
-            self._buffer.push(sample, stamp_ns=stamp_ns, fingerprint=v)
+        for sample in self._parser.feed(data, stamp_ns=stamp_ns):
+            self._buffer.push(sample, stamp_ns=stamp_ns, fingerprint=sample.wrench)
 
     def _no_frame(self) -> DeviceError:
         sensor = self._sensor
@@ -233,7 +226,7 @@ class SriM3733c:
             )
         start = self._first_bytes[:_QUOTED_BYTES].hex(" ").upper()
         return DeviceError(
-            f"force sensor: {self._path} sends something that is no {sensor.checksum.value} frame "
+            f"force sensor: {self._path} sends something other than {sensor.checksum.value} frames "
             f"of six channels; it begins {start}",
             remedy="check force_sensor.baud_rate and force_sensor.checksum, and that this port is "
             "the sensor's box",

@@ -29,7 +29,7 @@ import zlib
 from dataclasses import dataclass
 
 from tacauchy_rig.core.config.model import Checksum
-from tacauchy_rig.core.run import Vector6
+from tacauchy_rig.core.run import ForceSample, Vector6, Wrench
 
 MARK = b"\xaa\x55"
 NUMBER_MODULUS = 1 << 16
@@ -89,20 +89,6 @@ def find_reply(data: bytes, *, name: str) -> Reply | None:
     return found
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SriFrame:
-    """One decoded frame.
-
-    Attributes:
-        counter: Package number, unwrapped. Where that number arrived damaged, which the checksum
-            does not cover, one frame carries a wrong counter and the next goes on as before.
-        values: Fx, Fy, Fz [N], Mx, My, Mz [N m].
-    """
-
-    counter: int
-    values: Vector6
-
-
 def frame_length(checksum: Checksum) -> int:
     """Return the length of a whole frame in bytes: 31 with SUM, 34 with CRC32."""
     return _HEADER.size + _VALUES.size + _CHECK_LENGTH[checksum]
@@ -159,15 +145,23 @@ class FrameParser:
         self.lost_count = 0
         self.corrupt_frame_count = 0
 
-    def feed(self, data: bytes) -> list[SriFrame]:
-        """Add bytes and return the frames that they complete, oldest first."""
+    def feed(self, data: bytes, *, stamp_ns: int = 0) -> list[ForceSample]:
+        """Add bytes that arrived at ``stamp_ns``; return the samples they complete, oldest first.
+
+        Where a package number arrived damaged, which the checksum does not cover, one sample
+        carries a wrong counter and the next goes on as before.
+        """
         self._buffer += data
-        frames = []
+        samples: list[ForceSample] = []
         while (raw := self._next_raw()) is not None:
-            frame = self._decode(raw)
-            if frame is not None:
-                frames.append(frame)
-        return frames
+            self._count(_HEADER.unpack_from(raw)[2])
+            values: Vector6 = _VALUES.unpack_from(raw, _HEADER.size)
+            if all(map(math.isfinite, values)):
+                wrench = Wrench.of(values)
+                samples.append(ForceSample(stamp_ns=stamp_ns, counter=self._counter, wrench=wrench))
+            else:
+                self.corrupt_frame_count += 1
+        return samples
 
     def _next_raw(self) -> bytes | None:
         while True:
@@ -200,14 +194,6 @@ class FrameParser:
         before = math.ceil(self._damage_length / self._length)
         self._damage_length += length
         self.corrupt_frame_count += math.ceil(self._damage_length / self._length) - before
-
-    def _decode(self, raw: bytes) -> SriFrame | None:
-        self._count(_HEADER.unpack_from(raw)[2])
-        values: Vector6 = _VALUES.unpack_from(raw, _HEADER.size)
-        if not all(math.isfinite(value) for value in values):
-            self.corrupt_frame_count += 1
-            return None
-        return SriFrame(counter=self._counter, values=values)
 
     def _count(self, number: int) -> None:
         if self._last_number is None:

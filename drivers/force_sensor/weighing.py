@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 
-from drivers.device.interface import Clock, HostClock
-from drivers.force_sensor.interface import ForceTorqueSensor
+import numpy as np
+
+from drivers.interfaces import Clock, ForceTorqueSensor, HostClock
 from tacauchy_rig.core.config.model import MOCK, RigConfig
 from tacauchy_rig.core.errors import ConfigError, DeviceError
 from tacauchy_rig.core.registry import Kind, load
-from tacauchy_rig.core.run import ForceSample, Tare, Vector6
+from tacauchy_rig.core.run import ForceSample, Tare, vector6
 
 SETTLE_S = 1.0
 """After the operator's word: the hand is gone, and a weight on a string has stopped bouncing."""
@@ -44,7 +44,7 @@ def weigh_connected(
         ask: Returns once the cell carries what is asked for.
 
     Raises:
-        DeviceError: It is silent, too slow, saturated, or says what is no number.
+        DeviceError: It is silent, too slow, saturated, or sends a value that is not a number.
     """
     found = []
     for wanted in Load:
@@ -94,27 +94,27 @@ def _summary(samples: list[ForceSample], config: RigConfig) -> Tare:
             f"force sensor: {len(samples)} samples in {WEIGH_S:g} s, {expected:.0f} were expected",
             remedy="check the box's power and cable, and force_sensor.rate",
         )
-    columns = list(zip(*((*s.wrench.force, *s.wrench.torque) for s in samples), strict=True))
-    if not all(math.isfinite(value) for column in columns for value in column):
+    if not all(math.isfinite(value) for s in samples for value in s.wrench.as_vector()):
         raise DeviceError(
-            "force sensor: it says what is no number",
+            "force sensor: a sample holds a value that is not a number",
             remedy="check the box's cable and its decoupling matrix",
         )
-    largest_n = max(abs(value) for column in columns[:3] for value in column)
+    largest_n = max(abs(value) for s in samples for value in s.wrench.force)
     if largest_n >= section.capacity:
         raise DeviceError(
             f"force sensor: {largest_n:.4g} N is beyond its capacity {section.capacity:g} N",
             remedy="hang less; check force_sensor.capacity against the calibration sheet",
         )
+    return tare_of(samples)
+
+
+def tare_of(samples: Sequence[ForceSample]) -> Tare:
+    """Return mean and deviation of at least two samples."""
+    wrenches = np.array([sample.wrench.as_vector() for sample in samples])
     return Tare(
         start_ns=samples[0].stamp_ns,
         end_ns=samples[-1].stamp_ns,
-        mean=_six([statistics.fmean(column) for column in columns]),
-        deviation=_six([statistics.stdev(column) for column in columns]),
+        mean=vector6(wrenches.mean(axis=0).tolist()),
+        deviation=vector6(wrenches.std(axis=0, ddof=1).tolist()),
         sample_count=len(samples),
     )
-
-
-def _six(values: list[float]) -> Vector6:
-    fx, fy, fz, mx, my, mz = values
-    return (fx, fy, fz, mx, my, mz)

@@ -6,14 +6,14 @@ import math
 from collections import deque
 from typing import Self
 
-from drivers.device.faults import Device
-from drivers.device.force_estimate import ForceEstimate
-from drivers.device.interface import DeviceIdentity, HostClock
-from drivers.device.lies import LyingArm
-from drivers.mock.world import MockWorld, Still, beside_no_mock, plan_faults
+from drivers.emulators.faults import Device
+from drivers.emulators.force_estimate import ForceEstimate
+from drivers.emulators.silent_faults import SilentArmFaults
+from drivers.interfaces import DeviceIdentity, HostClock
+from drivers.mock.world import MockWorld, Still, mock_without_mock, plan_faults
 from tacauchy_rig.core.config.model import MOCK, RigConfig
 from tacauchy_rig.core.errors import DeviceError
-from tacauchy_rig.core.run import ArmSample, Pose, Vector6
+from tacauchy_rig.core.run import ArmSample, Pose, Vector6, vector6
 
 ARRIVED_M = 1e-6
 PLAYING, RUNNING = 2, 7
@@ -21,11 +21,12 @@ PROTECTIVE_STOPPED = 1 << 2
 
 
 class MockArm:
-    """Obeys ``drivers.arm.interface.Arm`` without a wire.
+    """Obeys ``drivers.interfaces.Arm`` without a wire.
 
     Faults it knows (in ``world.faults``): ``arm-frozen`` (states stop coming),
     ``arm-stalled`` (it stands still whatever it is told), ``arm-refuses-pose``,
-    ``arm-ignores-moves``. It lies as ``world.lies`` has it.
+    ``arm-ignores-moves``. Silent
+    faults are those of ``world.silent_faults``.
 
     Attributes:
         fastest_m_s: Highest tool speed so far.
@@ -50,7 +51,7 @@ class MockArm:
         self._estimate = ForceEstimate(
             robot.model, seed=world.config.emulation.seed, sign=robot.force_sign
         )
-        self._lies = LyingArm()
+        self._silent = SilentArmFaults()
         self._newest = self._sample(world.now_ns)
         self._next_ns = world.now_ns
         world.drive(self._velocity_after)
@@ -64,7 +65,7 @@ class MockArm:
             ConfigError: The force sensor is no mock, and could not feel it.
         """
         if config.force_sensor.driver != MOCK:
-            raise beside_no_mock(config)
+            raise mock_without_mock(config)
         world = MockWorld(HostClock(), config)
         arm = cls(world)
         plan_faults(
@@ -119,7 +120,7 @@ class MockArm:
         """
         self.state()
         if "arm-ignores-moves" not in self.world.faults:
-            self._target = target.shifted(z=-self._lies.height_m)
+            self._target = target.shifted(z=-self._silent.height_m)
             self._speed, self._acceleration = speed, acceleration
 
     def is_moving(self) -> bool:
@@ -178,12 +179,12 @@ class MockArm:
         if wanted == old:
             return old
         most = max(self._acceleration * step_s, 1e-9)
-        x, y, z, rx, ry, rz = [
+        new = vector6(
             v if w == v else v + min(most, max(-most, w - v))
             for w, v in zip(wanted, old, strict=True)
-        ]
-        self.fastest_m_s = max(self.fastest_m_s, math.hypot(x, y, z))
-        return (x, y, z, rx, ry, rz)
+        )
+        self.fastest_m_s = max(self.fastest_m_s, math.hypot(*new[:3]))
+        return new
 
     def _towards_target(self, step_s: float) -> Vector6:
         target = self._target
@@ -202,13 +203,13 @@ class MockArm:
         return (x / distance * speed, y / distance * speed, z / distance * speed, 0.0, 0.0, 0.0)
 
     def _sample(self, stamp_ns: int) -> ArmSample:
-        world, lies = self.world, self._lies
+        world, silent = self.world, self._silent
         pose, velocity, duration_s = world.pose, world.velocity, self._period_ns * 1e-9
-        lies.advance(world.lies_of(Device.ROBOT), velocity, duration_s=duration_s)
+        silent.advance(world.silent_faults_of(Device.ROBOT), velocity, duration_s=duration_s)
         return ArmSample(
             stamp_ns=stamp_ns,
-            controller_time_s=(stamp_ns - world.start_ns) * 1e-9 + lies.clock_s,
-            pose=pose.shifted(z=lies.height_m) if lies.height_m else pose,
+            controller_time_s=(stamp_ns - world.start_ns) * 1e-9 + silent.clock_s,
+            pose=pose.shifted(z=silent.height_m) if silent.height_m else pose,
             velocity=velocity,
             runtime_state=PLAYING,
             safety_bits=PROTECTIVE_STOPPED if self._locked else 1,

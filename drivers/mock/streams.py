@@ -5,16 +5,17 @@ from __future__ import annotations
 import functools
 import math
 from abc import ABC, abstractmethod
-from collections import deque
+from dataclasses import replace
 from typing import ClassVar, Generic, Self, TypeVar
 
 import cv2
 import numpy as np
 
-from drivers.device.faults import Device
-from drivers.device.interface import DeviceIdentity, HostClock, StreamHealth
-from drivers.device.lies import LyingImages, LyingWrench
-from drivers.mock.world import MockWorld, beside_no_mock, plan_faults
+from drivers.emulators.faults import Device
+from drivers.emulators.silent_faults import SilentImageFaults, SilentWrenchFaults
+from drivers.interfaces import DeviceIdentity, HostClock, StreamHealth
+from drivers.mock.world import STEP_S, MockWorld, mock_without_mock, plan_faults
+from drivers.stream_buffer import StreamBuffer
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ForceSample, ImageFrame, Vector6, Wrench
@@ -31,22 +32,14 @@ class _MockStream(ABC, Generic[SampleT]):
     model: ClassVar[str]
     unplugged: ClassVar[str]
     first_s: ClassVar[float]
-    rate_window: ClassVar[int]
-    content: ClassVar[str]
     settings: ClassVar[dict[str, str]] = {}
 
     def __init__(self, world: MockWorld, *, rate_hz: float) -> None:
         self.world = world
         self._period_ns = round(1e9 / rate_hz)
-        self._next_ns = world.now_ns
-        self._counter = 0
-        self._received_count = 0
-        self._lost_count = 0
-        self._corrupt_count = 0
-        self._repeat_count = 0
-        self._content: object = None
-        self._waiting: list[SampleT] = []
-        self._stamps: deque[int] = deque(maxlen=self.rate_window)
+        self._next_ns = world.now_ns + round(STEP_S * 1e9)
+        self._counter = self._lost_count = self._corrupt_count = 0
+        self._buffer = StreamBuffer[SampleT](capacity=1_000_000, now_ns=world.clock.now_ns)
         world.on_step(self._step)
 
     def connect(self) -> DeviceIdentity:
@@ -71,68 +64,43 @@ class _MockStream(ABC, Generic[SampleT]):
         self.world.catch_up()
         if self.unplugged in self.world.faults:
             raise DeviceError(f"{self.place} is gone", remedy="plug it in again")
-        samples, self._waiting = self._waiting, []
-        return samples
+        return self._buffer.drain()
 
     def health(self) -> StreamHealth:
         """Return counts, age and rate."""
         self.world.catch_up()
-        stamps = self._stamps
-        age_s = (self.world.clock.now_ns() - stamps[-1]) * 1e-9 if stamps else math.inf
-        span_s = (stamps[-1] - stamps[0]) * 1e-9 if len(stamps) > 1 else 0.0
-        return StreamHealth(
-            received_count=self._received_count,
-            lost_count=self._lost_count,
-            corrupt_count=self._corrupt_count,
-            repeat_count=self._repeat_count,
-            age_s=age_s,
-            rate_hz=(len(stamps) - 1) / span_s if span_s > 0.0 else 0.0,
-            clipped_ratio=self._clipped_ratio(),
-        )
+        return self._buffer.health(lost_count=self._lost_count, corrupt_count=self._corrupt_count)
 
     def close(self) -> None:
         """Do nothing."""
 
     def _step(self, now_ns: int) -> None:
-        if now_ns < self._next_ns:
-            return
-        self._next_ns += self._period_ns
-        sample = self._sample(now_ns)
-        if sample is not None:
-            content = getattr(sample, self.content)
-            self._repeat_count = self._repeat_count + 1 if content == self._content else 1
-            self._content = content
-            self._received_count += 1
-            self._stamps.append(now_ns)
-            self._waiting.append(sample)
+        if now_ns >= self._next_ns:
+            self._next_ns += self._period_ns
+            self._make(now_ns)
 
     @abstractmethod
-    def _sample(self, now_ns: int) -> SampleT | None:
-        """Return the sample that is due, or None where it is lost."""
-
-    def _clipped_ratio(self) -> float:
-        return 0.0
+    def _make(self, now_ns: int) -> None:
+        """Make the sample that is due, unless it is lost."""
 
 
 class MockForceSensor(_MockStream[ForceSample]):
-    """Obeys ``drivers.force_sensor.interface.ForceTorqueSensor``.
+    """Obeys ``drivers.interfaces.ForceTorqueSensor``.
 
     Faults it knows (in ``world.faults``): ``force-silent``, ``force-stuck``, ``force-nan``,
-    ``force-saturated``, ``force-lossy`` (every tenth frame is lost), ``force-unplugged``. It lies
-    as ``world.lies`` has it.
+    ``force-saturated``, ``force-lossy`` (every tenth frame is lost), ``force-unplugged``. Silent
+    faults are those of ``world.silent_faults``.
     """
 
     place = "force sensor: the port"
     model = "mock M3733C"
     unplugged = "force-unplugged"
     first_s = 0.02
-    rate_window = 100
-    content = "wrench"
 
     def __init__(self, world: MockWorld) -> None:
         super().__init__(world, rate_hz=world.config.force_sensor.rate)
         self._held: Vector6 | None = None
-        self._lies = LyingWrench(
+        self._silent = SilentWrenchFaults(
             seed=world.config.emulation.seed, full_scale_n=world.config.force_sensor.capacity
         )
 
@@ -145,26 +113,23 @@ class MockForceSensor(_MockStream[ForceSample]):
         """
         world = getattr(arm, "world", None)
         if not isinstance(world, MockWorld):
-            raise beside_no_mock(config)
+            raise mock_without_mock(config)
         return cls(world)
 
-    def _sample(self, now_ns: int) -> ForceSample | None:
+    def _make(self, now_ns: int) -> None:
         self._counter += 1
         faults = self.world.faults
         if faults & {"force-silent", "force-unplugged"}:
-            return None
+            return
         if "force-lossy" in faults and self._counter % 10 == 0:
             self._lost_count += 1
             self._corrupt_count += 1
-            return None
-        lies = self.world.lies_of(Device.FORCE_SENSOR)
+            return
+        silent = self.world.silent_faults_of(Device.FORCE_SENSOR)
         self._held = self._wrench()
-        wrench = self._lies.reading(self._held, lies, stamp_ns=now_ns)
-        return ForceSample(
-            stamp_ns=now_ns,
-            counter=self._counter,
-            wrench=Wrench(force=wrench[:3], torque=wrench[3:]),
-        )
+        wrench = self._silent.reading(self._held, silent, stamp_ns=now_ns)
+        sample = ForceSample(stamp_ns=now_ns, counter=self._counter, wrench=Wrench.of(wrench))
+        self._buffer.push(sample, stamp_ns=now_ns, fingerprint=wrench)
 
     def _wrench(self) -> Vector6:
         faults = self.world.faults
@@ -179,25 +144,23 @@ class MockForceSensor(_MockStream[ForceSample]):
 
 
 class MockCamera(_MockStream[ImageFrame]):
-    """Obeys ``drivers.camera.interface.Camera``: small grey JPEGs, darker where the gel is touched.
+    """Obeys ``drivers.interfaces.Camera``: small grey JPEGs, darker where the gel is touched.
 
     No two are the same bytes, as with a camera's noise. Faults it knows (in ``world.faults``):
-    ``camera-silent``, ``camera-unplugged``, ``camera-overexposed`` (every pixel white). It lies as
-    ``world.lies`` has it.
+    ``camera-silent``, ``camera-unplugged``, ``camera-overexposed`` (every pixel white). Silent
+    faults are those of ``world.silent_faults``.
     """
 
     place = "camera: the device"
     model = "mock camera"
     unplugged = "camera-unplugged"
     first_s = 0.05
-    rate_window = 50
-    content = "jpeg"
     settings: ClassVar[dict[str, str]] = {"width": str(WIDTH), "height": str(HEIGHT)}
 
     def __init__(self, world: MockWorld) -> None:
         super().__init__(world, rate_hz=world.config.camera.rate)
         self._white = _jpeg(255)
-        self._lies = LyingImages()
+        self._silent = SilentImageFaults()
 
     @classmethod
     def from_config(cls, config: RigConfig) -> Self:
@@ -211,23 +174,26 @@ class MockCamera(_MockStream[ImageFrame]):
     def _is_overexposed(self) -> bool:
         return "camera-overexposed" in self.world.faults
 
-    def _clipped_ratio(self) -> float:
-        return 1.0 if self._is_overexposed else 0.0
+    def health(self) -> StreamHealth:
+        """Return counts, age and rate, and what is at full scale."""
+        return replace(super().health(), clipped_ratio=float(self._is_overexposed))
 
-    def _sample(self, now_ns: int) -> ImageFrame | None:
+    def _make(self, now_ns: int) -> None:
         if self.world.faults & {"camera-silent", "camera-unplugged"}:
             self._lost_count += 1
-            return None
+            return
         self._counter += 1
-        lies = self.world.lies_of(Device.CAMERA)
-        return ImageFrame(
+        silent = self.world.silent_faults_of(Device.CAMERA)
+        jpeg = self._silent.frame(_numbered(self._shown(), self._counter), silent)
+        frame = ImageFrame(
             stamp_ns=now_ns,
             counter=self._counter,
             device_stamp_s=None,
             width=WIDTH,
             height=HEIGHT,
-            jpeg=self._lies.frame(_numbered(self._shown(), self._counter), lies),
+            jpeg=jpeg,
         )
+        self._buffer.push(frame, stamp_ns=now_ns, fingerprint=jpeg)
 
     def _shown(self) -> bytes:
         depth_m = self.world.surface_z_m - self.world.pose.position[2]

@@ -10,11 +10,11 @@ import math
 import random
 from collections.abc import Callable, Iterable
 
-from drivers.device.faults import STOPS, Device, Fault, FaultKind, parse_fault
-from drivers.device.interface import Clock
+from drivers.emulators.faults import STOPS, Device, Fault, FaultKind, parse_fault
+from drivers.interfaces import Clock
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.run import Pose, Vector6
+from tacauchy_rig.core.run import Pose, Vector6, vector6
 
 STEP_S = 0.002
 _STEP_NS = round(STEP_S * 1e9)
@@ -74,7 +74,7 @@ class MockWorld:
 
     Attributes:
         faults: Names of the failures that are on now; the devices look here.
-        lies: What is on now of the faults that pass for measurements; they look here too.
+        silent_faults: Those that are on now of the faults that pass for measurements.
         disturbance: Wrench that something else exerts on the sensor.
         now_ns: Time the world has reached [ns].
     """
@@ -106,7 +106,7 @@ class MockWorld:
         self.force_n = 0.0
         self.disturbance: Vector6 = Still
         self.faults: set[str] = set()
-        self.lies: list[Fault] = []
+        self.silent_faults: list[Fault] = []
         self.start_ns = clock.now_ns()
         self.now_ns = self.start_ns
         self._drive: Callable[[float], Vector6] | None = None
@@ -130,9 +130,9 @@ class MockWorld:
         """Do ``action`` once, at the first step at which ``condition`` holds."""
         self._plans.append((condition, action))
 
-    def lies_of(self, device: Device) -> list[Fault]:
-        """Return what ``device`` lies about now."""
-        return [fault for fault in self.lies if fault.device is device]
+    def silent_faults_of(self, device: Device) -> list[Fault]:
+        """Return the silent faults of ``device`` that are on now."""
+        return [fault for fault in self.silent_faults if fault.device is device]
 
     def catch_up(self) -> None:
         """Integrate up to the clock's time."""
@@ -148,8 +148,7 @@ class MockWorld:
         load: Vector6 = (0.01 * self.force_n, 0.0, along, 0.0, 0.0, 0.0)
         scales = (self.noise_n,) * 3 + (self.noise_n * 1e-2,) * 3
         rows, gauss = zip(self.bias, load, self.disturbance, scales, strict=True), self.random.gauss
-        x, y, z, rx, ry, rz = [b + f + d + gauss(0.0, s) for b, f, d, s in rows]
-        return (x, y, z, rx, ry, rz)
+        return vector6(b + f + d + gauss(0.0, s) for b, f, d, s in rows)
 
     def _step(self) -> None:
         if self._drive is not None:
@@ -168,7 +167,7 @@ class MockWorld:
                 action()
 
 
-def beside_no_mock(config: RigConfig) -> ConfigError:
+def mock_without_mock(config: RigConfig) -> ConfigError:
     """Return the refusal of a mock beside a device that is none."""
     return ConfigError(
         f'robot.driver = "{config.robot.driver}" with force_sensor.driver = '
@@ -191,7 +190,7 @@ NAMES = {
     (Device.CAMERA, FaultKind.SATURATE): "camera-overexposed",
     (Device.CAMERA, FaultKind.UNPLUG): "camera-unplugged",
 }
-"""Failures that a mock shows by itself, by the name that it looks for; the others are lies."""
+"""Failures that a mock shows by itself, by the name that it looks for; the others are silent."""
 
 
 def plan_faults(
@@ -231,5 +230,5 @@ def _plan(
 def _begin_and_end(world: MockWorld, fault: Fault) -> tuple[Callable[[], None], Callable[[], None]]:
     name = NAMES.get((fault.device, fault.kind))
     if name is None:
-        return lambda: world.lies.append(fault), lambda: world.lies.remove(fault)
+        return lambda: world.silent_faults.append(fault), lambda: world.silent_faults.remove(fault)
     return lambda: world.faults.add(name), lambda: world.faults.discard(name)

@@ -5,19 +5,19 @@ Whatever a step waits for, it waits by turning this cycle, so nothing ever waits
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
-from drivers.rig import Rig
+from drivers.interfaces import Rig
 from protocols.control.rates import RateMeter
-from protocols.control.record import Arm, Force, Sink
+from protocols.control.record import Sink
 from protocols.guard.abort import Abort
 from protocols.guard.breach import BreachError, Reaction
-from protocols.guard.following import FollowGuard
 from protocols.guard.force import ForceGuard
 from protocols.guard.streams import StreamGuard
 from protocols.guard.witness import Witness
-from protocols.guard.workspace import Workspace
+from protocols.guard.workspace import FollowGuard, Workspace
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError
 from tacauchy_rig.core.expected_press import ExpectedPress
@@ -145,7 +145,7 @@ class Cycle:
         Raises:
             BreachError: The robot refuses.
         """
-        with _ROBOT:
+        with _as_breach("robot"):
             self.rig.arm.set_velocity(velocity, acceleration=self.config.robot.acceleration)
         self._follow.tell(velocity[2])
 
@@ -157,7 +157,7 @@ class Cycle:
         """
         self.workspace.check_target(target)
         self._follow.forget()
-        with _ROBOT:
+        with _as_breach("robot"):
             if not self.rig.arm.is_pose_allowed(target):
                 raise DeviceError(
                     f"robot: its safety limits do not admit {target.position}",
@@ -173,7 +173,7 @@ class Cycle:
         Raises:
             BreachError: The robot is gone.
         """
-        with _ROBOT:
+        with _as_breach("robot"):
             return self.rig.arm.is_moving()
 
     def stop(self) -> None:
@@ -196,18 +196,18 @@ class Cycle:
         now_ns = self.rig.clock.now_ns()
         if now_ns - self._kicked_ns >= KICK_PERIOD_NS:
             self._kicked_ns = now_ns
-            with _ROBOT:
+            with _as_breach("robot"):
                 self.rig.arm.kick_watchdog()
 
     def _read_force(self, presses: list[Press]) -> None:
         sensor = self.rig.force_sensor
-        with _FORCE_SENSOR:
+        with _as_breach("force sensor"):
             samples = sensor.drain()
             health = sensor.health()
             if samples:
                 self._streams.note_force(samples[-1])
                 self.rates.force(samples, lag_s=self._streams.force_lag_s)
-                self.sink.put(Force(tuple(samples)))
+                self.sink.put(tuple(samples))
         for sample in samples:
             force_n = self.force_guard.check(sample)
             presses.append(Press(sample.stamp_ns, force_n, self.force_guard.sideways_n, sample))
@@ -215,10 +215,10 @@ class Cycle:
         self._streams.check_force(health, now_ns=self.rig.clock.now_ns())
 
     def _read_arm(self, states: list[ArmSample]) -> None:
-        with _ROBOT:
+        with _as_breach("robot"):
             states += self.rig.arm.drain()
             if states:
-                self.sink.put(Arm(tuple(states)))
+                self.sink.put(tuple(states))
             state = self.rig.arm.state()
         self.last_state = state
         self.rates.arm(len(states))
@@ -241,7 +241,7 @@ class Cycle:
             raise _recorder_breach(problem)
 
     def _watch_camera(self) -> None:
-        with _CAMERA:
+        with _as_breach("camera", Reaction.RETRACT):
             marks, health = self.rig.camera.poll(), self.rig.camera.health()
         if marks:
             self._touch_seen = marks[-1].touched
@@ -249,27 +249,17 @@ class Cycle:
         self._streams.check_image(health)
 
 
-class _AsBreach:
-    """Makes the loss of a device, or of the record, a breach."""
-
-    def __init__(self, device: str, reaction: Reaction = Reaction.HOLD) -> None:
-        self._device, self._reaction = device, reaction
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
-        if isinstance(error, DeviceError):
-            raise BreachError(
-                error.message, limit=self._device, reaction=self._reaction, remedy=error.remedy
-            ) from error
-        if isinstance(error, RecordError):
-            raise _recorder_breach(str(error)) from error
-
-
-_ROBOT = _AsBreach("robot")
-_FORCE_SENSOR = _AsBreach("force sensor")
-_CAMERA = _AsBreach("camera", Reaction.RETRACT)
+@contextmanager
+def _as_breach(device: str, reaction: Reaction = Reaction.HOLD) -> Iterator[None]:
+    """Make the loss of a device, or of the record, a breach."""
+    try:
+        yield
+    except DeviceError as error:
+        raise BreachError(
+            error.message, limit=device, reaction=reaction, remedy=error.remedy
+        ) from error
+    except RecordError as error:
+        raise _recorder_breach(str(error)) from error
 
 
 def _recorder_breach(problem: str) -> BreachError:
@@ -277,5 +267,5 @@ def _recorder_breach(problem: str) -> BreachError:
         problem,
         limit="recorder",
         reaction=Reaction.RETRACT,
-        remedy="see to the disk, then `tacauchy-rig resume` continues with this trial",
+        remedy="check the disk, then `tacauchy-rig resume` continues with this trial",
     )

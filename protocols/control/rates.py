@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivers.device.interface import StreamHealth
-from drivers.rig import FrameMark
+from drivers.interfaces import FrameMark, StreamHealth
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.run import ForceSample
 

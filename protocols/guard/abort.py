@@ -1,4 +1,4 @@
-"""A person's wish to stop, from wherever it comes: signals, keys, the loss of the terminal."""
+"""A person's request to stop, from wherever it comes: signals, keys, the loss of the terminal."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SIGNALS = {
     signal.SIGHUP: "the terminal was lost",
     signal.SIGTSTP: "Ctrl-Z",
 }
-SAME_WISH_S = 0.7
+SAME_REQUEST_S = 0.7
 LOOK_MS = 100
 
 
@@ -32,12 +32,12 @@ class Abort:
     """Counts requests to stop; safe to call from a signal handler or a thread.
 
     The first request stops the arm and takes it slowly off the gel; a second one, at least
-    ``same_wish_s`` later, holds it where it is. One Ctrl-C reaches several processes and comes
+    ``same_request_s`` later, holds it where it is. One Ctrl-C reaches several processes and comes
     here several times at once.
     """
 
-    def __init__(self, *, same_wish_s: float = SAME_WISH_S) -> None:
-        self._same_wish_s = same_wish_s
+    def __init__(self, *, same_request_s: float = SAME_REQUEST_S) -> None:
+        self._same_wish_s = same_request_s
         self._asked_s = -math.inf
         self._reasons: list[str] = []
         self._listeners: list[Callable[[str], None]] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from drivers.device.interface import StreamHealth
+from drivers.interfaces import StreamHealth
 from protocols.guard.breach import BreachError, Reaction
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.run import ForceSample
@@ -66,23 +66,21 @@ class StreamGuard:
         Raises:
             BreachError: Stale, late, or too many frames lost.
         """
-        limit = self._limits.stale_force
-        if self._is_stale(self.force_lag_s, limit):
-            raise BreachError(
-                f"limits.stale_force {limit * 1e3:g} ms: force samples arrive "
-                f"{self.force_lag_s * 1e3:.0f} ms late{self._excuse()}",
-                limit="limits.stale_force",
-                reaction=Reaction.HOLD,
-                remedy="see `tacauchy-rig doctor`: latency timer of the serial adapter",
-            )
-        if self._is_stale(health.age_s, limit):
-            raise BreachError(
-                f"limits.stale_force {limit * 1e3:g} ms: the newest force sample is "
-                f"{health.age_s * 1e3:.0f} ms old{self._excuse()}",
-                limit="limits.stale_force",
-                reaction=Reaction.HOLD,
-                remedy="check the box's power and cable, then `tacauchy-rig doctor`",
-            )
+        lag_s, age_s = self.force_lag_s, health.age_s
+        self._require_fresh(
+            "force",
+            lag_s,
+            f"force samples arrive {lag_s * 1e3:.0f} ms late",
+            Reaction.HOLD,
+            "see `tacauchy-rig doctor`: latency timer of the serial adapter",
+        )
+        self._require_fresh(
+            "force",
+            age_s,
+            f"the newest force sample is {age_s * 1e3:.0f} ms old",
+            Reaction.HOLD,
+            "check the box's power and cable, then `tacauchy-rig doctor`",
+        )
         self._check_losses(health, now_ns)
 
     def check_image(self, health: StreamHealth) -> None:
@@ -91,15 +89,13 @@ class StreamGuard:
         Raises:
             BreachError: Stale, or the same image again and again.
         """
-        limit = self._limits.stale_image
-        if self._is_stale(health.age_s, limit):
-            raise BreachError(
-                f"limits.stale_image {limit * 1e3:g} ms: the newest image is "
-                f"{health.age_s * 1e3:.0f} ms old{self._excuse()}",
-                limit="limits.stale_image",
-                reaction=Reaction.RETRACT,
-                remedy="check the camera's cable and USB port, then `tacauchy-rig doctor`",
-            )
+        self._require_fresh(
+            "image",
+            health.age_s,
+            f"the newest image is {health.age_s * 1e3:.0f} ms old",
+            Reaction.RETRACT,
+            "check the camera's cable and USB port, then `tacauchy-rig doctor`",
+        )
         if health.repeat_count >= self._limits.repeat_count:
             raise BreachError(
                 f"limits.repeat_count: {health.repeat_count} identical images in a row; a live "
@@ -109,10 +105,15 @@ class StreamGuard:
                 remedy="unplug the camera and plug it in again, then `tacauchy-rig doctor`",
             )
 
-    def _is_stale(self, age_s: float, limit_s: float) -> bool:
-        if age_s <= limit_s:
-            return False
-        return self._undisturbed_s >= limit_s or age_s > PATIENCE * limit_s
+    def _require_fresh(
+        self, stream: str, age_s: float, finding: str, reaction: Reaction, remedy: str
+    ) -> None:
+        name = f"limits.stale_{stream}"
+        limit_s: float = getattr(self._limits, f"stale_{stream}")
+        disturbed = self._undisturbed_s < limit_s and age_s <= PATIENCE * limit_s
+        if age_s > limit_s and not disturbed:
+            text = f"{name} {limit_s * 1e3:g} ms: {finding}{self._excuse()}"
+            raise BreachError(text, limit=name, reaction=reaction, remedy=remedy)
 
     def _excuse(self) -> str:
         if self._undisturbed_s > 1.0 or self._held_up_s == 0.0:

@@ -8,15 +8,12 @@ import time
 import zlib
 from dataclasses import replace
 
-from drivers.camera.interface import Camera
-from drivers.camera.jpeg import clipped_ratio
-from drivers.camera.touch import Look, TouchWatch
-from drivers.rig import FrameMark, build_camera
-from protocols.processes.channel import Channel
+from drivers.camera.pictures import TouchWatch, clipped_ratio
+from drivers.interfaces import Camera, FrameMark, TouchMode, build_camera
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
 from protocols.processes.feed import VIEWERS, FeedWriters
 from protocols.processes.link import RecorderLink
-from protocols.processes.messages import CameraStatus, Failed, Job, Kept, Order, Ready
+from protocols.processes.messages import CameraStatus, Channel, Failed, Job, Kept, Order, Ready
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ImageFrame
 
@@ -111,7 +108,7 @@ class MarkPost:
     def heed(self) -> None:
         """Take what control asks the camera to look for."""
         for message in self._control.receive():
-            if isinstance(message, Look):
+            if isinstance(message, TouchMode):
                 self._touch.ask(message)
 
     def post(self, frames: list[ImageFrame], camera: Camera) -> None:
@@ -145,8 +142,8 @@ def _pass_on(camera: Camera, link: RecorderLink, marks: MarkPost, feeds: FeedWri
         logger.error("%s", error)
         marks.fail(error)
         return False
-    for frame in frames:
-        link.put(frame)
+    if frames:
+        link.put(tuple(frames))
     marks.post(frames, camera)
     if feeds:
         for frame in frames:

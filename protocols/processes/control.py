@@ -10,21 +10,24 @@ import sys
 import threading
 import time
 
-from drivers.arm.interface import Arm
-from drivers.device.interface import DeviceIdentity, HostClock
-from drivers.force_sensor.interface import ForceTorqueSensor
-from drivers.rig import Rig, build_arm_and_force_sensor
+from drivers.interfaces import (
+    Arm,
+    DeviceIdentity,
+    ForceTorqueSensor,
+    HostClock,
+    Rig,
+    build_arm_and_force_sensor,
+)
 from protocols.control.cycle import Cycle
-from protocols.control.journal import Journal
+from protocols.control.record import Entry, Journal, Samples, Sink
 from protocols.guard.abort import Abort
-from protocols.processes.broadcast import Broadcast
-from protocols.processes.channel import Channel
 from protocols.processes.child import ask_for_priority, run_child
 from protocols.processes.feed import VIEWERS, FeedWriters
 from protocols.processes.link import RecorderLink, RemoteCamera
-from protocols.processes.messages import AbortRequest, Job, Kept, Order, Ready
+from protocols.processes.messages import AbortRequest, Channel, Job, Kept, Order, Ready
 from protocols.trials.programme import ProgrammeResult, run_programme
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RigError
+from tacauchy_rig.core.run import ArmSample, ForceSample
 
 logger = logging.getLogger(__name__)
 
@@ -123,7 +126,9 @@ def _wait_for_go(orders: Orders, rig: Rig, abort: Abort) -> None:
         if abort.count:
             raise AbortedError(f"aborted before anything moved: {abort.reason}")
         if time.monotonic() > deadline:
-            raise DeviceError(f"control: nothing to begin with within {GO_TIMEOUT_S:g} s")
+            raise DeviceError(
+                f"control: no order and no image to start with within {GO_TIMEOUT_S:g} s"
+            )
         if orders.go.is_set():
             deadline = min(deadline, time.monotonic() + FIRST_IMAGE_S)
         rig.arm.kick_watchdog()
@@ -172,6 +177,63 @@ def _die_with_parent(number: int) -> None:
     connected, the loss of the parent is heard as an end of file and the arm is made safe first.
     """
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
+
+
+PERIOD_NS = 25_000_000
+PENDING_MAX = 1000
+
+
+class Broadcast:
+    """A ``Sink`` that hands everything on and, forty times a second, shows what passed.
+
+    Args:
+        sink: Keeps the record.
+        feeds: Lead to the viewers.
+    """
+
+    def __init__(self, sink: Sink, feeds: FeedWriters) -> None:
+        self._feeds = feeds
+        self._waiting: Samples = ()
+        self._shown_ns = 0
+        self._sink = sink
+        self.problem, self.lag_s = sink.problem, sink.lag_s
+
+    def put(self, entry: Entry) -> None:
+        """Hand an entry on, and remember what is to be shown of it."""
+        self._sink.put(entry)
+        if self._feeds and isinstance(entry, tuple):
+            self._waiting = (*self._waiting, *entry)[-PENDING_MAX:]
+
+    def show(self, cycle: Cycle) -> None:
+        """Show what passed since the last time, if it is time."""
+        now_ns = cycle.rig.clock.now_ns()
+        if not self._feeds or now_ns - self._shown_ns < PERIOD_NS:
+            return
+        self._shown_ns = now_ns
+        forces = [sample for sample in self._waiting if isinstance(sample, ForceSample)]
+        states = [sample for sample in self._waiting if isinstance(sample, ArmSample)]
+        self._waiting = ()
+        if forces:
+            wrenches = [cycle.force_guard.tared(sample) for sample in forces]
+            numbers = {
+                "stamp_ns": [sample.stamp_ns for sample in forces],
+                "counter": [sample.counter for sample in forces],
+                "force_n": [cycle.force_guard.pressing(wrench) for wrench in wrenches],
+                "wrench": wrenches[-1],
+                "is_tared": cycle.force_guard.is_tared,
+                "record_lag_s": self.lag_s(),
+            }
+            self._feeds.show("force", forces[-1].stamp_ns, numbers)
+        if states:
+            newest = states[-1]
+            numbers = {
+                "count": len(states),
+                "position_m": newest.pose.position,
+                "rotation_rad": newest.pose.rotation_vector,
+                "velocity": newest.velocity,
+                "safety_bits": newest.safety_bits,
+            }
+            self._feeds.show("arm", newest.stamp_ns, numbers)
 
 
 if __name__ == "__main__":

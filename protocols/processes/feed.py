@@ -12,9 +12,9 @@ import os
 import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
-from protocols.processes.channel import Channel
+from protocols.processes.messages import Channel
 
 VIEWERS = ("page", "twin", "foxglove")
 """Processes that may watch a run."""
@@ -37,18 +37,6 @@ class Shown:
     stamp_ns: int
     numbers: dict[str, Any]
     picture: bytes | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class _Sent:
-    """What goes through the channel: ``start`` and ``size`` say where the picture lies."""
-
-    number: int
-    stream: str
-    stamp_ns: int
-    numbers: dict[str, Any]
-    start: int
-    size: int
 
 
 class Pictures:
@@ -88,17 +76,9 @@ class Pictures:
 class FeedWriter:
     """A producer's end: ``show`` never blocks and never raises."""
 
-    def __init__(self, channel: Channel, pictures: Pictures) -> None:
-        self._channel = channel
-        self._pictures = pictures
+    def __init__(self, descriptors: Mapping[str, int], *, to: str) -> None:
+        self._channel, self._pictures = _inherited(descriptors, to)
         self._number = 0
-
-    @classmethod
-    def inherited(cls, descriptors: Mapping[str, int], *, to: str) -> Self | None:
-        """Return the end that the parent process left open; None where nobody views as ``to``."""
-        if f"{to}-feed" not in descriptors:
-            return None
-        return cls(*_inherited(descriptors, to))
 
     def show(
         self, stream: str, stamp_ns: int, numbers: dict[str, Any], picture: bytes | None = None
@@ -107,8 +87,7 @@ class FeedWriter:
         start = None if picture is None else self._pictures.write(picture)
         size = 0 if picture is None or start is None else len(picture)
         self._number += 1
-        sent = _Sent(self._number, stream, stamp_ns, numbers, start or 0, size)
-        return self._channel.send(sent)
+        return self._channel.send((self._number, stream, stamp_ns, numbers, start or 0, size))
 
 
 class FeedReader:
@@ -118,44 +97,47 @@ class FeedReader:
         lost_count: Messages and pictures that this viewer was too slow for.
     """
 
-    def __init__(self, channel: Channel, pictures: Pictures) -> None:
-        self._channel = channel
-        self._pictures = pictures
+    def __init__(self, descriptors: Mapping[str, int], *, source: str) -> None:
+        self._channel, self._pictures = _inherited(descriptors, source)
+        self.fileno = self._channel.fileno
         self._number: int | None = None
         self.lost_count = 0
 
-    @classmethod
-    def inherited(cls, descriptors: Mapping[str, int], *, source: str) -> Self | None:
-        """Return the end that the parent process left open; None where ``source`` shows nothing."""
-        if f"{source}-feed" not in descriptors:
-            return None
-        return cls(*_inherited(descriptors, source))
-
-    def fileno(self) -> int:
-        """Return the descriptor to wait on."""
-        return self._channel.fileno()
-
     def receive(self) -> list[Shown]:
         """Return what waits, oldest first."""
-        return [self._shown(sent) for sent in self._channel.receive() if isinstance(sent, _Sent)]
+        return [self._shown(*sent) for sent in self._channel.receive()]
 
-    def _shown(self, sent: _Sent) -> Shown:
+    def _shown(
+        self,
+        number: int,
+        stream: str,
+        stamp_ns: int,
+        numbers: dict[str, Any],
+        start: int,
+        size: int,
+    ) -> Shown:
         if self._number is not None:
-            self.lost_count += sent.number - self._number - 1
-        self._number = sent.number
-        picture = self._pictures.read(sent.start, sent.size) if sent.size else None
-        self.lost_count += bool(sent.size and picture is None)
-        return Shown(
-            stream=sent.stream, stamp_ns=sent.stamp_ns, numbers=sent.numbers, picture=picture
-        )
+            self.lost_count += number - self._number - 1
+        self._number = number
+        picture = self._pictures.read(start, size) if size else None
+        self.lost_count += bool(size and picture is None)
+        return Shown(stream=stream, stamp_ns=stamp_ns, numbers=numbers, picture=picture)
+
+
+def feed_readers(descriptors: Mapping[str, int], sources: Iterable[str]) -> list[FeedReader]:
+    """Return the ends that the parent process left open, of those of ``sources`` that run."""
+    return [
+        FeedReader(descriptors, source=each) for each in sources if f"{each}-feed" in descriptors
+    ]
 
 
 class FeedWriters:
     """A producer's ends to every viewer; none is as good as any."""
 
     def __init__(self, descriptors: Mapping[str, int], viewers: Iterable[str]) -> None:
-        found = (FeedWriter.inherited(descriptors, to=viewer) for viewer in viewers)
-        self._writers = [writer for writer in found if writer is not None]
+        self._writers = [
+            FeedWriter(descriptors, to=each) for each in viewers if f"{each}-feed" in descriptors
+        ]
 
     def __bool__(self) -> bool:
         return bool(self._writers)

@@ -11,28 +11,23 @@ from collections import deque
 from dataclasses import dataclass, replace
 from typing import Self
 
-from drivers.camera.touch import Look
-from drivers.device.interface import StreamHealth
-from drivers.rig import FrameMark
+from drivers.interfaces import FrameMark, StreamHealth, TouchMode
 from protocols.control.record import Begin, End, Entry
-from protocols.processes.channel import Channel, encode
-from protocols.processes.messages import Ack, CameraStatus, Failed, Job
-from protocols.processes.record_keeper import RecordKeeper
+from protocols.processes.messages import Ack, CameraStatus, Channel, Failed, Job, pack_entry
+from protocols.processes.recorder import Encoded, RecordKeeper, encoded
 from tacauchy_rig.core.errors import DeviceError, RecordError
-from tacauchy_rig.core.run import ImageFrame
 from tacauchy_rig.core.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 
 STALLED_S = 3.0
 WAITING_BYTES_MAX = 256 << 20
-SMALL_ENTRY_BYTES = 1000
 
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
     number: int
-    entry: Entry
+    entry: Encoded
     size: int
     since_s: float
 
@@ -80,10 +75,11 @@ class RecorderLink:
 
     def put(self, entry: Entry) -> None:
         """Queue an entry."""
-        size = len(entry.jpeg) if isinstance(entry, ImageFrame) else SMALL_ENTRY_BYTES
+        kept = encoded(entry)
+        size = sum(len(message.data) for message in kept) if isinstance(kept, tuple) else 1000
         with self._changed:
             self._number += 1
-            waiting = _Waiting(self._number, entry, size, time.monotonic())
+            waiting = _Waiting(self._number, kept, size, time.monotonic())
             self._waiting.append(waiting)
             self._unsent.append(waiting)
             self._waiting_bytes += size
@@ -151,7 +147,7 @@ class RecorderLink:
     def _deliver(self) -> None:
         while (waiting := self._next_unsent()) is not None:
             try:
-                self._data.sendall(encode(waiting.number, waiting.entry))
+                self._data.sendall(pack_entry(waiting.number, waiting.entry))
             except OSError as error:
                 self._note(f"recorder: its process is gone ({error.strerror or error})")
                 break
@@ -182,7 +178,7 @@ class RecorderLink:
             logger.error("%s: %d entries are lost: %s", self._source, len(self._waiting), error)
             self._problem = f"{self._problem}; {error.message}"
 
-    def _next_waiting(self) -> Entry | None:
+    def _next_waiting(self) -> Encoded | None:
         with self._changed:
             while not self._waiting and not self._closing:
                 self._changed.wait(0.1)
@@ -200,7 +196,7 @@ class RemoteCamera:
         self._channel = channel
         self._health = StreamHealth()
         self._newest_ns: int | None = None
-        self._asked: Look | None = None
+        self._asked: TouchMode | None = None
 
     def poll(self) -> list[FrameMark]:
         """Return the marks that arrived.
@@ -225,9 +221,9 @@ class RemoteCamera:
             )
         return marks
 
-    def ask(self, look: Look) -> None:
+    def ask(self, mode: TouchMode) -> None:
         """Tell the camera process what to look for; said again until it is taken."""
-        self._asked = look
+        self._asked = mode
         self._say()
 
     def _say(self) -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import pickle
+import select
+import socket
+import struct
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from pathlib import Path
+from typing import Any, Self
 
-from drivers.device.interface import DeviceIdentity, StreamHealth
-from drivers.rig import FrameMark
+from drivers.interfaces import DeviceIdentity, FrameMark, StreamHealth
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import RigError
@@ -34,8 +38,8 @@ class ContactOutline:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PageWish:
-    """That an operator's page is wanted.
+class PageOptions:
+    """The operator's page.
 
     Attributes:
         port: Of the loopback address; 0 takes a free one.
@@ -47,14 +51,14 @@ class PageWish:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ViewerWish:
-    """That a viewer from outside of ``protocols`` is wanted; the page shows what it shows.
+class ViewerOptions:
+    """A viewer from outside of ``protocols``; the page shows what it shows.
 
     Attributes:
         name: One of ``feed.VIEWERS``.
         module: What its process runs, by ``python -m``.
-        options: What it has to know beside the job.
-        sources: Other viewers that it is shown, where they are wanted too.
+        options: For its process.
+        sources: Other viewers whose feeds it gets, where they run too.
     """
 
     name: str
@@ -64,27 +68,16 @@ class ViewerWish:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PageJob:
-    """What the page's process has to know.
-
-    Attributes:
-        token: First part of every path; whoever has it sees the run and can stop it.
-    """
-
-    token: str
-    outline: ContactOutline | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
     """What a child is to do: its first message from the supervisor.
 
     Attributes:
         descriptors: Sockets that the child inherited, by what they lead to.
         expected: What a press should give; None where nobody knows.
-        page: What the operator's page has to know; None for every other process.
+        page: Of the operator's page; None for every other process.
         again: Whether an earlier process had begun it in this session.
-        options: What a viewer from outside was wished with; empty for every other process.
+        options: Of a viewer; the page's ``token`` is the first part of every path: whoever has it
+            sees the run and can stop it.
     """
 
     root: Path
@@ -92,7 +85,7 @@ class Job:
     plan: tuple[PlannedTrial, ...]
     descriptors: dict[str, int]
     expected: ExpectedPress | None = None
-    page: PageJob | None = None
+    page: PageOptions | None = None
     again: bool = False
     options: dict[str, str] = field(default_factory=dict)
 
@@ -161,3 +154,101 @@ class Ack:
     kept_count: int
     trial: int
     attempt: int
+
+
+LARGEST = 1 << 18
+HEADER = struct.Struct("!IQ")
+
+
+class Channel:
+    """One end of a pair of sockets that keep messages apart (SOCK_SEQPACKET).
+
+    Safe to send from several threads and from a signal handler.
+
+    Attributes:
+        closed: True once the other end is gone and all that it sent has been received.
+    """
+
+    def __init__(self, end: socket.socket) -> None:
+        end.setblocking(False)
+        self._end = end
+        self.closed = False
+
+    @classmethod
+    def pair(cls) -> tuple[Self, Self]:
+        """Return two connected ends."""
+        one, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        return cls(one), cls(other)
+
+    @classmethod
+    def inherited(cls, descriptor: int) -> Self:
+        """Return the end that the parent process left open for this one."""
+        return cls(socket.socket(fileno=descriptor))
+
+    def fileno(self) -> int:
+        """Return the descriptor, to hand it to a child or to wait on it."""
+        return self._end.fileno()
+
+    def send(self, message: Any) -> bool:
+        """Send a message; return False where the other end is gone or reads too slowly."""
+        try:
+            self._end.send(pickle.dumps(message))
+        except OSError:
+            return False
+        return True
+
+    def receive(self, *, limit: int | None = None) -> list[Any]:
+        """Return the messages that wait, oldest first, at most ``limit`` of them."""
+        messages: list[Any] = []
+        while not self.closed and (limit is None or len(messages) < limit):
+            try:
+                data = self._end.recv(LARGEST)
+            except BlockingIOError:
+                break
+            except OSError:
+                data = b""
+            if not data:
+                self.closed = True
+                break
+            messages.append(pickle.loads(data))  # noqa: S301 - from our own parent or child
+        return messages
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until a message waits or the other end is gone; False after ``timeout_s``."""
+        if self.closed:
+            return True
+        return bool(select.select([self._end], [], [], max(timeout_s, 0.0))[0])
+
+    def close(self) -> None:
+        """Close this end."""
+        self.closed = True
+        self._end.close()
+
+
+def pack_entry(number: int, entry: object) -> bytes:
+    """Return an entry with its number, ready for a stream."""
+    body = pickle.dumps(entry, protocol=pickle.HIGHEST_PROTOCOL)
+    return HEADER.pack(len(body), number) + body
+
+
+class EntryReader:
+    """Puts entries together again from whatever pieces a stream delivers."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+
+    def feed(self, data: bytes) -> list[tuple[int, Any]]:
+        """Return (number, entry) of each entry that is complete now."""
+        self._buffer += data
+        entries: list[tuple[int, Any]] = []
+        offset = 0
+        while len(self._buffer) - offset >= HEADER.size:
+            size, number = HEADER.unpack_from(self._buffer, offset)
+            start = offset + HEADER.size
+            if len(self._buffer) < start + size:
+                break
+            body = self._buffer[start : start + size]
+            entries.append((number, pickle.loads(body)))  # noqa: S301 - from our own producers
+            offset = start + size
+        del self._buffer[:offset]
+        return entries

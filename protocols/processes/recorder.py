@@ -8,14 +8,17 @@ import socket
 import sys
 import time
 from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
 
 from protocols.control.record import Begin, End, Entry
-from protocols.processes.channel import Channel, EntryReader
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
-from protocols.processes.messages import Ack, Failed, Job, Ready
-from protocols.processes.record_keeper import RecordKeeper
+from protocols.processes.messages import Ack, Channel, EntryReader, Failed, Job, Ready
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.run import ImageFrame, JournalEvent
+from tacauchy_rig.core.run import JournalEvent, TrialRecord
+from tacauchy_rig.core.store.journal import append_event, read_journal
+from tacauchy_rig.core.store.recording.messages import RawMessage, Topic, encode
+from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
@@ -23,6 +26,104 @@ logger = logging.getLogger(__name__)
 NICENESS = -5
 PIECE_BYTES = 1 << 20
 LATE_FRAMES_S = 1.0
+
+
+Encoded = Begin | tuple[RawMessage, ...] | JournalEvent | End
+"""An entry on its way to the disk."""
+
+
+def encoded(entry: Entry) -> Encoded:
+    """Return an entry with its samples as the recording holds them."""
+    return tuple(map(encode, entry)) if isinstance(entry, tuple) else entry
+
+
+class RecordKeeper:
+    """Keeps the record of one run, on disk when ``keep`` returns.
+
+    Streams that arrive between attempts are not kept. With ``spill_source`` it keeps what the
+    recorder never acknowledged: beside the recording instead of in it, and only such lines of
+    the journal as are not there yet.
+
+    Args:
+        store: The run's folder.
+        spill_source: Process whose messages these are; empty in the recorder itself.
+
+    Attributes:
+        kept_count: Samples, frames and events written to recordings.
+    """
+
+    def __init__(self, store: RunStore, *, spill_source: str = "") -> None:
+        self._store = store
+        self._spill_source = spill_source
+        self._writer: RecordingWriter | None = None
+        self.kept_count = 0
+
+    def keep(self, entry: Encoded) -> None:
+        """Write an entry; samples come encoded and go into the recording as they are.
+
+        Raises:
+            RecordError: The recording exists already, or the disk is full or gone.
+        """
+        match entry:
+            case Begin(trial=trial, attempt=attempt):
+                self._open(trial, attempt)
+            case End(record=record):
+                self._end(record)
+            case JournalEvent():
+                if not (self._spill_source and _is_journalled(self._store, entry)):
+                    append_event(self._store.paths.journal, entry)
+                self._write([encode(entry)])
+            case _:
+                self._write(entry)
+
+    def _write(self, messages: Sequence[RawMessage]) -> None:
+        if self._writer is not None:
+            self._writer.write_raw(messages)
+            self.kept_count += len(messages)
+
+    def _open(self, trial: int, attempt: int) -> None:
+        self.close()
+        paths = self._store.paths
+        source = self._spill_source
+        path = paths.spill(trial, attempt, source) if source else paths.recording(trial, attempt)
+        metadata = {
+            "run": paths.root.name,
+            "trial": str(trial),
+            "attempt": str(attempt),
+            "config_hash": self._store.config_hash,
+            "source": source or "recorder",
+        }
+        self._writer = RecordingWriter(path, metadata=metadata)
+
+    def _end(self, record: TrialRecord) -> None:
+        """Finish the recording and keep the result with its hash; the result in any case."""
+        recording_sha256 = None
+        try:
+            recording_sha256 = self.close()
+        finally:
+            if self._spill_source:  # which is a part of the recording only
+                recording_sha256 = None
+            self._store.save_result(replace(record, recording_sha256=recording_sha256))
+
+    def close(self) -> str | None:
+        """Finish the recording that is open and return its SHA-256; None where it is cut short.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        if self._writer is None:
+            return None
+        writer, self._writer = self._writer, None
+        writer.close()
+        return writer.sha256
+
+
+def _is_journalled(store: RunStore, event: JournalEvent) -> bool:
+    try:
+        known = read_journal(store.paths.journal)
+    except RecordError:
+        return False
+    return any(line.stamp_ns == event.stamp_ns and line.name == event.name for line in known)
 
 
 class Producer:
@@ -34,7 +135,7 @@ class Producer:
         self.data = data
         self.acks = acks
         self.reader = EntryReader()
-        self.entries: deque[tuple[int, Entry]] = deque()
+        self.entries: deque[tuple[int, Encoded]] = deque()
         self.through = 0
         self.kept_count = 0
         self.newest_frame_ns = 0
@@ -97,18 +198,19 @@ class Recorder:
         for producer in self._producers:
             self._acknowledge(producer)
 
-    def _keep(self, producer: Producer, entry: Entry) -> None:
+    def _keep(self, producer: Producer, entry: Encoded) -> None:
         before = self._keeper.kept_count
         self._keeper.keep(entry)
         producer.kept_count += self._keeper.kept_count - before
-        if isinstance(entry, ImageFrame):
-            producer.newest_frame_ns = entry.stamp_ns
+        if isinstance(entry, tuple):
+            if entry[-1].topic is Topic.IMAGE:
+                producer.newest_frame_ns = entry[-1].log_time
         elif isinstance(entry, Begin):
             self._attempt = (entry.trial, entry.attempt)
         elif isinstance(entry, End):
             self._attempt = (0, 0)
 
-    def _must_wait(self, entry: Entry) -> bool:
+    def _must_wait(self, entry: Encoded) -> bool:
         """Hold the end of an attempt back until the frames before it have come, for a while."""
         if not isinstance(entry, End):
             return False
@@ -160,6 +262,9 @@ def record(job: Job, supervisor: Channel) -> None:
         for producer in producers:
             producer.acks.send(Failed.because(error))
         raise
+
+
+logger = logging.getLogger(__name__)
 
 
 if __name__ == "__main__":

@@ -11,32 +11,30 @@ import logging
 import select
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from drivers.device.interface import DeviceIdentity
+from drivers.interfaces import DeviceIdentity
 from protocols.guard.abort import Abort
-from protocols.processes.launched import Launched, launch_children
+from protocols.processes.child import Launched, launch_children
 from protocols.processes.messages import (
     AbortRequest,
     Failed,
     Job,
     Kept,
     Order,
-    PageWish,
+    PageOptions,
     Ready,
-    ViewerWish,
+    ViewerOptions,
 )
-from protocols.processes.record_keeper import complete_results, last_results
-from protocols.processes.viewer import Viewer
-from protocols.processes.viewing import Viewing
-from protocols.trials.programme import ProgrammeResult, describe_safe
+from protocols.processes.viewing import Viewer, Viewing
+from protocols.trials.programme import ProgrammeResult, describe_safe, fresh_plan
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError
 from tacauchy_rig.core.expected_press import ExpectedPress
-from tacauchy_rig.core.run import JournalEvent, Outcome
+from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -48,7 +46,7 @@ SILENT_S = 3.0
 START_MARGIN_S = 30.0
 ABORT_TIMEOUT_S = 30.0
 END_TIMEOUT_S = 6.0
-_SEE_DISK = "see to the disk, then `tacauchy-rig resume` tries them again"
+_SEE_DISK = "check the disk, then `tacauchy-rig resume` tries them again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,36 +74,24 @@ class Supervisor:
 
     Args:
         store: The run's folder, locked by the caller.
-        config: Configuration with the addresses of emulated devices filled in.
-        plan: What is left to do.
+        job: What is to be done; each child gets it with its own descriptors.
+        viewing: Those who watch.
         on_event: Told of every event, and of progress five times a second.
-        abort: A person's wish to stop.
-        expected: What a press should give; None where nobody knows.
-        page: The operator's page; None for none.
-        viewers: Further viewers.
+        abort: A person's request to stop.
     """
 
     def __init__(
         self,
         store: RunStore,
-        config: RigConfig,
-        plan: tuple[PlannedTrial, ...],
+        job: Job,
+        viewing: Viewing,
         *,
         on_event: Callable[[JournalEvent], None],
         abort: Abort,
-        expected: ExpectedPress | None,
-        page: PageWish | None = None,
-        viewers: Sequence[ViewerWish] = (),
     ) -> None:
-        self._store = store
-        self._config = config
-        self._plan = plan
+        self._store, self._job, self._viewing = store, job, viewing
         self._on_event = on_event
         self._abort = abort
-        self._expected = expected
-        root = store.paths.root.resolve()
-        about = Job(root=root, config=config, plan=plan, descriptors={}, expected=expected)
-        self._viewing = Viewing(page, about, viewers)
         self._children: dict[str, Launched] = {}
         self._devices: dict[str, DeviceIdentity] = {}
         self._ready: set[str] = set()
@@ -117,13 +103,7 @@ class Supervisor:
         self._ended = threading.Event()
 
     def __enter__(self) -> Self:
-        self._children = launch_children(
-            self._store.paths.root.resolve(),
-            self._config,
-            self._plan,
-            self._expected,
-            self._viewing.feeds,
-        )
+        self._children = launch_children(self._job, self._viewing.feeds)
         self._viewing.start()
         self._abort.on_request(self._pass_abort_on)
         threading.Thread(target=self._beat, name="heartbeat", daemon=True).start()
@@ -188,7 +168,10 @@ class Supervisor:
             self._children["control"].channel.send(Order.ALIVE)
 
     def _await_ready(self) -> None:
-        deadline = time.monotonic() + START_MARGIN_S + self._connect_timeout_s()
+        config = self._job.config
+        arm_side_s = config.robot.connect_timeout * 2 + config.force_sensor.connect_timeout
+        connect_s = max(arm_side_s, config.camera.connect_timeout)
+        deadline = time.monotonic() + START_MARGIN_S + connect_s
         while len(self._ready) < len(self._children) and not self._abort.count:
             self._listen()
             for name, child in self._unheard():
@@ -212,11 +195,6 @@ class Supervisor:
             )
         if self._devices:
             self._store.set_devices(self._devices)
-
-    def _connect_timeout_s(self) -> float:
-        config = self._config
-        arm_side_s = config.robot.connect_timeout * 2 + config.force_sensor.connect_timeout
-        return max(arm_side_s, config.camera.connect_timeout)
 
     def _unheard(self) -> Iterator[tuple[str, Launched]]:
         for name, child in self._children.items():
@@ -340,7 +318,7 @@ class Supervisor:
         return self._result(Outcome.FAULT, f"{deaths}. {watchdog} {self._safe()}")
 
     def _safe(self) -> str:
-        trials = [planned.index for planned in self._plan]
+        trials = [planned.index for planned in self._job.plan]
         return describe_safe([t for t in trials if self._store.accepted(t) is not None])
 
     def _result(self, outcome: Outcome, reason: str, *, remedy: str = "") -> SessionResult:
@@ -379,3 +357,95 @@ def _event(name: str, **detail: Any) -> JournalEvent:
 
 def _unseen(_: JournalEvent) -> None:
     """Show nothing: nobody is there to see it."""
+
+
+def plan_session(store: RunStore, *, again: Set[int] = frozenset()) -> tuple[PlannedTrial, ...]:
+    """Return what is left to do: trials without a passed attempt, numbered after earlier ones.
+
+    Args:
+        store: The run's folder.
+        again: Trials to press once more though they have a passed attempt.
+    """
+    plan = []
+    for planned in fresh_plan(store.config):
+        passed = store.accepted(planned.index)
+        plan.append(
+            replace(
+                planned,
+                next_attempt=store.next_attempt(planned.index),
+                done=planned.index not in again and passed is not None,
+                contact_z_m=None if passed is None else passed.contact_z_m,
+            )
+        )
+    return tuple(plan)
+
+
+def run_session(
+    store: RunStore,
+    config: RigConfig,
+    *,
+    on_event: Callable[[JournalEvent], None],
+    abort: Abort,
+    expected: ExpectedPress | None = None,
+    again: Set[int] = frozenset(),
+    page: PageOptions | None = None,
+    viewers: Sequence[ViewerOptions] = (),
+) -> SessionResult:
+    """Run every trial without a passed attempt, with a process each for control, camera, record.
+
+    Args:
+        store: The run's folder; new, or one to resume.
+        config: Its configuration, with the addresses of emulated devices filled in.
+        on_event: Told of every journal event, and of ``progress`` five times a second, in this
+            thread.
+        abort: Asked at every turn of the control loop; see ``protocols.guard.abort``.
+        expected: What a press should give; None where nobody knows.
+        again: Trials to press once more though they have a passed attempt.
+        page: The operator's page; None for none. Its address comes as the event ``page``.
+        viewers: Further viewers.
+
+    Raises:
+        ConfigError: The page's port is taken.
+        RecordError: Another program works on the run.
+        DeviceError: Devices did not connect; all of them are named.
+    """
+    with store.lock():
+        job = Job(
+            root=store.paths.root.resolve(),
+            config=config,
+            plan=plan_session(store, again=again),
+            descriptors={},
+            expected=expected,
+        )
+        viewing = Viewing(page, job, viewers)
+        with Supervisor(store, job, viewing, on_event=on_event, abort=abort) as parent:
+            return parent.run()
+
+
+def complete_results(store: RunStore, begun: Sequence[JournalEvent], *, reason: str) -> None:
+    """Mark each attempt that has no result as a fault, for ``reason``, and seal the others.
+
+    Args:
+        store: The run's folder.
+        begun: The ``attempt-start`` events of this session.
+        reason: What cut the attempt off.
+    """
+    for event in begun:
+        record = store.load_result(event.trial, event.attempt) or TrialRecord(
+            index=event.trial,
+            attempt=event.attempt,
+            outcome=Outcome.FAULT,
+            force_target_n=float(event.detail["force_target_n"]),
+            reason=reason,
+        )
+        try:
+            store.save_result(record)
+        except RecordError as error:
+            logger.error("%s", error)
+
+
+def last_results(store: RunStore, begun: Sequence[JournalEvent]) -> tuple[TrialRecord, ...]:
+    """Return the result of the last attempt at each trial that was begun."""
+    last = {event.trial: event.attempt for event in begun}
+    loaded = (store.load_result(trial, attempt) for trial, attempt in last.items())
+    return tuple(record for record in loaded if record is not None)

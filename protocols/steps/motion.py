@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 import math
+from dataclasses import dataclass
 
 from protocols.control.cycle import Cycle
-from protocols.control.window import listen
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
 from protocols.guard.workspace import describe
-from tacauchy_rig.core.run import Pose, Vector6
+from protocols.steps.window import listen
+from tacauchy_rig.core.errors import AbortedError, DeviceError
+from tacauchy_rig.core.run import ArmSample, Pose, Vector6
 
 ARRIVED_M = 0.0005
 REST_SPEED_M_S = 2e-5
@@ -106,3 +109,130 @@ def retract(cycle: Cycle, *, contact_z_m: float) -> None:
     listen(cycle, cycle.config.limits.stale_force)
     cycle.force_guard.contact = Contact.NONE
     move_to(cycle, home_pose(cycle), speed=speed)
+
+
+logger = logging.getLogger(__name__)
+
+REST_S = 0.4
+SLOW_M_S = 0.002
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SafeEnd:
+    """Where the arm was left.
+
+    Attributes:
+        text: A sentence for the operator.
+        stop_ms: From the stop command to the first state at rest [ms]; None where the robot
+            could not be seen to rest.
+        peak_force_n: Largest force from the stop on [N].
+        pose: Last pose that was seen.
+    """
+
+    text: str
+    stop_ms: float | None
+    peak_force_n: float
+    pose: Pose | None
+
+
+def make_safe(cycle: Cycle, reaction: Reaction) -> SafeEnd:
+    """Stop at once, then do what ``reaction`` allows. Raises nothing of its own."""
+    if reaction is Reaction.PROTECTIVE_STOP:
+        _lock(cycle)
+    cycle.stop()
+    told_ns = cycle.rig.clock.now_ns()
+    cycle.force_guard.contact = Contact.LEAVING
+    cycle.witness.rest()
+    stop_ms, peak_n, worst = _watch_rest(cycle, told_ns)
+    if worst is not None and worst.reaction is not reaction:
+        if worst.reaction is Reaction.PROTECTIVE_STOP:
+            _lock(cycle)
+        if reaction is not Reaction.PROTECTIVE_STOP:
+            reaction = worst.reaction
+    if reaction is Reaction.RETRACT:
+        text = _leave_gel(cycle)
+    elif reaction is Reaction.PROTECTIVE_STOP:
+        text = "The arm is in a protective stop; a person has to unlock it"
+    else:
+        text = "The arm was told to stop and to hold"
+    pose = cycle.last_state.pose if cycle.last_state else None
+    where = f"; the tip was last seen at {describe(pose)}" if pose else ""
+    return SafeEnd(text=f"{text}{where}.", stop_ms=stop_ms, peak_force_n=peak_n, pose=pose)
+
+
+def _lock(cycle: Cycle) -> None:
+    try:
+        cycle.rig.arm.protective_stop()
+    except DeviceError as error:
+        logger.error("no protective stop: %s", error)
+
+
+def _watch_rest(cycle: Cycle, told_ns: int) -> tuple[float | None, float, BreachError | None]:
+    peak_n = abs(cycle.last_force_n)
+    rested_ms: float | None = None
+    worst: BreachError | None = None
+    deadline_ns = told_ns + round(REST_S * 1e9)
+    while cycle.rig.clock.now_ns() < deadline_ns:
+        breach = _turn(cycle)
+        if breach is not None and breach.reaction is not Reaction.RETRACT:
+            worst = breach
+        peak_n = max(peak_n, abs(cycle.last_force_n))
+        state = cycle.last_state
+        if rested_ms is None and state is not None and _is_at_rest(state, told_ns):
+            rested_ms = (state.stamp_ns - told_ns) * 1e-6
+    return rested_ms, peak_n, worst
+
+
+def _is_at_rest(state: ArmSample, told_ns: int) -> bool:
+    return state.stamp_ns > told_ns and math.hypot(*state.velocity[:3]) < REST_SPEED_M_S
+
+
+def _turn(cycle: Cycle) -> BreachError | None:
+    try:
+        cycle.turn()
+    except BreachError as breach:
+        return breach
+    except AbortedError:
+        return None
+    return None
+
+
+def _leave_gel(cycle: Cycle) -> str:
+    state = cycle.last_state
+    clear_m = cycle.config.sensor.surface[2] + cycle.config.protocol.approach_height
+    if state is None:
+        return "The arm stopped"
+    height_m = state.pose.position[2]
+    if height_m >= clear_m:
+        return "The arm stopped clear of the gel"
+    speed = min(SLOW_M_S, cycle.config.robot.retract_speed)
+    try:
+        _go_up(cycle, state.pose.shifted(z=clear_m - height_m), speed)
+    except BreachError as breach:
+        cycle.stop()
+        logger.warning("no retract: %s", breach.message)
+        return f"The arm stopped, but the retract ended early ({breach.message})"
+    except AbortedError:
+        cycle.stop()
+        return "The arm stopped and, asked a second time, holds where it is"
+    return "The arm stopped and retracted slowly off the gel"
+
+
+def _go_up(cycle: Cycle, target: Pose, speed: float) -> None:
+    cycle.start_move(target, speed=speed)
+    rise_m = target.position[2] - (cycle.last_state.pose.position[2] if cycle.last_state else 0.0)
+    deadline_ns = cycle.rig.clock.now_ns() + round((2.0 * rise_m / speed + 2.0) * 1e9)
+    while cycle.is_moving():
+        try:
+            reading_ns = cycle.turn().now_ns
+        except BreachError as breach:
+            if breach.reaction is not Reaction.RETRACT:
+                raise
+            reading_ns = cycle.rig.clock.now_ns()
+        if reading_ns > deadline_ns:
+            raise BreachError(
+                "robot: the retract took too long",
+                limit="robot.arrival",
+                reaction=Reaction.HOLD,
+                remedy="see the pendant",
+            )

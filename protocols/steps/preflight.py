@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from protocols.control.cycle import Cycle
-from protocols.control.window import listen
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
-from protocols.steps.make_safe import SLOW_M_S
-from protocols.steps.motion import at_height, come_to_rest, downward, home_pose, move_to
-from protocols.steps.tare import judge_tare, take_quiet_tare, take_tare
+from protocols.steps.motion import SLOW_M_S, at_height, come_to_rest, downward, home_pose, move_to
+from protocols.steps.window import judge_tare, listen, take_quiet_tare, take_tare
 from tacauchy_rig.core.run import Tare
 
 

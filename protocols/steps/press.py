@@ -8,14 +8,16 @@ of delay in the loop K = 2.5/s leaves a factor of four before it oscillates.
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import replace
 
 from protocols.control.cycle import Cycle, Press, Reading
-from protocols.control.window import ForceWindow, summarise
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
 from protocols.steps.motion import downward
+from protocols.steps.window import ForceWindow, summarise
+from tacauchy_rig.core.run import TrialRecord
 
 BANDWIDTH_PER_S = 2.5
 INTEGRAL_PER_S2 = 0.8
@@ -201,24 +203,8 @@ def _is_settled(window: ForceWindow, cycle: Cycle, target_n: float) -> bool:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Held:
-    """What the window that counts gave.
-
-    Attributes:
-        depth_m: Mean depth below contact [m].
-        arm_force_n: Mean force as the arm feels it [N], tared; None where it does not.
-        expected_n: Between which forces the stated gel pushes at that depth [N]; None without one.
-    """
-
-    force: ForceWindow
-    depth_m: float
-    arm_force_n: float | None
-    expected_n: tuple[float, float] | None
-
-
-def hold(cycle: Cycle, drive: PressDrive) -> Held:
-    """Hold for ``protocol.dwell_duration``: the window that counts.
+def hold(cycle: Cycle, drive: PressDrive, record: TrialRecord) -> TrialRecord:
+    """Hold for ``protocol.dwell_duration``, the window that counts; return what it gave.
 
     Raises:
         BreachError: A limit was passed.
@@ -233,10 +219,49 @@ def hold(cycle: Cycle, drive: PressDrive) -> Held:
         depths.append(drive.depth(reading))
         felt_n = cycle.witness.arm_force_n
         arm_n += [] if felt_n is None else [felt_n]
-    depth_m = sum(depths) / len(depths)
-    return Held(
-        force=summarise(presses),
-        depth_m=depth_m,
+    force, depth_m = summarise(presses), sum(depths) / len(depths)
+    return replace(
+        record,
+        force_measured_n=force.mean_n,
+        force_deviation_n=force.deviation_n,
+        force_rate_n_s=force.slope_n_s,
+        depth_measured_m=depth_m,
         arm_force_n=sum(arm_n) / len(arm_n) if arm_n else None,
-        expected_n=cycle.witness.force_bounds(depth_m),
+        force_expected_n=cycle.witness.force_bounds(depth_m),
+        dwell_start_ns=force.start_ns,
+        dwell_end_ns=force.end_ns,
     )
+
+
+FREQUENCIES_HZ = (1.1, 2.9)
+"""No multiples of one another; the faster one has 8 frames a period at 25 fps."""
+SPEED_SHARE = 0.45
+"""Of ``robot.press_speed``, each; what is left leads the arm back to the path."""
+RETURN_PER_S = 2.0
+"""How quickly the arm is led back to its path [1/s]."""
+
+
+def sway(cycle: Cycle, drive: PressDrive) -> None:
+    """Sway for ``protocol.sway`` from where the arm stands.
+
+    Raises:
+        BreachError: A limit was passed.
+    """
+    config = cycle.config
+    amplitudes_m = [
+        SPEED_SHARE * config.robot.press_speed / (2.0 * math.pi * each) for each in FREQUENCIES_HZ
+    ]
+    reading = drive.watch()
+    held_m, start_ns = drive.depth(reading), reading.now_ns
+    time_s = 0.0
+    while time_s < config.protocol.sway:
+        depth_m, speed_m_s = held_m, 0.0
+        for frequency_hz, amplitude_m in zip(FREQUENCIES_HZ, amplitudes_m, strict=True):
+            rate = 2.0 * math.pi * frequency_hz
+            depth_m -= amplitude_m * (1.0 - math.cos(rate * time_s))
+            speed_m_s -= amplitude_m * rate * math.sin(rate * time_s)
+        led_m_s = speed_m_s + RETURN_PER_S * (depth_m - drive.depth(reading))
+        cap_m_s = config.robot.press_speed
+        cycle.set_velocity(downward(min(cap_m_s, max(-cap_m_s, led_m_s))))
+        reading = drive.watch()
+        time_s = (reading.now_ns - start_ns) * 1e-9

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from protocols.control.cycle import Cycle, Press, Reading
-from protocols.control.window import listen
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
 from protocols.steps.motion import come_to_rest, downward
+from protocols.steps.window import listen
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.uncertainty import REFINE_RATIO
 

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from drivers.camera.touch import Look
+from drivers.interfaces import TouchMode
 from protocols.control.cycle import Cycle
-from protocols.control.journal import Journal
 from protocols.control.rates import RateMeter
-from protocols.control.record import Begin, End
-from protocols.control.window import listen
+from protocols.control.record import Begin, End, Journal
 from protocols.guard.breach import BreachError, reaction_to
 from protocols.guard.force import Contact
-from protocols.steps.make_safe import make_safe
-from protocols.steps.motion import approach, home_pose, move_to, retract
-from protocols.steps.press import PressDrive, hold, press_to_target, settle
+from protocols.steps.motion import approach, home_pose, make_safe, move_to, retract
+from protocols.steps.press import PressDrive, hold, press_to_target, settle, sway
 from protocols.steps.search import search_contact
-from protocols.steps.sway import sway
-from protocols.steps.tare import force_drift, judge_tare, take_quiet_tare, take_tare
-from protocols.trials.verdict import Findings, judge
+from protocols.steps.window import force_drift, judge_tare, listen, take_quiet_tare, take_tare
+from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, RecordError, RigError
-from tacauchy_rig.core.run import Outcome, Phase, TrialRecord
+from tacauchy_rig.core.run import Criterion, Outcome, Phase, TrialRecord
 
 logger = logging.getLogger(__name__)
 
@@ -101,7 +98,7 @@ def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
         return
     cycle.force_guard.set_zero(tare)
     journal.enter(Phase.REFERENCE)
-    cycle.rig.camera.ask(Look.REFERENCE)
+    cycle.rig.camera.ask(TouchMode.REFERENCE)
     start_ns = cycle.rig.clock.now_ns()
     listen(cycle, config.protocol.reference_duration)
     end_ns = cycle.rig.clock.now_ns()
@@ -112,37 +109,25 @@ def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
     journal.enter(
         Phase.SEARCH, witnesses=cycle.witness.present(), force_sign=config.robot.force_sign
     )
-    cycle.rig.camera.ask(Look.TOUCH)
+    cycle.rig.camera.ask(TouchMode.TOUCH)
     contact_z_m = search_contact(cycle)
-    cycle.rig.camera.ask(Look.NOTHING)
+    cycle.rig.camera.ask(TouchMode.NOTHING)
     findings.record = replace(findings.record, contact_z_m=contact_z_m)
     journal.enter(Phase.PRESS, contact_z_m=contact_z_m, force_target_n=target_n)
     drive = PressDrive(cycle, target_n=target_n, contact_z_m=contact_z_m)
     press_to_target(cycle, drive)
     findings.settled = settle(cycle, drive)
     journal.enter(Phase.DWELL, force_n=cycle.last_force_n)
-    held = hold(cycle, drive)
-    force, cycle.contact_z_m = held.force, contact_z_m
+    findings.record = hold(cycle, drive, findings.record)
+    cycle.contact_z_m = contact_z_m
     cycle.witness.remember_press()
-    findings.record = replace(
-        findings.record,
-        force_measured_n=force.mean_n,
-        force_deviation_n=force.deviation_n,
-        force_rate_n_s=force.slope_n_s,
-        depth_measured_m=held.depth_m,
-        arm_force_n=held.arm_force_n,
-        force_expected_n=held.expected_n,
-        dwell_start_ns=force.start_ns,
-        dwell_end_ns=force.end_ns,
-    )
-    findings.dwell_frame_count = cycle.rates.frame_count(force.start_ns, force.end_ns)
-    findings.repeated_frame_count = cycle.rates.repeated_frame_count(
-        (start_ns, end_ns), (force.start_ns, force.end_ns)
-    )
+    dwell = findings.record.dwell_start_ns or 0, findings.record.dwell_end_ns or 0
+    findings.dwell_frame_count = cycle.rates.frame_count(*dwell)
+    findings.repeated_frame_count = cycle.rates.repeated_frame_count((start_ns, end_ns), dwell)
     if config.protocol.sway > 0.0:
         journal.enter(Phase.SWAY)
         sway(cycle, drive)
-    journal.enter(Phase.RETRACT, force_mean_n=force.mean_n)
+    journal.enter(Phase.RETRACT, force_mean_n=findings.record.force_measured_n)
     retract(cycle, contact_z_m=contact_z_m)
     journal.enter(Phase.DRIFT_CHECK)
     tare_after = take_tare(cycle)
@@ -191,3 +176,81 @@ def _finish(cycle: Cycle, journal: Journal, record: TrialRecord) -> None:
     except RecordError as error:
         # The fault that the lost record is has been raised where it was seen first.
         logger.error("the result of the attempt could not be kept: %s", error)
+
+
+@dataclass(slots=True, kw_only=True)
+class Findings:
+    """Filled step by step.
+
+    Attributes:
+        record: What was measured so far; its outcome is written last.
+        settled: Whether the force had settled before the dwell.
+        dwell_frame_count: Camera frames that arrived within the dwell.
+        reference_frame_count: The same of the window without contact.
+        repeated_frame_count: Frames of the dwell that are another one, byte by byte.
+    """
+
+    record: TrialRecord
+    settled: bool = False
+    dwell_frame_count: int = 0
+    reference_frame_count: int = 0
+    repeated_frame_count: int = 0
+
+
+MIN_DWELL_FRAMES = 5
+MIN_REFERENCE_FRAMES = 3
+MAX_CLIPPED_RATIO = 0.25
+"""Of the pixels of an image at full scale; a lit gel has next to none."""
+
+
+def judge(findings: Findings, config: RigConfig, rates: dict[str, float]) -> Iterator[Criterion]:
+    """Compare what was found with ``[protocol]``."""
+    record, protocol, limits = findings.record, config.protocol, config.limits
+    at_most, at_least = Criterion.at_most, Criterion.at_least
+    if record.tare_before is not None:
+        yield from judge_tare(record.tare_before, config)
+    if record.force_measured_n is not None and record.force_rate_n_s is not None:
+        error_n = abs(record.force_measured_n - record.force_target_n)
+        remedy = "raise protocol.settle_timeout, or force_tolerance if the noise is larger"
+        yield at_most("force_mean", error_n, protocol.force_tolerance, unit="N", remedy=remedy)
+        slope_n_s, most_n_s = abs(record.force_rate_n_s), protocol.dwell_force_rate
+        remedy = "the gel was still creeping: raise protocol.settle_timeout"
+        yield at_most("force_rate", slope_n_s, most_n_s, unit="N/s", remedy=remedy)
+        yield Criterion(
+            name="settled",
+            passed=findings.settled,
+            measured=float(findings.settled),
+            limit="the force settled before the dwell",
+            unit="",
+            remedy="raise protocol.settle_timeout",
+        )
+        yield _frames("dwell_frames", findings.dwell_frame_count, MIN_DWELL_FRAMES)
+        repeated = float(findings.repeated_frame_count)
+        remedy = "the camera sent the same bytes twice, so its picture is an old one: unplug it "
+        remedy += "and plug it in again"
+        yield at_most("repeated_frames", repeated, 0.0, unit="frames", remedy=remedy)
+    if record.reference_start_ns is not None:
+        yield _frames("reference_frames", findings.reference_frame_count, MIN_REFERENCE_FRAMES)
+    if record.force_drift_n is not None:
+        remedy = "let the force sensor warm up; keep draughts off; shorten the trial"
+        drift_n = abs(record.force_drift_n)
+        yield at_most("force_drift", drift_n, protocol.drift, unit="N", remedy=remedy)
+    for name, least, part in (
+        ("force_rate_hz", protocol.min_force_rate, "serial port"),
+        ("image_rate_hz", protocol.min_image_rate, "camera"),
+    ):
+        remedy = f"see `tacauchy-rig doctor`: {part}"
+        yield at_least(name, rates[name], least, unit="Hz", remedy=remedy)
+    for name in ("force", "image"):
+        lost = rates[f"{name}_lost_count"]
+        share = lost / max(lost + rates[f"{name}_count"], 1.0)
+        remedy = f"see `tacauchy-rig doctor`: the {name} stream loses or damages data"
+        yield at_most(f"{name}_lost_ratio", share, limits.corrupt_ratio, remedy=remedy)
+    remedy = "too much light: lower camera.exposure and camera.gain, keep daylight off the gel"
+    clipped = rates["image_clipped_ratio"]
+    yield at_most("image_clipped_ratio", clipped, MAX_CLIPPED_RATIO, remedy=remedy)
+
+
+def _frames(name: str, count: int, least: int) -> Criterion:
+    remedy = "see `tacauchy-rig doctor`: the rate that the camera really gives"
+    return Criterion.at_least(name, float(count), least, unit="frames", remedy=remedy)

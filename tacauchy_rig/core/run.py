@@ -8,12 +8,19 @@ values are SI.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
+
+
+def vector6(values: Iterable[float]) -> Vector6:
+    """Return six numbers as a tuple of a known length."""
+    a, b, c, d, e, f = values
+    return (a, b, c, d, e, f)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +34,12 @@ class Pose:
 
     position: Vector3
     rotation_vector: Vector3
+
+    @classmethod
+    def of(cls, vector: Iterable[float]) -> Pose:
+        """Return the pose of ``(x, y, z, rx, ry, rz)`` [m, rad]."""
+        six = vector6(vector)
+        return cls(position=six[:3], rotation_vector=six[3:])
 
     def as_vector(self) -> Vector6:
         """Return ``(x, y, z, rx, ry, rz)`` [m, rad]."""
@@ -44,6 +57,15 @@ class Wrench:
 
     force: Vector3
     torque: Vector3
+
+    @classmethod
+    def of(cls, vector: Vector6) -> Wrench:
+        """Return the wrench of Fx, Fy, Fz [N], Mx, My, Mz [N m]."""
+        return cls(force=vector[:3], torque=vector[3:])
+
+    def as_vector(self) -> Vector6:
+        """Return Fx, Fy, Fz [N], Mx, My, Mz [N m]."""
+        return (*self.force, *self.torque)
 
 
 FZ = 2

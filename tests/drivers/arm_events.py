@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from drivers.emulators.arm.trace import EVENTS_FILE
+from drivers.emulators.arm.controller import EVENTS_FILE
 
 
 def read_events(folder: Path) -> list[dict[str, object]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
@@ -12,12 +13,18 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.camera.checks import exposure_check
-from drivers.checks import device_checks
-from drivers.force_sensor.checks import latency_timer_check
+from drivers.checks import (
+    device_checks,
+    exposure_check,
+    latency_timer_check,
+    missing_devices,
+    require_devices,
+)
 from tacauchy_rig.core.check_result import CheckResult, CheckStatus
-from tacauchy_rig.core.config.load import restore_config
+from tacauchy_rig.core.config.load import load_config, restore_config
 from tacauchy_rig.core.config.model import RigConfig, RobotModel
+from tacauchy_rig.core.config.rules import ARM_REQUIRES
+from tacauchy_rig.core.errors import DeviceError
 
 RunBox = Callable[..., AbstractContextManager[str]]
 ServeMjpeg = Callable[..., AbstractContextManager[str]]
@@ -172,3 +179,47 @@ def test_controller_is_asked_who_it_is(emulate_ur: Callable[..., Any]) -> None:
     assert results["robot.home"].status is CheckStatus.OK
     other = checked(configured(robot__driver="ur5", robot__host=host, robot__model="cb3"))
     assert other["robot.ready"].status is CheckStatus.FAIL
+
+
+def real(**devices: str) -> RigConfig:
+    """Return a configuration of real devices: host, port and camera, each where it is given."""
+    written = load_config().written
+    given = {}
+    if "host" in devices:
+        given = {"robot.driver": "ur5", "robot.host": devices["host"]}
+        given |= {field: written[field] for field in ARM_REQUIRES}
+        given["robot.connect_timeout"] = "3 s"
+    if "port" in devices:
+        given |= {"force_sensor.driver": "m3733c", "force_sensor.port": devices["port"]}
+        given |= {"force_sensor.capacity": "50 N", "force_sensor.calibration_sheet": "none"}
+    if "camera" in devices:
+        given |= {"camera.driver": "uvc", "camera.device": devices["camera"]}
+        given["camera.connect_timeout"] = "2 s"
+    return load_config(overrides=[f"{k}={json.dumps(v)}" for k, v in given.items()]).config
+
+
+def test_all_that_is_missing_is_told_together(tmp_path: Path) -> None:
+    """A person who has three cables to plug in is told of three."""
+    gone = str(tmp_path / "ttyUSB7")
+    with pytest.raises(DeviceError) as caught:
+        require_devices(real(host="127.0.0.99", port=gone, camera="http://127.0.0.1:9/none"))
+    lines = [line for line in str(caught.value).split("\n") if not line.startswith("  -> ")]
+    assert [line.split()[0].rstrip(":") for line in lines] == ["robot", "force", "camera"]
+    assert gone in lines[1]
+    assert str(caught.value).count("  -> ") == 3
+
+
+def test_devices_that_the_run_starts_are_not_asked() -> None:
+    """A dry run has nothing to plug in."""
+    config = load_config().config
+    assert not any(each.is_real for each in (config.robot, config.force_sensor, config.camera))
+    assert list(missing_devices(config)) == []
+
+
+def test_those_that_are_there_pass(emulate_ur, run_box, tmp_path: Path) -> None:
+    """A ready controller and a streaming box answer, and are let go of again."""
+    robot = emulate_ur(RobotModel.E_SERIES)
+    with run_box(tmp_path) as port:
+        config = real(host=robot.host, port=port)
+        assert list(missing_devices(config)) == []
+        assert list(missing_devices(config)) == []

@@ -17,10 +17,10 @@ from drivers.conformance import (
     camera_streams,
     force_sensor_streams,
 )
-from drivers.device.faults import Device
+from drivers.emulators.faults import Device
 from drivers.emulators.launch import Emulation, with_addresses
+from drivers.interfaces import build_arm_and_force_sensor, build_camera
 from drivers.mock.arm import MockArm
-from drivers.rig import build_arm_and_force_sensor, build_camera
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
 
@@ -36,7 +36,7 @@ LAX = (
 _RUN_ARM_CHECKS = """
 import sys
 from drivers.conformance import ARM_CHECKS, LOCKING_ARM_CHECKS
-from drivers.rig import build_arm_and_force_sensor
+from drivers.interfaces import build_arm_and_force_sensor
 from tacauchy_rig.core.config.load import load_config
 
 config = load_config(overrides=sys.argv[1:]).config

@@ -10,14 +10,12 @@ from typing import Any
 
 import pytest
 
-from drivers.camera.touch import Look, TouchWatch
-from drivers.device.interface import StreamHealth
+from drivers.camera.pictures import TouchWatch
+from drivers.interfaces import FrameMark, Rig, StreamHealth, TouchMode
 from drivers.mock.streams import MockCamera
 from drivers.mock.world import MockWorld
-from drivers.rig import FrameMark, Rig
 from protocols.control.cycle import Cycle
-from protocols.control.journal import Journal
-from protocols.control.record import Arm, Begin, End, Entry, Force
+from protocols.control.record import Begin, End, Entry, Journal
 from protocols.guard.abort import Abort
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.config.model import RigConfig
@@ -60,10 +58,10 @@ class KeptInMemory:
         match entry:
             case Begin(trial=trial, attempt=attempt):
                 self.begun.append((trial, attempt))
-            case Force(samples=samples):
-                self.samples += samples
-            case Arm(samples=states):
-                self.states += states
+            case (ForceSample(), *_):
+                self.samples += entry
+            case (ArmSample(), *_):
+                self.states += entry
             case JournalEvent():
                 self.events.append(entry)
             case End(record=record):
@@ -85,9 +83,9 @@ class Watched:
         self._camera = camera
         self._touch = TouchWatch()
 
-    def ask(self, look: Look) -> None:
+    def ask(self, mode: TouchMode) -> None:
         """Look for something else."""
-        self._touch.ask(look)
+        self._touch.ask(mode)
 
     def poll(self) -> list[FrameMark]:
         """Return marks of new frames."""
@@ -147,7 +145,7 @@ def _laboratory(
         camera=Watched(bench.camera),
         clock=world.clock,
     )
-    sink, abort = KeptInMemory(), Abort(same_wish_s=0.0)
+    sink, abort = KeptInMemory(), Abort(same_request_s=0.0)
     return Laboratory(
         config=config,
         world=world,

@@ -7,27 +7,27 @@ its ports are open, then serves until it is told to end.
 from __future__ import annotations
 
 import errno
+import json
 import select
 import socket
+import struct
 import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
-from drivers.arm.ur5_safety import RuntimeState
-from drivers.device.faults import STOPS, Device, Fault, FaultKind
-from drivers.device.force_estimate import ForceEstimate
-from drivers.device.lies import LyingArm
+from drivers.arm.ur5_wire import RuntimeState
 from drivers.emulators.arm.body import SAFETY_STOP_DECELERATION, VERSIONS, ControllerBody
+from drivers.emulators.arm.ports import DashboardPort, RtdePort, ScriptPort
 from drivers.emulators.arm.program import ControlProgram
-from drivers.emulators.arm.rtde_port import RtdePort
-from drivers.emulators.arm.text_ports import DashboardPort, ScriptPort
-from drivers.emulators.arm.trace import ArmTrace
-from drivers.emulators.gel_settings import GelSettings
+from drivers.emulators.faults import STOPS, Device, Fault, FaultKind
+from drivers.emulators.force_estimate import ForceEstimate
 from drivers.emulators.process import Service, keep_time, run_device
-from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
+from drivers.emulators.shared_world import WORLD_FILE, GelSettings, SharedWorld
+from drivers.emulators.silent_faults import SilentArmFaults
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.errors import DeviceError
-from tacauchy_rig.core.run import Pose, Vector6
+from tacauchy_rig.core.run import Pose, Vector3, Vector6
 
 # A starved process catches up on its arm's motion in one step, up to this long [s].
 _CATCH_UP_S = 1.0
@@ -60,9 +60,8 @@ class UrController:
     def __init__(self, settings: ControllerSettings, service: Service) -> None:
         self._settings = settings
         self._service = service
-        home = Pose(position=settings.home[:3], rotation_vector=settings.home[3:])
         self.body = ControllerBody.at_home(
-            settings.model, home, remote_control=settings.remote_control
+            settings.model, Pose.of(settings.home), remote_control=settings.remote_control
         )
         world = settings.world or settings.folder / WORLD_FILE
         self._world = SharedWorld.create(world)
@@ -70,7 +69,7 @@ class UrController:
         self._estimate = ForceEstimate(settings.model, seed=settings.seed, sign=settings.force_sign)
         self._trace = ArmTrace(settings.folder)
         self._active: dict[FaultKind, Fault] = {}
-        self._lies = LyingArm()
+        self._silent = SilentArmFaults()
         self._rtde = RtdePort(settings.host, self.body)
         self._dashboard = DashboardPort(
             settings.host,
@@ -79,7 +78,7 @@ class UrController:
             reset_safety=self._reset_safety,
         )
         self._script = ScriptPort(settings.host, start_program=self._start_program)
-        self._ports = [self._rtde.port, self._dashboard.port, self._script.port]
+        self._ports = [self._rtde, self._dashboard, self._script]
         self._program: ControlProgram | None = None
         self._period_s = 1.0 / settings.model.rate_hz
         self._start_s = time.monotonic()
@@ -123,8 +122,8 @@ class UrController:
     def _answer(self, now_s: float) -> None:
         if FaultKind.FREEZE in self._active:
             return
-        written = self._rtde.service(now_s)
-        if self._program is not None and self._program.command_register in written:
+        self._rtde.service(now_s)
+        if self._program is not None and self._program.command_register in self._rtde.written:
             self._fed_s = now_s
         self._dashboard.service(now_s)
         self._script.service(now_s)
@@ -137,11 +136,10 @@ class UrController:
         self._run_program(now_s)
         motion = self.body.motion
         motion.step(passed_s)
-        self._lie(passed_s)
-        pose = Pose(position=motion.pose[:3], rotation_vector=motion.pose[3:])
-        pose = pose.shifted(z=-self._lies.height_m)
+        self._apply_silent_faults(passed_s)
+        pose = Pose.of(motion.pose).shifted(z=-self._silent.height_m)
         self.body.publish(
-            time_s=round(due * self._period_s + self._lies.clock_s, 6),
+            time_s=round(due * self._period_s + self._silent.clock_s, 6),
             pose=motion.pose,
             velocity=motion.velocity,
             tcp_force=self._feel(pose, stamp_ns, passed_s),
@@ -151,13 +149,13 @@ class UrController:
         if FaultKind.FREEZE not in self._active:
             self._rtde.send_state(due, now_s)
 
-    def _lie(self, passed_s: float) -> None:
+    def _apply_silent_faults(self, passed_s: float) -> None:
         """Drift off the true pose; where that ends, the controller learns where its arm is."""
-        off_m = self._lies.height_m
-        self._lies.advance(self._active.values(), self.body.motion.velocity, duration_s=passed_s)
-        if off_m and not self._lies.height_m:
-            x, y, z, *turn = self.body.motion.pose
-            self.body.motion.be_at((x, y, z - off_m, turn[0], turn[1], turn[2]))
+        off_m = self._silent.height_m
+        self._silent.advance(self._active.values(), self.body.motion.velocity, duration_s=passed_s)
+        if off_m and not self._silent.height_m:
+            motion = self.body.motion
+            motion.be_at(Pose.of(motion.pose).shifted(z=-off_m).as_vector())
 
     def _feel(self, pose: Pose, stamp_ns: int, passed_s: float) -> Vector6:
         wrench: Vector6 = (0.0,) * 6
@@ -284,6 +282,75 @@ def _serve(settings: ControllerSettings, service: Service) -> None:
         controller.serve()
     finally:
         controller.close()
+
+
+TRACE_FILE = "arm_trace.bin"
+EVENTS_FILE = "arm_events.jsonl"
+
+_ROW = struct.Struct("<q6dB7x")  # stamp, position, velocity, program state, padding
+_REST_PERIOD_NS = 1_000_000_000
+_FLUSH_PERIOD_NS = 100_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TraceRow:
+    """True state of the tip at one cycle.
+
+    Attributes:
+        stamp_ns: CLOCK_MONOTONIC.
+        position: x, y, z [m].
+        velocity: vx, vy, vz [m/s].
+        runtime_state: State of the controller's program.
+    """
+
+    stamp_ns: int
+    position: Vector3
+    velocity: Vector3
+    runtime_state: int
+
+
+class ArmTrace:
+    """Writes both files, buffered for at most 0.1 s."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._rows = (folder / TRACE_FILE).open("ab")
+        self._events = (folder / EVENTS_FILE).open("a", encoding="utf-8")
+        self._last_row_ns = 0
+        self._last_flush_ns = 0
+        self._was_moving = True
+
+    def add(self, stamp_ns: int, position: Vector3, velocity: Vector6, runtime_state: int) -> None:
+        """Note one cycle."""
+        moving = velocity[0] != 0.0 or velocity[1] != 0.0 or velocity[2] != 0.0
+        if moving or self._was_moving or stamp_ns - self._last_row_ns >= _REST_PERIOD_NS:
+            self._rows.write(_ROW.pack(stamp_ns, *position, *velocity[:3], runtime_state))
+            self._last_row_ns = stamp_ns
+        self._was_moving = moving
+        if stamp_ns - self._last_flush_ns >= _FLUSH_PERIOD_NS:
+            self._rows.flush()
+            self._last_flush_ns = stamp_ns
+
+    def note(self, stamp_ns: int, name: str, pose: Vector6, **detail: object) -> None:
+        """Note that something happened."""
+        line = {"stamp_ns": stamp_ns, "name": name, "z_m": pose[2], **detail}
+        self._events.write(json.dumps(line) + "\n")
+        self._events.flush()
+
+    def close(self) -> None:
+        """Write what is buffered."""
+        self._rows.close()
+        self._events.close()
+
+
+def read_trace(folder: Path) -> list[TraceRow]:
+    """Return the rows written so far; a row cut short by a kill is left out."""
+    data = (folder / TRACE_FILE).read_bytes()
+    whole = data[: len(data) - len(data) % _ROW.size]
+    return [
+        TraceRow(stamp_ns=s, position=(x, y, z), velocity=(u, v, w), runtime_state=state)
+        for s, x, y, z, u, v, w, state in _ROW.iter_unpack(whole)
+    ]
 
 
 if __name__ == "__main__":

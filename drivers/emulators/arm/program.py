@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from enum import IntEnum
 
-from drivers.arm.ur5_safety import RuntimeState
+from drivers.arm.ur5_wire import RuntimeState
 from drivers.emulators.arm.body import PROGRAM_END_DECELERATION, ControllerBody
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.rotations import composed, rotated
-from tacauchy_rig.core.run import Vector6
+from tacauchy_rig.core.run import Vector6, vector6
 
 _READY, _DONE = 1, 2
 _PROGRESS_RUNNING = 1 << 15
@@ -226,5 +226,4 @@ class ControlProgram:
         return self._body.inputs[f"input_double_register_{self._offset + number}"][0]
 
     def _vector(self, first: int) -> Vector6:
-        a, b, c, d, e, f = self._body.get_doubles(self._offset + first, 6)
-        return (a, b, c, d, e, f)
+        return vector6(self._body.get_doubles(self._offset + first, 6))

@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 
 from drivers.emulators.plant.gel import Plant
-from drivers.emulators.plant.optics import GelCamera, Region
-from drivers.emulators.plant.still import enlarged, rendering_factor
+from drivers.emulators.plant.optics import GelCamera, Region, enlarged, rendering_factor
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.plant.view import view_of
 from tacauchy_rig.core.arrays import ImageArray

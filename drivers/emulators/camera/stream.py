@@ -7,10 +7,13 @@ latency later; their numbers are drawn in, and ``camera_trace.jsonl`` holds what
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import random
+import socket
 import sys
+import threading
 import time
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -19,8 +22,6 @@ from typing import TextIO
 
 import cv2
 
-from drivers.device.faults import Device, Fault, FaultKind
-from drivers.device.lies import LyingImages
 from drivers.emulators.camera.frames import (
     DEPTH_STEP_M,
     LIGHT_STEP,
@@ -28,10 +29,10 @@ from drivers.emulators.camera.frames import (
     FrameFactory,
     PressKey,
 )
-from drivers.emulators.camera.http import MjpegServer
-from drivers.emulators.gel_settings import GelSettings
+from drivers.emulators.faults import Device, Fault, FaultKind
 from drivers.emulators.process import Service, keep_time, run_device
-from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, WorldState
+from drivers.emulators.shared_world import WORLD_FILE, GelSettings, SharedWorld, WorldState
+from drivers.emulators.silent_faults import SilentImageFaults
 from tacauchy_rig.core.errors import DeviceError
 
 
@@ -57,23 +58,23 @@ class CameraSettings(GelSettings):
 
 
 class BackgroundRenderer:
-    """One thread that always works on the newest wish."""
+    """One thread that always works on the newest request."""
 
     def __init__(self, factory: FrameFactory) -> None:
         self._factory = factory
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="renderer")
-        self._wish: Future[None] | None = None
+        self._request: Future[None] | None = None
 
     def ask(self, key: PressKey, *, timeout_s: float) -> None:
-        """Ask for ``key`` and wait for it at most ``timeout_s`` [s]; an older wish is forgotten.
+        """Ask for ``key`` and wait for it at most ``timeout_s`` [s]; an older request is forgotten.
 
         Raises:
             DeviceError: It could not be rendered.
         """
-        if self._wish is not None:
-            self._wish.cancel()
-        self._wish = self._thread.submit(self._factory.prepare, key)
-        for done in wait([self._wish], max(0.0, timeout_s)).done:
+        if self._request is not None:
+            self._request.cancel()
+        self._request = self._thread.submit(self._factory.prepare, key)
+        for done in wait([self._request], max(0.0, timeout_s)).done:
             done.result()
 
     def close(self) -> None:
@@ -89,7 +90,7 @@ class FaultyOutput:
 
     def __init__(self, seed: int) -> None:
         self._random = random.Random(seed)  # noqa: S311 - damage, not a secret
-        self._images = LyingImages()
+        self._images = SilentImageFaults()
         self._late: deque[tuple[float, bytes]] = deque()
 
     def frames(self, jpeg: bytes, faults: list[Fault], *, now_s: float) -> list[bytes]:
@@ -263,6 +264,106 @@ def _listen(host: str, port: int) -> MjpegServer:
             f"emulated camera: {host}:{port} cannot be listened on ({error.strerror})",
             remedy="give another --port, or 0 for a free one",
         ) from error
+
+
+_BOUNDARY = "frame"
+_BACKLOG = 4  # frames that wait for a slow reader before the oldest is lost
+_HEADER = (
+    "HTTP/1.0 200 OK\r\nCache-Control: no-store\r\nConnection: close\r\n"
+    f"Content-Type: multipart/x-mixed-replace; boundary={_BOUNDARY}\r\n\r\n"
+).encode()
+
+_logger = logging.getLogger(__name__)
+
+
+class MjpegServer:
+    """One address, any number of readers, each with a thread and a short queue."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._listener = socket.create_server((host, port), backlog=4)
+        self.host, self.port = self._listener.getsockname()[:2]
+        self._lock = threading.Lock()
+        self._readers: list[_Reader] = []
+        self._open = True
+        threading.Thread(target=self._accept, name="accept", daemon=True).start()
+
+    @property
+    def url(self) -> str:
+        """Where the stream can be opened."""
+        return f"http://{self.host}:{self.port}/stream.mjpg"
+
+    def publish(self, jpeg: bytes) -> None:
+        """Queue a frame for every reader."""
+        with self._lock:
+            readers = self._readers = [reader for reader in self._readers if reader.alive]
+        for reader in readers:
+            reader.put(jpeg)
+
+    def close(self) -> None:
+        """Hang up on every reader and free the port."""
+        self._open = False
+        with contextlib.suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+        with self._lock:
+            readers, self._readers = self._readers, []
+        for reader in readers:
+            reader.hang_up()
+
+    def _accept(self) -> None:
+        while self._open:
+            try:
+                connection, address = self._listener.accept()
+            except OSError:
+                return
+            _logger.info("reader %s:%d connected", *address[:2])
+            reader = _Reader(connection)
+            with self._lock:
+                self._readers.append(reader)
+
+
+class _Reader:
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._queue: deque[bytes] = deque(maxlen=_BACKLOG)
+        self._wake = threading.Condition()
+        self.alive = True
+        threading.Thread(target=self._serve, name="reader", daemon=True).start()
+
+    def put(self, jpeg: bytes) -> None:
+        with self._wake:
+            self._queue.append(jpeg)
+            self._wake.notify()
+
+    def hang_up(self) -> None:
+        self.alive = False
+        with contextlib.suppress(OSError):
+            self._connection.shutdown(socket.SHUT_RDWR)
+        with self._wake:
+            self._wake.notify()
+
+    def _serve(self) -> None:
+        try:
+            self._connection.settimeout(5.0)
+            self._connection.recv(4096)
+            self._connection.settimeout(None)
+            self._connection.sendall(_HEADER)
+            while self.alive:
+                with self._wake:
+                    self._wake.wait_for(lambda: self._queue or not self.alive)
+                    waiting = [self._queue.popleft()] if self._queue else []
+                for jpeg in waiting:
+                    self._send(jpeg)
+        except OSError as error:
+            _logger.info("reader left: %s", error)
+        finally:
+            self.alive = False
+            self._connection.close()
+
+    def _send(self, jpeg: bytes) -> None:
+        head = f"--{_BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+        self._connection.sendall(b"".join((head.encode(), jpeg, b"\r\n")))
 
 
 if __name__ == "__main__":

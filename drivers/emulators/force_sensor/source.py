@@ -7,7 +7,7 @@ import math
 import random
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TextIO
+from typing import TextIO
 
 import numpy as np
 
@@ -102,14 +102,6 @@ class EmulatedForce:
     depth_true_m: float | None
 
 
-class WrenchSource(Protocol):
-    """Anything that knows the wrench at a moment."""
-
-    def read(self, stamp_ns: int, *, hung_kg: float = 0.0) -> EmulatedForce:
-        """Return the force at ``stamp_ns`` of the monotonic clock, with a weight hung on [kg]."""
-        ...
-
-
 class ConstantSource:
     """A constant load with white noise, for a sensor that stands alone.
 
@@ -169,3 +161,6 @@ class PlantSource:
             force_true_n=force[2],
             depth_true_m=depth if math.isfinite(depth) else None,
         )
+
+
+WrenchSource = ConstantSource | PlantSource

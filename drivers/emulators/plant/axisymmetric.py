@@ -14,7 +14,6 @@ import numpy as np
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import SuperLU, splu
 
-from drivers.emulators.plant.grip import Grip, Springs
 from drivers.emulators.plant.neo_hookean import NeoHookean
 from drivers.emulators.plant.quad_mesh import QuadMesh, line_shape
 from drivers.emulators.plant.tips import Tip
@@ -69,8 +68,8 @@ class GelSolver:
         self._dofs = (2 * mesh.elements[:, :, None] + np.arange(2)).reshape(-1, 18)
         self._edge_dofs = (2 * mesh.top_edges[:, :, None] + np.arange(2)).reshape(-1, 6)
         self.edge_shape, self.edge_weights = _surface_quadrature(mesh)
-        rows = np.concatenate([_pairs(self._dofs, 0), _pairs(self._edge_dofs, 0)])
-        columns = np.concatenate([_pairs(self._dofs, 1), _pairs(self._edge_dofs, 1)])
+        rows = np.concatenate([dof_pairs(self._dofs, 0), dof_pairs(self._edge_dofs, 0)])
+        columns = np.concatenate([dof_pairs(self._dofs, 1), dof_pairs(self._edge_dofs, 1)])
         self._pattern = _SparsePattern(rows, columns, 2 * mesh.nodes.shape[0])
         self._clamped = np.union1d(
             np.concatenate([2 * mesh.base_nodes, 2 * mesh.base_nodes + 1]), 2 * mesh.axis_nodes
@@ -193,7 +192,7 @@ class GelSolver:
         stress = self.law.stress(self.deformation(u)) * self.weights[..., None]
         stress = stress.reshape(stress.shape[0], -1, 1)
         local = np.matmul(np.swapaxes(self._gradients, 1, 2), stress)[..., 0]
-        return _assemble(self._dofs, local, u.size)
+        return assembled(self._dofs, local, u.size)
 
     def _linearise(
         self, u: FloatArray, tip: Tip, tip_z: float, *, curvature: float = 1.0
@@ -228,7 +227,7 @@ class GelSolver:
         local = np.einsum(
             "qi,qj,eqab->eiajb", shape, shape, block.reshape(edge_count, point_count, 2, 2)
         )
-        return _assemble(self._edge_dofs, force, u.size), local.reshape(edge_count, 6, 6)
+        return assembled(self._edge_dofs, force, u.size), local.reshape(edge_count, 6, 6)
 
     def _contact_force(self, u: FloatArray, tip: Tip, tip_z: float) -> tuple[float, float]:
         r, z = self.surface_points(u, tip_z)
@@ -269,12 +268,14 @@ def _factor(stiffness: csc_matrix, free: Int64Array) -> SuperLU:
         raise ConvergenceError("emulated gel: the tangent stiffness is singular") from error
 
 
-def _assemble(dofs: Int64Array, local: FloatArray, size: int) -> FloatArray:
+def assembled(dofs: Int64Array, local: FloatArray, size: int) -> FloatArray:
+    """Return the sum of local values over the degrees of freedom, shape [size]."""
     total = np.bincount(dofs.ravel(), local.ravel(), minlength=size)
     return total.astype(np.float64)
 
 
-def _pairs(dofs: Int64Array, axis: int) -> Int64Array:
+def dof_pairs(dofs: Int64Array, axis: int) -> Int64Array:
+    """Return row (axis 0) or column numbers of the entries of local matrices."""
     count = dofs.shape[1]
     expanded = dofs[:, :, None] if axis == 0 else dofs[:, None, :]
     return np.broadcast_to(expanded, (dofs.shape[0], count, count)).ravel()
@@ -299,3 +300,67 @@ def _surface_quadrature(mesh: QuadMesh) -> tuple[FloatArray, FloatArray]:
     radius = np.einsum("qi,ei->eq", shape, edges[..., 0])
     tangent = np.einsum("qi,eia->eqa", slope, edges)
     return shape, 2.0 * np.pi * radius * np.linalg.norm(tangent, axis=-1) * weights
+
+
+STICK_PER_M = 5e5
+"""Times Young's modulus: what sticks creeps by tenths of a micrometre."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grip:
+    """Where the surface was when the tip last stood still.
+
+    Attributes:
+        points: (r, z) of its points from the tip [m], shape [point_count, 2].
+        pull: Along the tip, over Young's modulus, on the tip, likewise; zero out of contact.
+        pressure: Likewise, shape [point_count].
+    """
+
+    points: FloatArray
+    pull: FloatArray
+    pressure: FloatArray
+
+
+class Springs:
+    """The springs of one round.
+
+    Args:
+        before: Where the surface was; None begins without any pull.
+        points: (r, z) of the surface's points from the tip now [m], shape [point_count, 2].
+        normal: Out of the tip, likewise.
+        limit: Largest pull over Young's modulus, shape [point_count].
+    """
+
+    def __init__(
+        self, before: Grip | None, points: FloatArray, normal: FloatArray, limit: FloatArray
+    ) -> None:
+        begun = before or Grip(points=points, pull=np.zeros_like(points), pressure=limit)
+        self.along = np.stack([-normal[:, 1], normal[:, 0]], axis=-1)
+        self._begin = begun.points
+        self._pull = np.einsum("pi,pi->p", begun.pull, self.along)
+        self.limit = limit
+
+    def sticks(self, points: FloatArray) -> FloatArray:
+        """Return one for each point that is in contact and does not slip, else zero."""
+        return np.asarray(np.abs(self._trial(points)) < self.limit, dtype=np.float64)
+
+    def energy(self, points: FloatArray) -> FloatArray:
+        """Return the energy over Young's modulus [m], shape [point_count]."""
+        size = np.abs(self._trial(points))
+        kept = np.minimum(size, self.limit)
+        return np.asarray(kept * (size - 0.5 * kept) / STICK_PER_M)
+
+    def linearised(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the pull [point_count, 2] and its derivative [1/m], [point_count, 2, 2]."""
+        pull = np.clip(self._trial(points), -self.limit, self.limit)
+        stiffness = STICK_PER_M * self.sticks(points)
+        square = self.along[:, :, None] * self.along[:, None, :]
+        return pull[:, None] * self.along, stiffness[:, None, None] * square
+
+    def drawn(self, points: FloatArray, pressure: FloatArray) -> Grip:
+        """Return what the next press begins with."""
+        return Grip(points=points, pull=self.linearised(points)[0], pressure=pressure)
+
+    def _trial(self, points: FloatArray) -> FloatArray:
+        moved = np.einsum("pi,pi->p", points - self._begin, self.along)
+        return np.asarray(self._pull + STICK_PER_M * moved)

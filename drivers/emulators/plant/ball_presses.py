@@ -18,11 +18,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from drivers.emulators.plant.optics import render_press
 from drivers.emulators.plant.press_table import case_for, press_table
-from drivers.emulators.plant.still import render_press
 from drivers.emulators.plant.tips import SphereTip
-from drivers.emulators.plant.truth import PlantTruth
-from drivers.emulators.plant.unit import EmulatedUnit
+from drivers.emulators.plant.truth import EmulatedUnit, PlantTruth
 from drivers.emulators.plant.view import view_of
 from tacauchy_rig.core.arrays import ImageArray
 
@@ -60,7 +59,7 @@ class _Press:
         number: From one on.
         commanded_m: Where the robot went [m].
         depth_m: How deep [m].
-        touched_m: Where the ball touched the gel [m]; ``lean_rad`` is the contact's lean there.
+        touched_m: Where the ball touched the gel [m]; ``tilt_rad`` is the contact's tilt there.
         circle_px: Column, row and radius of the contact in the image that is scored [px].
     """
 
@@ -68,7 +67,7 @@ class _Press:
     commanded_m: tuple[float, float]
     depth_m: float
     touched_m: tuple[float, float]
-    lean_rad: tuple[float, float]
+    tilt_rad: tuple[float, float]
     circle_px: tuple[float, float, float]
 
 
@@ -144,7 +143,7 @@ def _presses(truth: PlantTruth, count: int, first: int) -> Iterator[_Press]:
         u, v, w = k / plastic % 1.0, k / plastic**2 % 1.0, k * math.sqrt(0.5) % 1.0
         x, y = (2 * u - 1) * reach_x, (2 * v - 1) * reach_y
         depth_m = _DEPTHS_M[0] + w * (deepest_m - _DEPTHS_M[0])
-        place, lean = _touched((x + truth.pose_error_m[0], y + truth.pose_error_m[1]), unit)
+        place, tilt = _touched((x + truth.pose_error_m[0], y + truth.pose_error_m[1]), unit)
         radius_m = float(np.interp(depth_m, table.depths, table.contact_radius))
         column, row = _scored_pixel(view.pixel(*place), unit)
         yield _Press(
@@ -152,7 +151,7 @@ def _presses(truth: PlantTruth, count: int, first: int) -> Iterator[_Press]:
             commanded_m=(x, y),
             depth_m=depth_m,
             touched_m=place,
-            lean_rad=lean,
+            tilt_rad=tilt,
             circle_px=(column, row, radius_m / view.m_per_px[0] * _ratio(unit)[0]),
         )
 
@@ -164,7 +163,7 @@ def _raw(truth: PlantTruth, press: _Press, *, noise: bool = True) -> ImageArray:
         press.depth_m,
         _RAW_SIZE,
         centre_m=press.touched_m,
-        lean_rad=press.lean_rad,
+        tilt_rad=press.tilt_rad,
         noise_seed=press.number if noise else None,
     )
 
@@ -190,10 +189,10 @@ def _write(path: Path, header: list[str], rows: list[list[str]]) -> None:
 def _touched(
     axis: tuple[float, float], unit: EmulatedUnit
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return where a ball on a domed gel touches [m], and how the contact leans there [rad].
+    """Return where a ball on a domed gel touches [m], and how the contact is tilted there [rad].
 
     Ball and gel have one slope where they touch, beside the ball's axis and nearer to the gel's
-    highest point; a ball itself cannot lean.
+    highest point; a ball itself cannot be tilted.
     """
     bend_x, bend_y = unit.dome_curvatures
     radius = 0.5 * BALL_DIAMETER_M

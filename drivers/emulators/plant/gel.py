@@ -49,13 +49,13 @@ class SurfaceProfile:
     Attributes:
         depth_m: Tip below the gel's highest point [m]; zero or less is no contact.
         centre: The indenter's axis from the gel's centre, x and y [m].
-        tilt: Lean of the indenter's face towards x and y [rad]; of a ball, of the gel under it.
+        tilt: Tilt of the indenter's face towards x and y [rad]; of a ball, of the gel under it.
         contact_radius: Radius in contact [m].
         radius: Deformed radii from the axis [m], rising, shape [point_count].
         height: Height there relative to the gel's highest point at rest [m].
         radius_rest: Where those points were at rest [m].
-        leaning: What a lean of one radian adds to the height on the side that the indenter leans
-            to, at those radii [m]; empty for a ball.
+        tilt_height: What a tilt of one radian adds to the height on the side that the indenter
+            tilts to, at those radii [m]; empty for a ball.
     """
 
     depth_m: float
@@ -65,17 +65,17 @@ class SurfaceProfile:
     radius: FloatArray
     height: FloatArray
     radius_rest: FloatArray
-    leaning: FloatArray
+    tilt_height: FloatArray
 
 
 _FACE_GRID = 64  # points across a face, for how it comes into contact
-_EVEN_DEPTH_M = 4e-4  # at which a face that leans by some degrees touches all around
+_EVEN_DEPTH_M = 4e-4  # at which a face that tilts by some degrees touches all around
 
 
-def leaning_depths(
-    radius_m: float, dome_radius_m: float, lean_rad: float
+def tilted_depths(
+    radius_m: float, dome_radius_m: float, tilt_rad: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return depths of a leaning face's middle [m] and those of an upright one of the same force.
+    """Return depths of a tilted face's middle [m] and those of an upright one of the same force.
 
     On a bed of springs: exact where a domed gel is touched in one place only, off the middle, and
     where the face touches all around.
@@ -84,9 +84,9 @@ def leaning_depths(
     x, y = np.meshgrid(side, side)
     inside = np.hypot(x, y) <= radius_m
     x, sag = x[inside], 0.5 * (x[inside] ** 2 + y[inside] ** 2) / dome_radius_m
-    depth = np.linspace(-lean_rad * radius_m, _EVEN_DEPTH_M, 4 * _FACE_GRID)[:, None]
+    depth = np.linspace(-tilt_rad * radius_m, _EVEN_DEPTH_M, 4 * _FACE_GRID)[:, None]
     upright = np.linspace(0.0, 2.0 * _EVEN_DEPTH_M, 8 * _FACE_GRID)[:, None]
-    sunk = np.maximum(depth - sag + lean_rad * x, 0.0).mean(axis=1)
+    sunk = np.maximum(depth - sag + tilt_rad * x, 0.0).mean(axis=1)
     even = np.maximum(upright - sag, 0.0).mean(axis=1)
     return depth[:, 0], np.interp(sunk, even, upright[:, 0])
 
@@ -110,9 +110,11 @@ class Plant:
         gel = truth.unit.gel
         case = case_for(tip, truth.poisson, gel=gel, friction=truth.friction)
         self.table = press_table(case)
-        lean = math.hypot(*truth.tilt_rad)
+        tilt = math.hypot(*truth.tilt_rad)
         face_m = tip.rim_radius_m if case.has_face else 0.0
-        self._leaning = leaning_depths(face_m, gel.dome_radius_m, lean) if face_m * lean else None
+        self._even_depths = (
+            tilted_depths(face_m, gel.dome_radius_m, tilt) if face_m * tilt else None
+        )
         self._relaxation = Relaxation(truth.relaxation_weights, truth.relaxation_times_s)
         self._stamp_ns: int | None = None
 
@@ -129,21 +131,21 @@ class Plant:
         normal = self._relaxation.advance(self.relaxed_force(depth), duration_s)
         if normal <= 0.0:
             return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        lean_x, lean_y = self.lean(pose)
-        side, restoring = self._against_lean(depth, normal)
-        force = (side * lean_x, side * lean_y, normal)
+        tilt_x, tilt_y = self.tilt(pose)
+        side, restoring = self._against_tilt(depth, normal)
+        force = (side * tilt_x, side * tilt_y, normal)
         arm_x, arm_y = self.truth.pose_error_m
         return force, (
-            arm_y * force[2] + restoring * lean_y,
-            -arm_x * force[2] - restoring * lean_x,
+            arm_y * force[2] + restoring * tilt_y,
+            -arm_x * force[2] - restoring * tilt_x,
             arm_x * force[1] - arm_y * force[0],
         )
 
-    def _against_lean(self, depth: float, normal: float) -> tuple[float, float]:
-        """Return side force [N] and moment about the tip [N m] of a lean of one radian."""
+    def _against_tilt(self, depth: float, normal: float) -> tuple[float, float]:
+        """Return side force [N] and moment about the tip [N m] of a tilt of one radian."""
         table, inside = self.table, self._even_depth(depth)
         if not len(table.moment):
-            # Of a half-space under a disc: a lean presses harder on the lower side.
+            # Of a half-space under a disc: a tilt presses harder on the lower side.
             radius = float(np.interp(inside, table.depths, table.contact_radius))
             return normal, 2.0 / 3.0 * radius**2 * self.tangent_stiffness(depth)
         relaxed = self.relaxed_force(depth)
@@ -154,9 +156,9 @@ class Plant:
 
     def _even_depth(self, depth: float) -> float:
         """Return the depth of an upright face that presses as hard [m]."""
-        if self._leaning is None or depth >= self._leaning[0][-1]:
+        if self._even_depths is None or depth >= self._even_depths[0][-1]:
             return depth
-        return float(np.interp(depth, *self._leaning))
+        return float(np.interp(depth, *self._even_depths))
 
     def depth(self, pose: Pose) -> float:
         """Return how far the tip is below the undeformed surface under it [m]; negative above."""
@@ -175,8 +177,8 @@ class Plant:
             pose.position[1] - self.expected_surface[1] + self.truth.pose_error_m[1],
         )
 
-    def lean(self, pose: Pose) -> tuple[float, float]:
-        """Return how the indenter's axis (tip to flange) leans towards base x and y [rad]."""
+    def tilt(self, pose: Pose) -> tuple[float, float]:
+        """Return how the indenter's axis (tip to flange) is tilted towards base x and y [rad]."""
         axis = rotated((0.0, 0.0, 1.0), pose.rotation_vector)
         return (-axis[0] + self.truth.tilt_rad[0], -axis[1] + self.truth.tilt_rad[1])
 
@@ -223,10 +225,12 @@ class Plant:
             # The penalty let the tip sink in by some tenths of a micrometre: take that back.
             face = self.tip.height(radius) - depth
             height = np.minimum(height, face)
-        leaning = np.zeros(0)
-        if len(table.leaning) and any(tilt):
-            moved = (1.0 - share) * table.leaning[upper - 1] + share * table.leaning[upper]
-            leaning = _odd_part(radius, height, math.hypot(*tilt) * moved) / math.hypot(*tilt)
+        tilt_height = np.zeros(0)
+        if len(table.tilt_displacement) and any(tilt):
+            moved = (1.0 - share) * table.tilt_displacement[
+                upper - 1
+            ] + share * table.tilt_displacement[upper]
+            tilt_height = _odd_part(radius, height, math.hypot(*tilt) * moved) / math.hypot(*tilt)
         return SurfaceProfile(
             depth_m=depth,
             centre=centre,
@@ -235,7 +239,7 @@ class Plant:
             radius=radius,
             height=height,
             radius_rest=table.radius_rest,
-            leaning=leaning,
+            tilt_height=tilt_height,
         )
 
 
@@ -243,7 +247,7 @@ def _odd_part(radius: FloatArray, height: FloatArray, moved: FloatArray) -> Floa
     """Return half of what two sides of the surface are apart in height, at its radii [m].
 
     Args:
-        moved: (r, z) of one side's motion by the lean [m], the other side's is the opposite.
+        moved: (r, z) of one side's motion by the tilt [m], the other side's is the opposite.
     """
     sides = [
         np.interp(

@@ -11,12 +11,14 @@ slopes: a calibration has to find out for itself.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
 
-from drivers.emulators.plant.gel import SurfaceProfile
+from drivers.emulators.plant.gel import Plant, SurfaceProfile
 from drivers.emulators.plant.relief import (
     Relief,
     gel_texture,
@@ -24,9 +26,9 @@ from drivers.emulators.plant.relief import (
     scattered_light,
     visible_share,
 )
-from drivers.emulators.plant.truth import PlantTruth
-from drivers.emulators.plant.unit import EmulatedUnit, GelLight
-from drivers.emulators.plant.view import View, marker_reflectance
+from drivers.emulators.plant.tips import Tip
+from drivers.emulators.plant.truth import EmulatedUnit, GelLight, PlantTruth
+from drivers.emulators.plant.view import View, marker_reflectance, view_of
 from tacauchy_rig.core.arrays import Float32Array, ImageArray
 
 _LIGHT_AZIMUTH = np.radians([-97.0, 94.0, 183.0])  # red above, green below, blue left
@@ -207,10 +209,10 @@ class GelCamera:
         radial = relief.slope[index] / np.maximum(radius, np.float32(1e-9))
         inside = relief.inside[index]
         outside = np.float32(1.0) - inside
-        lean_x, lean_y = relief.lean_slopes(dx, dy, radius, index)
+        tilt_x, tilt_y = relief.tilt_slopes(dx, dy, radius, index)
         return (
-            np.asarray(outside * dome_x * x + radial * dx + lean_x, np.float32),
-            np.asarray(outside * dome_y * y + radial * dy + lean_y, np.float32),
+            np.asarray(outside * dome_x * x + radial * dx + tilt_x, np.float32),
+            np.asarray(outside * dome_y * y + radial * dy + tilt_y, np.float32),
             np.clip(
                 relief.curvature[index] * np.float32(-_CREASE_M), -_CREASE_LIMIT, _CREASE_LIMIT
             ),
@@ -305,3 +307,68 @@ def _response_curve() -> ImageArray:
     bent = _SHOULDER + room * (1.0 - np.exp(-(light - _SHOULDER) / room))
     exposed = np.where(light > _SHOULDER, bent, light)
     return np.round(255.0 * exposed ** (1.0 / _GAMMA)).astype(np.uint8)
+
+
+_LARGEST_WIDTH = 960  # beyond it frames are rendered smaller and enlarged, as lenses blur
+
+
+def rendering_factor(width: int, height: int) -> int:
+    """Return how many raw pixels a rendered pixel covers in each direction."""
+    common = math.gcd(width, height)
+    factors = (n for n in range(1, common + 1) if common % n == 0 and width // n <= _LARGEST_WIDTH)
+    return next(factors, 1)
+
+
+def enlarged(image: ImageArray, factor: int) -> ImageArray:
+    """Return ``image`` with ``factor`` times as many pixels each way, smoothly."""
+    if factor == 1:
+        return image
+    size = (image.shape[1] * factor, image.shape[0] * factor)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.uint8)
+
+
+def render_press(
+    truth: PlantTruth,
+    tip: Tip,
+    depth_m: float,
+    size: tuple[int, int] = (640, 480),
+    *,
+    centre_m: tuple[float, float] = (0.0, 0.0),
+    tilt_rad: tuple[float, float] | None = None,
+    noise_seed: int | None = 0,
+) -> ImageArray:
+    """Render one raw frame, as the emulated camera would send it before JPEG.
+
+    Args:
+        truth: The emulated world; its pose and depth errors do not enter here.
+        tip: What is pressed.
+        depth_m: How deep, below the gel under the tip [m]; 0 is the no-contact frame.
+        size: Width and height of the raw frame [px]; 15 % on each side is border.
+        centre_m: Where, from the gel's centre, along image right and down [m].
+        tilt_rad: Tilt of the contact towards x and y [rad]; None is the mounting's.
+        noise_seed: Another number gives other noise; None gives none.
+
+    Returns:
+        BGR, shape [height, width, 3].
+    """
+    camera = _camera(truth, size)
+    profile = None
+    if depth_m > 0.0:
+        tilt = truth.tilt_rad if tilt_rad is None else tilt_rad
+        profile = _plant(truth, tip).surface_at(depth_m, centre_m, tilt)
+    image = enlarged(camera.render(profile), rendering_factor(*size))
+    if noise_seed is None:
+        return image
+    noise = np.random.default_rng([truth.seed, 3, noise_seed]).standard_normal(image.shape)
+    noisy = image + truth.image_noise_levels * noise
+    return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+
+
+@lru_cache(maxsize=4)
+def _camera(truth: PlantTruth, size: tuple[int, int]) -> GelCamera:
+    return GelCamera(truth, view_of(truth, size).scaled(rendering_factor(*size)))
+
+
+@lru_cache(maxsize=8)
+def _plant(truth: PlantTruth, tip: Tip) -> Plant:
+    return Plant(truth, tip)

@@ -1,59 +1,31 @@
-"""What a tip does to the gel, tabulated over depth and kept in a cache by content."""
+"""What a tip does to the gel, tabulated over depth and kept in a cache by content.
+
+``python -m drivers.emulators.plant.press_table`` computes again the tables that are shipped for the
+dry run's cylinder (about a minute each).
+"""
 
 from __future__ import annotations
 
 import bisect
-import hashlib
 import logging
 import os
 import zipfile
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from drivers.emulators.plant.quad_mesh import GelDisc
+from drivers.emulators.plant.quad_mesh import GelDisc, PressCase
 from drivers.emulators.plant.tips import CylinderTip, Tip
+from drivers.emulators.plant.truth import FRICTION
 from tacauchy_rig.core.arrays import FloatArray
 
+POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)
 SHIPPED = Path(__file__).with_name("tables")
-# Raise them when the numbers or the fields change, so that old tables are not used: a ball's, a
-# face's.
-_BALL_VERSION, _FACE_VERSION = 2, 3
+_TILT_KEY = "leaning"  # of ``tilt_displacement`` in the files
 _DEEPEST_SHARE = 0.4  # of the gel's thickness
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PressCase:
-    """Everything a table depends on. Young's modulus is not here: forces scale with it.
-
-    Attributes:
-        friction: Coulomb coefficient between tip and gel.
-        max_depth_m: Depth of the last row asked for [m]; a table may end a little earlier where
-            the gel finds no equilibrium any more.
-    """
-
-    tip: Tip = field(default_factory=lambda: CylinderTip(diameter_m=5e-3))
-    gel: GelDisc = field(default_factory=GelDisc)
-    poisson: float = 0.48
-    max_depth_m: float = 1.0e-3
-    friction: float = 0.0
-
-    @property
-    def has_face(self) -> bool:
-        """The tip has a flat face, which may lean; a ball looks alike from all sides."""
-        return isinstance(self.tip, CylinderTip)
-
-    def file_name(self) -> str:
-        """Return a name made from the content."""
-        numbers = {name: value for name, value in asdict(self).items() if value != 0.0}
-        version = _FACE_VERSION if self.has_face else _BALL_VERSION
-        content = f"{version} {type(self.tip).__name__} {_rounded(numbers)}"
-        digest = hashlib.sha256(content.encode()).hexdigest()[:16]
-        return f"{type(self.tip).__name__.lower()}-{self.tip.diameter_m * 1e3:g}mm-{digest}.npz"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,11 +40,11 @@ class PressTable:
         radius_rest: Where points of the surface lie at rest [m], shape [point_count].
         height_rest: Their height relative to the highest point [m].
         displacement: Their (u_r, u_z) [m], shape [depth_count, point_count, 2].
-        leaning: What a lean of one radian adds to it on the side that the tip leans to [m]; empty
-            for a tip without a face, as is what follows.
-        moment: On the tip about its lowest point, over Young's modulus, against a lean of one
+        tilt_displacement: What a tilt of one radian adds to it on the side that the tip tilts to
+            [m]; empty for a tip without a face, as is what follows.
+        moment: On the tip about its lowest point, over Young's modulus, against a tilt of one
             radian [m^3], shape [depth_count].
-        side_force: On the tip towards the side that it leans to, likewise [m^2].
+        side_force: On the tip towards the side that it tilts to, likewise [m^2].
     """
 
     depths: FloatArray
@@ -82,7 +54,7 @@ class PressTable:
     radius_rest: FloatArray
     height_rest: FloatArray
     displacement: FloatArray
-    leaning: FloatArray = field(default_factory=lambda: np.zeros(0))
+    tilt_displacement: FloatArray = field(default_factory=lambda: np.zeros(0))
     moment: FloatArray = field(default_factory=lambda: np.zeros(0))
     side_force: FloatArray = field(default_factory=lambda: np.zeros(0))
 
@@ -109,16 +81,21 @@ class PressTable:
         path.parent.mkdir(parents=True, exist_ok=True)
         fresh = path.with_name(f".{os.getpid()}-{path.name}")
         with fresh.open("wb") as file:
-            fields = ("displacement", "leaning")
+            fields = ("displacement", "tilt_displacement")
             shortened = {name: getattr(self, name).astype(np.float32) for name in fields}
-            np.savez_compressed(file, **(asdict(self) | shortened))
+            content = asdict(self) | shortened
+            content[_TILT_KEY] = content.pop("tilt_displacement")
+            np.savez_compressed(file, **content)
         fresh.replace(path)
 
     @classmethod
     def load(cls, path: Path) -> PressTable:
         """Read a table that ``save`` wrote."""
         with path.open("rb") as file, np.load(file) as content:
-            return cls(**{name: content[name].astype(np.float64) for name in content.files})
+            fields = {name: content[name].astype(np.float64) for name in content.files}
+        if _TILT_KEY in fields:
+            fields["tilt_displacement"] = fields.pop(_TILT_KEY)
+        return cls(**fields)
 
 
 def case_for(
@@ -144,10 +121,6 @@ def press_table(case: PressCase) -> PressTable:
         except (ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile) as error:
             log.warning("press table %s is damaged and will be computed again: %s", path, error)
     log.info("computing the press table %s", name)
-    from drivers.emulators.plant.tabulation import (  # noqa: PLC0415 - scipy, for new tips only
-        compute_table,
-    )
-
     table = compute_table(case)
     try:
         table.save(cached)
@@ -162,14 +135,25 @@ def cache_folder() -> Path:
     return (Path(root) if root else Path.home() / ".cache") / "tacauchy-rig" / "press-tables"
 
 
-def _rounded(values: dict[str, Any]) -> list[tuple[str, Any]]:
-    """Return the items in order, with digits that survive a round trip through text."""
-    found: list[tuple[str, Any]] = []
-    for name, value in sorted(values.items()):
-        if isinstance(value, dict):
-            found.append((name, _rounded(value)))
-        elif not isinstance(value, tuple):
-            found.append((name, f"{value:.9g}"))
-        elif value:  # a gel of one material has the name it had before there were layers
-            found.append((name, [f"{share:.9g} {ratio:.9g}" for share, ratio in value]))
-    return found
+def compute_table(case: PressCase) -> PressTable:
+    """Press in steps and tabulate.
+
+    Raises:
+        ConvergenceError: No equilibrium was found in the first half of the depth asked for.
+    """
+    from drivers.emulators.plant.tabulation import tabulate  # noqa: PLC0415 - scipy, for new tips
+
+    return PressTable(**tabulate(case))
+
+
+def main() -> None:
+    """Compute the shipped tables again."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    for poisson in POISSON_STEPS:
+        case = case_for(CylinderTip(diameter_m=5e-3), poisson, friction=FRICTION)
+        compute_table(case).save(SHIPPED / case.file_name())
+        log.info("wrote %s (Poisson's ratio %g)", case.file_name(), poisson)
+
+
+if __name__ == "__main__":
+    main()

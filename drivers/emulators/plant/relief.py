@@ -29,10 +29,10 @@ class Relief:
 
     Attributes:
         centre: The indenter's axis from the gel's centre, x and y [m].
-        tilt: Lean of the contact face towards x and y [rad].
-        leaning: Height that a lean of one radian adds on its own side, over the radius [1], at
+        tilt: Tilt of the contact face towards x and y [rad].
+        tilt_rise: Height that a tilt of one radian adds on its own side, over the radius [1], at
             multiples of ``STEP_M``.
-        leaning_slope: Radial slope of that height [1], likewise.
+        tilt_slope: Radial slope of that height [1], likewise.
         reach_m: Beyond this radius the image does not change.
         slope: Radial slope beyond that of the dome, at multiples of ``STEP_M``.
         curvature: Radial curvature [1/m], likewise.
@@ -47,8 +47,8 @@ class Relief:
     curvature: Float32Array
     inside: Float32Array
     bulge: Float32Array
-    leaning: Float32Array
-    leaning_slope: Float32Array
+    tilt_rise: Float32Array
+    tilt_slope: Float32Array
 
     def places(
         self, x: Float32Array, y: Float32Array
@@ -63,17 +63,17 @@ class Relief:
         """Return the bulge at points of the gel, x and y from its centre [m]."""
         dx, dy, _, index = self.places(x, y)
         along = np.float32(self.tilt[0]) * dx + np.float32(self.tilt[1]) * dy
-        return np.asarray(self.bulge[index] + along * self.leaning[index], np.float32)
+        return np.asarray(self.bulge[index] + along * self.tilt_rise[index], np.float32)
 
-    def lean_slopes(
+    def tilt_slopes(
         self, dx: Float32Array, dy: Float32Array, radius: Float32Array, index: IntArray
     ) -> tuple[Float32Array, Float32Array]:
-        """Return what the lean adds to the slopes along x and y; arguments as of ``places``."""
-        lean_x, lean_y = (np.float32(lean) for lean in self.tilt)
-        leaning = self.leaning[index]
-        along = (lean_x * dx + lean_y * dy) * (self.leaning_slope[index] - leaning)
+        """Return what the tilt adds to the slopes along x and y; arguments as of ``places``."""
+        tilt_x, tilt_y = (np.float32(tilt) for tilt in self.tilt)
+        tilt_rise = self.tilt_rise[index]
+        along = (tilt_x * dx + tilt_y * dy) * (self.tilt_slope[index] - tilt_rise)
         along /= np.maximum(radius * radius, np.float32(1e-18))
-        added = lean_x * leaning + along * dx, lean_y * leaning + along * dy
+        added = tilt_x * tilt_rise + along * dx, tilt_y * tilt_rise + along * dy
         return np.asarray(added[0], np.float32), np.asarray(added[1], np.float32)
 
 
@@ -88,12 +88,12 @@ def relief_of(profile: SurfaceProfile, *, dome_radius_m: float) -> Relief | None
     curvature = np.gradient(slope, STEP_M)
     inside = np.clip((profile.contact_radius - radius) / (2 * STEP_M) + 0.5, 0.0, 1.0)
     extra = slope - radius / dome_radius_m * (1.0 - inside)
-    leaning = leaning_slope = inside  # the whole mark of a ball leans as the gel under it does
-    if len(profile.leaning):
-        lean_height = np.interp(radius, profile.radius, -profile.leaning)
-        leaning_slope = _smoothed_slope(lean_height, reflected="odd")
-        leaning = np.divide(lean_height, radius, out=leaning_slope.copy(), where=radius > 0.0)
-    shown = np.abs(extra) + math.hypot(*profile.tilt) * np.abs(leaning_slope)
+    tilt_rise = tilt_slope = inside  # the whole mark of a ball is tilted as the gel under it is
+    if len(profile.tilt_height):
+        tilt_height = np.interp(radius, profile.radius, -profile.tilt_height)
+        tilt_slope = _smoothed_slope(tilt_height, reflected="odd")
+        tilt_rise = np.divide(tilt_height, radius, out=tilt_slope.copy(), where=radius > 0.0)
+    shown = np.abs(extra) + math.hypot(*profile.tilt) * np.abs(tilt_slope)
     changed = np.flatnonzero(shown > _FLAT_SLOPE)
     end = int(changed[-1]) + 2 if changed.size else 2
     reach = end * STEP_M
@@ -106,8 +106,8 @@ def relief_of(profile: SurfaceProfile, *, dome_radius_m: float) -> Relief | None
         curvature=_ending_in_zero(curvature[:end] * fade),
         inside=_ending_in_zero(inside[:end]),
         bulge=_ending_in_zero((height - 0.5 * radius**2 / dome_radius_m)[:end] * fade),
-        leaning=_ending_in_zero(leaning[:end] * fade),
-        leaning_slope=_ending_in_zero(leaning_slope[:end] * fade),
+        tilt_rise=_ending_in_zero(tilt_rise[:end] * fade),
+        tilt_slope=_ending_in_zero(tilt_slope[:end] * fade),
     )
 
 

@@ -1,39 +1,28 @@
-"""Presses a tip into the gel step by step, and tabulates what it does.
-
-``python -m drivers.emulators.plant.tabulation`` computes again the tables that are shipped for the
-dry run's cylinder (about a minute each).
-"""
+"""Presses a tip into the gel step by step, and tabulates what it does."""
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from drivers.emulators.plant.axisymmetric import Equilibrium, GelSolver
-from drivers.emulators.plant.leaning import Lean, lean_of
 from drivers.emulators.plant.neo_hookean import NeoHookean
-from drivers.emulators.plant.press_table import SHIPPED, PressCase, PressTable, case_for
-from drivers.emulators.plant.quad_mesh import Grading, QuadMesh, line_shape, mesh_disc
+from drivers.emulators.plant.quad_mesh import Grading, PressCase, QuadMesh, line_shape, mesh_disc
+from drivers.emulators.plant.tilt import TiltResponse, tilt_response
 from drivers.emulators.plant.tips import CylinderTip
-from drivers.emulators.plant.truth import FRICTION
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
-
-POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)
 
 _DEPTH_STEP_M = 4e-5
 _FIRST_DEPTHS_M = (5e-6, 1e-5, 2e-5)
 _POINTS_PER_EDGE = 4
 _CUT_LIMIT = 3
 
-log = logging.getLogger(__name__)
 
-
-def compute_table(case: PressCase) -> PressTable:
-    """Press in steps and tabulate.
+def tabulate(case: PressCase) -> dict[str, FloatArray]:
+    """Press in steps; return the fields of a ``PressTable``.
 
     Raises:
         ConvergenceError: No equilibrium was found in the first half of the depth asked for.
@@ -45,7 +34,7 @@ def compute_table(case: PressCase) -> PressTable:
     depths = [depth for depth in _FIRST_DEPTHS_M if depth < 0.9 * regular[0]] + list(regular)
     solved = [0.0]
     states = [Equilibrium(displacement=np.zeros_like(mesh.nodes), force=0.0, contact_radius_m=0.0)]
-    leans = [Lean(displacement=np.zeros_like(mesh.nodes), moment=0.0, side_force=0.0)]
+    tilts = [TiltResponse(displacement=np.zeros_like(mesh.nodes), moment=0.0, side_force=0.0)]
     for depth in depths:
         try:
             states.append(_advance(solver, case, solved, states, float(depth)))
@@ -55,31 +44,26 @@ def compute_table(case: PressCase) -> PressTable:
             break
         solved.append(float(depth))
         if case.has_face:
-            leans.append(lean_of(solver, states[-1], case.tip, case.gel.thickness_m - float(depth)))
+            tilts.append(
+                tilt_response(solver, states[-1], case.tip, case.gel.thickness_m - float(depth))
+            )
     sample = _surface_sampler(mesh)
     rest = sample(mesh.nodes)
     force = np.array([state.force for state in states])
-    return PressTable(
-        depths=np.array(solved),
-        force=force,
-        stiffness=CubicSpline(solved, force)(solved, 1),
-        contact_radius=np.array([state.contact_radius_m for state in states]),
-        radius_rest=rest[:, 0],
-        height_rest=rest[:, 1] - case.gel.thickness_m,
-        displacement=np.stack([sample(state.displacement) for state in states]),
-        **({} if not case.has_face else _leaning(leans, sample)),
-    )
-
-
-def _leaning(
-    leans: list[Lean], sample: Callable[[FloatArray], FloatArray]
-) -> dict[str, FloatArray]:
-    """Return what is kept of the leans at all depths."""
-    return {
-        "leaning": np.stack([sample(lean.displacement) for lean in leans]),
-        "moment": np.array([lean.moment for lean in leans]),
-        "side_force": np.array([lean.side_force for lean in leans]),
+    table = {
+        "depths": np.array(solved),
+        "force": force,
+        "stiffness": CubicSpline(solved, force)(solved, 1),
+        "contact_radius": np.array([state.contact_radius_m for state in states]),
+        "radius_rest": rest[:, 0],
+        "height_rest": rest[:, 1] - case.gel.thickness_m,
+        "displacement": np.stack([sample(state.displacement) for state in states]),
     }
+    if case.has_face:
+        table["tilt_displacement"] = np.stack([sample(tilt.displacement) for tilt in tilts])
+        table["moment"] = np.array([tilt.moment for tilt in tilts])
+        table["side_force"] = np.array([tilt.side_force for tilt in tilts])
+    return table
 
 
 def _advance(
@@ -124,28 +108,13 @@ def _grading(case: PressCase) -> Grading:
     )
 
 
-class _surface_sampler:  # noqa: N801 - used as a function
-    """Evaluates a nodal field along the quadratic edges of the top."""
+def _surface_sampler(mesh: QuadMesh) -> Callable[[FloatArray], FloatArray]:
+    """Return what evaluates a nodal field along the quadratic edges of the top, axis outwards."""
+    shape, _ = line_shape(np.linspace(-1.0, 1.0, _POINTS_PER_EDGE + 1)[:-1])
+    edges = mesh.top_edges
 
-    def __init__(self, mesh: QuadMesh) -> None:
-        points = np.linspace(-1.0, 1.0, _POINTS_PER_EDGE + 1)[:-1]
-        self._shape, _ = line_shape(points)
-        self._edges = mesh.top_edges
+    def sample(nodal: FloatArray) -> FloatArray:
+        inner = np.einsum("qi,eia->eqa", shape, nodal[edges]).reshape(-1, 2)
+        return np.vstack([inner, nodal[edges[-1, 2]]])
 
-    def __call__(self, nodal: FloatArray) -> FloatArray:
-        """Return values, shape [point_count, 2], from the axis outwards."""
-        inner = np.einsum("qi,eia->eqa", self._shape, nodal[self._edges]).reshape(-1, 2)
-        return np.vstack([inner, nodal[self._edges[-1, 2]]])
-
-
-def main() -> None:
-    """Compute the shipped tables again."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
-    for poisson in POISSON_STEPS:
-        case = case_for(CylinderTip(diameter_m=5e-3), poisson, friction=FRICTION)
-        compute_table(case).save(SHIPPED / case.file_name())
-        log.info("wrote %s (Poisson's ratio %g)", case.file_name(), poisson)
-
-
-if __name__ == "__main__":
-    main()
+    return sample

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import zlib
 from dataclasses import asdict, dataclass, field, replace
+from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 from pydantic import TypeAdapter
 
-from drivers.emulators.plant.unit import EmulatedUnit
+from drivers.emulators.plant.quad_mesh import GelDisc
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RecordError
 
 TRUTH_FILE = "truth.json"
@@ -18,6 +20,68 @@ _POISSON_OFFSETS = (-0.01, -0.005, 0.0, 0.005, 0.01)  # few, because each needs 
 _POISSON_LIMIT = 0.49
 FRICTION = 0.5
 """Between indenter and gel where nothing else is asked for: the paper's section III-C."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerGrid:
+    """A rectangular grid of dots, centred on the gel."""
+
+    columns: int = 9
+    rows: int = 7
+    pitch_m: tuple[float, float] = (2.41e-3, 2.46e-3)
+    radius_m: float = 0.35e-3
+
+    def rest(self) -> FloatArray:
+        """Return the centres at rest [m], shape [rows * columns, 2]."""
+        x = (np.arange(self.columns) - 0.5 * (self.columns - 1)) * self.pitch_m[0]
+        y = (np.arange(self.rows) - 0.5 * (self.rows - 1)) * self.pitch_m[1]
+        return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+class GelLight(StrEnum):
+    """What the camera sees: painted gel lit from its sides, or a dark skin through clear gel."""
+
+    COLOURED = "coloured"
+    TRANSLUCENT = "translucent"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EmulatedUnit:
+    """One make of sensor; the defaults are a GelSight Mini.
+
+    Attributes:
+        name: For messages.
+        pad_size_m: Length along x and y [m].
+        dome_radii_m: Of the pad's top along x and y [m]; None takes the disc's for both.
+        gel: The disc of equal area that is pressed in its place.
+        young_pa: Nominal modulus of the layer that is touched [Pa].
+        poisson: Nominal Poisson's ratio.
+        image_size: Columns and rows of the image that is scored [px].
+        pixel_m: Nominal size of its pixels on the gel, x and y [m].
+        crop: Part of the raw frame's width and height that is cut off at each border.
+        light: How the gel is seen.
+        shadows: Whether dents hide the lights from the gel behind them.
+        markers: Dots printed on the gel; None where it has none.
+    """
+
+    name: str = "gelsight-mini"
+    pad_size_m: tuple[float, float] = (25.25e-3, 20.75e-3)
+    dome_radii_m: tuple[float, float] | None = None
+    gel: GelDisc = field(default_factory=GelDisc)
+    young_pa: float = 0.435e6
+    poisson: float = 0.48
+    image_size: tuple[int, int] = (320, 240)
+    pixel_m: tuple[float, float] = (0.0634e-3, 0.0634e-3)
+    crop: float = 0.15
+    light: GelLight = GelLight.COLOURED
+    shadows: bool = False
+    markers: MarkerGrid | None = None
+
+    @property
+    def dome_curvatures(self) -> tuple[float, float]:
+        """Curvature of the unloaded top along x and y [1/m]."""
+        radii = self.dome_radii_m or (self.gel.dome_radius_m, self.gel.dome_radius_m)
+        return 1.0 / radii[0], 1.0 / radii[1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +95,8 @@ class PlantTruth:
         relaxation_times_s: Their times [s].
         pose_error_m: Where the indenter really is, minus where the robot says, in x and y [m].
         surface_error_m: Real height of the gel minus the expected one [m].
-        tilt_rad: Real lean of the indenter's axis towards base x and y [rad].
+        tilt_rad: Real tilt of the indenter's axis (tip to flange) towards base x and y [rad]; every
+            tilt of the plant has this sign.
         friction: Coulomb coefficient between indenter and gel.
         light_gain: Gain of the red, green and blue light.
         light_drift_ratio: Change of all lights when warm, relative [1].
@@ -91,7 +156,7 @@ def draw_truth(
         seed: Any non-negative integer.
         unit: The make of sensor; a GelSight Mini if None.
         friction: Coulomb coefficient between indenter and gel.
-        tilt_rad: Lean of the indenter's axis towards base x and y, in place of the drawn one [rad].
+        tilt_rad: Tilt of the indenter's axis towards base x and y, in place of the drawn one [rad].
     """
     drawn = replace(_drawn(seed, unit or EmulatedUnit()), friction=friction)
     if tilt_rad is not None:

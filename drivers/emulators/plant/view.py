@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drivers.emulators.plant.gel import SurfaceProfile
-from drivers.emulators.plant.truth import PlantTruth
-from drivers.emulators.plant.unit import MarkerGrid
+from drivers.emulators.plant.truth import MarkerGrid, PlantTruth
 from tacauchy_rig.core.arrays import Float32Array, FloatArray
 from tacauchy_rig.core.errors import ConfigError
 

@@ -1,4 +1,4 @@
-"""The page's server: one page, its events, pictures, and the stop."""
+"""The page's process: hears feeds and supervisor, serves the page, and can do nothing but stop."""
 
 from __future__ import annotations
 
@@ -6,24 +6,35 @@ import asyncio
 import contextlib
 import json
 import socket
+import sys
 from collections.abc import AsyncIterator, Callable, Iterator
+from functools import lru_cache
 from importlib import resources
 
+import cv2
+import numpy as np
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from protocols.processes.page.door import Door
-from protocols.processes.page.picture import media_type, reduced
+from drivers.camera.pictures import jpeg_size
+from protocols.processes.child import ignore_signals, run_child
+from protocols.processes.feed import FeedReader, feed_readers
+from protocols.processes.messages import AbortRequest, Channel, Job, Order
+from protocols.processes.page.access import AccessRule
 from protocols.processes.page.view import View
+from tacauchy_rig.core.run import JournalEvent
 
 PERIOD_S = 0.1
 WATCHERS_MAX = 4
 """Event streams at once: a browser keeps six connections to an address, and a stop needs one."""
 CONNECTIONS_MAX = 300
 KEEP_ALIVE_S = 5
+ALIVE_S = 0.5
+LAST_WORDS_S = 0.4
+SOURCES = ("control", "camera", "twin")
 FILES = {"": ("page.html", "text/html"), "page.js": ("page.js", "text/javascript")}
 FILES["page.css"] = ("page.css", "text/css")
 
@@ -33,11 +44,11 @@ class PageServer:
 
     Args:
         view: What is shown.
-        door: Who may come in.
+        access: Which requests are answered.
         stop: Asks the supervisor to stop the arm; False where it does not hear.
     """
 
-    def __init__(self, view: View, door: Door, *, stop: Callable[[], bool]) -> None:
+    def __init__(self, view: View, access: AccessRule, *, stop: Callable[[], bool]) -> None:
         self._view = view
         self._stop = stop
         self._watchers = 0
@@ -49,7 +60,7 @@ class PageServer:
             Route("/stop", self._ask_to_stop, methods=["POST"]),
         ]
         config = uvicorn.Config(
-            door.before(Starlette(routes=routes)),
+            access.guard(Starlette(routes=routes)),
             loop="asyncio",
             http="h11",
             ws="none",
@@ -135,3 +146,94 @@ def _file(name: str, kind: str) -> Callable[[Request], Response]:
 
 def _event(name: str, content: object) -> str:
     return f"event: {name}\ndata: {json.dumps(content, allow_nan=False)}\n\n"
+
+
+WIDEST_PX = 1000
+_PNG = b"\x89PNG"
+_REDUCED = (
+    (8, cv2.IMREAD_REDUCED_COLOR_8),
+    (4, cv2.IMREAD_REDUCED_COLOR_4),
+    (2, cv2.IMREAD_REDUCED_COLOR_2),
+)
+
+
+def media_type(picture: bytes) -> str:
+    """Return what kind of picture it is."""
+    return "image/png" if picture.startswith(_PNG) else "image/jpeg"
+
+
+@lru_cache(maxsize=16)
+def reduced(picture: bytes) -> bytes:
+    """Return a JPEG wider than ``WIDEST_PX`` at a half, a quarter or an eighth of its size.
+
+    Others are returned as they are, and so is what cannot be decoded.
+    """
+    size = jpeg_size(picture)
+    if size is None or size[0] <= WIDEST_PX:
+        return picture
+    fitting = [flag for by, flag in reversed(_REDUCED) if size[0] <= by * WIDEST_PX]
+    colours = cv2.imdecode(np.frombuffer(picture, np.uint8), (fitting or [_REDUCED[0][1]])[0])
+    if colours is None:
+        return picture
+    return bytes(cv2.imencode(".jpg", colours)[1].tobytes())
+
+
+def serve(job: Job, supervisor: Channel) -> None:
+    """Do the page's job."""
+    ignore_signals()
+    listener = socket.socket(fileno=job.descriptors["listen"])
+    access = AccessRule(job.options["token"], port=listener.getsockname()[1])
+    feeds = feed_readers(job.descriptors, SOURCES)
+    asyncio.run(_serve(View(job), feeds, supervisor, listener, access))
+
+
+async def _serve(
+    view: View,
+    feeds: list[FeedReader],
+    supervisor: Channel,
+    listener: socket.socket,
+    access: AccessRule,
+) -> None:
+    ended = asyncio.Event()
+    loop = asyncio.get_running_loop()
+
+    def stop() -> bool:
+        return supervisor.send(AbortRequest(reason="stop was pressed on the page"))
+
+    def hear(feed: FeedReader) -> None:
+        for shown in feed.receive():
+            view.take(shown)
+        view.dropped_count = sum(each.lost_count for each in feeds)
+
+    def obey() -> None:
+        for message in supervisor.receive():
+            if isinstance(message, JournalEvent):
+                view.note(message)
+            elif message is Order.STOP:
+                ended.set()
+        if supervisor.closed:
+            loop.remove_reader(supervisor.fileno())
+            ended.set()
+
+    for feed in feeds:
+        loop.add_reader(feed.fileno(), hear, feed)
+    loop.add_reader(supervisor.fileno(), obey)
+    server = PageServer(view, access, stop=stop)
+    serving = asyncio.create_task(server.serve(listener))
+    while not ended.is_set() and not serving.done():
+        supervisor.send(Order.ALIVE)
+        view.look_at_disk()
+        await _either(ended, serving)
+    await asyncio.sleep(LAST_WORDS_S)  # for the last event to reach the browsers
+    server.end()
+    await serving
+
+
+async def _either(ended: asyncio.Event, serving: asyncio.Task[None]) -> None:
+    waiting = asyncio.create_task(ended.wait())
+    await asyncio.wait({waiting, serving}, timeout=ALIVE_S, return_when=asyncio.FIRST_COMPLETED)
+    waiting.cancel()
+
+
+if __name__ == "__main__":
+    sys.exit(run_child("page", serve))

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from drivers.emulators.faults import hang_weight
+from drivers.emulators.process import hang_weight
 from drivers.force_sensor.weighing import Load
 from protocols.confirmation import confirmation_screen, expected_answer
 from tacauchy_rig.app.cli.output import console, say

@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 from tacauchy_rig.core.config.model import IndenterKind, RigConfig
 
 if TYPE_CHECKING:
-    from protocols.processes.messages import ContactOutline, PageWish
+    from protocols.processes.messages import ContactOutline, PageOptions
 
 
-def page_wish(config: RigConfig, *, port: int | None) -> PageWish | None:
+def page_wish(config: RigConfig, *, port: int | None) -> PageOptions | None:
     """Return what page a run is to have; None for none.
 
     Args:
         config: Of the run.
         port: Of the page; 0 for a free one, None for no page.
     """
-    from protocols.processes.messages import PageWish
+    from protocols.processes.messages import PageOptions
 
-    return None if port is None else PageWish(port=port, outline=contact_outline(config))
+    return None if port is None else PageOptions(port=port, outline=contact_outline(config))
 
 
 def contact_outline(config: RigConfig) -> ContactOutline | None:

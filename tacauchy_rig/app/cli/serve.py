@@ -27,7 +27,7 @@ def serve(
 
     import uvicorn
 
-    from protocols.processes.page.door import Door
+    from protocols.processes.page.access import AccessRule
     from protocols.processes.viewing import listen
     from tacauchy_rig.app.cli.page import open_in_browser
     from tacauchy_rig.app.results.found_runs import folder_of_runs
@@ -36,12 +36,12 @@ def serve(
     root, only = folder_of_runs(folder)
     with listen(port, option="--port") as taken:
         number = taken.getsockname()[1]
-        door = Door(secrets.token_urlsafe(16), port=number)
-        address = f"http://127.0.0.1:{number}/{door.token}/"
+        access = AccessRule(secrets.token_urlsafe(16), port=number)
+        address = f"http://127.0.0.1:{number}/{access.token}/"
         say(f"runs of {root} at {address} (Ctrl-C ends)")
         if open_:
             open_in_browser(address)
-        app = ResultsServer(root, door, only=only).app
+        app = ResultsServer(root, access, only=only).app
         config = uvicorn.Config(
             app, http="h11", ws="none", lifespan="off", log_level="warning", server_header=False
         )

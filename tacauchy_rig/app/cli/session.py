@@ -117,7 +117,7 @@ def resume(
 
     Example: tacauchy-rig resume runs/20261123-gelsight-mini
     """
-    from drivers.presence import require_devices
+    from drivers.checks import require_devices
     from tacauchy_rig.app.cli.folders import say_recovered
     from tacauchy_rig.app.session.record import note_changes
     from tacauchy_rig.core.config.load import resumed_config
@@ -162,7 +162,7 @@ def _asked(
 
 
 def _new_run(loaded: LoadedConfig, text: str, asked: _Asked) -> None:
-    from drivers.presence import require_devices
+    from drivers.checks import require_devices
     from tacauchy_rig.app.session.record import create_run
 
     _check_before(loaded.config, press_only=asked.press_only)
@@ -178,7 +178,7 @@ def press_new(loaded: LoadedConfig, text: str) -> RunStore:
     Raises:
         RecordError: It could not be pressed; also where a trial missed what it must keep.
     """
-    from drivers.presence import require_devices
+    from drivers.checks import require_devices
     from tacauchy_rig.app.session.record import create_run
 
     _check_before(loaded.config, press_only=True)
@@ -312,7 +312,7 @@ def press(
         with_addresses,
     )
     from drivers.emulators.plant.truth import TRUTH_FILE
-    from protocols.session import plan_session
+    from protocols.processes.supervisor import plan_session
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulation import emulated_unit
     from tacauchy_rig.app.cli.page import page_wish

@@ -11,7 +11,7 @@ from tacauchy_rig.app.cli.output import say
 from tacauchy_rig.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from protocols.processes.messages import ViewerWish
+    from protocols.processes.messages import ViewerOptions
 
 Page = Annotated[
     str,
@@ -74,7 +74,7 @@ def watched_by(page: str, open_page: bool, twin: str, foxglove: str) -> Watched:
     return Watched(port=port, open_page=open_page, twin=TWIN_WORDS[twin], foxglove=live)
 
 
-def wishes_of(watched: Watched) -> list[ViewerWish]:
+def wishes_of(watched: Watched) -> list[ViewerOptions]:
     """Return the viewers besides the page; a port that is taken is told here.
 
     Raises:

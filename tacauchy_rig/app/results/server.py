@@ -15,7 +15,7 @@ from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, R
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
-from protocols.processes.page.door import Door
+from protocols.processes.page.access import AccessRule
 from tacauchy_rig.app.results.chart import charts_of, in_words
 from tacauchy_rig.app.results.found_runs import FoundRun, find_runs
 from tacauchy_rig.app.results.health import Health
@@ -49,11 +49,13 @@ class ResultsServer:
     Args:
         root: The folder.
         only: The one run that is shown; empty shows all.
-        door: Who may come in.
+        access: Which requests are answered.
     """
 
-    def __init__(self, root: Path, door: Door, *, only: str = "", health: Health | None = None):
-        self._root, self._only, self._door = root, only, door
+    def __init__(
+        self, root: Path, access: AccessRule, *, only: str = "", health: Health | None = None
+    ):
+        self._root, self._only, self._access = root, only, access
         self._health = health or Health()
         self._pages = Environment(
             loader=PackageLoader("tacauchy_rig.app.results"),
@@ -68,7 +70,7 @@ class ResultsServer:
 
     @property
     def app(self) -> ASGIApp:
-        """The application, behind its door."""
+        """The application, behind its access rule."""
         routes = [
             Route("/", self._answer(self._list)),
             Route("/compare", self._answer(self._compare)),
@@ -76,7 +78,7 @@ class ResultsServer:
             Route("/results.css", self._styled),
             Route("/run/{name}/{path:path}", self._file),
         ]
-        return self._door.before(Starlette(routes=routes))
+        return self._access.guard(Starlette(routes=routes))
 
     def _answer(self, page: Callable[[Request], Response]) -> Callable[[Request], Any]:
         """Return a page's answer, made beside the loop: recordings take a second to read."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 from drivers.force_sensor.weighing import Load, weigh
-from protocols.guard.arm_estimate import TOLERANCE, WORST_N, WORST_SHARE
+from protocols.guard.witness import TOLERANCE, WORST_N, WORST_SHARE
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.force_check import EXPIRY_H, ForceCheck, Weight, judge_weight

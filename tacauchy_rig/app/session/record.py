@@ -8,9 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from protocols.guard.abort import AbortWatch
-from protocols.processes.messages import PageWish, ViewerWish
-from protocols.processes.supervisor import SessionResult
-from protocols.session import run_session
+from protocols.processes.messages import PageOptions, ViewerOptions
+from protocols.processes.supervisor import SessionResult, run_session
 from tacauchy_rig.app.session.cell import require_bounded_force
 from tacauchy_rig.app.session.expected import kept_expectation
 from tacauchy_rig.core.config.load import Change, LoadedConfig
@@ -69,8 +68,8 @@ def record_run(
     *,
     on_event: Callable[[JournalEvent], None],
     again: Set[int] = frozenset(),
-    page: PageWish | None = None,
-    viewers: Sequence[ViewerWish] = (),
+    page: PageOptions | None = None,
+    viewers: Sequence[ViewerOptions] = (),
 ) -> SessionResult:
     """Press every trial without a passed attempt; Ctrl-C, SIGTERM and a lost terminal end it.
 

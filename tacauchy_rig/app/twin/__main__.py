@@ -10,10 +10,9 @@ import threading
 import time
 from contextlib import closing
 
-from protocols.processes.channel import Channel
 from protocols.processes.child import ignore_signals, run_child
-from protocols.processes.feed import VIEWERS, FeedReader, FeedWriters
-from protocols.processes.messages import Job, Order
+from protocols.processes.feed import VIEWERS, FeedWriters, feed_readers
+from protocols.processes.messages import Channel, Job, Order
 from protocols.processes.viewing import PRODUCERS
 from tacauchy_rig.app.twin.accompany import Accompaniment
 from tacauchy_rig.app.twin.wish import DEVICE, FOLLOWS, Follows, twin_of
@@ -40,8 +39,7 @@ def follow_run(job: Job, supervisor: Channel) -> None:
     seen = twin_of(job.config, device=job.options[DEVICE])
     logger.info("ready; its force error: %s", seen.follower.worth.basis)
     twin = Accompaniment(seen, Follows(job.options[FOLLOWS]), job.config.camera.width)
-    found = (FeedReader.inherited(job.descriptors, source=source) for source in PRODUCERS)
-    readers = [reader for reader in found if reader is not None]
+    readers = feed_readers(job.descriptors, PRODUCERS)
     writers = FeedWriters(job.descriptors, VIEWERS)
     waiting = [supervisor.fileno(), *(reader.fileno() for reader in readers)]
     with closing(LineLog(job.root / "twin.jsonl")) as log:

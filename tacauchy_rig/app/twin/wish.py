@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from protocols.processes.messages import ViewerWish
+from protocols.processes.messages import ViewerOptions
 from sim.sensor.sensor import Sensor
 from sim.twin.follower import Follower, Look
 from tacauchy_rig.app.replay.inputs import inputs_of
@@ -35,10 +35,10 @@ class Seen:
     crop_fraction: float
 
 
-def twin_wish(follows: Follows, *, device: str = "cpu") -> ViewerWish:
+def twin_wish(follows: Follows, *, device: str = "cpu") -> ViewerOptions:
     """Return what the supervisor starts; its images are drawn on a device of Warp."""
     options = {FOLLOWS: follows.value, DEVICE: device}
-    return ViewerWish(name=NAME, module=MODULE, options=options)
+    return ViewerOptions(name=NAME, module=MODULE, options=options)
 
 
 def twin_of(

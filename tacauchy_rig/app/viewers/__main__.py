@@ -10,10 +10,9 @@ import time
 
 import foxglove
 
-from protocols.processes.channel import Channel
 from protocols.processes.child import ignore_signals, run_child
-from protocols.processes.feed import FeedReader
-from protocols.processes.messages import Job, Order
+from protocols.processes.feed import feed_readers
+from protocols.processes.messages import Channel, Job, Order
 from protocols.processes.viewing import LOOPBACK, PRODUCERS
 from tacauchy_rig.app.viewers.topics import Topics
 from tacauchy_rig.app.viewers.wish import PORT, SOURCES, address
@@ -36,8 +35,7 @@ def publish(job: Job, supervisor: Channel) -> None:
     )
     logger.info("publishing at %s", address(port))
     topics = Topics(job.plan)
-    found = (FeedReader.inherited(job.descriptors, source=each) for each in (*PRODUCERS, *SOURCES))
-    readers = [reader for reader in found if reader is not None]
+    readers = feed_readers(job.descriptors, (*PRODUCERS, *SOURCES))
     waiting = [supervisor.fileno(), *(reader.fileno() for reader in readers)]
     told_s = 0.0
     try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
-from protocols.processes.messages import ViewerWish
+from protocols.processes.messages import ViewerOptions
 from protocols.processes.viewing import LOOPBACK, listen
 from tacauchy_rig.core.errors import ConfigError
 
@@ -15,7 +15,7 @@ OPTION = "--foxglove"
 SOURCES = ("twin",)
 
 
-def live_wish(port: int) -> ViewerWish:
+def live_wish(port: int) -> ViewerOptions:
     """Return what the supervisor starts.
 
     Raises:
@@ -27,7 +27,7 @@ def live_wish(port: int) -> ViewerWish:
             remedy="pip install 'tacauchy-rig[foxglove]', or leave the option out",
         )
     listen(port, option=OPTION).close()
-    return ViewerWish(name=NAME, module=MODULE, options={PORT: str(port)}, sources=SOURCES)
+    return ViewerOptions(name=NAME, module=MODULE, options={PORT: str(port)}, sources=SOURCES)
 
 
 def address(port: int) -> str:

@@ -20,9 +20,9 @@ from typing import Any
 import pytest
 
 from drivers.arm.ur5 import Ur5
-from drivers.device.faults import parse_fault
-from drivers.emulators.arm.trace import read_trace
-from drivers.emulators.faults import post_fault
+from drivers.emulators.arm.controller import read_trace
+from drivers.emulators.faults import parse_fault
+from drivers.emulators.process import post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RobotModel

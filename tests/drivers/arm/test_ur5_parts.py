@@ -14,11 +14,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.arm.ur5 import MotionCaps
+from drivers.arm.ur5 import MotionCaps, Ur5
 from drivers.arm.ur5_health import ArmHealth, RtdeSockets
 from drivers.arm.ur5_link import Commander
-from drivers.arm.ur5_safety import RobotMode, RuntimeState, SafetyBit, safety_reason
-from drivers.arm.ur5_wire import RTDE_PORT
+from drivers.arm.ur5_wire import RTDE_PORT, RobotMode, RuntimeState, SafetyBit, safety_reason
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import DeviceError, SafetyError
 from tacauchy_rig.core.run import ArmSample, Pose
 
@@ -26,7 +26,7 @@ _STALE_S = 0.05
 
 _HANG_HOLDING_THE_LOCK = """
 import ctypes, threading
-from drivers.arm.ur5_guardian import Guardian
+from drivers.arm.ur5_link import Guardian
 
 with Guardian("robot 10.0.0.9: connecting", timeout_s=30.0):
     pass
@@ -159,7 +159,12 @@ def test_nothing_beyond_a_cap_passes(velocity: tuple[float, ...], acceleration: 
         and 0.0 <= acceleration <= caps.acceleration
     )
     try:
-        caps.require_velocity("robot x", (x, y, z, a, b, c), acceleration)
+        caps.require(
+            "robot x",
+            speed=math.hypot(x, y, z),
+            turn_speed=math.hypot(a, b, c),
+            acceleration=acceleration,
+        )
     except SafetyError:
         assert not within
     else:
@@ -172,9 +177,14 @@ def test_caps_name_the_value_and_the_limit() -> None:
     """A refusal says what was asked and what is allowed, with units."""
     caps = MotionCaps(speed=0.02, turn_speed=0.05, acceleration=0.1)
     with pytest.raises(SafetyError, match=r"speed 30 mm/s is beyond the limit of 20 mm/s"):
-        caps.require_line("robot x", (0.0,) * 6, 0.03, 0.1)
+        caps.require("robot x", speed=0.03, acceleration=0.1)
+
+
+def test_a_target_that_is_no_number_is_refused() -> None:
+    """Whatever is connected or not."""
+    nowhere = Pose(position=(math.nan, 0.0, 0.0), rotation_vector=(0.0, 0.0, 0.0))
     with pytest.raises(SafetyError, match="is not a pose"):
-        caps.require_line("robot x", (math.nan, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01, 0.1)
+        Ur5(load_config().config).start_move(nowhere, speed=0.01, acceleration=0.1)
 
 
 def test_a_replaced_connection_is_noticed() -> None:

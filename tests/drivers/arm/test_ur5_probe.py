@@ -10,11 +10,10 @@ from typing import Any
 import pytest
 
 from drivers.arm.ur5_probe import ControllerReport, probe_controller, require_ready
-from drivers.arm.ur5_safety import RuntimeState, SafetyBit
-from drivers.arm.ur5_wire import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT
-from drivers.device.faults import FaultKind, parse_fault
-from drivers.emulators.faults import post_fault
+from drivers.arm.ur5_wire import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT, RuntimeState, SafetyBit
+from drivers.emulators.faults import FaultKind, parse_fault
 from drivers.emulators.launch import free_loopback_host
+from drivers.emulators.process import post_fault
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.errors import DeviceError
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.device.faults import (
+from drivers.emulators.faults import (
     AMOUNTS,
     FAULTS_OF_DEVICE,
     STOPS,
@@ -19,12 +19,12 @@ from drivers.device.faults import (
     FaultKind,
     parse_fault,
 )
-from drivers.emulators.faults import (
+from drivers.emulators.process import (
     FaultInbox,
     FaultSchedule,
     control_path,
-    decode_fault,
-    encode_fault,
+    decode_message,
+    encode_message,
     post_fault,
 )
 from tacauchy_rig.core.errors import ConfigError, DeviceError
@@ -90,7 +90,7 @@ def test_message_round_trip(
         duration_s=duration_s,
         amount=amount,
     )
-    assert decode_fault(encode_fault(fault)) == fault
+    assert decode_message(encode_message(fault)) == fault
 
 
 def test_inbox_receives_without_blocking(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from drivers.device.faults import Device
+from drivers.emulators.faults import Device
 from drivers.emulators.process import DeviceSettings, keep_time, run_device
 
 

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.device.device_file import device_holders
-from drivers.device.faults import FaultKind, parse_fault
-from drivers.emulators.faults import post_fault
+from drivers.emulators.faults import FaultKind, parse_fault
 from drivers.emulators.force_sensor.box import LINK_NAME
+from drivers.emulators.process import post_fault
 from drivers.force_sensor.sri_m3733c import SriM3733c, explain_open_error
+from drivers.stream_buffer import device_holders
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import Checksum
 from tacauchy_rig.core.errors import DeviceError
@@ -340,7 +340,7 @@ def test_other_device_shows_what_it_said() -> None:
     with raw_terminal() as (master, port):
         chatter = subprocess.Popen(["yes", "$GPGGA,nothing"], stdout=master)
         try:
-            with pytest.raises(DeviceError, match="no SUM frame") as caught:
+            with pytest.raises(DeviceError, match="other than SUM frames") as caught:
                 sensor_at(port, connect_timeout=3.0).connect()
         finally:
             chatter.kill()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.emulators.faults import hang_weight
+from drivers.emulators.process import hang_weight
 from drivers.force_sensor import weighing
 from drivers.force_sensor.weighing import Load, weigh, weigh_connected
 from drivers.mock.world import MockWorld
@@ -47,7 +47,7 @@ def test_the_three_readings_are_those_of_the_world(bench: MockBench) -> None:
     ("fault", "message"),
     [
         ("force-silent", "0 samples in 2 s"),
-        ("force-nan", "what is no number"),
+        ("force-nan", "that is not a number"),
         ("force-saturated", "beyond its capacity 50 N"),
     ],
 )

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.device.faults import parse_fault
+from drivers.emulators.faults import parse_fault
 from drivers.mock.streams import HEIGHT, WIDTH
 from drivers.mock.world import plan_faults
 from tacauchy_rig.core.errors import DeviceError
@@ -75,7 +75,7 @@ def test_no_frame_is_like_another_until_the_camera_lies(bench):
     frames = bench.camera.drain()
     assert len({frame.jpeg for frame in frames}) == len(frames)
     assert bench.camera.health().repeat_count == 1
-    bench.world.lies.append(parse_fault("camera:freeze-image"))
+    bench.world.silent_faults.append(parse_fault("camera:freeze-image"))
     bench.world.clock.sleep(1.0)
     frames = bench.camera.drain()
     assert len({frame.jpeg for frame in frames}) == 1

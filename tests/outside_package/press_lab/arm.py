@@ -10,7 +10,7 @@ import time
 from collections import deque
 from typing import Self
 
-from drivers.device.interface import DeviceIdentity
+from drivers.interfaces import DeviceIdentity
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ArmSample, Pose, Vector3, Vector6
@@ -21,7 +21,7 @@ _ARRIVED_M = 1e-6
 
 
 class LabArm:
-    """Obeys ``drivers.arm.interface.Arm``."""
+    """Obeys ``drivers.interfaces.Arm``."""
 
     def __init__(self, home: Pose, *, cycle_hz: float, watchdog_hz: float) -> None:
         self._pose, self._period_s, self._watchdog_s = home, 1.0 / cycle_hz, 1.0 / watchdog_hz

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.device.interface import StreamHealth
-from drivers.rig import FrameMark
+from drivers.interfaces import FrameMark, StreamHealth
 from protocols.control.rates import RateMeter, lateness_ms
 
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from drivers.device.interface import StreamHealth
+from drivers.interfaces import StreamHealth
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.streams import StreamGuard
 from tacauchy_rig.core.run import ForceSample, Wrench

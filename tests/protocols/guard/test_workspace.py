@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
-from protocols.guard.breach import BreachError
-from protocols.guard.workspace import Workspace
+from protocols.guard.breach import BreachError, Reaction
+from protocols.guard.workspace import LEAST_TRAVEL_M, FollowGuard, Workspace
 from tacauchy_rig.core.errors import SafetyError
 from tacauchy_rig.core.run import ArmSample, Pose
 
@@ -89,3 +89,108 @@ def test_nothing_outside_the_box_is_allowed(config, x, y, z, tilt):
     assert box.y_min <= y <= box.y_max
     assert box.z_min <= z <= box.z_max
     assert tilt <= box.max_tilt + 1e-9
+
+
+TURN_NS = 5_000_000
+WINDOW_S = 0.7
+
+
+def new_guard():
+    """Return a guard with the default window."""
+    return FollowGuard(window_s=WINDOW_S)
+
+
+def drive(guard, speed, *, follows, seconds, late_s=0.0, until_s=math.inf):
+    """Tell a speed again and again; from ``late_s`` on the arm goes ``follows`` times as fast.
+
+    Returns:
+        How far the arm went [m].
+    """
+    z = 0.0
+    for turn in range(round(seconds * 1e9 / TURN_NS)):
+        guard.tell(speed)
+        guard.check(z, now_ns=turn * TURN_NS)
+        if late_s <= turn * TURN_NS * 1e-9 < until_s:
+            z += follows * speed * TURN_NS * 1e-9
+    return z
+
+
+@pytest.mark.parametrize(
+    ("speed", "told"),
+    [
+        (-0.0005, r"0.35\d mm down in 0.7 s"),
+        (-0.0003, r"0.21\d mm down in 0.7 s"),
+        (0.0003, r"0.21\d mm up in 0.7 s"),
+        (-0.00002, r"0.050 mm down in 2.5 s"),
+    ],
+)
+def test_an_arm_that_stands_still_is_noticed(speed, told):
+    """At any speed: after the window, or after 0.05 mm of commanded travel if that comes later."""
+    pattern = f"commanded {told}, measured 0.000 mm"
+    with pytest.raises(BreachError, match=pattern) as caught:
+        drive(new_guard(), speed, follows=0.0, seconds=3.0)
+    assert caught.value.reaction is Reaction.HOLD
+    assert "pendant" in caught.value.remedy
+
+
+def test_an_arm_that_stalls_on_the_way_is_noticed():
+    """What it has covered before it stalled is no credit for longer than the window."""
+    with pytest.raises(BreachError, match=r"measured 0.0[0-5]\d mm"):
+        drive(new_guard(), -0.0003, follows=1.0, seconds=2.0 + WINDOW_S, until_s=2.0)
+
+
+def test_an_arm_that_goes_the_other_way_is_noticed():
+    """Distance alone is not enough."""
+    with pytest.raises(BreachError, match=r"measured -0.21\d mm"):
+        drive(new_guard(), -0.0003, follows=-1.0, seconds=1.0)
+
+
+@given(
+    speed=st.floats(-0.001, 0.001).filter(lambda v: abs(v) > 1e-7),
+    follows=st.floats(0.5, 1.2),
+    late_s=st.floats(0.0, 0.3),
+)
+@example(speed=-0.0003, follows=1.0, late_s=0.3)
+@example(speed=-0.00005, follows=0.5, late_s=0.3)
+def test_an_arm_that_follows_late_or_slowly_is_let_go_on(speed, follows, late_s):
+    """Half as fast from 0.3 s on still counts as following; once it stands still, it is noticed."""
+    guard = new_guard()
+    gone = drive(guard, speed, follows=follows, seconds=3.0, late_s=late_s)
+    assert gone == pytest.approx(follows * speed * (3.0 - late_s), rel=0.01)
+    if 2.9 * abs(speed) > LEAST_TRAVEL_M:
+        assert _is_stopped(guard, speed, z=gone)
+
+
+def _is_stopped(guard, speed, *, z):
+    """Return whether an arm that goes no farther is noticed in as long again."""
+    try:
+        for turn in range(round(3.0 * 1e9 / TURN_NS)):
+            guard.tell(speed)
+            guard.check(z, now_ns=3_000_000_000 + turn * TURN_NS)
+    except BreachError:
+        return True
+    return False
+
+
+def test_a_servo_at_its_target_is_left_alone():
+    """Speeds of micrometres per second and changes of direction prove nothing."""
+    guard = new_guard()
+    for turn in range(2000):
+        guard.tell(2e-5 if turn % 40 < 20 else -2e-5)
+        guard.check(0.0, now_ns=turn * TURN_NS)
+    # The same speed without a change of direction proves something.
+    with pytest.raises(BreachError, match=r"up in 2\.5 s"):
+        drive(new_guard(), 2e-5, follows=0.0, seconds=10.0)
+
+
+def test_a_stop_begins_anew():
+    """What was told before a stop is no debt."""
+    guard = new_guard()
+    turns = range(round(4 * WINDOW_S * 1e9) // TURN_NS)
+    for turn in turns:
+        guard.tell(-0.0003)
+        guard.check(0.0, now_ns=turn * TURN_NS)
+        if turn % 100 == 99:
+            guard.forget()
+    with pytest.raises(BreachError, match=r"measured 0\.000 mm"):
+        drive(new_guard(), -0.0003, follows=0.0, seconds=len(turns) * TURN_NS * 1e-9)

@@ -11,8 +11,7 @@ from typing import Never
 import pytest
 
 from protocols.processes import child
-from protocols.processes.channel import Channel
-from protocols.processes.messages import Failed
+from protocols.processes.messages import Channel, Failed
 
 
 @pytest.mark.parametrize(

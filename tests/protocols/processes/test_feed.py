@@ -10,7 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocols.processes.feed import PICTURES_BYTES, FeedLines, FeedReader, FeedWriter, FeedWriters
+from protocols.processes.feed import (
+    PICTURES_BYTES,
+    FeedLines,
+    FeedReader,
+    FeedWriter,
+    FeedWriters,
+    feed_readers,
+)
 
 
 class Line:
@@ -28,7 +35,7 @@ class Line:
     def ends(self, kind, name, **other):
         """Return an end on copies of the descriptors."""
         copies = {what: os.dup(end) for what, end in self.lines.descriptors(name).items()}
-        end = kind.inherited(copies, **other)
+        end = kind(copies, **other)
         self._stack.callback(end._channel.close)
         self._stack.callback(os.close, next(d for w, d in copies.items() if "pictures" in w))
         return end
@@ -115,4 +122,4 @@ def test_a_viewer_started_again_goes_on(line):
 def test_without_viewers_nothing_is_made(line):
     """A process that nobody views has no feed to show anything to."""
     assert not FeedWriters(line.lines.descriptors("control"), ["page"])
-    assert FeedReader.inherited(line.lines.descriptors("page"), source="control") is None
+    assert feed_readers(line.lines.descriptors("page"), ["control"]) == []

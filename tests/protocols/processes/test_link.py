@@ -6,11 +6,10 @@ import socket
 
 import pytest
 
-from protocols.control.record import Begin, End, Force
+from protocols.control.record import Begin, End
 from protocols.processes import link as link_module
-from protocols.processes.channel import Channel, EntryReader
 from protocols.processes.link import RecorderLink
-from protocols.processes.messages import Ack, Failed
+from protocols.processes.messages import Ack, Channel, EntryReader, Failed
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import (
     ForceSample,
@@ -26,7 +25,7 @@ from tacauchy_rig.core.store.recording.reading import Recording
 def force(counter):
     """Return an entry with one sample."""
     wrench = Wrench(force=(0.0, 0.0, 1.0), torque=(0.0, 0.0, 0.0))
-    return Force((ForceSample(stamp_ns=counter * 10, counter=counter, wrench=wrench),))
+    return (ForceSample(stamp_ns=counter * 10, counter=counter, wrench=wrench),)
 
 
 class FarEnd:

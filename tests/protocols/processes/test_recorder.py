@@ -9,9 +9,8 @@ from dataclasses import replace
 import pytest
 
 from protocols.control.record import Begin, End
-from protocols.processes.channel import Channel, encode
-from protocols.processes.record_keeper import RecordKeeper
-from protocols.processes.recorder import Producer, Recorder
+from protocols.processes.messages import Channel, pack_entry
+from protocols.processes.recorder import Producer, Recorder, RecordKeeper, encoded
 from tacauchy_rig.core.run import ImageFrame, Outcome, TrialRecord
 from tacauchy_rig.core.store.recording.reading import Recording
 
@@ -20,7 +19,7 @@ RECORD = TrialRecord(index=1, attempt=1, outcome=Outcome.PASSED, force_target_n=
 
 def frame(stamp_ns):
     """Return a frame entry."""
-    return ImageFrame(
+    made = ImageFrame(
         stamp_ns=stamp_ns,
         counter=stamp_ns,
         device_stamp_s=None,
@@ -28,6 +27,7 @@ def frame(stamp_ns):
         height=4,
         jpeg=b"\xff\xd8\xff\xd9",
     )
+    return (made,)
 
 
 class Desk:
@@ -46,7 +46,7 @@ class Desk:
     def say(self, name, entry):
         """Let a producer send an entry and the recorder take it."""
         self.numbers[name] += 1
-        self.sockets[name].sendall(encode(self.numbers[name], entry))
+        self.sockets[name].sendall(pack_entry(self.numbers[name], encoded(entry)))
         self.producers[name].read()
         self.recorder.step()
 

@@ -16,7 +16,7 @@ import pytest
 
 import protocols
 from protocols.guard.abort import Abort
-from protocols.session import plan_session, run_session
+from protocols.processes.supervisor import plan_session, run_session
 from tacauchy_rig.core.errors import DeviceError, RecordError
 from tacauchy_rig.core.run import Outcome
 from tacauchy_rig.core.store.check.run import check_run
@@ -234,7 +234,7 @@ PARENT = """
 import sys
 from pathlib import Path
 from protocols.guard.abort import Abort
-from protocols.session import run_session
+from protocols.processes.supervisor import run_session
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.codec import dumps
 from tacauchy_rig.core.store.run_store import RunStore

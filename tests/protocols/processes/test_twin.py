@@ -7,7 +7,7 @@ import signal
 import threading
 
 from protocols.guard.abort import Abort
-from protocols.session import run_session
+from protocols.processes.supervisor import run_session
 from tacauchy_rig.app.twin.wish import Follows, twin_wish
 from tacauchy_rig.core.run import Outcome
 from tacauchy_rig.core.store.check.run import check_run

@@ -9,10 +9,10 @@ import time
 
 import pytest
 
-from protocols.processes import viewer as viewer_module
-from protocols.processes.messages import Job, PageWish
+from protocols.processes import viewing as viewing_module
+from protocols.processes.messages import Job, PageOptions
+from protocols.processes.supervisor import plan_session
 from protocols.processes.viewing import Viewing
-from protocols.session import plan_session
 from tacauchy_rig.core.errors import ConfigError
 
 
@@ -36,13 +36,13 @@ def test_a_port_that_is_taken_is_refused_by_name(job):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(ConfigError, match=f"--page {port}") as caught:
-            Viewing(PageWish(port=port), job)
+            Viewing(PageOptions(port=port), job)
     assert "another port" in caught.value.remedy
 
 
 def test_every_session_has_a_token_of_its_own(job):
     """Nobody can know the next one."""
-    one, other = Viewing(PageWish(), job), Viewing(PageWish(), job)
+    one, other = Viewing(PageOptions(), job), Viewing(PageOptions(), job)
     tokens = {each.address.split("/")[3] for each in (one, other)}
     assert len(tokens) == 2
     assert all(len(token) >= 32 for token in tokens)
@@ -52,8 +52,8 @@ def test_every_session_has_a_token_of_its_own(job):
 
 def test_a_page_that_dies_again_and_again_is_given_up(job, monkeypatch):
     """Started as often as is sensible, each time told, and then no more."""
-    monkeypatch.setattr(viewer_module, "STARTS_MAX", 2)
-    viewing = Viewing(PageWish(), job)
+    monkeypatch.setattr(viewing_module, "STARTS_MAX", 2)
+    viewing = Viewing(PageOptions(), job)
     viewing.start()
     told = []
     deadline = time.monotonic() + 60.0
@@ -77,7 +77,7 @@ def test_what_says_at_its_start_that_it_cannot_be_is_not_started_again(
     words = "no such sensor"
     (tmp_path / "refusing.py").write_text(f"import sys\nprint({words!r})\nsys.exit({status})\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    viewer = viewer_module.Viewer("twin", job, module="refusing")
+    viewer = viewing_module.Viewer("twin", job, module="refusing")
     deadline = time.monotonic() + 60.0
     while not (happened := viewer.look()):
         assert time.monotonic() < deadline
@@ -90,7 +90,7 @@ def test_what_says_at_its_start_that_it_cannot_be_is_not_started_again(
 
 def test_a_viewer_that_says_nothing_is_ended(job, monkeypatch):
     """Stopped, it neither reads nor dies: silence is what shows it."""
-    viewing = Viewing(PageWish(), job)
+    viewing = Viewing(PageOptions(), job)
     viewing.start()
     [page] = viewing.running()
     deadline = time.monotonic() + 60.0
@@ -98,7 +98,7 @@ def test_a_viewer_that_says_nothing_is_ended(job, monkeypatch):
         assert time.monotonic() < deadline
         time.sleep(0.05)
     os.kill(page.pid, signal.SIGSTOP)
-    monkeypatch.setattr(viewer_module, "SILENT_S", 0.5)
+    monkeypatch.setattr(viewing_module, "SILENT_S", 0.5)
     happened = []
     while not happened:
         assert time.monotonic() < deadline

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.device.faults import parse_fault
+from drivers.emulators.faults import parse_fault
 from protocols.guard.breach import BreachError
 from protocols.guard.force import Contact
 from protocols.steps.motion import approach
 from protocols.steps.search import BEYOND_M, search_contact
-from protocols.steps.tare import take_tare
+from protocols.steps.window import take_tare
 
 SHORT = (
     'robot.home=["0 mm", "-400 mm", "203 mm"]',
@@ -19,11 +19,11 @@ SHORT = (
 )
 
 
-def above_the_gel(laboratory, *overrides, lie="", **world):
+def above_the_gel(laboratory, *overrides, silent_fault="", **world):
     """Return a laboratory whose arm stands above the gel, tared; the cell lies from the start."""
     lab = laboratory(*SHORT, *overrides, bias=(0.0,) * 6, **world)
-    if lie:
-        lab.world.lies.append(parse_fault(f"force_sensor:{lie}"))
+    if silent_fault:
+        lab.world.silent_faults.append(parse_fault(f"force_sensor:{silent_fault}"))
     lab.cycle.force_guard.set_zero(take_tare(lab.cycle))
     lab.cycle.force_guard.contact = Contact.NONE
     approach(lab.cycle)
@@ -38,7 +38,7 @@ def test_the_gel_is_found_where_it_is(laboratory):
 
 def test_a_force_of_the_wrong_sign_ends_the_search_at_the_first_threshold(laboratory):
     """The setting is named, with the value that it should have."""
-    lab = above_the_gel(laboratory, lie="sign")
+    lab = above_the_gel(laboratory, silent_fault="sign")
     with pytest.raises(BreachError, match="compression_sign 1: the force went to -0") as caught:
         search_contact(lab.cycle)
     assert "compression_sign = -1" in caught.value.remedy
@@ -47,7 +47,7 @@ def test_a_force_of_the_wrong_sign_ends_the_search_at_the_first_threshold(labora
 
 def test_a_force_sideways_ends_the_search_and_names_the_axes(laboratory):
     """Fx and Fz swapped, by a decoupling matrix of another cell."""
-    lab = above_the_gel(laboratory, lie="swap-axes")
+    lab = above_the_gel(laboratory, silent_fault="swap-axes")
     with pytest.raises(BreachError, match="N sideways and") as caught:
         search_contact(lab.cycle)
     assert caught.value.limit == "witness.sideways"

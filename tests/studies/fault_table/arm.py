@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drivers.emulators.arm.trace import TraceRow
+from drivers.emulators.arm.controller import TraceRow
 from drivers.emulators.plant.gel import Plant
 from tacauchy_rig.core.run import Pose, Vector3
 

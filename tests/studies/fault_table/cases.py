@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from drivers.device.faults import FAULTS_OF_DEVICE, LIES_OF_THE_FORCE, Device, Fault, FaultKind
+from drivers.emulators.faults import FAULTS_OF_DEVICE, SILENT_FORCE_FAULTS, Device, Fault, FaultKind
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.run import Phase
 from tacauchy_rig.core.selection import selected
@@ -146,7 +146,7 @@ def all_cases() -> tuple[FaultCase, ...]:
 
 
 def _asked(cause: Cause, targets_n: Sequence[float]) -> Sequence[float]:
-    lies = isinstance(cause, Fault) and cause.kind in LIES_OF_THE_FORCE
+    lies = isinstance(cause, Fault) and cause.kind in SILENT_FORCE_FAULTS
     return targets_n if lies else ()
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from jinja2 import Template
 
 from drivers.arm.ur5_wire import DASHBOARD_PORT
-from drivers.device.faults import Device, Fault, FaultKind
-from drivers.emulators.arm.trace import TraceRow, read_trace
+from drivers.emulators.arm.controller import TraceRow, read_trace
+from drivers.emulators.faults import Device, Fault, FaultKind
 from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.emulators.launch import Emulation, free_loopback_host
 from tacauchy_rig.core.config.load import load_config

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from drivers.device.faults import LIES
+from drivers.emulators.faults import SILENT_FAULTS
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.layout import RunPaths
@@ -152,7 +152,7 @@ class Observation:
     @property
     def lies(self) -> bool:
         """True where a device said what was not so."""
-        return self.cause.partition(":")[2] in LIES
+        return self.cause.partition(":")[2] in SILENT_FAULTS
 
     @property
     def cause(self) -> str:

@@ -9,8 +9,8 @@ import time
 from contextlib import closing
 from pathlib import Path
 
-from drivers.device.faults import Fault
-from drivers.emulators.faults import post_fault
+from drivers.emulators.faults import Fault
+from drivers.emulators.process import post_fault
 from tacauchy_rig.app.session.record import MISSED
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Phase

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.device.faults import FAULTS_OF_DEVICE
+from drivers.emulators.faults import FAULTS_OF_DEVICE
 from tacauchy_rig.core.errors import ConfigError
 from tests.studies.fault_table.cases import Moment, Rival, Victim, all_cases, select_cases
 from tests.studies.fault_table.crowd import Crowd

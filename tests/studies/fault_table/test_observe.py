@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.device.faults import Device, Fault, FaultKind
+from drivers.emulators.faults import Device, Fault, FaultKind
 from tests.studies.fault_table.cases import Blow, BlowKind, FaultCase, Moment, Victim
 from tests.studies.fault_table.observe import observe_case
 

@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Self
 
 from protocols.guard.abort import AbortWatch
-from protocols.processes.messages import PageWish, ViewerWish
-from protocols.processes.supervisor import SessionResult
-from protocols.session import run_session
+from protocols.processes.messages import PageOptions, ViewerOptions
+from protocols.processes.supervisor import SessionResult, run_session
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import JournalEvent, Phase
@@ -78,7 +77,7 @@ class Bench:
         *,
         phase: Phase,
         page: bool = True,
-        viewers: Sequence[ViewerWish] = (),
+        viewers: Sequence[ViewerOptions] = (),
     ) -> Session:
         """Run a session, strike it while the arm moves in ``phase``, and wait for its end."""
         store = RunStore.create(
@@ -98,7 +97,7 @@ class Bench:
                     self._loaded.config,
                     on_event=begin,
                     abort=watch.abort,
-                    page=PageWish() if page else None,
+                    page=PageOptions() if page else None,
                     viewers=viewers,
                 )
         if not session.struck_ns:

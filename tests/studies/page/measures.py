@@ -12,12 +12,12 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from drivers.device.faults import Device
-from drivers.emulators.faults import hang_weight
+from drivers.emulators.faults import Device
 from drivers.emulators.launch import Emulation, with_addresses
+from drivers.emulators.process import hang_weight
 from protocols.guard.abort import Abort
-from protocols.processes.messages import PageWish, ViewerWish
-from protocols.session import run_session
+from protocols.processes.messages import PageOptions, ViewerOptions
+from protocols.processes.supervisor import run_session
 from tacauchy_rig.app.twin.wish import Follows, twin_wish
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import DeviceError
@@ -92,7 +92,7 @@ def twin_reactions(folder: Path, count: int, say: Say) -> Pairs:
         return _pairs(lambda: _hang_ms(bench, viewers=twin), lambda: _hang_ms(bench), count, say)
 
 
-def _hang_ms(bench: Bench, *, page: bool = True, viewers: Sequence[ViewerWish] = ()) -> float:
+def _hang_ms(bench: Bench, *, page: bool = True, viewers: Sequence[ViewerOptions] = ()) -> float:
     """Return how quickly the guard reacts to a weight that is hung on the cell [ms]."""
 
     def hang(_session: Session) -> None:
@@ -152,7 +152,7 @@ def watched_run(folder: Path, watchers: int) -> list[dict[str, str | float | Non
                 stack.enter_context(watched(str(event.detail["address"]), watchers))
 
         config = with_addresses(loaded.config, emulation.addresses)
-        result = run_session(store, config, on_event=follow, abort=Abort(), page=PageWish())
+        result = run_session(store, config, on_event=follow, abort=Abort(), page=PageOptions())
     return [
         {
             "trial": record.index,

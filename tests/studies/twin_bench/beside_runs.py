@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from drivers.device.faults import Device
+from drivers.emulators.faults import Device
 from drivers.emulators.launch import Emulation, with_addresses
-from drivers.emulators.plant.unit import EmulatedUnit
+from drivers.emulators.plant.truth import EmulatedUnit
 from protocols.guard.abort import Abort
-from protocols.processes.messages import PageWish
-from protocols.session import run_session
+from protocols.processes.messages import PageOptions
+from protocols.processes.supervisor import run_session
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.twin.wish import Follows, twin_wish
 from tacauchy_rig.core.config.load import default_text, load_config
@@ -86,7 +86,7 @@ def press_with_twin(
             with_addresses(loaded.config, emulation.addresses),
             on_event=lambda _event: None,
             abort=Abort(),
-            page=PageWish(),
+            page=PageOptions(),
             viewers=[twin_wish(Follows.FORCE, device=device)],
         )
     busy = os.getloadavg()[0] / (os.cpu_count() or 1)

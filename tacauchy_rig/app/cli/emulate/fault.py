@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from drivers.device.faults import Device, parse_fault, written_faults
+from drivers.emulators.faults import Device, parse_fault, written_faults
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import say, write_json
 
@@ -29,7 +29,7 @@ def fault(
 
     Example: tacauchy-rig emulate fault FOLDER force_sensor:scale=0.1@1s+2s
     """
-    from drivers.emulators.faults import post_fault
+    from drivers.emulators.process import post_fault
 
     post_fault(folder, parse_fault(text))
     say(f"told {folder}: {text}")

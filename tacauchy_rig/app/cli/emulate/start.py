@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.device.faults import Device
+from drivers.emulators.faults import Device
 from tacauchy_rig.app.cli.options import ConfigFile, JsonFile, Overrides
 from tacauchy_rig.app.cli.output import say, write_json
 from tacauchy_rig.core.errors import DeviceError

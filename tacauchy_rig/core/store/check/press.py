@@ -30,7 +30,7 @@ CONTACT_DEPTH_M = 5e-5
 search's speed, for a few turns and until it has come to rest."""
 
 ARM_WINDOW_S = 0.2
-"""The protocol takes the arm's estimate as a mean over this long (protocols.guard.arm_estimate)."""
+"""The protocol takes the arm's estimate as a mean over this long (protocols.guard.witness)."""
 
 ARM_STILL_S = 0.3
 """So long after the search began, the arm still standing, it makes that mean its zero

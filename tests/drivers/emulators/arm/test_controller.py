@@ -19,13 +19,11 @@ from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
 from drivers.arm.ur5_wire import DASHBOARD_PORT
-from drivers.device.faults import parse_fault
-from drivers.device.force_estimate import COARSENESS
-from drivers.emulators.arm.controller import ControllerSettings
-from drivers.emulators.arm.trace import read_trace
-from drivers.emulators.faults import post_fault
+from drivers.emulators.arm.controller import ControllerSettings, read_trace
+from drivers.emulators.faults import parse_fault
+from drivers.emulators.force_estimate import COARSENESS
 from drivers.emulators.launch import free_loopback_host
-from drivers.emulators.process import arguments_of, settings_from
+from drivers.emulators.process import arguments_of, post_fault, settings_from
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Pose, Vector6

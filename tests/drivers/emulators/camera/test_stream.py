@@ -23,7 +23,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.device.faults import Device, Fault, FaultKind, parse_fault
 from drivers.emulators.camera.frames import (
     BIT_COUNT,
     BLOCK_PX,
@@ -36,12 +35,12 @@ from drivers.emulators.camera.frames import (
     draw_number,
 )
 from drivers.emulators.camera.stream import FaultyOutput
-from drivers.emulators.faults import post_fault
+from drivers.emulators.faults import Device, Fault, FaultKind, parse_fault
 from drivers.emulators.plant.gel import Plant
-from drivers.emulators.plant.still import render_press
+from drivers.emulators.plant.optics import render_press
 from drivers.emulators.plant.tips import CylinderTip
-from drivers.emulators.plant.truth import draw_truth
-from drivers.emulators.plant.unit import EmulatedUnit
+from drivers.emulators.plant.truth import EmulatedUnit, draw_truth
+from drivers.emulators.process import post_fault
 from drivers.emulators.shared_world import SharedWorld
 from tacauchy_rig.core.run import Pose
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.emulators.force_sensor.source import ForceChannel
-from drivers.emulators.plant.gel import Plant, Relaxation, leaning_depths
+from drivers.emulators.plant.gel import Plant, Relaxation, tilted_depths
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
 from tacauchy_rig.core.run import Pose
@@ -35,7 +35,7 @@ def _pose(depth: float, *, x: float = 0.0, y: float = 0.0) -> Pose:
 
 @given(st.floats(1e-5, 0.1))
 def test_zero_force_out_of_contact(height: float) -> None:
-    """Higher than a face reaches that leans by 0.15 deg, there is exactly nothing."""
+    """Higher than a face reaches that tilts by 0.15 deg, there is exactly nothing."""
     plant = _plant()
     assert plant.wrench(_pose(-height), 0) == ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     assert plant.surface_at(plant.depth(_pose(-height)), (0.0, 0.0)).contact_radius == 0.0
@@ -103,24 +103,24 @@ def test_the_surface_follows_the_flat_face() -> None:
     assert 2.4e-3 < profile.contact_radius <= 2.51e-3
 
 
-def _leaning(degrees: float, **changes: object) -> Plant:
+def _tilted(degrees: float, **changes: object) -> Plant:
     return _plant(replace(TRUTH, tilt_rad=(math.radians(degrees), 0.0), **changes))
 
 
-def test_a_leaning_face_is_the_gel_under_it() -> None:
-    """Inside the contact the surface leans as the face does, deeper on the side it leans to."""
-    profile = _leaning(1.0).surface_at(0.5e-3, (0.0, 0.0), (math.radians(1.0), 0.0))
+def test_a_tilted_face_is_the_gel_under_it() -> None:
+    """Inside the contact the surface tilts as the face does, deeper on the side it tilts to."""
+    profile = _tilted(1.0).surface_at(0.5e-3, (0.0, 0.0), (math.radians(1.0), 0.0))
     inside = (profile.radius > 0.0) & (profile.radius < 0.9 * profile.contact_radius)
-    np.testing.assert_allclose(profile.leaning[inside], -profile.radius[inside], rtol=0.01)
+    np.testing.assert_allclose(profile.tilt_height[inside], -profile.radius[inside], rtol=0.01)
     far = profile.radius > 3.0 * profile.contact_radius
-    assert np.abs(profile.leaning[far]).max() < 0.05 * profile.contact_radius
+    assert np.abs(profile.tilt_height[far]).max() < 0.05 * profile.contact_radius
 
 
-def test_a_leaning_face_presses_on_its_lower_side() -> None:
-    """The moment turns the tool upright, twice as much for twice the lean."""
+def test_a_tilted_face_presses_on_its_lower_side() -> None:
+    """The moment turns the tool upright, twice as much for twice the tilt."""
     still = {"pose_error_m": (0.0, 0.0)}
     moments = [
-        _leaning(degrees, **still).wrench(_pose(0.5e-3), 0)[1][1] for degrees in (0.0, 0.5, 1.0)
+        _tilted(degrees, **still).wrench(_pose(0.5e-3), 0)[1][1] for degrees in (0.0, 0.5, 1.0)
     ]
     assert abs(moments[0]) < 1e-12
     assert moments[2] == pytest.approx(2.0 * moments[1], rel=1e-3)
@@ -130,11 +130,11 @@ def test_a_leaning_face_presses_on_its_lower_side() -> None:
     assert 0.4 * half_space < -moments[2] < 0.7 * half_space
 
 
-def test_a_leaning_face_touches_a_dome_off_its_middle_and_earlier() -> None:
+def test_a_tilted_face_touches_a_dome_off_its_middle_and_earlier() -> None:
     """A dome of radius R is touched R l^2 / 2 earlier; pressed in all around, nothing changes."""
-    lean = math.radians(1.0)
-    depth, even = leaning_depths(2.5e-3, 134e-3, lean)
-    early = 0.5 * 134e-3 * lean**2
+    tilt = math.radians(1.0)
+    depth, even = tilted_depths(2.5e-3, 134e-3, tilt)
+    early = 0.5 * 134e-3 * tilt**2
     assert np.interp(-0.9 * early, depth, even) == pytest.approx(0.1 * early, abs=2e-6)
     assert np.interp(3e-4, depth, even) == pytest.approx(3e-4, rel=1e-3)
 

@@ -11,13 +11,14 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from drivers.emulators.plant.press_table import (
-    PressCase,
+    POISSON_STEPS,
     PressTable,
     cache_folder,
     case_for,
+    compute_table,
     press_table,
 )
-from drivers.emulators.plant.tabulation import POISSON_STEPS, compute_table
+from drivers.emulators.plant.quad_mesh import PressCase
 from drivers.emulators.plant.tips import CylinderTip, SphereTip
 from drivers.emulators.plant.truth import FRICTION
 

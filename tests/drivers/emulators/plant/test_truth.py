@@ -3,15 +3,34 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.emulators.plant.truth import PlantTruth, draw_truth, read_truth, write_truth
+from drivers.emulators.plant.gel import SurfaceProfile
+from drivers.emulators.plant.optics import render_press
+from drivers.emulators.plant.press_table import compute_table
+from drivers.emulators.plant.quad_mesh import GelDisc, PressCase
+from drivers.emulators.plant.relief import relief_of, visible_share
+from drivers.emulators.plant.tips import SphereTip
+from drivers.emulators.plant.truth import (
+    EmulatedUnit,
+    GelLight,
+    PlantTruth,
+    draw_truth,
+    read_truth,
+    write_truth,
+)
+from drivers.emulators.plant.view import view_of
+from sim.sensor.sensor import load_sensor
+from tacauchy_rig.app.cli.emulation import emulated_unit
 from tacauchy_rig.core.errors import RecordError
 
 
@@ -55,3 +74,79 @@ def test_worlds_are_hashable_and_plain() -> None:
     """A truth is a value: equal, hashable, usable as a cache key."""
     assert isinstance(hash(draw_truth(5)), int)
     assert PlantTruth.__slots__
+
+
+BALL = SphereTip(diameter_m=4e-3)
+LAYERED = GelDisc(
+    radius_m=8e-3, thickness_m=3e-3, dome_radius_m=math.inf, layers=((0.9, 0.25), (0.1, 1.0))
+)
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep the tests out of the user's cache."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+
+def test_a_soft_base_under_a_skin_is_softer_than_the_skin_and_stiffer_than_the_base() -> None:
+    """The force of a layered gel lies between those of its materials."""
+
+    def force(gel: GelDisc) -> float:
+        return float(compute_table(PressCase(tip=BALL, gel=gel, max_depth_m=1.2e-4)).force[-1])
+
+    skin = force(replace(LAYERED, layers=()))
+    assert 0.25 * skin < force(LAYERED) < skin
+    alike = replace(LAYERED, layers=((0.9, 1.0), (0.1, 1.0)))
+    assert force(alike) == pytest.approx(skin, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["gelsight-mini", "digit", "9dtact"])
+def test_a_world_of_every_sensor_survives_its_file(name: str, tmp_path: Path) -> None:
+    """What the emulators read is what was drawn, whatever the sensor."""
+    truth = draw_truth(3, unit=emulated_unit(load_sensor(name)))
+    assert read_truth(write_truth(tmp_path, truth)) == truth
+
+
+def test_the_emulated_mini_is_the_default_unit() -> None:
+    """A GelSight Mini made from its file has the gel of the shipped press tables."""
+    made, default = emulated_unit(load_sensor("gelsight-mini")), EmulatedUnit()
+    assert made.gel == default.gel
+    assert made.young_pa == default.young_pa
+    assert made.pixel_m == pytest.approx(default.pixel_m)
+
+
+def test_a_translucent_gel_is_grey_and_darkens_under_a_ball() -> None:
+    """Light through clear gel: no colour, darkest in the middle of the contact."""
+    gel = GelDisc(radius_m=8e-3, thickness_m=3e-3, dome_radius_m=math.inf)
+    truth = draw_truth(1, unit=EmulatedUnit(gel=gel, light=GelLight.TRANSLUCENT))
+    still = [
+        render_press(truth, BALL, depth, (320, 240), noise_seed=None).astype(int)
+        for depth in (0.0, 3e-4)
+    ]
+    assert np.ptp(still[1], axis=2).max() == 0
+    change = (still[1] - still[0])[..., 0]
+    column, row = (round(p) for p in view_of(truth, (320, 240)).pixel(0.0, 0.0))
+    assert change[row, column] == change.min() < -15
+
+
+def test_a_dent_hides_a_grazing_light_from_the_gel_behind_it() -> None:
+    """Behind the dent the light is hidden, before it and far behind it is not."""
+    radius = np.linspace(0.0, 6e-3, 400)
+    profile = SurfaceProfile(
+        depth_m=5e-4,
+        centre=(0.0, 0.0),
+        tilt=(0.0, 0.0),
+        contact_radius=1e-3,
+        radius=radius,
+        height=-5e-4 * np.exp(-((radius / 1e-3) ** 2)),
+        radius_rest=radius,
+        tilt_height=np.zeros(0),
+    )
+    relief = relief_of(profile, dome_radius_m=math.inf)
+    assert relief is not None
+    x = np.array([[-4e-3, -1.6e-3, 1.6e-3]], np.float32).repeat(4, axis=1).repeat(4, axis=0)
+    toward = tuple(np.full_like(x, part) for part in (0.98, 0.0, 0.2))
+    shown = visible_share(relief, x, np.zeros_like(x), toward)
+    assert shown[0, 0] == pytest.approx(1.0)
+    assert shown[0, 4:8].min() < 0.5
+    assert shown[0, -1] == pytest.approx(1.0)

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 import pytest
 
 from protocols.guard.abort import Abort
-from protocols.processes.messages import ContactOutline, PageWish
-from protocols.session import run_session
+from protocols.processes.messages import ContactOutline, PageOptions
+from protocols.processes.supervisor import run_session
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.protocols.conftest import BRISK, MOCKS
@@ -43,7 +43,7 @@ class Running:
             self.store.config,
             on_event=self.events.append,
             abort=self.abort,
-            page=PageWish(outline=OUTLINE),
+            page=PageOptions(outline=OUTLINE),
         )
 
     def wait_for(self, name, *, seen=0, **detail):

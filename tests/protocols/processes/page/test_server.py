@@ -10,12 +10,12 @@ from urllib.parse import urlsplit
 import pytest
 from starlette.datastructures import Headers
 
-from protocols.processes.page.door import Door
+from protocols.processes.page.access import AccessRule
 from protocols.processes.page.server import CONNECTIONS_MAX, WATCHERS_MAX
 from tacauchy_rig.core.run import Outcome
 
 HOST, ORIGIN = "127.0.0.1:8000", "http://127.0.0.1:8000"
-DOOR = Door("token", port=8000)
+ACCESS = AccessRule("token", port=8000)
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ DOOR = Door("token", port=8000)
 )
 def test_the_door_wants_token_host_and_origin(method, path, headers, admitted):
     """What changes something has to say where it comes from; reading may be silent."""
-    assert DOOR.admits(method=method, path=path, headers=Headers(headers)) is admitted
+    assert ACCESS.admits(method=method, path=path, headers=Headers(headers)) is admitted
 
 
 def ask(address, path="", *, method="GET", headers=None, token=None):

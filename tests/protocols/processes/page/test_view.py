@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from protocols.processes.feed import Shown
-from protocols.processes.messages import Job, PageJob
-from protocols.processes.page.picture import WIDEST_PX, media_type, reduced
-from protocols.processes.page.stream import StreamView
-from protocols.processes.page.view import TRACE_SAMPLES, View
-from protocols.session import plan_session
+from protocols.processes.messages import Job, PageOptions
+from protocols.processes.page.server import WIDEST_PX, media_type, reduced
+from protocols.processes.page.view import TRACE_SAMPLES, StreamView, View
+from protocols.processes.supervisor import plan_session
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.journal import append_event
 
@@ -39,7 +38,8 @@ def job_of(store, *, again=False):
         config=store.config,
         plan=plan_session(store),
         descriptors={},
-        page=PageJob(token=NAME, outline=None),
+        options={"token": NAME},
+        page=PageOptions(),
         again=again,
     )
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import uvicorn
 
-from protocols.processes.page.door import Door
+from protocols.processes.page.access import AccessRule
 from tacauchy_rig.app.gel_health.comparison import GelState, Seen, compare_presses
 from tacauchy_rig.app.results.health import Health
 from tacauchy_rig.app.results.server import ResultsServer
@@ -113,7 +113,9 @@ def served(runs: Path, *, only: str = "") -> Iterator[Client]:
     listener = socket.socket()
     listener.bind(("127.0.0.1", 0))
     port = listener.getsockname()[1]
-    results = ResultsServer(runs, Door(TOKEN, port=port), only=only, health=Health(judge=judged))
+    results = ResultsServer(
+        runs, AccessRule(TOKEN, port=port), only=only, health=Health(judge=judged)
+    )
     config = uvicorn.Config(results.app, http="h11", ws="none", lifespan="off", log_level="error")
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from protocols.steps.sway import FREQUENCIES_HZ
+from protocols.steps.press import FREQUENCIES_HZ
 from tacauchy_rig.app.calibration.latency.delay import even_stamps, find_delay
 from tacauchy_rig.core.errors import RecordError
 

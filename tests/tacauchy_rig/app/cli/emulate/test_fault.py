@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from drivers.device.faults import FAULTS_OF_DEVICE, Device, FaultKind
-from drivers.emulators.faults import FaultInbox
+from drivers.emulators.faults import FAULTS_OF_DEVICE, Device, FaultKind
+from drivers.emulators.process import FaultInbox
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.core.errors import ConfigError
 

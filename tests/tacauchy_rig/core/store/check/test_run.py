@@ -140,7 +140,7 @@ def test_what_an_attempt_failed_by_is_no_contradiction(
 ) -> None:
     """Old images fail a press, or stop it in its dwell; a run that is resumed then is whole."""
     store = new_run(tmp_path, "limits.repeat_count=30")
-    assert press_run(store, lie=("dwell", fault)).outcome is outcome
+    assert press_run(store, silent_fault=("dwell", fault)).outcome is outcome
     first = store.load_result(1, 1)
     assert first is not None
     assert first.dwell_end_ns is not None
@@ -155,7 +155,7 @@ def test_what_an_attempt_failed_by_is_no_contradiction(
 def test_a_failed_result_that_denies_old_images_is_contradicted(tmp_path: Path) -> None:
     """Its criterion made a met one, it says otherwise than its recording."""
     store = new_run(tmp_path)
-    press_run(store, lie=("dwell", "camera:repeat-image"))
+    press_run(store, silent_fault=("dwell", "camera:repeat-image"))
     path = store.paths.result(1, 1)
     content = json.loads(path.read_text())
     (told,) = (c for c in content["criteria"] if c["name"] == "repeated_frames")

@@ -1,0 +1,117 @@
+"""What can be told about a JPEG cheaply: that it is whole, its size, whether it is overexposed."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from drivers.interfaces import TouchMode
+
+CLIPPED_LEVEL = 250
+
+_START = b"\xff\xd8"
+_END = b"\xff\xd9"
+_FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_START_OF_SCAN = 0xDA
+
+
+def jpeg_size(data: bytes) -> tuple[int, int] | None:
+    """Return (width, height) in pixels of a JPEG that has a start, a frame header and an end.
+
+    Zero bytes after the end are allowed, because cameras pad. Damage inside the compressed
+    data goes unnoticed here.
+
+    Returns:
+        None where the bytes are no whole JPEG.
+    """
+    if not data.startswith(_START) or not data.rstrip(b"\0").endswith(_END):
+        return None
+    position = len(_START)
+    while position + 9 < len(data) and data[position] == 0xFF:
+        marker = data[position + 1]
+        if marker == 0xFF:  # fill byte
+            position += 1
+            continue
+        if marker == _START_OF_SCAN:
+            return None
+        if marker in _FRAME_HEADERS:
+            height = int.from_bytes(data[position + 5 : position + 7], "big")
+            width = int.from_bytes(data[position + 7 : position + 9], "big")
+            return width, height
+        position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
+    return None
+
+
+def clipped_ratio(jpeg: bytes) -> float | None:
+    """Return the share of pixels at full scale, judged at an eighth of the size.
+
+    Returns:
+        None where the bytes cannot be decoded.
+    """
+    grey = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_8)
+    return None if grey is None else float(np.mean(grey >= CLIPPED_LEVEL))
+
+
+_BLUR_PX = 3
+_MIDDLE = 0.25  # of width and height is left out at each border
+_DEVIATIONS = 8.0
+_LEAST_LEVELS = 2.0  # of 255: what JPEG's rounding may change
+_LEAST_PX = 4  # of the reduced picture: 16 x 16 px of the frame
+_MOST_REFERENCES = 60
+_LEAST_WIDTH_PX = 40
+_REDUCED = (
+    (8, cv2.IMREAD_REDUCED_GRAYSCALE_8),
+    (4, cv2.IMREAD_REDUCED_GRAYSCALE_4),
+    (2, cv2.IMREAD_REDUCED_GRAYSCALE_2),
+)
+
+
+class TouchWatch:
+    """Remembers pictures without contact, and compares later ones with them."""
+
+    def __init__(self) -> None:
+        self._mode = TouchMode.NOTHING
+        self._references: list[npt.NDArray[np.float32]] = []
+        self._mean: npt.NDArray[np.float32] | None = None
+        self._allowed = 0.0
+
+    def ask(self, mode: TouchMode) -> None:
+        """Look for something else from now on."""
+        if mode is TouchMode.REFERENCE:
+            self._references.clear()
+            self._mean = None
+        elif mode is TouchMode.TOUCH and len(self._references) > 1:
+            stack = np.stack(self._references)
+            self._mean = stack.mean(axis=0)
+            self._allowed = max(_LEAST_LEVELS, _DEVIATIONS * float(np.std(stack - self._mean)))
+        self._mode = mode
+
+    def see(self, jpeg: bytes) -> bool:
+        """Take a frame; return whether it shows a touch. False where that is not asked."""
+        if self._mode is TouchMode.NOTHING:
+            return False
+        small = _small(jpeg)
+        if small is None:
+            return False
+        if self._mode is TouchMode.REFERENCE:
+            self._references = [*self._references[-_MOST_REFERENCES:], small]
+            return False
+        if self._mean is None or self._mean.shape != small.shape:
+            return False
+        change = small - self._mean
+        change -= np.median(change)
+        return int(np.count_nonzero(np.abs(change) > self._allowed)) >= _LEAST_PX
+
+
+def _small(jpeg: bytes) -> npt.NDArray[np.float32] | None:
+    size = jpeg_size(jpeg)
+    if size is None:
+        return None
+    wide = [flag for reduction, flag in _REDUCED if size[0] >= reduction * _LEAST_WIDTH_PX]
+    grey = cv2.imdecode(np.frombuffer(jpeg, np.uint8), (wide or [cv2.IMREAD_GRAYSCALE])[0])
+    if grey is None:
+        return None
+    top, left = (round(_MIDDLE * side) for side in grey.shape)
+    middle = grey[top : grey.shape[0] - top, left : grey.shape[1] - left]
+    return np.asarray(cv2.blur(middle.astype(np.float32), (_BLUR_PX, _BLUR_PX)))

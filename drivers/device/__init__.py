@@ -1,1 +1,0 @@
-"""What devices of every kind share: who answered, how a stream fares, clocks, faults."""

@@ -1,0 +1,393 @@
+"""The ports of an emulated controller: RTDE, dashboard lines and program upload."""
+
+from __future__ import annotations
+
+import re
+import socket
+import struct
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from drivers.arm.ur5_wire import (
+    DASHBOARD_PORT,
+    INPUT_TYPES,
+    PROTOCOL_VERSION,
+    RTDE_PORT,
+    SCRIPT_PORT,
+    InputRecipe,
+    OutputRecipe,
+    PacketKind,
+    PacketReader,
+    RobotMode,
+    RuntimeState,
+    pack_packet,
+    split_names,
+)
+from drivers.emulators.arm.body import VERSIONS, ControllerBody
+from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.errors import DeviceError
+
+_BACKLOG_LIMIT = 1 << 20
+_RECEIVE_SIZE = 65536
+_RESET_ON_CLOSE = struct.pack("ii", 1, 0)
+_VERSION = struct.Struct(">4I")
+_FREQUENCY = struct.Struct(">d")
+_SCRIPT_END = re.compile(rb"^end[ \t]*\r?\n", re.MULTILINE)
+_REGISTER_OFFSET = re.compile(rb"reg_offset_int\s*=\s*(\d+)")
+_CONTROL_PROGRAM = re.compile(rb"^def rtde_control\(", re.MULTILINE)
+_SCRIPT_LIMIT = 1 << 20
+
+
+class Connection:
+    """A connected client: a socket that never blocks, with an optional delay.
+
+    Attributes:
+        partial: Text that is not complete yet.
+        alive: False once the client is gone; the owner then drops it.
+        delay_s: Added to both directions [s], to imitate a slow network.
+    """
+
+    def __init__(self, link: socket.socket) -> None:
+        link.setblocking(False)
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.socket = link
+        self.alive = True
+        self.delay_s = 0.0
+        self.partial = b""
+        self._unsent = bytearray()
+        self._late_out: deque[tuple[float, bytes]] = deque()
+        self._late_in: deque[tuple[float, bytes]] = deque()
+
+    @property
+    def is_congested(self) -> bool:
+        """True while earlier data wait for the client to read; newer states may be left out."""
+        return bool(self._unsent)
+
+    def receive(self, now_s: float) -> bytes:
+        """Return what has arrived and is due."""
+        chunks: list[bytes] = []
+        while self.alive:
+            try:
+                data = self.socket.recv(_RECEIVE_SIZE)
+            except BlockingIOError:
+                break
+            except OSError:
+                self.alive = False
+                break
+            if not data:
+                self.alive = False
+            elif self.delay_s > 0.0 or self._late_in:
+                self._late_in.append((now_s + self.delay_s, data))
+            else:
+                chunks.append(data)
+        while self._late_in and self._late_in[0][0] <= now_s:
+            chunks.append(self._late_in.popleft()[1])
+        return b"".join(chunks)
+
+    def send(self, data: bytes, now_s: float) -> None:
+        """Send ``data``, or keep it until it is due or the client reads."""
+        if self.delay_s > 0.0 or self._late_out:
+            self._late_out.append((now_s + self.delay_s, data))
+        else:
+            self._push(data)
+
+    def service(self, now_s: float) -> None:
+        """Send what has become due."""
+        while self._late_out and self._late_out[0][0] <= now_s:
+            self._push(self._late_out.popleft()[1])
+        if self._unsent:
+            self._push(b"")
+
+    def close(self, *, reset: bool = False) -> None:
+        """Close; with ``reset`` the client sees a broken connection instead of an orderly end."""
+        if reset:
+            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET_ON_CLOSE)
+        self.alive = False
+        self.socket.close()
+
+    def _push(self, data: bytes) -> None:
+        if not self.alive:
+            return
+        if self._unsent:
+            self._unsent += data
+            data = bytes(self._unsent)
+            self._unsent.clear()
+        try:
+            sent = self.socket.send(data)
+        except BlockingIOError:
+            sent = 0
+        except OSError:
+            self.alive = False
+            return
+        if sent < len(data):
+            self._unsent += data[sent:]
+            self.alive = len(self._unsent) < _BACKLOG_LIMIT
+
+
+class Port(ABC):
+    """A listening socket and its clients."""
+
+    greeting: ClassVar[bytes] = b""
+
+    def __init__(self, host: str, number: int) -> None:
+        self.number = number
+        self._delay_s = 0.0
+        self._connections: list[Connection] = []
+        self._address = (host, number)
+        self._listener: socket.socket | None = None
+        self.open()
+
+    def open(self) -> None:
+        """Listen."""
+        if self._listener is None:
+            listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind(self._address)
+            listener.listen(8)
+            listener.setblocking(False)
+            self._listener = listener
+
+    def delay(self, delay_s: float) -> None:
+        """Delay both directions of every connection, those to come included, by ``delay_s`` [s]."""
+        self._delay_s = delay_s
+        for connection in self._connections:
+            connection.delay_s = delay_s
+
+    def drop(self) -> None:
+        """Break every connection and refuse new ones until ``open``."""
+        for connection in self._connections:
+            connection.close(reset=True)
+        if self._listener is not None:
+            self._listener.close()
+            self._listener = None
+
+    def sockets(self) -> list[socket.socket]:
+        """Return what an event loop has to watch."""
+        listening = [self._listener] if self._listener is not None else []
+        return listening + [c.socket for c in self._connections if c.alive]
+
+    def service(self, now_s: float) -> None:
+        """Greet new clients, take what arrived, and let go of clients that are gone."""
+        while self._listener is not None:
+            try:
+                link, _ = self._listener.accept()
+            except OSError:
+                break
+            connection = Connection(link)
+            connection.delay_s = self._delay_s
+            self._connections.append(connection)
+            if self.greeting:
+                connection.send(self.greeting, now_s)
+        for connection in self._connections:
+            data = connection.receive(now_s)
+            if data:
+                self._hear(connection, data, now_s)
+            connection.service(now_s)
+        for connection in [c for c in self._connections if not c.alive]:
+            self._connections.remove(connection)
+            connection.close()
+
+    @abstractmethod
+    def _hear(self, connection: Connection, data: bytes, now_s: float) -> None:
+        """Take what a client sent."""
+
+
+@dataclass(slots=True, eq=False)
+class _Client:
+    """What the controller remembers of one RTDE connection."""
+
+    reader: PacketReader = field(default_factory=PacketReader)
+    output: OutputRecipe | None = None
+    inputs: list[InputRecipe] = field(default_factory=list)
+    every_cycles: int = 1
+    started: bool = False
+
+
+class RtdePort(Port):
+    """The RTDE server: handshakes, state out, registers in.
+
+    Attributes:
+        written: Names of the input fields that clients wrote in the last ``service``.
+    """
+
+    def __init__(self, host: str, body: ControllerBody) -> None:
+        super().__init__(host, RTDE_PORT)
+        self.written: set[str] = set()
+        self._body = body
+        self._clients: dict[Connection, _Client] = {}
+        self._owners: dict[str, _Client] = {}
+
+    def service(self, now_s: float) -> None:
+        """Serve the clients; see ``Port.service``."""
+        self.written.clear()
+        super().service(now_s)
+        for connection in self._clients.keys() - set(self._connections):
+            gone = self._clients.pop(connection)
+            self._owners = {n: owner for n, owner in self._owners.items() if owner is not gone}
+
+    def send_state(self, cycle: int, now_s: float) -> None:
+        """Send the newest state to every client whose turn this cycle is."""
+        outputs = self._body.outputs
+        for connection, client in self._clients.items():
+            if client.started and client.output is not None and cycle % client.every_cycles == 0:
+                packet = client.output.pack(outputs)
+                if not connection.is_congested:
+                    connection.send(packet, now_s)
+
+    def _hear(self, connection: Connection, data: bytes, now_s: float) -> None:
+        client = self._clients.setdefault(connection, _Client())
+        try:
+            for kind, body in client.reader.feed(data):
+                if kind == PacketKind.DATA:
+                    recipe = client.inputs[body[0] - 1]
+                    recipe.unpack_into(body[1:], self._body.inputs)
+                    self.written.update(recipe.names)
+                elif (reply := self._reply(client, kind, body)) is not None:
+                    connection.send(pack_packet(kind, reply), now_s)
+        except (DeviceError, IndexError, struct.error):
+            connection.alive = False
+
+    def _reply(self, client: _Client, kind: int, body: bytes) -> bytes | None:
+        if kind == PacketKind.REQUEST_PROTOCOL_VERSION:
+            return bytes([int.from_bytes(body[:2], "big") == PROTOCOL_VERSION])
+        if kind == PacketKind.GET_URCONTROL_VERSION:
+            return _VERSION.pack(*VERSIONS[self._body.model])
+        if kind == PacketKind.SETUP_OUTPUTS:
+            return self._set_up_outputs(client, body)
+        if kind == PacketKind.SETUP_INPUTS:
+            return self._set_up_inputs(client, split_names(body))
+        if kind in (PacketKind.START, PacketKind.PAUSE):
+            client.started = kind == PacketKind.START and client.output is not None
+            return bytes([client.started or kind == PacketKind.PAUSE])
+        return None
+
+    def _set_up_outputs(self, client: _Client, body: bytes) -> bytes:
+        (frequency,) = _FREQUENCY.unpack_from(body)
+        names = split_names(body[_FREQUENCY.size :])
+        known = [name for name in names if name in self._body.outputs]
+        if known != names:
+            return b"\x00" + b",".join(
+                b"FOUND" if name in self._body.outputs else b"NOT_FOUND" for name in names
+            )
+        rate = self._body.model.rate_hz
+        client.every_cycles = max(1, round(rate / frequency)) if 0 < frequency < rate else 1
+        client.output = OutputRecipe(1, names)
+        return b"\x01" + ",".join(client.output.types).encode()
+
+    def _set_up_inputs(self, client: _Client, names: list[str]) -> bytes:
+        types = []
+        for name in names:
+            if name not in INPUT_TYPES:
+                types.append("NOT_FOUND")
+            elif self._owners.get(name, client) is not client:
+                types.append("IN_USE")
+            else:
+                types.append(INPUT_TYPES[name])
+        if "NOT_FOUND" in types or "IN_USE" in types:
+            return b"\x00" + ",".join(types).encode()
+        self._owners |= dict.fromkeys(names, client)
+        client.inputs.append(InputRecipe(names))
+        return bytes([len(client.inputs)]) + ",".join(types).encode()
+
+
+class _TextPort(Port):
+    """A port that keeps each client's text until there is something to do with it."""
+
+    def _hear(self, connection: Connection, data: bytes, now_s: float) -> None:
+        replies, connection.partial = self._take(connection.partial + data)
+        for reply in replies:
+            connection.send(reply, now_s)
+
+    @abstractmethod
+    def _take(self, text: bytes) -> tuple[list[bytes], bytes]:
+        """Do what a client's text asks for; return the replies and what is not complete yet."""
+
+
+class DashboardPort(_TextPort):
+    """The dashboard server: one line in, one line out.
+
+    Args:
+        stop_program: Called by ``stop``.
+        reset_safety: Called by ``unlock protective stop`` and by powering on.
+    """
+
+    greeting = b"Connected: Universal Robots Dashboard Server\n"
+
+    def __init__(
+        self,
+        host: str,
+        body: ControllerBody,
+        *,
+        stop_program: Callable[[], None],
+        reset_safety: Callable[[], None],
+    ) -> None:
+        super().__init__(host, DASHBOARD_PORT)
+        self._body = body
+        self._stop_program = stop_program
+        self._reset_safety = reset_safety
+
+    def _take(self, text: bytes) -> tuple[list[bytes], bytes]:
+        *lines, rest = text.split(b"\n")
+        answers = [self._answer(line.decode("latin-1").strip()) for line in lines]
+        return [f"{answer}\n".encode() for answer in answers], rest
+
+    def _answer(self, command: str) -> str:
+        body = self._body
+        model, safety = body.model, body.safety
+        playing = body.runtime_state == RuntimeState.PLAYING
+        version = ".".join(str(part) for part in VERSIONS[model])
+        fixed = {
+            "PolyscopeVersion": f"URSoftware {version} (Jan 01 2024)",
+            "get serial number": "20195599999",
+            "get robot model": "UR5",
+            "robotmode": f"Robotmode: {RobotMode(safety.robot_mode).name}",
+            "safetymode": f"Safetymode: {safety.name}",
+            "safetystatus": f"Safetystatus: {safety.name}",
+            "running": f"Program running: {'true' if playing else 'false'}",
+            "programState": f"{'PLAYING' if playing else 'STOPPED'} rtde_control",
+            "close popup": "closing popup",
+            "close safety popup": "closing safety popup",
+            "brake release": "Brake releasing",
+        }
+        if model is RobotModel.E_SERIES:
+            fixed["is in remote control"] = "true" if body.remote_control else "false"
+        if command in fixed:
+            return fixed[command]
+        if command == "stop":
+            self._stop_program()
+            return "Stopped"
+        if command in ("unlock protective stop", "power on", "restart safety"):
+            self._reset_safety()
+            return {
+                "unlock protective stop": "Protective stop releasing",
+                "power on": "Powering on",
+                "restart safety": "Restarting safety",
+            }[command]
+        if command.startswith("popup "):
+            return "showing popup"
+        return f"could not understand: {command!r}"
+
+
+class ScriptPort(_TextPort):
+    """The port that takes programs.
+
+    Args:
+        start_program: Called with the register offset when a control program is complete.
+    """
+
+    def __init__(self, host: str, *, start_program: Callable[[int], None]) -> None:
+        super().__init__(host, SCRIPT_PORT)
+        self._start_program = start_program
+
+    def _take(self, text: bytes) -> tuple[list[bytes], bytes]:
+        end = _SCRIPT_END.search(text)
+        if end is None:
+            return [], text[-_SCRIPT_LIMIT:]
+        program = text[: end.end()]
+        if _CONTROL_PROGRAM.search(program):
+            offset = _REGISTER_OFFSET.search(program)
+            self._start_program(int(offset.group(1)) if offset else 0)
+        return [], text[end.end() :]

@@ -1,0 +1,165 @@
+"""What a device says instead of what it sees, while nothing about its stream looks wrong.
+
+They are the same for emulated and mock devices: the counters advance, the stamps are new.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+from collections import deque
+from collections.abc import Iterable, Sequence, Set
+
+from drivers.emulators.faults import OLDEST_S, Fault, FaultKind
+from tacauchy_rig.core.run import FZ, Vector6, vector6
+
+_FX = 0
+_LAST_DIGIT = 1e-4  # of a force [N] and a moment [N m] as the box writes them
+_NOISE_SAMPLES = 100  # that a sensor which sticks noisily takes its mean's noise from
+_MEAN_SAMPLES = 10  # that it takes its mean from: few, or the mean would be an old one
+
+
+class SilentWrenchFaults:
+    """What a force sensor reads, sample by sample.
+
+    Args:
+        seed: Draws the noise of a sensor that sticks noisily.
+        full_scale_n: What Fz reads when its channel is saturated [N].
+    """
+
+    def __init__(self, *, seed: int, full_scale_n: float) -> None:
+        self._random = random.Random(seed)  # noqa: S311 - noise, not a secret
+        self._full_scale_n = full_scale_n
+        self._past: deque[tuple[int, Vector6]] = deque()
+        self._said: deque[Vector6] = deque(maxlen=_NOISE_SAMPLES)
+        self._held: tuple[Vector6, Vector6, Vector6] | None = None  # newest, mean and noise
+        self._count = 0
+
+    def reading(self, felt: Vector6, faults: Iterable[Fault], *, stamp_ns: int) -> Vector6:
+        """Return Fx, Fy, Fz [N], Mx, My, Mz [N m] as ``faults`` make them of what is felt."""
+        self._count += 1
+        active = {fault.kind: fault for fault in faults}
+        self._remember(felt, stamp_ns)
+        said = self._changed(felt, active, stamp_ns)
+        sticks = active.keys() & {FaultKind.FREEZE, FaultKind.STICK, FaultKind.STICK_NOISILY}
+        if not sticks:
+            self._held = None
+        if not sticks or self._knows_no_noise(sticks):
+            self._said.append(said)
+            return said
+        if self._held is None:
+            self._said.append(said)
+            self._held = said, _mean(list(self._said)[-_MEAN_SAMPLES:]), _noise(self._said)
+        return self._stuck(FaultKind(min(sticks)), *self._held)
+
+    def _knows_no_noise(self, sticks: Set[FaultKind]) -> bool:
+        """Return whether it is too early to stick noisily: its noise is not known yet."""
+        return FaultKind.STICK_NOISILY in sticks and len(self._said) < _NOISE_SAMPLES
+
+    def _remember(self, felt: Vector6, stamp_ns: int) -> None:
+        self._past.append((stamp_ns, felt))
+        while stamp_ns - self._past[0][0] > OLDEST_S * 1e9:
+            self._past.popleft()
+
+    def _changed(self, felt: Vector6, active: dict[FaultKind, Fault], stamp_ns: int) -> Vector6:
+        if not active:
+            return felt
+        values = list(felt)
+        if FaultKind.OLD_DATA in active:
+            values = list(self._at(stamp_ns - round(active[FaultKind.OLD_DATA].size * 1e9)))
+        factor = active[FaultKind.SCALE].size if FaultKind.SCALE in active else 1.0
+        if FaultKind.SIGN in active:
+            factor = -factor
+        values = [factor * value for value in values]
+        if FaultKind.SWAP_AXES in active:
+            for x, z in ((_FX, FZ), (_FX + 3, FZ + 3)):
+                values[x], values[z] = values[z], values[x]
+        if FaultKind.SATURATE in active:
+            asked = active[FaultKind.SATURATE].amount
+            values[FZ] = self._full_scale_n if asked is None else asked
+        return vector6(values)
+
+    def _at(self, stamp_ns: int) -> Vector6:
+        """Return what was felt then, or the oldest that is known."""
+        known = [values for stamp, values in self._past if stamp <= stamp_ns]
+        return known[-1] if known else self._past[0][1]
+
+    def _stuck(self, kind: FaultKind, newest: Vector6, mean: Vector6, noise: Vector6) -> Vector6:
+        if kind is FaultKind.FREEZE:
+            return newest
+        if kind is FaultKind.STICK:
+            digit = _LAST_DIGIT * (self._count % 2)
+            return vector6(value + digit for value in newest)
+        noisy = zip(mean, noise, strict=True)
+        return vector6(value + self._random.gauss(0.0, sigma) for value, sigma in noisy)
+
+
+def _mean(samples: Sequence[Vector6]) -> Vector6:
+    return vector6(math.fsum(each) / len(samples) for each in zip(*samples, strict=True))
+
+
+def _noise(samples: Sequence[Vector6]) -> Vector6:
+    """Return each channel's standard deviation, from neighbours: a slow rise is no noise."""
+    steps = [
+        [(after - before) ** 2 for before, after in zip(*pair, strict=True)]
+        for pair in itertools.pairwise(samples)
+    ]
+    if not steps:
+        return (0.0,) * 6
+    return vector6(
+        math.sqrt(0.5 * math.fsum(channel) / len(steps)) for channel in zip(*steps, strict=True)
+    )
+
+
+class SilentImageFaults:
+    """What a camera shows, frame by frame."""
+
+    def __init__(self) -> None:
+        self._loop: list[bytes] = []
+        self._next = 0
+
+    def frame(self, jpeg: bytes, faults: Iterable[Fault]) -> bytes:
+        """Return the frame that goes out in place of ``jpeg``: itself, or one of before."""
+        lengths = [
+            1 if fault.kind is FaultKind.FREEZE_IMAGE else round(fault.size)
+            for fault in faults
+            if fault.kind in (FaultKind.FREEZE_IMAGE, FaultKind.REPEAT_IMAGE)
+        ]
+        if not lengths:
+            self._loop, self._next = [], 0
+            return jpeg
+        if len(self._loop) < min(lengths):
+            self._loop.append(jpeg)
+        shown = self._loop[self._next % len(self._loop)]
+        self._next += 1
+        return shown
+
+
+class SilentArmFaults:
+    """By how much an arm's state is off, state by state.
+
+    Attributes:
+        height_m: Height that it reports above its true one [m].
+        clock_s: How far its clock is ahead [s].
+    """
+
+    def __init__(self) -> None:
+        self.height_m = 0.0
+        self.clock_s = 0.0
+
+    def advance(self, faults: Iterable[Fault], velocity: Vector6, *, duration_s: float) -> None:
+        """Let time pass under ``faults``; without them it is right at once.
+
+        Args:
+            faults: Those that are on.
+            velocity: Of the tool [m/s, rad/s]: what slips in an arm slips while it moves.
+            duration_s: Since the call before [s].
+        """
+        active = {fault.kind: fault for fault in faults}
+        wrong_pose, jump = active.get(FaultKind.WRONG_POSE), active.get(FaultKind.CLOCK_JUMP)
+        if wrong_pose is None:
+            self.height_m = 0.0
+        elif any(velocity):
+            self.height_m += wrong_pose.size * duration_s
+        self.clock_s = jump.size if jump else 0.0

@@ -1,0 +1,84 @@
+"""How the emulated arm moves: limits kept, ends reached, stops finite."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.emulators.arm.body import ToolMotion
+from tacauchy_rig.core.rotations import composed
+from tacauchy_rig.core.run import Pose, Vector3
+
+_HOME = Pose(position=(0.3, -0.2, 0.25), rotation_vector=(math.pi, 0.0, 0.0))
+_STEP_S = 0.002
+_offset = st.floats(-0.05, 0.05)
+_small_angle = st.floats(-0.05, 0.05)
+
+
+def _run(motion: ToolMotion, *, limit_s: float = 20.0) -> list[tuple[float, float]]:
+    """Step to rest; return (speed, travelled) of every step."""
+    history: list[tuple[float, float]] = []
+    for _ in range(int(limit_s / _STEP_S)):
+        if motion.is_still:
+            return history
+        before = motion.pose
+        motion.step(_STEP_S)
+        speed = math.hypot(*motion.velocity[:3])
+        history.append((speed, math.dist(before[:3], motion.pose[:3])))
+    pytest.fail("the arm never came to rest")
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    offset=st.tuples(_offset, _offset, _offset),
+    turn=st.tuples(_small_angle, _small_angle, _small_angle),
+    speed=st.floats(0.02, 0.2),
+    acceleration=st.floats(0.1, 1.0),
+)
+def test_line_reaches_its_target_within_limits(
+    offset: Vector3, turn: Vector3, speed: float, acceleration: float
+) -> None:
+    """A straight move ends exactly at its target and passes neither limit on the way."""
+    motion = ToolMotion(_HOME)
+    x, y, z = (a + b for a, b in zip(_HOME.position, offset, strict=True))
+    target = (x, y, z, *composed(turn, _HOME.rotation_vector))
+    motion.move_to(target, speed=speed, acceleration=acceleration)
+    history = _run(motion)
+    assert motion.pose == target
+    assert motion.velocity == (0.0,) * 6
+    speeds = [0.0, *(speed for speed, _ in history)]
+    assert max(speeds) <= speed * (1.0 + 1e-9)
+    rises = [b - a for a, b in itertools.pairwise(speeds)]
+    assert max(rises, default=0.0) <= acceleration * _STEP_S * (1.0 + 1e-9)
+    assert sum(path for _, path in history) == pytest.approx(math.hypot(*offset), abs=1e-6)
+
+
+def test_velocity_is_approached_and_braked() -> None:
+    """Braking from 5 mm/s at 0.1 m/s^2 takes v^2/2a, 0.125 mm, no more and no less."""
+    motion = ToolMotion(_HOME)
+    motion.set_velocity((0.0, 0.0, -0.005, 0.0, 0.0, 0.0), acceleration=0.1)
+    for _ in range(200):
+        motion.step(_STEP_S)
+    assert motion.velocity[2] == pytest.approx(-0.005)
+    before = motion.pose[2]
+    motion.brake(0.1)
+    _run(motion)
+    assert before - motion.pose[2] == pytest.approx(0.005**2 / 0.2, rel=1e-6)
+
+
+def test_a_stalled_arm_stands_but_can_be_stopped() -> None:
+    """Stalled, nothing moves; a stop still ends the motion for the program."""
+    motion = ToolMotion(_HOME)
+    motion.stalled = True
+    motion.move_to((0.3, -0.2, 0.2, math.pi, 0.0, 0.0), speed=0.01, acceleration=0.1)
+    for _ in range(100):
+        motion.step(_STEP_S)
+    assert not motion.is_still
+    assert motion.pose == _HOME.as_vector()
+    motion.brake(1.0)
+    motion.step(_STEP_S)
+    assert motion.is_still
