@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from tacauchy_rig.app.cli.emulation import BackgroundCalibration
     from tacauchy_rig.core.simulated import MarkerMotion, Replay
     from tacauchy_rig.core.store.check.run import RunCheck
-    from tacauchy_rig.core.store.recording.recover import RecoveryReport
-    from tacauchy_rig.core.store.recovery import RunRecovery
+    from tacauchy_rig.core.store.recovery import RecoveryReport, RunRecovery
 
 
 def replay(

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.durable import read_error
-from tacauchy_rig.core.store.seals import file_sha256
+from tacauchy_rig.core.store.durable import file_sha256, read_error
 
 MIB = 2**20
 IMAGE_BYTES = 64 * MIB

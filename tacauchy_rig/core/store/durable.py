@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import os
 import shutil
 from pathlib import Path
@@ -56,6 +57,28 @@ def read_bytes(path: Path, *, what: str) -> bytes:
     """
     try:
         return path.read_bytes()
+    except OSError as error:
+        raise read_error(path, error, what=what) from error
+
+
+def bytes_sha256(content: bytes) -> str:
+    """Return the SHA-256 of some content."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def file_sha256(path: Path, *, what: str) -> str:
+    """Return the SHA-256 of a file that has to be there.
+
+    Args:
+        path: The file.
+        what: What it is, for the message.
+
+    Raises:
+        RecordError: It is missing, or may not be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise read_error(path, error, what=what) from error
 

@@ -13,12 +13,20 @@ import logging
 import os
 import time
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent
-from tacauchy_rig.core.store.codec import from_json, to_json
-from tacauchy_rig.core.store.durable import read_bytes, sync_folder, write_error
+from tacauchy_rig.core.store.codec import dumps, from_json, loads, to_json
+from tacauchy_rig.core.store.durable import (
+    bytes_sha256,
+    read_bytes,
+    sync_folder,
+    write_atomically,
+    write_error,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -150,3 +158,99 @@ def _lock(path: Path, descriptor: int) -> None:
             time.sleep(0.001)
         else:
             return
+
+
+class Seal(StrEnum):
+    """Events that the store writes into the journal itself.
+
+    Attributes:
+        WRITTEN: A file of the run as a whole is about to be written.
+        SEALED: The result of an attempt was written.
+        RECOVERED: A recording was repacked.
+        CUT_OFF: The session before ended without a word.
+        REPLAYED: A replay was written.
+    """
+
+    WRITTEN = "written"
+    SEALED = "sealed"
+    RECOVERED = "recovered"
+    CUT_OFF = "cut-off"
+    REPLAYED = "replayed"
+
+
+def seal(journal: Path, kind: Seal, *, trial: int = 0, attempt: int = 0, **detail: Any) -> None:
+    """Write a line of the journal about a file of the run.
+
+    Raises:
+        RecordError: The disk is full, or the journal cannot be written.
+    """
+    event = JournalEvent(
+        stamp_ns=time.monotonic_ns(),
+        name=kind.value,
+        trial=trial,
+        attempt=attempt,
+        detail=detail,
+    )
+    append_event(journal, event)
+
+
+T = TypeVar("T")
+
+
+class SealedFile(Generic[T]):
+    """One such file.
+
+    Args:
+        path: Where it lies.
+        kind: What it holds.
+        journal: The run's.
+        what: What it is, for messages.
+    """
+
+    def __init__(self, path: Path, kind: Any, *, journal: Path, what: str) -> None:
+        self._path, self._kind, self._journal, self._what = path, kind, journal, what
+
+    def load(self) -> T | None:
+        """Read it; None where it was never written.
+
+        Raises:
+            RecordError: It is damaged.
+        """
+        if not self._path.exists():
+            return None
+        found: T = read_json(self._kind, self._path, what=self._what)
+        return found
+
+    def save(self, value: T) -> None:
+        """Write it, or write it anew.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        self.write(dumps(value))
+
+    def write(self, content: bytes) -> None:
+        """Write its bytes, and their hash into the journal.
+
+        The line goes out first: a crash between the two leaves the file that an earlier line told
+        of.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        seal(self._journal, Seal.WRITTEN, file=self._path.name, sha256=bytes_sha256(content))
+        write_atomically(self._path, content)
+
+
+def read_json(kind: Any, path: Path, *, what: str) -> Any:
+    """Read a JSON file as a kind of value.
+
+    Args:
+        kind: What it holds.
+        path: The file.
+        what: What it is, for the message.
+
+    Raises:
+        RecordError: It is missing or damaged; names file and field.
+    """
+    return from_json(kind, loads(read_bytes(path, what=what), source=str(path)), source=str(path))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import logging
+import os
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cached_property, partial
@@ -22,14 +24,11 @@ from tacauchy_rig.core.imported import Imported, ImportedTrial
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.codec import dumps, loads, to_json
-from tacauchy_rig.core.store.durable import write_atomically, write_error
-from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.durable import bytes_sha256, file_sha256, write_atomically, write_error
+from tacauchy_rig.core.store.journal import Seal, SealedFile, read_journal, read_json, seal
 from tacauchy_rig.core.store.layout import RunPaths, run_folder
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.replay_files import ReplayFields, read_fields, write_fields
-from tacauchy_rig.core.store.run_lock import run_lock
-from tacauchy_rig.core.store.sealed_file import SealedFile, read_json
-from tacauchy_rig.core.store.seals import Seal, bytes_sha256, file_sha256, seal
 
 logger = logging.getLogger(__name__)
 
@@ -374,3 +373,34 @@ def _check_description(description: Any, path: Path) -> None:
             f"{path}: written in format {description['format']}; this program reads {FORMAT}",
             remedy="use the version of the program named under versions in that file",
         )
+
+
+@contextmanager
+def run_lock(path: Path) -> Iterator[None]:
+    """Hold the lock file ``path``; the kernel lets go of it when this process ends.
+
+    Raises:
+        RecordError: Another program holds it; the message names its process.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    except OSError as error:
+        raise write_error(path, error) from error
+    try:
+        _take(path, descriptor)
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _take(path: Path, descriptor: int) -> None:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        holder = os.pread(descriptor, 32, 0).decode(errors="replace").strip() or "unknown"
+        raise RecordError(
+            f"{path.parent}: process {holder} is working on this run",
+            remedy="wait until it ends, or stop it (Ctrl-C in its terminal)",
+        ) from error

@@ -48,7 +48,7 @@ def fault_table(
     """
     from tacauchy_rig.core.config.load import load_config
     from tacauchy_rig.core.side_by_side import side_by_side
-    from tacauchy_rig.core.store.run_lock import run_lock
+    from tacauchy_rig.core.store.run_store import run_lock
     from tests.studies.fault_table.emulated_rig import write_case_config
     from tests.studies.fault_table.report import fault_page, summary_line
 

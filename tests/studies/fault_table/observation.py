@@ -9,7 +9,7 @@ from drivers.emulators.faults import SILENT_FAULTS
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.layout import RunPaths
-from tacauchy_rig.core.store.recording.recover import open_readable
+from tacauchy_rig.core.store.recovery import open_readable
 from tests.studies.fault_table.arm import ArmOutcome
 from tests.studies.fault_table.cases import TARGET_N
 

@@ -15,13 +15,12 @@ from typing import Any
 from mcap.opcode import Opcode
 
 from tacauchy_rig.core.store.codec import dumps
-from tacauchy_rig.core.store.journal import line_hash
+from tacauchy_rig.core.store.journal import Seal, line_hash
 from tacauchy_rig.core.store.layout import RunPaths
 from tacauchy_rig.core.store.recording.messages import RawMessage
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
-from tacauchy_rig.core.store.seals import Seal
 
 Messages = list[RawMessage]
 Json = dict[str, Any]

@@ -9,8 +9,7 @@ import numpy as np
 
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.run import FZ, Criterion, JournalEvent, Tare, TrialRecord
-from tacauchy_rig.core.store.check.attempt import RECOVER, Attempt
-from tacauchy_rig.core.store.check.streams import within
+from tacauchy_rig.core.store.check.attempt import RECOVER, Attempt, within
 
 Z = 2  # of a position
 _MM = 1e3  # in a metre; depths are read in millimetres

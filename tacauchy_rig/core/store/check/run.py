@@ -7,16 +7,19 @@ from dataclasses import dataclass, replace
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import Criterion
-from tacauchy_rig.core.store.check.attempt import Attempt, judge_events, judge_files
-from tacauchy_rig.core.store.check.contradiction import TRIAL, agreement
-from tacauchy_rig.core.store.check.description import judge_description
-from tacauchy_rig.core.store.check.journal import JournalReading, judge_journal
+from tacauchy_rig.core.store.check.attempt import Attempt, judge_events, judge_files, judge_streams
+from tacauchy_rig.core.store.check.files import (
+    TRIAL,
+    JournalReading,
+    agreement,
+    judge_description,
+    judge_journal,
+    judge_replays,
+)
 from tacauchy_rig.core.store.check.press import judge_contact, judge_press
-from tacauchy_rig.core.store.check.replay import judge_replays
-from tacauchy_rig.core.store.check.streams import judge_streams
+from tacauchy_rig.core.store.journal import Seal
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.run_store import RunStore
-from tacauchy_rig.core.store.seals import Seal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

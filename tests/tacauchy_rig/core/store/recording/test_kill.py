@@ -18,7 +18,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import tacauchy_rig
 from tacauchy_rig.core.store.recording.reading import Recording
-from tacauchy_rig.core.store.recording.recover import recover_recording
+from tacauchy_rig.core.store.recovery import recover_recording
 
 PROGRAM = Path(__file__).with_name("crash_writer.py")
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(tacauchy_rig.__file__).parents[1])}
@@ -93,7 +93,7 @@ def test_a_killed_recovery_loses_nothing(tmp_path: Path, written: ModuleType) ->
     acknowledged = _killed_writer(path, "fast", after_s=0.3)
     code = (
         "import sys; from pathlib import Path; "
-        "from tacauchy_rig.core.store.recording.recover import recover_recording; "
+        "from tacauchy_rig.core.store.recovery import recover_recording; "
         "print('ready', flush=True); recover_recording(Path(sys.argv[1]))"
     )
     for delay in (0.0, 0.01, 0.03, 0.06):

@@ -13,8 +13,8 @@ from mcap.reader import make_reader
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.layout import RunPaths
 from tacauchy_rig.core.store.recording.reading import Recording
-from tacauchy_rig.core.store.recording.recover import recover_recording, recover_recordings
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.recovery import recover_recording, recover_recordings
 
 
 def _public_count(path: Path) -> int:

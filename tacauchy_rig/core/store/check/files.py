@@ -1,0 +1,352 @@
+"""Journal, description and replays of a run against themselves, their hashes and each other."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import Criterion, JournalEvent
+from tacauchy_rig.core.simulated import Replay
+from tacauchy_rig.core.store.codec import to_json
+from tacauchy_rig.core.store.durable import file_sha256
+from tacauchy_rig.core.store.journal import JournalLine, Seal, line_hash, read_lines
+from tacauchy_rig.core.store.run_store import RunStore
+
+TRIAL = "TRIAL"
+"""In a remedy, where the trial's number goes."""
+
+SET_ASIDE = (
+    "the file was edited, exchanged or damaged after it was written. "
+    f"`tacauchy-rig resume RUN --again {TRIAL}` presses the trial once more"
+)
+_TOLD = 3
+"""Contradictions that are written out; one edit often breaks many lines."""
+_SHOWN_HASH = 12
+"""Digits of a hash that are written out: 48 bits, and the file has the rest."""
+
+
+def agreement(
+    name: str, promise: str, contradictions: Iterable[str], *, remedy: str = SET_ASIDE
+) -> Criterion:
+    """Return a criterion that is met where nothing contradicts a promise.
+
+    Args:
+        name: Of the criterion, such as ``recording_hash``.
+        promise: What has to hold, in words.
+        contradictions: Each names the file and both values.
+        remedy: What to do where it does not hold.
+    """
+    found = list(contradictions)
+    told = "; ".join(found[:_TOLD])
+    more = f"; and {len(found) - _TOLD} more" if len(found) > _TOLD else ""
+    return Criterion(
+        name=name,
+        passed=not found,
+        measured=float(len(found)),
+        limit=f"{promise}; but {told}{more}" if found else promise,
+        unit="wrong",
+        remedy=remedy if found else "",
+    )
+
+
+def unlike(path: Path, *known: object, name: str = "") -> Iterator[str]:
+    """Yield that a file is missing, or is none of those that are known.
+
+    Args:
+        path: The file.
+        known: SHA-256 that it may have, the newest last.
+        name: What it is called; left out, its own name.
+    """
+    if not path.is_file():
+        yield f"{name or path.name} is missing"
+        return
+    found = file_sha256(path, what="a file of the run")
+    if found not in known:
+        yield f"{name or path.name} has the sha256 {shown(found)}, and had {shown(known[-1])}"
+
+
+def shown(sha256: object) -> str:
+    """Return a hash as it is written out."""
+    return str(sha256 or "none")[:_SHOWN_HASH]
+
+
+START, END = "run-start", "run-end"
+
+_JOURNAL_REMEDY = (
+    "journal.jsonl was edited or damaged after it was written: nothing puts that right. "
+    "Restore it from a copy, or record a new run"
+)
+
+
+@dataclass(frozen=True)
+class JournalReading:
+    """A run's journal.
+
+    Attributes:
+        lines: As they stand in the file; empty where it has none.
+        exists: False where the file is missing.
+    """
+
+    lines: Sequence[JournalLine]
+    exists: bool = True
+
+    @classmethod
+    def of(cls, path: Path) -> JournalReading:
+        """Read a journal, which a run that never began does not have.
+
+        Raises:
+            RecordError: Unreadable, or a line of it is no event.
+        """
+        return cls(read_lines(path)) if path.exists() else cls((), exists=False)
+
+    @cached_property
+    def events(self) -> list[JournalEvent]:
+        """Every whole line."""
+        return [line.event for line in self.lines if line.event is not None]
+
+    @property
+    def is_sealed(self) -> bool:
+        """False for a journal without numbers, as an earlier version of the program wrote it."""
+        return any(line.number is not None for line in self.lines)
+
+    @property
+    def head(self) -> str:
+        """SHA-256 of the last line, which stands for the whole run; empty without a journal."""
+        return line_hash(self.lines[-1].raw) if self.lines else ""
+
+    @property
+    def is_open(self) -> bool:
+        """True where the last session has no end: it runs, or was cut off."""
+        return self._ends[-1:] == [START]
+
+    @property
+    def was_cut(self) -> bool:
+        """True where a session was cut off, said or not."""
+        return Seal.CUT_OFF in self._ends or (START, START) in pairwise(self._ends)
+
+    @property
+    def may_lack_a_seal(self) -> bool:
+        """True where a crash may have come between a result and the line about it."""
+        return self.is_open or self.was_cut
+
+    @cached_property
+    def _ends(self) -> list[str]:
+        """Names of the events that begin or end a session."""
+        return [e.name for e in self.events if e.name in (START, END, Seal.CUT_OFF)]
+
+    def seals(self, name: Seal, *, trial: int = 0, attempt: int = 0) -> list[JournalEvent]:
+        """Return the events of a kind that tell of an attempt, or of the whole run."""
+        wanted = (name, trial, attempt)
+        return [e for e in self.events if (e.name, e.trial, e.attempt) == wanted]
+
+    def of_attempt(self, trial: int, attempt: int) -> list[JournalEvent]:
+        """Return what the protocol wrote of an attempt."""
+        own = [e for e in self.events if (e.trial, e.attempt) == (trial, attempt)]
+        return [e for e in own if e.name not in set(Seal)]
+
+
+def judge_journal(journal: JournalReading, *, was_begun: bool) -> Iterator[Criterion]:
+    """Yield what holds of a sealed journal whatever else is in the run.
+
+    Args:
+        journal: The journal.
+        was_begun: The run has attempts.
+    """
+    gone = ["journal.jsonl is missing"] if was_begun and not journal.exists else []
+    yield agreement(
+        "journal_chain",
+        "each line of journal.jsonl has its number and the hash of the line before it",
+        [*gone, *_broken_links(journal.lines), *_doubles(journal.lines)],
+        remedy=_JOURNAL_REMEDY,
+    )
+    ending = (
+        ["its last session has no run-end: the program was cut off, or lines were taken off"]
+        if journal.is_open
+        else []
+    )
+    yield agreement(
+        "journal_end",
+        "journal.jsonl tells how every session ended",
+        ending,
+        remedy="if the program was cut off, `tacauchy-rig recover RUN` notes that in the journal",
+    )
+
+
+def _broken_links(lines: Sequence[JournalLine]) -> Iterator[str]:
+    before = ""
+    for place, line in enumerate(lines, start=1):
+        where = f"journal.jsonl line {place}"
+        if line.event is None:  # half a line: what follows it holds its hash
+            if place < len(lines) and lines[place].previous != line_hash(line.raw):
+                yield f"{where} is no event, and the next line tells of another one"
+        elif line.number is None or line.previous is None:
+            yield f"{where} ({line.event.name}) has no number"
+        elif line.number != place:
+            yield f"{where} ({line.event.name}) is numbered {line.number}"
+        elif line.previous != before:
+            yield (
+                f"{where} ({line.event.name}) follows a line with the hash "
+                f"{shown(line.previous)}, the line before it has {shown(before)}"
+            )
+        before = line_hash(line.raw)
+
+
+def _doubles(lines: Sequence[JournalLine]) -> Iterator[str]:
+    seen: dict[str, int] = {}
+    for place, line in enumerate(lines, start=1):
+        if line.event is None:
+            continue
+        first = seen.setdefault(json.dumps(to_json(line.event), sort_keys=True), place)
+        if first != place:
+            yield f"journal.jsonl line {place} ({line.event.name}) is line {first} again"
+
+
+_DESCRIPTION_REMEDY = (
+    "what the run is was edited after it was recorded: restore run.json and rig.toml from a copy, "
+    "or record a new run"
+)
+
+
+def judge_description(store: RunStore, journal: JournalReading) -> Criterion:
+    """Say whether ``run.json`` still is what the run was recorded with."""
+    return agreement(
+        "run_description",
+        "run.json and what lies beside it are as they were when the run was recorded",
+        _changed_description(store, journal),
+        remedy=_DESCRIPTION_REMEDY,
+    )
+
+
+def _changed_description(store: RunStore, journal: JournalReading) -> Iterator[str]:
+    described, said = store.description, store.config_hash
+    recorded = described.get("config")
+    found = hashlib.sha256(json.dumps(recorded, sort_keys=True).encode()).hexdigest()
+    if found != said:
+        yield f"run.json: config has the hash {shown(found)}, config_hash says {shown(said)}"
+    for field, kept, read in _differing(recorded, store.config.model_dump(mode="json")):
+        yield f"run.json: config.{field} is {kept!r}, as written it reads {read!r}"
+    answered = described["devices"].items()
+    pretending = [name for name, device in answered if device.get("simulated")]
+    if pretending and not store.simulated:
+        yield f"run.json: simulated is false, but so is no {', '.join(pretending)}"
+    for load in (
+        store.truth.load,
+        store.force_check.load,
+        store.expected.load,
+        store.optics.load,
+        lambda: store.imported_trials,
+    ):
+        try:
+            load()
+        except RecordError as error:
+            yield error.message
+    yield from _hashes(store, journal)
+
+
+def _hashes(store: RunStore, journal: JournalReading) -> Iterator[str]:
+    written = store.description.get("rig_toml_sha256")
+    if written is not None:
+        yield from unlike(store.paths.rig_toml, written)
+    sealed = journal.seals(Seal.WRITTEN)
+    for name in dict.fromkeys(str(event.detail.get("file")) for event in sealed):
+        told = [event for event in sealed if event.detail.get("file") == name]
+        known = [event.detail.get("sha256") for event in told]
+        # The line goes out before the file: where it is the journal's last, a crash may have left
+        # the file that the line before tells of, or none.
+        may_be_older = journal.events[-1] is told[-1]
+        if not may_be_older or len(told) > 1:
+            yield from unlike(store.paths.root / name, *known[-2 if may_be_older else -1 :])
+
+
+def _differing(kept: Any, read: Any, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield fields of a recorded configuration that read otherwise now.
+
+    A field that only one version of the program knows says nothing.
+    """
+    if isinstance(kept, dict) and isinstance(read, dict):
+        for name in kept.keys() & read.keys():
+            where = f"{prefix}.{name}" if prefix else name
+            yield from _differing(kept[name], read[name], where)
+    elif kept != read:
+        yield prefix, kept, read
+
+
+_REPLAY_REMEDY = "`tacauchy-rig replay RUN` makes forces and images again from what was recorded"
+
+
+def judge_replays(store: RunStore, journal: JournalReading) -> Iterator[Criterion]:
+    """Yield, for a run that was replayed, whether its simulated forces and images are its own."""
+    there = {path.name for path in store.paths.replays.glob("*") if path.is_dir()}
+    told = {str(event.detail.get("name")) for event in journal.seals(Seal.REPLAYED)}
+    names = sorted(there | told)
+    if names:
+        yield agreement(
+            "replay_files",
+            "simulated forces and images are those that were made from these recordings",
+            [line for name in names for line in _changed_replay(store, name, journal)],
+            remedy=_REPLAY_REMEDY,
+        )
+
+
+def _changed_replay(store: RunStore, name: str, journal: JournalReading) -> Iterator[str]:
+    path = store.paths.replay_json(name)
+    told = [e for e in journal.seals(Seal.REPLAYED) if e.detail.get("name") == name]
+    if not path.exists():
+        if told:
+            yield f"replay/{name}/replay.json is missing; journal.jsonl says that it was made"
+        return
+    try:
+        replay = store.load_replay(name)
+    except RecordError as error:
+        yield error.message
+        return
+    if told:
+        known = told[-1].detail.get("replay_sha256")
+        yield from unlike(path, known, name=f"replay/{name}/replay.json")
+    elif replay.made_from or "rig_toml_sha256" in store.description:
+        yield f"replay/{name} is unknown to journal.jsonl"
+    yield from _other_sources(store, name, replay)
+    yield from _other_files(store, name, replay)
+    yield from _other_forces(store, name, replay)
+
+
+def _other_sources(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
+    for file, known in replay.made_from.items():
+        if file != "config":
+            yield from unlike(store.paths.root / file, known, name=file)
+        elif known != store.config_hash:
+            yield (
+                f"replay/{name} was made with the configuration {shown(known)}, the run's is "
+                f"{shown(store.config_hash)}"
+            )
+
+
+def _other_files(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
+    folder = store.paths.replays / name
+    for file, known in replay.files.items():
+        yield from unlike(folder / file, known, name=f"replay/{name}/{file}")
+    for trial in replay.trials if replay.files else ():
+        for path in sorted(store.paths.replay_trial(name, trial.index).glob("*")):
+            if str(path.relative_to(folder)) not in replay.files:
+                yield f"replay/{name}: {path.relative_to(folder)} was not made by this replay"
+
+
+def _other_forces(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
+    """Yield trials that were replayed to another force than was measured."""
+    for trial in replay.trials:
+        record = store.counting(trial.index)
+        measured_n = None if record is None else record.force_measured_n
+        pressed_n = None if math.isnan(trial.force_measured_n) else trial.force_measured_n
+        if pressed_n != measured_n:
+            yield (
+                f"replay/{name} pressed trial {trial.index} to {pressed_n!r} N, "
+                f"result.json says {measured_n!r} N"
+            )
