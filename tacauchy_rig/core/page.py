@@ -118,6 +118,7 @@ def criteria_page(
     note: str,
     command: str,
     image: str = "",
+    images: Sequence[str] = (),
 ) -> str:
     """Return the page of a study: how it went, all criteria, then each table with its own.
 
@@ -125,6 +126,7 @@ def criteria_page(
         note: What a reader has to know before all tables.
         command: What made the page.
         image: File of a figure that stands before them, beside the page; empty for none.
+        images: Files of several.
     """
     facts = {
         "tables": tables,
@@ -133,7 +135,7 @@ def criteria_page(
         "command": command,
         "versions": versions(),
         "machine": machine(),
-        "image": image,
+        "images": [*filter(None, (image,)), *images],
         "missed": sum(not table.passed for table in tables),
     }
     return page("tacauchy_rig.core", "criteria_page.md.jinja", facts)

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
-from typing import TypedDict, TypeVar, Unpack
+from typing import Any, TypedDict, TypeVar, Unpack
 
 from rich import box
 from rich.console import Group, RenderableType
@@ -86,6 +86,12 @@ def table_of(
 def table_of_rows(rows: Sequence[Mapping[str, Cell]], **about: Unpack[About]) -> Table:
     """Return a table of cells by heading, those of the first row; there is at least one row."""
     return table_of(rows, {heading: itemgetter(heading) for heading in rows[0]}, **about)
+
+
+def read_table(plain: Mapping[str, Any]) -> Table:
+    """Return a table of its JSON."""
+    rows = tuple(tuple(row) for row in plain["rows"])
+    return Table(**{**plain, "columns": tuple(plain["columns"]), "rows": rows})
 
 
 def cell_text(cell: Cell) -> str:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import platform
+import subprocess
 from importlib import metadata
+from pathlib import Path
 
 from tacauchy_rig import __version__
 
@@ -49,3 +51,15 @@ def versions() -> dict[str, str]:
 def machine() -> str:
     """Return where this runs, in words."""
     return f"{platform.system()}, {platform.machine()}, {os.cpu_count()} processors"
+
+
+def commit() -> str:
+    """Return the commit of the program's checkout, ``-dirty`` where files differ; empty outside."""
+    words = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
+    try:
+        done = subprocess.run(
+            [*words, "--abbrev=10", "--exclude=*"], capture_output=True, text=True, check=False
+        )
+    except OSError:
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sim.mesh.elements import ElementOrder
-from sim.studies.accuracy.observation import Row
-from sim.studies.accuracy.study import Study, error_bar
+from sim.studies.accuracy.judging import error_bar
+from sim.studies.accuracy.press import Row
 from tacauchy_rig.core.figure_style import BLUE, GREY, INK, ORANGE, PAGE_IN, STYLE, save_figure
 
 _FLOOR = 1e-5
@@ -30,21 +30,25 @@ _TITLES = {
 }
 
 
-def draw_study(found: Study, *, folder: Path, name: str = "accuracy") -> list[Path]:
-    """Draw error against time, that of F_z large; write ``name`` as PDF and PNG, and return them.
+def draw_rows(
+    rows: Sequence[Row], bars: Mapping[str, float], folder: Path, *, page_folder: Path | None = None
+) -> list[Path]:
+    """Draw error against time, that of F_z large; write ``accuracy`` as PDF and PNG.
+
+    Args:
+        bars: By quantity: how far the reference itself may be off.
 
     Raises:
         RecordError: The files cannot be written.
     """
-    rows = [row for row in found.rows if not row.failure]
     with rc_context(STYLE):
         figure = Figure(figsize=(PAGE_IN, 4.6), layout="constrained")
         grid = figure.add_gridspec(2, 3, width_ratios=(2.4, 1.0, 1.0))
         for number, quantity in enumerate(_TITLES):
             small = divmod(number - 1, 2)
             place = grid[:, 0] if quantity == _LARGE else grid[small[0], 1 + small[1]]
-            _draw_panel(figure.add_subplot(place), rows, found.bars[quantity], quantity)
-        return save_figure(figure, folder, name)
+            _draw_panel(figure.add_subplot(place), rows, bars[quantity], quantity)
+        return save_figure(figure, folder, "accuracy", page_folder=page_folder)
 
 
 def _draw_panel(axes: Axes, rows: Sequence[Row], bar: float, quantity: str) -> None:

@@ -1,248 +1,328 @@
-"""Errors of many configurations against one reference whose own error is shown."""
+"""The study of accuracy against time: one press with many settings, and what tolerances keep."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
 
-import numpy as np
+from pydantic import TypeAdapter
 
-from sim.optics.height.height_map import HeightMaps
-from sim.scene.scene import Preset, Scene
-from sim.sensor.camera_geometry import CameraGeometry
-from sim.studies.accuracy.configurations import Configuration, coarser
-from sim.studies.accuracy.force_limit import COARSENING, error_order, extrapolated
-from sim.studies.accuracy.observation import Observation, Row, height_error, observe
-from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.errors import RigError
+from sim.press_command import scene_of
+from sim.scene.scene import Preset, SceneTerms
+from sim.sensor.sensor import load_sensor
+from sim.studies.accuracy.figure import draw_rows
+from sim.studies.accuracy.judging import (
+    EDGE_SHIFT,
+    QUANTITIES,
+    Judge,
+    Similarity,
+    error_bar,
+    finished,
+)
+from sim.studies.accuracy.press import FULL, REFERENCE, SHIFTED, SHORT, Configuration, Row, reseeded
+from sim.studies.accuracy.tolerance import (
+    COST_WANTED,
+    HELD_OUT,
+    SEEN_BEFORE,
+    HeldOut,
+    ToleranceOutcome,
+    check_tolerance,
+)
+from sim.studies.nominal_renderer import nominal_renderer
+from tacauchy_rig.core.page import table_prose
+from tacauchy_rig.core.study import Case, Result, Study, failures_table
+from tacauchy_rig.core.tables import Cell, Table, table_of
 
-QUANTITIES = ("force", "depth", "pressure", "radius", "height", "image")
-_ORDER_LOW = 1.0
-EDGE_SHIFT = 0.07
-# What finer meshes, on which nothing was measured, may have of an error for their chance.
-_SHARE_MIN, _SHARE_MAX = 0.25, 1.0
-
-Errors = Mapping[str, float]
-
-Render = Callable[[HeightMaps], ImageArray]
-Similarity = Callable[[ImageArray, ImageArray, HeightMaps], tuple[float, float]]
-Progress = Callable[[str], None]
+ROWS_WANTED, FRONT_WANTED = 12, 4
+KEPT_WANTED = 0.9
+# Two runs are compared, and either may be off by its bar.
+_RUNS = 2.0
+_TOLERANCE = "tolerance: "
+_prose = partial(table_prose, "sim.studies.accuracy", "tables.md.jinja")
+_row: Callable[[Any], Row] = TypeAdapter(Row).validate_python
+_outcome: Callable[[Any], ToleranceOutcome] = TypeAdapter(ToleranceOutcome).validate_python
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Study:
-    """What accuracy costs for one scene.
-
-    Attributes:
-        bars: By quantity: how far the reference itself may be from the limit.
-        rows: In the order in which they were asked for.
-        reference: The reference's own cost.
-    """
-
-    bars: dict[str, float]
-    rows: tuple[Row, ...]
-    reference: Row
-
-
-def study(
-    scene: Scene,
-    configurations: Sequence[Configuration],
-    geometry: CameraGeometry,
-    *,
-    render: Render,
-    similarity: Similarity,
-    reference: Configuration,
-    shifted: Sequence[Configuration] = (),
-    on_progress: Progress = lambda _text: None,
-) -> Study:
-    """Measure every configuration against a reference.
-
-    F_z and depth are compared with the limit that the reference and the same on edges 1.5 times as
-    long tend to (Richardson, at order 2, or 1 under a sharp rim), half of what was extrapolated
-    being its bar. Everything else is compared with the reference itself, whose bar is what order 1
-    would leave, which is too much where the contact is smooth: the larger of what that reference
-    and the same on edges 2.25 times as long tell, since two meshes may agree by chance.
+class Accuracy(Study):
+    """A press with many settings against a reference, on meshes of one seed or more.
 
     Args:
-        scene: A press to a force.
-        render: Turns height maps into the tactile image.
-        similarity: SSIM of two images, and their correlation inside the contact.
-        reference: What is most exact.
-        shifted: Settings that are pressed on two more meshes, for what a mesh happens to cut.
-
-    Raises:
-        ConvergenceError: The reference cannot be pressed.
+        terms: A press of a sensor to a force.
+        similarity: As for ``Judge``.
+        full: Measure many more settings.
+        seeds: Of the meshes; the first one is shown whole, others are compared with it.
+        tolerances: Judge what a tolerance keeps, too.
     """
-    _warm_up(scene, (reference, *configurations), geometry)
-    on_progress(f"{reference.name}, which is the reference")
-    exact = observe(scene, reference, geometry)
-    on_progress("the reference on a coarser mesh, for its own error")
-    coarse = observe(scene, coarser(reference), geometry)
-    coarsest = observe(scene, coarser(coarser(reference)), geometry)
-    judge = _Judge(exact, (coarse, coarsest), render, similarity, order=error_order(scene))
-    rows = []
-    for configuration in configurations:
-        if configuration == reference:
-            rows.append(judge.row(exact))
-            continue
-        on_progress(configuration.name)
-        try:
-            rows.append(judge.row(observe(scene, configuration, geometry)))
-        except RigError as error:
-            rows.append(Row(configuration=configuration, failure=error.message))
-    on_progress("some of them on shorter and longer edges, for what a mesh happens to cut")
-    known = _measured_chances(scene, [row for row in rows if row.errors], shifted, geometry, judge)
-    rows = [replace(row, chances=chances(row.configuration, row.errors, known)) for row in rows]
-    return Study(bars=judge.bars, rows=_with_front(rows), reference=judge.row(exact))
 
-
-def _measured_chances(
-    scene: Scene,
-    rows: Sequence[Row],
-    shifted: Sequence[Configuration],
-    geometry: CameraGeometry,
-    judge: _Judge,
-) -> list[Row]:
-    """Return the rows of the shifted settings with their chances, measured on other meshes."""
-    found: list[Row] = []
-    # On edges longer, and shorter, by as much as a seed may make them.
-    for row in (row for row in rows if row.configuration in shifted):
-        with suppress(RigError):
-            others = [
-                judge.errors(observe(scene, other, geometry))[0]
-                for other in map(row.configuration.refined, (1.0 - EDGE_SHIFT, 1.0 + EDGE_SHIFT))
-            ]
-            found.append(replace(row, chances=chance_of(row.errors, others)))
-    return found
-
-
-def chance_of(own: Errors, others: Sequence[Errors]) -> dict[str, float]:
-    """Return by quantity the largest difference of an error from its own on other meshes."""
-    return {name: max(abs(other[name] - error) for other in others) for name, error in own.items()}
-
-
-def chances(
-    configuration: Configuration, errors: Errors, measured: Sequence[Row]
-) -> dict[str, float]:
-    """Return the chance of a configuration's errors.
-
-    That of its own mesh and element where it was measured; else the share of the error that it has
-    on the finest mesh with such an element, between a quarter and all of it. The paper's mesh is
-    but one and has none.
-
-    Args:
-        measured: What was found on the meshes that were shifted.
-    """
-    if configuration.preset is Preset.PAPER:
-        return dict.fromkeys(errors, 0.0)
-    alike = [row for row in measured if row.configuration.element is configuration.element]
-    same = next((row for row in alike if _has_mesh_of(row.configuration, configuration)), None)
-    near = same or max(alike, key=lambda row: row.tet_count, default=None)
-    scaled = {name: _share(near, name) * abs(error) for name, error in errors.items()}
-    if same is None:
-        return scaled
-    return {name: max(same.chances[name], scaled[name]) for name in errors}
-
-
-def _has_mesh_of(one: Configuration, other: Configuration) -> bool:
-    return (one.preset, one.refinement) == (other.preset, other.refinement)
-
-
-def _share(near: Row | None, name: str) -> float:
-    """Return the chance of an error over its size, as far as a finer mesh may have it."""
-    if near is None or near.errors[name] == 0.0:
-        return _SHARE_MIN
-    return float(np.clip(near.chances[name] / abs(near.errors[name]), _SHARE_MIN, _SHARE_MAX))
-
-
-def _warm_up(
-    scene: Scene, configurations: Sequence[Configuration], geometry: CameraGeometry
-) -> None:
-    """Compile every kernel that will be timed, on a mesh that costs next to nothing."""
-    small = Configuration(name="warm-up", preset=Preset.FAST, refinement=0.25)
-    kinds = {(c.element, c.finite_strain, c.device) for c in configurations}
-    for element, finite_strain, device in sorted(kinds):
-        kind = replace(small, element=element, finite_strain=finite_strain, device=device)
-        with suppress(RigError):
-            observe(scene, kind, geometry)
-
-
-class _Judge:
-    """Compares observations with the reference.
-
-    Attributes:
-        bars: By quantity: how far what is compared with may be from the truth.
-    """
+    name, title, kind = "accuracy", "What accuracy costs in time", "configuration"
+    is_together = True
 
     def __init__(
         self,
-        exact: Observation,
-        coarse: tuple[Observation, Observation],
-        render: Render,
+        terms: SceneTerms,
         similarity: Similarity,
         *,
-        order: float,
+        full: bool = False,
+        seeds: Sequence[int] = (0,),
+        tolerances: bool = False,
     ) -> None:
-        self._exact = exact
-        self._render = render
-        self._similarity = similarity
-        self._image = render(exact.maps)
-        self._force, self._depth = exact.force_n, exact.depth_m
-        drift, further = (self.errors(each)[0] for each in coarse)
-        first, second = (1.0 / (COARSENING ** (k * _ORDER_LOW) - 1.0) for k in (1, 2))
-        force = extrapolated(self._force, (1.0 + drift["force"]) * self._force, order=order)
-        depth = extrapolated(self._depth, coarse[0].depth_m, order=order)
-        self._force, self._depth = force.force_n, depth.force_n
-        self.bars = {
-            name: max(first * abs(error), second * abs(further[name]))
-            for name, error in drift.items()
-        }
-        self.bars |= {"force": force.doubt, "depth": depth.doubt}
+        self._terms, self._similarity, self._seeds = terms, similarity, tuple(seeds)
+        self._configurations = FULL if full else SHORT
+        self._tolerances = tolerances
 
-    def errors(self, found: Observation) -> tuple[dict[str, float], float]:
-        """Return the errors by quantity, and the image's correlation inside the contact."""
-        exact = self._exact
-        ssim, zncc = self._similarity(self._image, self._render(found.maps), exact.maps)
-        force = found.force_n if found is exact else found.force_at(exact.depth_m)
+    def cases(self) -> Sequence[Case]:
+        """Return every configuration on meshes of every seed, and the tolerances' scenes."""
+        found = []
+        for seed in self._seeds:
+            judge = cache(partial(self._judge, seed))
+            found += [
+                Case(
+                    name=_named(each, seed, self._seeds),
+                    shows=self._text,
+                    measure=partial(_measured, judge, each, seed),
+                )
+                for each in self._configurations
+            ]
+        return found + [
+            Case(
+                name=f"{_TOLERANCE}{each.name}",
+                shows=f"within {each.tolerance}",
+                measure=partial(_checked, each),
+                on_request=not self._tolerances,
+            )
+            for each in (*HELD_OUT, *SEEN_BEFORE)
+        ]
+
+    @property
+    def _text(self) -> str:
+        return f"{self._terms.indenter} into {self._terms.sensor} at {self._terms.force}"
+
+    def _judge(self, seed: int) -> Judge:
+        gel = load_sensor(self._terms.sensor or "")
+        return Judge(
+            scene_of(self._terms),
+            gel.camera,
+            reseeded(REFERENCE, seed),
+            render=nominal_renderer(gel),
+            similarity=self._similarity,
+        )
+
+    def line(self, result: Result) -> str:
+        """Return the error of F_z, or whether a tolerance was kept."""
+        if result.failure:
+            return result.failure
+        if result.name.startswith(_TOLERANCE):
+            return "kept" if _outcome(result.found).is_kept else "not kept"
+        row = _row(result.found["row"])
+        return f"F_z {row.errors['force']:+.2%} in {row.time_s:.2f} s"
+
+    def rows(self, results: Sequence[Result], seed: int) -> tuple[list[Row], dict[str, float]]:
+        """Return the rows of a seed, and how far its reference may be off, by quantity."""
+        names = {_named(each, seed, self._seeds) for each in self._configurations}
+        found = [each.found for each in results if each.name in names and not each.failure]
+        bars = found[0]["bars"] if found else {}
+        return finished([_row(each["row"]) for each in found]), bars
+
+    def tables(self, results: Sequence[Result]) -> list[Table]:
+        """Return the first seed's study, the others beside it, and the tolerances."""
+        rows, bars = self.rows(results, self._seeds[0])
+        tables = []
+        if rows:
+            reference = next(r.found["reference"] for r in results if r.found and "row" in r.found)
+            tables.append(study_table(rows, bars, scene=self._text, reference=reference["name"]))
+        for seed in self._seeds[1:]:
+            if others := self.rows(results, seed)[0]:
+                tables.append(seed_table(rows, others, bars, seed=seed))
+        known = {each.name: each.found for each in results if not each.failure}
+        for scenes, title, note in (
+            (HELD_OUT, "What a tolerance keeps", ""),
+            (
+                SEEN_BEFORE,
+                "What a tolerance keeps, on scenes that were judged before",
+                " They were looked at while the method was made: the other ten decide.",
+            ),
+        ):
+            names = [f"{_TOLERANCE}{each.name}" for each in scenes]
+            if outcomes := [_outcome(known[name]) for name in names if name in known]:
+                tables.append(tolerance_table(outcomes, title=title, note=note))
+        return [*tables, *failures_table(results, kind=self.kind)]
+
+    def facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
+        """Return the reference and the configurations of the first seed, and the tolerances."""
+        rows, bars = self.rows(results, self._seeds[0])
         return {
-            "force": _relative(force, self._force),
-            "depth": _relative(found.depth_m, self._depth),
-            "pressure": _relative(found.pressure_max_pa, exact.pressure_max_pa),
-            "radius": _relative(found.contact_radius_m, exact.contact_radius_m),
-            "height": height_error(found.maps, exact.maps),
-            "image": 1.0 - ssim,
-        }, zncc
+            "scene": self._text,
+            "reference": {"error_bars": bars},
+            "configurations": [
+                {
+                    **asdict(row),
+                    "name": row.configuration.name,
+                    "wall_s": row.wall_s,
+                    "time_s": row.time_s,
+                    "force_error_relative": row.errors["force"],
+                }
+                for row in rows
+            ],
+        }
 
-    def row(self, found: Observation) -> Row:
-        """Return an observation's errors and cost."""
-        errors, zncc = self.errors(found)
-        return replace(found.row, errors=errors, zncc_contact=zncc)
+    def draw(self, results: Sequence[Result], folder: Path, page_folder: Path) -> list[Path]:
+        """Draw error against time."""
+        rows, bars = self.rows(results, self._seeds[0])
+        return draw_rows(rows, bars, folder, page_folder=page_folder) if rows else []
+
+    def note(self, results: Sequence[Result]) -> str:
+        """Return what a tolerance is."""
+        del results
+        return (
+            "`press`, `plan`, `replay` and `replay.tolerance` in a configuration take a tolerance "
+            "such as 0.02N or 1% and choose the cheapest preset that is believed to keep it."
+        )
 
 
-def _with_front(rows: Sequence[Row]) -> tuple[Row, ...]:
-    front = front_of([(row.time_s, abs(row.errors.get("force", np.nan))) for row in rows])
-    return tuple(replace(row, on_front=on) for row, on in zip(rows, front, strict=True))
+def _named(configuration: Configuration, seed: int, seeds: Sequence[int]) -> str:
+    return configuration.name if seed == seeds[0] else f"seed {seed}: {configuration.name}"
 
 
-def front_of(points: Sequence[tuple[float, float]]) -> list[bool]:
-    """Return which (cost, error) points no other point beats in both; NaN is never on the front."""
-    return [
-        bool(np.isfinite(cost) and np.isfinite(error))
-        and not any((c <= cost and e <= error and (c < cost or e < error)) for c, e in points)
-        for cost, error in points
-    ]
+def _measured(judge: Callable[[], Judge], each: Configuration, seed: int) -> dict[str, Any]:
+    row = judge().row(reseeded(each, seed), shifted=seed == 0 and each in SHIFTED)
+    reference = judge().reference
+    return {
+        "row": asdict(row),
+        "bars": judge().bars,
+        "reference": {"name": reference.configuration.name, "wall_s": reference.wall_s},
+    }
 
 
-def error_bar(reference_bar: float, error: float, chance: float) -> float:
-    """Return how far an error may be off: the reference's own part, and what its mesh may cut.
+def _checked(asked: HeldOut) -> dict[str, Any]:
+    return asdict(check_tolerance(asked))
+
+
+def study_table(
+    rows: Sequence[Row], bars: Mapping[str, float], *, scene: str, reference: str
+) -> Table:
+    """Return every configuration's errors and cost."""
+    fast_s = next((row.time_s for row in rows if row.configuration.name == Preset.FAST), None)
+    front = sum(row.on_front for row in rows)
+
+    def percent(row: Row, quantity: str) -> float:
+        return 1e2 * row.errors[quantity]
+
+    return table_of(
+        sorted(rows, key=lambda row: row.time_s),
+        {
+            "settings": lambda row: row.configuration.name,
+            "tetrahedra": lambda row: row.tet_count,
+            "iterations": lambda row: row.newton_iterations,
+            "time [s]": lambda row: row.time_s,
+            "time over fast's": lambda row: row.time_s / fast_s if fast_s else None,
+            "F_z [%]": partial(percent, quantity="force"),
+            **{
+                f"{name} [%]": partial(percent, quantity=name)
+                for name in ("depth", "pressure", "radius", "height")
+            },
+            "1 - SSIM": lambda row: row.errors["image"],
+            "ZNCC": lambda row: row.zncc_contact,
+            "front": lambda row: "yes" if row.on_front else "",
+        },
+        passed=len(rows) >= ROWS_WANTED and front >= FRONT_WANTED,
+        **_prose(
+            "study",
+            rows_wanted=ROWS_WANTED,
+            front_wanted=FRONT_WANTED,
+            scene=scene,
+            reference=reference,
+            bars=", ".join(f"{name} {bar:.2%}" for name, bar in bars.items()),
+            count=len(rows),
+            front=front,
+        ),
+    )
+
+
+def seed_table(
+    rows: Sequence[Row], others: Sequence[Row], bars: Mapping[str, float], *, seed: int
+) -> Table:
+    """Return whether errors come out alike on other meshes.
 
     Args:
-        reference_bar: Of what it is relative to.
-        chance: How much the error differs on other meshes of about its size.
+        rows: Of the first run, whose bars decide.
+        others: Of meshes of another seed.
+        bars: How far the first run's reference may be off, by quantity.
     """
-    return (1.0 + abs(error)) * reference_bar + chance
+    second = {row.configuration.name: row.errors for row in others}
+    first = {r.configuration.name: r for r in rows if r.configuration.name in second}
+
+    def bar(name: str, quantity: str) -> float:
+        row = first[name]
+        own = error_bar(bars[quantity], row.errors[quantity], row.chances[quantity])
+        return _RUNS * own
+
+    outside = {
+        name: [
+            quantity
+            for quantity in QUANTITIES
+            if abs(second[name][quantity] - row.errors[quantity]) > bar(name, quantity)
+        ]
+        for name, row in first.items()
+    }
+    total, missed = len(QUANTITIES) * len(first), sum(len(each) for each in outside.values())
+    return table_of(
+        first,
+        {
+            "settings": str,
+            "F_z [%]": lambda name: 1e2 * first[name].errors["force"],
+            f"F_z, seed {seed} [%]": lambda name: 1e2 * second[name]["force"],
+            "bar of F_z [%]": lambda name: 1e2 * bar(name, "force"),
+            "outside": lambda name: ", ".join(outside[name]) or "none",
+        },
+        passed=missed == 0,
+        **_prose("seeds", seed=seed, within=total - missed, total=total, shift=f"{EDGE_SHIFT:.0%}"),
+    )
 
 
-def _relative(found: float, exact: float) -> float:
-    return found / exact - 1.0
+def tolerance_table(found: Sequence[ToleranceOutcome], *, title: str, note: str = "") -> Table:
+    """Return what a tolerance chose for each scene, and what that was worth.
+
+    Args:
+        note: What else is to be said of the scenes.
+    """
+    kept = sum(each.is_kept for each in found)
+    thrifty = sum(each.is_thrifty for each in found)
+    columns: dict[str, Callable[[ToleranceOutcome], Cell]] = {
+        "F_z [N]": lambda each: each.force_n,
+        "allowed [%]": lambda each: 1e2 * each.allowed,
+        "settings chosen": lambda each: each.setting,
+        "error believed [%]": lambda each: 1e2 * each.believed,
+        "true error [%]": lambda each: 1e2 * each.true_error,
+        "doubt of it [%]": lambda each: 1e2 * each.doubt,
+        "kept": lambda each: "yes" if each.is_kept else "no",
+        "cheapest that would have kept it": lambda each: each.cheapest,
+        "time over its time": lambda each: each.cost_ratio,
+        "of it for choosing": lambda each: each.choice_ratio,
+    }
+    refused = {"settings chosen": "refused", "kept": "no"}
+
+    def unless_refused(each: ToleranceOutcome, name: str) -> Cell:
+        return refused.get(name) if each.setting is None else columns[name](each)
+
+    return table_of(
+        found,
+        {
+            "scene": lambda each: each.name,
+            "tolerance": lambda each: each.tolerance,
+            **{name: partial(unless_refused, name=name) for name in columns},
+        },
+        passed=kept >= KEPT_WANTED * len(found) and thrifty == len(found),
+        **_prose(
+            "tolerances",
+            title=title,
+            kept=kept,
+            count=len(found),
+            cost=f"{COST_WANTED:g}",
+            thrifty=thrifty,
+            plain=sum(each.is_thrifty_once_chosen for each in found),
+            more=note,
+        ),
+    )

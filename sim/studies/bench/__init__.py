@@ -1,1 +1,14 @@
-"""The standing benchmark: how long the simulator's work takes, in parts and as it grows."""
+"""The benchmark: how long the simulator's work takes, in parts and in scenes of every kind."""
+
+from enum import StrEnum
+
+
+class Part(StrEnum):
+    """Parts of the benchmark, in the order of its page."""
+
+    REPLAY = "replay"
+    GROWTH = "growth"
+    START = "start"
+    THREADS = "threads"
+    RENDERING = "rendering"
+    SCENES = "scenes"

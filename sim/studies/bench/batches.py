@@ -1,4 +1,4 @@
-"""What batches are pressed with in the benchmark, and what each launch of theirs takes."""
+"""A scene in many environments of a batch, and what each launch of it takes."""
 
 from __future__ import annotations
 
@@ -6,19 +6,24 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import warp as wp
 
 from sim.batch.batch import Batch
 from sim.batch.environment import BatchOptions, BatchResult, Course, Environment
-from sim.batch.pilot import Pilot
+from sim.batch.pilot import Pilot, batch_model
+from sim.effects.plan import plan_effects
+from sim.effects.scene_path import path_for
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.indenter import tilted
 from sim.scene.material import Material
 from sim.scene.scene import Scene
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
+from sim.studies.bench.scenes import FRAME_COUNT, Manner, ScenePress
+from tacauchy_rig.core.errors import ConvergenceError
 
 _REPEATS = 50
 # What a kernel with a word in its name does in a step; others begin and end the frames.
@@ -91,11 +96,16 @@ def _time_of(launch: Callable[[], None], *, device: str, repeats: int = _REPEATS
     return (time.perf_counter() - started) / repeats
 
 
+def pressing_frames(scene: Scene, count: int = FRAME_COUNT) -> int:
+    """Return how many of the frames go down; a motion takes half of them."""
+    moving = any(scene.motion.shift_m) or scene.motion.twist_rad != 0.0
+    return count // 2 if moving else count
+
+
 def course_of(scene: Scene, *, frame_count: int) -> Course:
     """Return a scene's course in equal frames: down, then, in half of them, its motion."""
     motion, target = scene.motion, scene.target
-    moves = any(motion.shift_m) or motion.twist_rad != 0.0
-    pressing = frame_count // 2 if moves else frame_count
+    pressing = pressing_frames(scene, frame_count)
     down = np.minimum(1.0, np.arange(1, frame_count + 1) / pressing)
     beside = np.maximum(0.0, np.arange(1, frame_count + 1) - pressing) / max(
         1, frame_count - pressing
@@ -198,3 +208,78 @@ def _watch(batch: Batch, sensor: str) -> None:
     batch.watch(batch.stress.launch)
     batch.watch(lambda: camera.markers(batch.positions))
     batch.watch(lambda: camera.images(batch.positions, batch.poses.tips, batch.poses.rotations))
+
+
+@cache
+def _prepared(key: str, own_mesh: bool) -> list[Pilot]:
+    """Return a place for the pilot that batches of a scene share."""
+    del key, own_mesh
+    return []
+
+
+def press_batch(scene: Scene, key: str, manner: Manner) -> ScenePress:
+    """Press a scene in environments a little unlike it; the first is the scene itself.
+
+    Batches of one scene in one process share the pilot and its inverses, which the first has in
+    its set-up.
+
+    Args:
+        key: Names the scene; equal ones share a pilot.
+
+    Raises:
+        ConfigError: A batch cannot do this scene.
+        ConvergenceError: An environment does not reach its last frame.
+    """
+    started = time.perf_counter()
+    if manner.own_mesh:
+        scene = replace(scene, refinement=1.0)
+    course = course_of(scene, frame_count=FRAME_COUNT)
+    kept = _prepared(key, manner.own_mesh)
+    if not kept:
+        middle = amid(scene)
+        plain = manner.own_mesh
+        model = batch_model(middle) if plain else path_for(middle, plan_effects(middle)).model
+        kept.append(pilot_for(scene, model, course))
+    spent = time.process_time()
+    chosen = spread(scene, course, manner.environments or 1)
+    seen_by = scene.sensor if manner.images else ""
+    batch, results = pressed(kept[0], chosen, seen_by=seen_by, device=manner.device)
+    cpu_s = (time.process_time() - spent) / len(results)
+    setup_s = time.perf_counter() - started - sum(result.wall_s for result in results)
+    return _judged(scene, batch, chosen, results, setup_s=setup_s, cpu_s=cpu_s)
+
+
+def _judged(
+    scene: Scene,
+    batch: Batch,
+    chosen: Sequence[tuple[Environment, Course]],
+    results: Sequence[BatchResult],
+    *,
+    setup_s: float,
+    cpu_s: float,
+) -> ScenePress:
+    found = min(results, key=lambda result: result.wall_s)
+    if found.failed.any():
+        raise ConvergenceError(
+            f"{found.failed.sum()} of {batch.count} did not reach the last frame"
+        )
+    x, y, z = found.force_n[-1, 0]
+    depths, forces = found.depth_m[:, 0], found.force_n[:, 0, 2]
+    last = pressing_frames(scene) - 1
+    return ScenePress(
+        preset=scene.preset.value,
+        edges=1.0 / scene.refinement,
+        promised=False,
+        tet_count=len(batch.model.elements),
+        unknown_count=batch.model.pattern.dof_count,
+        setup_s=setup_s,
+        wall_s=found.wall_s,
+        cpu_s=cpu_s,
+        iterations=round(float(found.evaluations.mean())),
+        force_n=(float(x), float(y), float(z)),
+        moment_nm=None,
+        depth_m=float(depths[-1]),
+        stiffness_n_m=float((forces[last] - forces[last - 1]) / (depths[last] - depths[last - 1])),
+        balance=float(np.abs(found.imbalance[-1]).max()),
+        parts_s=batch_parts(batch, chosen, wall_s=found.wall_s),
+    )

@@ -26,7 +26,7 @@ from sim.optics.surface_images import SurfaceImages
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.solve.path_point import PathPoint
-from sim.studies.bench.frames import times_of
+from sim.studies.bench.parts import times_of
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 

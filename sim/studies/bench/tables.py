@@ -1,43 +1,56 @@
-"""What the benchmark measured, as tables."""
+"""What the benchmark's parts measured, as tables, and the figure of growth."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
+from typing import Any
 
-from sim.studies.bench.growth import EXPONENT_WANTED, exponent, local_exponents
-from sim.studies.bench.rendering import BATCH, BLUR_PX, SAMPLES
-from sim.studies.bench.replays import FORCE_ERROR_MAX as REPLAY_ERROR_MAX
-from sim.studies.bench.replays import MEMORY_MAX_MIB, TIME_MAX_S
-from sim.studies.bench.start import HELP_MAX_S, PRESS_MAX_S
-from sim.studies.bench.suite import Benchmark
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+
+from sim.studies.bench import Part
+from sim.studies.bench.parts import (
+    EXPONENT_WANTED,
+    FORCE_ERROR_MAX,
+    HELP_MAX_S,
+    MEMORY_MAX_MIB,
+    PRESS_MAX_S,
+    TIME_MAX_S,
+    GrowthRow,
+    ReplayRow,
+    StartRow,
+    ThreadsRow,
+    exponent,
+    local_exponents,
+)
+from sim.studies.bench.rendering import BATCH, BLUR_PX, SAMPLES, RenderingRow, batch_device
+from tacauchy_rig.core.figure_style import BLUE, GREY, INK, PAGE_IN, STYLE, save_figure
 from tacauchy_rig.core.page import table_prose
 from tacauchy_rig.core.tables import Table, table_of
 
+_SHARE = 0.6
 # Of an image [ms].
 _ONE_MS, _OF_A_BATCH_MS = 5.0, 0.2
 # 5,550 frames a second, ten times the paper's (with stress, GPU), leave as much for all of a frame.
 _FROM_NODES_MS = 0.18
+_ABSENT = f"{BATCH} images at once, which is done on a GPU: there is none here"
 _prose = partial(table_prose, "sim.studies.bench", "tables.md.jinja")
 
 
-def bench_tables(found: Benchmark) -> list[Table]:
-    """Return the tables of what was measured, in the order of the page."""
-    tables: dict[Callable[[Benchmark], Table], Sequence[object]] = {
-        _rendering: found.rendering,
-        _replays: found.replays,
-        _growth: found.growth,
-        _start: found.start,
-        _threads: found.threads,
-    }
-    return [table(found) for table, rows in tables.items() if rows]
+def part_table(part: Part, rows: Sequence[Any]) -> Table:
+    """Return the table of a part."""
+    return _TABLES[part](rows)
 
 
-def _rendering(found: Benchmark) -> Table:
+def _rendering(rows: Sequence[RenderingRow]) -> Table:
     limits = {"one by one": _ONE_MS, "batch": _OF_A_BATCH_MS, "from nodes": _FROM_NODES_MS}
-    judged = [row for row in found.rendering if row.image_count in (1, BATCH)]
+    judged = [row for row in rows if row.image_count in (1, BATCH)]
     return table_of(
-        found.rendering,
+        rows,
         {
             "sensor": lambda row: row.sensor,
             "renderer": lambda row: row.renderer,
@@ -51,25 +64,25 @@ def _rendering(found: Benchmark) -> Table:
             "apart [%]": lambda row: 1e2 * row.apart_share,
         },
         passed=all(row.image_ms < limits[row.renderer] for row in judged)
-        and all(row.apart_levels <= 1 for row in found.rendering),
+        and all(row.apart_levels <= 1 for row in rows),
         **_prose(
             "rendering",
             one_ms=_ONE_MS,
             of_a_batch_ms=_OF_A_BATCH_MS,
             from_nodes_ms=_FROM_NODES_MS,
             batch=BATCH,
-            first=found.rendering[0],
+            first=rows[0],
             blur_px=f"{BLUR_PX:g}",
             samples=SAMPLES,
-            absent=found.absent,
+            absent=[] if batch_device() != "cpu" else [_ABSENT],
         ),
     )
 
 
-def _replays(found: Benchmark) -> Table:
-    within = [row for row in found.replays if row.is_within]
+def _replays(rows: Sequence[ReplayRow]) -> Table:
+    within = [row for row in rows if row.is_within]
     return table_of(
-        found.replays,
+        rows,
         {
             "preset": lambda row: row.setting,
             "presses": lambda row: row.trial_count,
@@ -85,7 +98,7 @@ def _replays(found: Benchmark) -> Table:
         passed=any(row.wall_s < TIME_MAX_S and row.memory_mib < MEMORY_MAX_MIB for row in within),
         **_prose(
             "replays",
-            error_max=REPLAY_ERROR_MAX,
+            error_max=FORCE_ERROR_MAX,
             time_max_s=TIME_MAX_S,
             memory_max_mib=MEMORY_MAX_MIB,
             samples=SAMPLES,
@@ -93,14 +106,14 @@ def _replays(found: Benchmark) -> Table:
     )
 
 
-def _growth(found: Benchmark) -> Table:
-    sizes = [float(row.tet_count) for row in found.growth]
-    spent = [row.cpu_s for row in found.growth]
-    each = [row.cpu_s / row.newton_iterations for row in found.growth]
+def _growth(rows: Sequence[GrowthRow]) -> Table:
+    sizes = [float(row.tet_count) for row in rows]
+    spent = [row.cpu_s for row in rows]
+    each = [row.cpu_s / row.newton_iterations for row in rows]
     power = exponent(sizes, spent)
     steps = [None, *local_exponents(sizes, spent)]
     return table_of(
-        list(zip(found.growth, each, steps, strict=True)),
+        list(zip(rows, each, steps, strict=True)),
         {
             "edges shorter by": lambda row: row[0].refinement,
             "tetrahedra": lambda row: row[0].tet_count,
@@ -120,23 +133,23 @@ def _growth(found: Benchmark) -> Table:
     )
 
 
-def _start(found: Benchmark) -> Table:
+def _start(rows: Sequence[StartRow]) -> Table:
     return table_of(
-        found.start,
+        rows,
         {
             "what": lambda row: row.what,
             "processor time [s]": lambda row: row.cpu_s,
             "time [s]": lambda row: row.wall_s,
             "at most [s]": lambda row: row.limit_s,
         },
-        passed=all(row.limit_s is None or row.cpu_s < row.limit_s for row in found.start),
+        passed=all(row.limit_s is None or row.cpu_s < row.limit_s for row in rows),
         **_prose("start", help_max=HELP_MAX_S, press_max=PRESS_MAX_S),
     )
 
 
-def _threads(found: Benchmark) -> Table:
+def _threads(rows: Sequence[ThreadsRow]) -> Table:
     return table_of(
-        found.threads,
+        rows,
         {
             "unknowns": lambda row: row.unknown_count,
             "threads": lambda row: row.thread_count,
@@ -147,3 +160,43 @@ def _threads(found: Benchmark) -> Table:
         },
         **_prose("threads"),
     )
+
+
+_TABLES: dict[Part, Callable[[Any], Table]] = {
+    Part.RENDERING: _rendering,
+    Part.REPLAY: _replays,
+    Part.GROWTH: _growth,
+    Part.START: _start,
+    Part.THREADS: _threads,
+}
+
+
+def draw_growth(
+    rows: Sequence[GrowthRow], folder: Path, *, page_folder: Path | None = None
+) -> list[Path]:
+    """Draw how presses grow with their elements, and write ``bench`` as PDF and PNG.
+
+    Raises:
+        RecordError: The files cannot be written.
+    """
+    sizes, times = [float(row.tet_count) for row in rows], [row.cpu_s for row in rows]
+    fitted = exponent(sizes, times)
+    middle = np.exp(np.log(sizes).mean()), np.exp(np.log(times).mean())
+    with rc_context(STYLE):
+        figure = Figure(figsize=(_SHARE * PAGE_IN, 2.6), layout="constrained")
+        axes = figure.add_subplot()
+        axes.loglog(sizes, times, "o", color=BLUE, markersize=4)
+        for power, style, colour, text in (
+            (fitted, "-", INK, f"$n^{{{fitted:.2f}}}$, fitted"),
+            (EXPONENT_WANTED, ":", GREY, f"$n^{{{EXPONENT_WANTED:g}}}$"),
+        ):
+            line = middle[1] * (np.array(sizes) / middle[0]) ** power
+            axes.loglog(sizes, line, style, color=colour, label=text)
+        # The measured places of the axis are labelled, and no others.
+        axes.set_xticks(sizes, [f"{place:.0f}" for place in sizes])
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xlabel("Tetrahedra $n$")
+        axes.set_ylabel("Processor time of a press (s)")
+        axes.set_title("Growth with elements", loc="left")
+        axes.legend()
+        return save_figure(figure, folder, "bench", page_folder=page_folder)

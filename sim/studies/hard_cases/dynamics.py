@@ -10,8 +10,16 @@ from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Inertia
 from sim.solve.path_point import PathPoint
-from sim.studies.hard_cases.case import Measured, Outcome
-from sim.studies.hard_cases.pads import BALL, DENSITY_KG_M3, HEIGHT_M, PUNCH, pad_model, round_mesh
+from sim.studies.hard_cases.pads import (
+    BALL,
+    DENSITY_KG_M3,
+    HEIGHT_M,
+    PUNCH,
+    Measured,
+    Outcome,
+    pad_model,
+    round_mesh,
+)
 from tacauchy_rig.core.arrays import FloatArray
 
 _RAMP_TO_M = 0.4e-3

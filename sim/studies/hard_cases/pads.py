@@ -1,6 +1,8 @@
-"""Small pads that the hard cases press: coarse, deterministic, quick."""
+"""What the hard cases share: an outcome, and small pads: coarse, deterministic, quick."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +19,16 @@ from sim.scene.pad import BoxPad, DiscPad, ParametricPad
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
+
+Measured = dict[str, float | int | bool | str]
+
+
+class Outcome(NamedTuple):
+    """Whether a case's criterion is met, and what was measured, units in the names."""
+
+    passed: bool
+    measured: Measured
+
 
 HEIGHT_M = 4e-3
 YOUNG_PA = 4e5

@@ -13,8 +13,7 @@ from sim.scene.indenter import Plane, Sphere
 from sim.scene.pad import DiscPad
 from sim.solve.loading_path import LoadingPath
 from sim.solve.path_point import PathPoint
-from sim.studies.hard_cases.case import Outcome
-from sim.studies.hard_cases.pads import DISC, HEIGHT_M, grip_of, pad_model, round_mesh
+from sim.studies.hard_cases.pads import DISC, HEIGHT_M, Outcome, grip_of, pad_model, round_mesh
 from sim.studies.modes.signatures import contact_signature
 from tacauchy_rig.core.arrays import FloatArray
 

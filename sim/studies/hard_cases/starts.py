@@ -10,10 +10,11 @@ from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.solve.equilibrium import NEWTON, EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.hard_cases.case import Measured, Outcome
 from sim.studies.hard_cases.pads import (
     HEIGHT_M,
     YOUNG_PA,
+    Measured,
+    Outcome,
     brick_mesh,
     pad_model,
     quarter_brick_mesh,

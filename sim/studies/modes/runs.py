@@ -11,12 +11,13 @@ import numpy as np
 
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.scene.indenter import Cylinder, Sphere, describe
+from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.loading_path import Hold, LoadingPath
 from sim.solve.path_point import PathPoint
 from sim.studies.modes.signatures import ContactSignature, contact_signature
+from tacauchy_rig.core.errors import ConfigError
 
 FRICTION = 0.5
 SLIDE_STEP_M = 0.2e-3
@@ -142,10 +143,14 @@ class ModeRun:
     processor_s: float
 
     @property
+    def body(self) -> str:
+        """The indenter in words."""
+        return describe(self.indenter)
+
+    @property
     def title(self) -> str:
         """Sensor, indenter, mode and travel in words."""
-        body = describe(self.indenter)
-        return f"{self.sensor.title}, {body}, {self.name}, {self.travel}"
+        return f"{self.sensor.title}, {self.body}, {self.name}, {self.travel}"
 
     @property
     def passed(self) -> bool:
@@ -157,7 +162,7 @@ class ModeRun:
         return {
             "name": self.name,
             "sensor": self.sensor.name,
-            "indenter": describe(self.indenter),
+            "indenter": self.body,
             "travel": self.travel,
             "friction": FRICTION,
             "passed": self.passed,
@@ -167,6 +172,20 @@ class ModeRun:
             "processor_s": self.processor_s,
             "criteria": [asdict(criterion) for criterion in self.criteria],
         }
+
+
+def round_body(indenter: Indenter) -> Cylinder | Sphere:
+    """Return an indenter that can be slid and turned.
+
+    Raises:
+        ConfigError: It is no cylinder and no sphere.
+    """
+    if not isinstance(indenter, Cylinder | Sphere):
+        raise ConfigError(
+            f"--indenter {describe(indenter)}: only round bodies can be slid and turned here",
+            remedy="give a cylinder with a fillet, or a sphere",
+        )
+    return indenter
 
 
 def press_in(sensor: Sensor, indenter: Cylinder | Sphere, *, preset: Preset) -> ModeRun:

@@ -24,7 +24,7 @@ from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.objects.shapes import chisel
 from sim.studies.underside import indenter_height
-from sim.studies.verification.prose import stated
+from sim.studies.verification import stated
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 

@@ -14,10 +14,10 @@ from sim.fields.stress import surface_stress
 from sim.press import press
 from sim.press_command import scene_from
 from sim.scene.scene import Preset
-from sim.studies.bench.frames import times_of
+from sim.studies.bench.parts import times_of
 from sim.studies.paper.claims import Claim, claims
-from sim.studies.paper.mesh_table import mesh_numbers, preset_statistics
-from sim.studies.verification.prose import stated
+from sim.studies.paper.mesh import mesh_numbers, preset_statistics
+from sim.studies.verification import stated
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 # How often the stress is extracted, and what the paper states for it at most (section IV-A) [s].

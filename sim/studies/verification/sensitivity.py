@@ -13,7 +13,7 @@ from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.scene import ContactMode, Drive, Preset, Scene
 from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import LoadingPath
-from sim.studies.verification.prose import stated
+from sim.studies.verification import stated
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 _SHARP, _ROUNDED = Cylinder(diameter_m=5e-3), Cylinder(diameter_m=5e-3, fillet_m=0.1e-3)

@@ -79,8 +79,8 @@ GROUPS = {
         "Measure the simulator on this machine: accuracy, hard cases, effects, speed.",
         {
             "accuracy": f"{_CLI}.studies.accuracy:accuracy",
-            "hard-cases": f"{_CLI}.studies.torture:torture",
-            "effects": f"{_CLI}.studies.effects_check:effects_check",
+            "hard-cases": f"{_CLI}.studies.hard_cases:hard_cases",
+            "effects": f"{_CLI}.studies.effects:effects",
             "verify": f"{_CLI}.studies.verify:verify",
             "modes": f"{_CLI}.studies.modes:modes",
             "objects": f"{_CLI}.studies.objects:objects",
@@ -92,7 +92,13 @@ GROUPS = {
 """Of each group what its help says, and where its commands are."""
 
 _STUDIES = ("accuracy", "verify", "modes", "objects", "paper", "bench")
-_CHECKS = ("fault-table", "page-check", "mounting-check", "gel-check", "press-check")
+_CHECKS: tuple[str, ...] = (
+    "fault-table",
+    "page-check",
+    "mounting-check",
+    "gel-check",
+    "press-check",
+)
 _CHECKS += ("budget-check", "verdict-check", "residual-check", "judge-page")
 MOVED = {
     **{name: f"`tacauchy-rig study {name}`" for name in _STUDIES},

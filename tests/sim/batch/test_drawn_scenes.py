@@ -11,8 +11,8 @@ from sim.batch.pilot import Pilot
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.studies.bench.batches import course_of, scaled
-from sim.studies.bench.scenes.catalogue import BenchScene, drawn_scenes
-from sim.studies.bench.scenes.press import moves, stated_scene
+from sim.studies.bench.press import moves, stated_scene
+from sim.studies.bench.scenes import BenchScene, drawn_scenes
 
 # Where points stick or slide, a force depends on the steps that led there.
 _APART, _APART_WITH_FRICTION = 5e-5, 2e-3

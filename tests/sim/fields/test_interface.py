@@ -17,15 +17,17 @@ from sim.scene.material import LawName, Material
 from sim.scene.pad import DiscPad
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.verification.interface import (
+from sim.studies.verification.balance import (
     ABOVE,
     BELOW,
     JUMPS,
     NODAL,
     PRESS,
+    InterfaceSides,
+    forces_n,
     interface_row,
+    interface_sides,
 )
-from sim.studies.verification.interface_sides import InterfaceSides, forces_n, interface_sides
 
 PAD = DiscPad(radius_m=6e-3, height_m=4e-3)
 

@@ -24,7 +24,7 @@ from sim.scene.pad import BoxPad, DiscPad
 from sim.scene.scene import Effect, Preset, Scene, Target
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.verification.layered_solution import BondedLayers
+from sim.studies.verification.exact import BondedLayers
 from tacauchy_rig.core.errors import ConfigError
 
 DOMED = BoxPad(

@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from sim.studies.bench.part import SCENE_LIMIT_S
-from sim.studies.bench.scenes.catalogue import BenchScene, select_scenes
-from sim.studies.bench.scenes.own_process import Order, SceneRow, commit, git, pressed
-from sim.studies.bench.scenes.suite import said
-from sim.studies.bench.scenes.tables import way
+from sim.studies.bench.scenes import BenchScene, Manner, ScenePress, SceneRow, select_scenes
+from sim.studies.bench.study import SCENE_LIMIT_S
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import complain, say, show_table, write_json, write_text
+from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.page import criteria_page, table_prose
 from tacauchy_rig.core.tables import Table, table_of
-from tacauchy_rig.core.versions import machine, versions
+from tacauchy_rig.core.versions import commit, machine, versions
 
 # Presses of each commit, in turns; the least time counts.
 _TURNS = 2
+# What the libraries that solve and assemble take as their number of threads.
+_THREADS = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+ROOT = Path(__file__).parents[3]
+# Where a commit has the program that presses a scene, the newest first.
+WORKERS = ("tests/studies/compare/worker.py", "sim/studies/bench/scenes/press.py")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,12 +62,12 @@ def compare(
     Example: python -m tests.studies compare HEAD~5 --only ball
     """
     scenes = select_scenes(*only or ())
-    alone = [Order(tolerance=each, device=device) for each in tolerances or ("5%",)]
-    batches = [Order(environments=count, device=device) for count in environments or ()]
+    alone = [Manner(tolerance=each, device=device) for each in tolerances or ("5%",)]
+    batches = [Manner(environments=count, device=device) for count in environments or ()]
     tables, facts = [], []
-    for order in (replace(each, limit_s=limit_s) for each in batches or alone):
-        complain(f"scenes, {way(order)}")
-        pairs = list(pressed_in_turns(scenes, order, name))
+    for manner in batches or alone:
+        complain(f"scenes, {manner.text}")
+        pairs = list(pressed_in_turns(scenes, manner, name, limit_s=limit_s))
         tables.append(pairs_table(pairs, commit=name))
         facts.append([asdict(pair) for pair in pairs])
         show_table(tables[-1])
@@ -71,7 +78,9 @@ def compare(
     say(f"page {out}")
 
 
-def pressed_in_turns(scenes: Sequence[BenchScene], order: Order, name: str) -> Iterator[Pair]:
+def pressed_in_turns(
+    scenes: Sequence[BenchScene], manner: Manner, name: str, *, limit_s: float
+) -> Iterator[Pair]:
     """Press every scene by another commit and by this checkout, in turns.
 
     Raises:
@@ -80,12 +89,51 @@ def pressed_in_turns(scenes: Sequence[BenchScene], order: Order, name: str) -> I
     with checked_out(name) as tree:
         for scene in scenes:
             turns = [
-                (pressed(scene, replace(order, checkout=tree)), pressed(scene, order))
+                tuple(pressed(scene, manner, checkout=at, limit_s=limit_s) for at in (tree, ROOT))
                 for _ in range(_TURNS)
             ]
             pair = Pair(old=_least(old for old, _ in turns), new=_least(new for _, new in turns))
-            complain(f"  {scene.name}: {said(pair.old)} before, {said(pair.new)} now")
+            complain(f"  {scene.name}: {pair.old.text} before, {pair.new.text} now")
             yield pair
+
+
+def pressed(
+    scene: BenchScene, manner: Manner, *, checkout: Path = ROOT, limit_s: float = SCENE_LIMIT_S
+) -> SceneRow:
+    """Press a scene by a checkout's solver; an error, a crash and too long a time are rows."""
+    worker = next(checkout / place for place in WORKERS if (checkout / place).exists())
+    # Packages may lie elsewhere, but ours come from the checkout.
+    places = [str(checkout), *filter(None, [os.environ.get("PYTHONPATH")])]
+    counts = [] if manner.environments is None else [manner.environments]
+    order = {
+        **asdict(manner),
+        "stated": scene.stated,
+        "preset": None,
+        "counts": counts,
+        "is_timed": True,
+        "limit_s": limit_s,
+    }
+    try:
+        done = subprocess.run(
+            # -P: modules beside the file are no packages of their own.
+            [sys.executable, "-P", str(worker)],
+            input=json.dumps(order),
+            env=os.environ | dict.fromkeys(_THREADS, "1") | {"PYTHONPATH": os.pathsep.join(places)},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=limit_s,
+        )
+    except subprocess.TimeoutExpired:
+        found: dict[str, Any] = {"failure": f"not done after {limit_s:g} s"}
+    else:
+        last = (done.stderr.strip().splitlines() or ["nothing"])[-1]
+        answers = [line for line in done.stdout.splitlines() if line.startswith('{"')]
+        ended = {"failure": f"its process ended with status {done.returncode}: {last}"}
+        found = json.loads(answers[0]) if answers else ended
+    failure = str(found.get("failure", ""))
+    press = None if failure else ScenePress(**found)
+    return SceneRow(scene=scene.name, manner=manner, press=press, failure=failure)
 
 
 def _least(rows: Iterator[SceneRow]) -> SceneRow:
@@ -133,3 +181,20 @@ def checked_out(name: str) -> Iterator[Path]:
             yield tree
         finally:
             git("worktree", "remove", "--force", str(tree))
+
+
+def git(*words: str) -> str:
+    """Return what git says of this checkout.
+
+    Raises:
+        ConfigError: It refuses, or this is no checkout.
+    """
+    done = subprocess.run(
+        ["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise ConfigError(
+            f"git {words[0]}: {done.stderr.strip() or done.returncode}",
+            remedy="name a commit of the program's own checkout",
+        )
+    return done.stdout.strip()

@@ -28,8 +28,9 @@ from sim.scene.triangle_surface import TriangleSurface, closed_surface
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
-from sim.studies.bench.batches import course_of, spread
-from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress, moves, pressing_frames
+from sim.studies.bench.batches import course_of, pressing_frames, spread
+from sim.studies.bench.press import moves
+from sim.studies.bench.scenes import FRAME_COUNT, ScenePress
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 from tests.studies.libuipc.task import PeerFound, PeerTask, PeerTolerance

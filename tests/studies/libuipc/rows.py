@@ -9,11 +9,10 @@ from functools import partial
 from importlib import metadata
 from tempfile import TemporaryDirectory
 
-from sim.studies.bench.scenes.catalogue import BenchScene
-from sim.studies.bench.scenes.own_process import Order, SceneRow
-from sim.studies.bench.scenes.press import stated_scene, within
-from sim.studies.processes import OwnProcess, ProcessFailedError
+from sim.studies.bench.press import stated_scene, within
+from sim.studies.bench.scenes import BenchScene, Manner, SceneRow
 from tacauchy_rig.core.errors import ConfigError, RigError
+from tacauchy_rig.core.own_process import OwnProcess, ProcessFailedError
 from tests.studies.libuipc.libuipc import press_in_libuipc
 from tests.studies.libuipc.pad import PeerPad, peer_pad, peer_press, strayed
 from tests.studies.libuipc.task import AS_SHIPPED, STRICT, PeerFound, PeerTask, PeerTolerance
@@ -96,7 +95,7 @@ def press_in_peer(
 def _pad(scene: BenchScene) -> PeerPad | str:
     """Return a scene as libuipc is given it, with the setting of our batches, or why not."""
     try:
-        return peer_pad(within(stated_scene(scene.stated), Order().tolerance)[0])
+        return peer_pad(within(stated_scene(scene.stated), Manner().tolerance)[0])
     except RigError as error:
         return error.message
 
@@ -108,9 +107,7 @@ def _row(scene: BenchScene, tolerance: PeerTolerance, count: int) -> PeerRow:
         version = "of unknown version"
     return PeerRow(
         scene=scene.name,
-        tolerance="",
-        device=_DEVICE,
-        environments=count,
+        manner=Manner(tolerance="", device=_DEVICE, environments=count),
         press=None,
         engine=f"libuipc {version}, {tolerance.name}",
     )
@@ -125,7 +122,7 @@ def _pressed(
     process: OwnProcess,
     limit_s: float,
 ) -> PeerRow:
-    task = pad.task(count=row.environments or 1, tolerance=tolerance)
+    task = pad.task(count=row.manner.environments or 1, tolerance=tolerance)
     try:
         found = process.call(partial(run, task), limit_s=limit_s)
     except ProcessFailedError as error:

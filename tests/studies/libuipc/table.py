@@ -2,42 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-from sim.studies.bench.scenes.own_process import SceneRow
-from sim.studies.bench.scenes.press import FRAME_COUNT, ScenePress
-from sim.studies.bench.scenes.suite import SceneBench
+from sim.studies.bench.scenes import FRAME_COUNT, Reference, ScenePress, SceneRow
 from tacauchy_rig.core.page import table_prose
 from tacauchy_rig.core.tables import Cell, Table, table_of
 from tests.studies.libuipc.rows import PeerRow
 
 
-def peer_tables(found: SceneBench, peers: Sequence[Sequence[PeerRow]]) -> Iterator[Table]:
-    """Return a table for every way in which the peer pressed.
+def peer_tables(
+    groups: Sequence[Sequence[SceneRow]],
+    references: Mapping[str, Reference],
+    peers: Sequence[Sequence[PeerRow]],
+) -> Iterator[Table]:
+    """Return a table for every way in which libuipc pressed.
 
     Args:
-        found: Our rows, and what forces are compared with.
-        peers: Its rows, one group a way.
+        groups: Our rows, by manner.
+        references: What forces are compared with, by scene.
+        peers: Its rows, by manner.
     """
-    ours = {(row.scene, row.environments or 1): row.press for rows in found.groups for row in rows}
+    ours = {(row.scene, _count(row)): row.press for rows in groups for row in rows}
     for rows in peers:
-        yield _beside(rows, ours, found)
+        yield _beside(rows, ours, references)
+
+
+def _count(row: SceneRow) -> int:
+    return row.manner.environments or 1
 
 
 def _beside(
-    rows: Sequence[PeerRow], ours: dict[tuple[str, int], ScenePress | None], found: SceneBench
+    rows: Sequence[PeerRow],
+    ours: Mapping[tuple[str, int], ScenePress | None],
+    references: Mapping[str, Reference],
 ) -> Table:
     def our(row: SceneRow) -> ScenePress | None:
-        return ours.get((row.scene, row.environments or 1))
+        return ours.get((row.scene, _count(row)))
 
     def error(row: SceneRow, press: ScenePress | None) -> Cell:
-        known = found.references.get(row.scene)
+        known = references.get(row.scene)
         if known is None or press is None:
             return None
         return f"{1e2 * known.force_error(press):+.1f}"
 
     def speed(row: SceneRow, press: ScenePress | None) -> float | None:
-        return None if press is None else FRAME_COUNT * (row.environments or 1) / press.wall_s
+        return None if press is None else FRAME_COUNT * (_count(row)) / press.wall_s
 
     def ratio(row: SceneRow) -> Cell:
         own, theirs = speed(row, our(row)), speed(row, row.press)
@@ -66,7 +75,7 @@ def _beside(
             "table.md.jinja",
             "peer",
             engine=rows[0].engine,
-            environments=rows[0].environments,
+            environments=rows[0].manner.environments,
             remarks=[f"{row.scene}: {row.remark}" for row in rows if row.remark],
         ),
     )

@@ -16,8 +16,8 @@ from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
 from sim.solve.loading_path import LoadingPath
-from sim.studies.bench.scenes.catalogue import all_scenes
-from sim.studies.bench.scenes.press import FRAME_COUNT, stated_scene, within
+from sim.studies.bench.press import stated_scene, within
+from sim.studies.bench.scenes import FRAME_COUNT, all_scenes
 from tacauchy_rig.core.errors import ConfigError
 from tests.studies.libuipc.pad import PeerPad, peer_pad, peer_press, strayed, triangles
 from tests.studies.libuipc.task import AS_SHIPPED, STRICT, PeerFound, PeerTask

@@ -9,9 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim.studies.bench.scenes.catalogue import BenchScene
-from sim.studies.bench.scenes.own_process import SceneRow
-from sim.studies.bench.scenes.suite import SceneBench
+from sim.studies.bench.scenes import BenchScene, Manner, SceneRow
 from tacauchy_rig.core.errors import ConfigError
 from tests.studies.libuipc import rows
 from tests.studies.libuipc.libuipc import PeerWorld
@@ -59,19 +57,16 @@ def test_rows_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -> None:
     scenes = [BenchScene(name=name, stated=_BALL) for name in ("one", "two")]
     found = press_in_peer(scenes, (1, 2), limit_s=60.0, on_progress=lambda _row: None)
     peers = tuple(zip(*found, strict=True))
-    assert [rows_[0].environments for rows_ in peers] == [1, 2, 1]
+    assert [rows_[0].manner.environments for rows_ in peers] == [1, 2, 1]
     press = peers[0][0].press
     assert press is not None
     ours = SceneRow(
         scene="one",
-        tolerance="5%",
-        device="cuda:0",
-        environments=1,
+        manner=Manner(device="cuda:0", environments=1),
         press=replace(press, wall_s=0.1 * press.wall_s),
     )
     failed = replace(peers[0][1], press=None, failure="not done after 60 s")
-    bench = SceneBench(groups=((ours,),))
-    first, second, _ = peer_tables(bench, [(peers[0][0], failed), *peers[1:]])
+    first, second, _ = peer_tables([[ours]], {}, [(peers[0][0], failed), *peers[1:]])
     ratio, theirs = (first.columns.index(name) for name in ("ours over it", "libuipc [1/s]"))
     assert first.rows[0][ratio] == "10"
     assert first.rows[1][theirs] == "not done after 60 s"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -14,19 +14,22 @@ from sim.optics.height.height_map import HeightMaps
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import BoxPad
-from sim.scene.scene import Preset, Scene, Target
+from sim.scene.scene import Preset, Scene, SceneTerms, Target
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.studies.accuracy.configurations import FULL, SHORT, Configuration, reseeded
-from sim.studies.accuracy.observation import Row
-from sim.studies.accuracy.study import (
+from sim.studies.accuracy.judging import (
     QUANTITIES,
+    Judge,
     chances,
     error_bar,
+    extrapolated,
+    finished,
     front_of,
-    study,
 )
-from sim.studies.accuracy.tables import seed_table
+from sim.studies.accuracy.press import FULL, SHORT, Configuration, Row, reseeded
+from sim.studies.accuracy.study import Accuracy, seed_table
+from sim.studies.accuracy.tolerance import HELD_OUT, ToleranceOutcome
 from tacauchy_rig.core.arrays import ImageArray
+from tacauchy_rig.core.study import About, Result
 
 _GEOMETRY = CameraGeometry(
     width=40,
@@ -58,6 +61,10 @@ def _alike(first: ImageArray, second: ImageArray, _maps: HeightMaps) -> tuple[fl
     return 1.0 - difference, 1.0 - difference
 
 
+def _judge(reference: Configuration) -> Judge:
+    return Judge(_SCENE, _GEOMETRY, reference, render=_image, similarity=_alike)
+
+
 def test_a_locking_element_is_seen_as_too_stiff() -> None:
     """Linear tetrahedra push back harder than the limit of quadratic ones.
 
@@ -65,38 +72,17 @@ def test_a_locking_element_is_seen_as_too_stiff() -> None:
     doubted. What is not extrapolated may be off by what order 1 leaves, of two coarser meshes the
     one that tells more.
     """
-    found = study(
-        _SCENE,
-        (_EXACT, _COARSE, _COARSEST, _LINEAR),
-        _GEOMETRY,
-        render=_image,
-        similarity=_alike,
-        reference=_EXACT,
-    )
-    exact, coarse, coarsest, linear = found.rows
+    judge = _judge(_EXACT)
+    rows = finished([judge.row(each) for each in (_EXACT, _COARSE, _COARSEST, _LINEAR)])
+    exact, coarse, coarsest, linear = rows
     assert exact.errors["image"] == 0.0
     assert coarse.errors["force"] == pytest.approx(1.5**2 * exact.errors["force"], rel=1e-6)
-    assert found.bars["force"] == pytest.approx(0.5 * abs(exact.errors["force"]), rel=1e-6)
+    assert judge.bars["force"] == pytest.approx(0.5 * abs(exact.errors["force"]), rel=1e-6)
     told = [2.0 * abs(coarse.errors["radius"]), abs(coarsest.errors["radius"]) / (1.5**2 - 1.0)]
-    assert found.bars["radius"] == pytest.approx(max(told), rel=1e-6)
+    assert judge.bars["radius"] == pytest.approx(max(told), rel=1e-6)
     assert linear.errors["force"] > 0.05
     assert linear.errors["depth"] < 0.0
-    assert any(row.on_front for row in found.rows)
-
-
-def test_what_cannot_be_simulated_is_a_row_that_says_so() -> None:
-    """A failure is shown, not dropped."""
-    absurd = Configuration(name="absurd", preset=Preset.FAST, refinement=1e-3, barrier_m=10.0)
-    found = study(
-        _SCENE,
-        (absurd,),
-        _GEOMETRY,
-        render=_image,
-        similarity=_alike,
-        reference=_COARSE,
-    )
-    assert found.rows[0].failure
-    assert not found.rows[0].on_front
+    assert any(row.on_front for row in rows)
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1e3), st.floats(0.0, 1.0)), min_size=1))
@@ -138,14 +124,15 @@ _ERRORS = dict.fromkeys(QUANTITIES, 0.01)
 
 def test_seeds_agree_within_the_bar_or_say_where_not() -> None:
     """Twice the first run's own bar is allowed: either run may be off by it."""
-    bars = {"a": dict.fromkeys(QUANTITIES, 0.0025)}
-    near = {**_ERRORS, "force": 0.0149}
-    alike = seed_table({"a": _ERRORS}, {"a": near}, bars, seed=1, command="c")
-    assert alike.passed
-    far = seed_table({"a": _ERRORS}, {"a": {**near, "depth": 0.0151}}, bars, seed=1, command="c")
-    assert not far.passed
-    assert far.rows[0][-1] == "depth"
-    assert "5 of 6" in far.note
+    first = Row(configuration=_EXACT, errors=_ERRORS, chances=dict.fromkeys(QUANTITIES, 0.0025))
+    bars = dict.fromkeys(QUANTITIES, 0.0)
+    near = replace(first, errors={**_ERRORS, "force": 0.0149})
+    assert seed_table([first], [near], bars, seed=1).passed
+    far = replace(near, errors={**near.errors, "depth": 0.0151})
+    table = seed_table([first], [far], bars, seed=1)
+    assert not table.passed
+    assert table.rows[0][-1] == "depth"
+    assert "5 of 6" in table.note
 
 
 def test_a_bar_holds_the_references_doubt_and_the_meshs_chance() -> None:
@@ -170,17 +157,47 @@ def test_chance_is_measured_or_taken_from_the_finest_that_was() -> None:
     assert chances(_LINEAR, {"force": 0.4}, known) == {"force": pytest.approx(0.1)}
 
 
-def test_a_study_measures_chance_on_shifted_meshes() -> None:
+def test_chance_is_measured_on_shifted_meshes() -> None:
     """Two more meshes are pressed; what they give is the chance of the settings between them."""
-    found = study(
-        _SCENE,
-        (_EXACT, _COARSE),
-        _GEOMETRY,
-        render=_image,
-        similarity=_alike,
-        reference=_EXACT,
-        shifted=(_COARSE,),
-    )
-    chance = found.rows[1].chances["force"]
-    assert chance >= 0.25 * abs(found.rows[1].errors["force"])
-    assert set(found.rows[0].chances) == set(QUANTITIES)
+    judge = _judge(_EXACT)
+    exact, coarse = finished([judge.row(_EXACT), judge.row(_COARSE, shifted=True)])
+    assert coarse.chances["force"] >= 0.25 * abs(coarse.errors["force"])
+    assert set(exact.chances) == set(QUANTITIES)
+
+
+def test_a_page_holds_study_seeds_and_tolerances() -> None:
+    """Of results that were kept: a table each, the first seed's with its bars."""
+    terms = SceneTerms(indenter="sphere:diameter=8mm", sensor="digit", force="0.5N")
+    study = Accuracy(terms, _alike, seeds=(0, 1), tolerances=True)
+    row = Row(configuration=SHORT[7], errors=_ERRORS, chances=dict.fromkeys(QUANTITIES, 0.005))
+    found = {
+        "row": asdict(row),
+        "bars": dict.fromkeys(QUANTITIES, 0.001),
+        "reference": {"name": "reference", "wall_s": 1.0},
+    }
+    kept = asdict(ToleranceOutcome(name=HELD_OUT[0].name, tolerance="1%", refusal="none does"))
+    results = [
+        Result(name="fast", found=found),
+        Result(name="seed 1: fast", found=found),
+        Result(name=f"tolerance: {HELD_OUT[0].name}", found=kept),
+        Result(name="fast / 2", failure="no mesh"),
+    ]
+    text = study.page(results, About("tacauchy-rig study accuracy"), ["images/accuracy.png"])
+    for title in ("Error against time", "The same on other meshes", "What a tolerance keeps"):
+        assert f"## {title}" in text
+    assert "6 of 6 errors" in text
+    assert "| fast / 2 | no mesh |" in text
+    (configuration,) = study.facts(results)["configurations"]
+    assert configuration["force_error_relative"] == 0.01
+
+
+@given(limit=st.floats(0.1, 10.0), constant=st.floats(-0.1, 0.1), order=st.sampled_from([1, 2]))
+def test_an_error_of_known_order_is_extrapolated_away(
+    limit: float, constant: float, order: int
+) -> None:
+    """F(h) = limit (1 + c h^p) on h and 1.5 h gives the limit exactly; half the way is doubted."""
+    fine, coarse = (limit * (1.0 + constant * h**order) for h in (1.0, 1.5))
+    found = extrapolated(fine, coarse, order=order)
+    assert found.force_n == pytest.approx(limit, rel=1e-9)
+    assert found.error(fine) == pytest.approx(constant, abs=1e-9)
+    assert found.doubt == pytest.approx(0.5 * abs(constant), abs=1e-9)

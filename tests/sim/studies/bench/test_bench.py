@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,15 +16,24 @@ from sim.fields.surface import SurfaceState
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
-from sim.scene.scene import Preset, Scene, Target
-from sim.studies.bench import suite
-from sim.studies.bench.growth import exponent, growth, local_exponents
-from sim.studies.bench.part import Part
-from sim.studies.bench.rendering import measure_rendering
-from sim.studies.bench.replays import ReplayRow, measure_replay, peak_memory_mib
-from sim.studies.bench.suite import Benchmark
-from sim.studies.bench.tables import bench_tables
+from sim.scene.scene import Preset, Scene, SceneTerms, Target
+from sim.studies.bench import Part
+from sim.studies.bench.parts import (
+    GrowthRow,
+    ReplayRow,
+    exponent,
+    growth,
+    local_exponents,
+    measure_replay,
+    peak_memory_mib,
+)
+from sim.studies.bench.rendering import RenderingRow, measure_rendering
+from sim.studies.bench.scenes import Manner
+from sim.studies.bench.study import Bench, BenchOptions
+from sim.studies.bench.tables import draw_growth, part_table
 from tacauchy_rig.core.arrays import ImageArray
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.study import About, Result
 
 _SCENE = Scene(
     pad=DiscPad(radius_m=9e-3, height_m=5e-3),
@@ -72,14 +83,9 @@ def test_growth_is_over_finer_meshes_of_the_same_press() -> None:
 
 
 @pytest.fixture(scope="module")
-def found() -> Benchmark:
-    """Return a benchmark of a coarse ball press; its replay is made up."""
-    return Benchmark(
-        rendering=tuple(measure_rendering(_SCENE, sensors=("digit",), budget_s=0.1)),
-        replays=(_replay(),),
-        growth=tuple(growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.7))),
-        absent=("many images",),
-    )
+def rendered() -> list[RenderingRow]:
+    """Return the images of a coarse ball press."""
+    return list(measure_rendering(_SCENE, sensors=("digit",), budget_s=0.1))
 
 
 @pytest.mark.parametrize(
@@ -93,8 +99,7 @@ def found() -> Benchmark:
 )
 def test_a_replay_counts_if_it_is_close_and_in_time(row: ReplayRow, met: bool) -> None:
     """A believed error above 2 %, none, or more than 20 s with images: the criterion is missed."""
-    (table,) = bench_tables(Benchmark(replays=(row,)))
-    assert table.passed is met
+    assert part_table(Part.REPLAY, [row]).passed is met
 
 
 def test_a_replay_takes_the_cheapest_settings_that_promise_a_tolerance() -> None:
@@ -119,9 +124,9 @@ def test_a_replay_makes_an_image_of_every_press() -> None:
     assert 0.0 < row.memory_mib <= peak_memory_mib()
 
 
-def test_a_batch_renders_what_is_rendered_one_by_one(found: Benchmark) -> None:
+def test_a_batch_renders_what_is_rendered_one_by_one(rendered: list[RenderingRow]) -> None:
     """With samples, shadows and blur, no value is more than one grey level apart."""
-    plain, alone, together, from_nodes = found.rendering
+    plain, alone, together, from_nodes = rendered
     assert (plain.samples, alone.samples, together.samples) == (1, 2, 2)
     assert (alone.renderer, alone.image_count) == ("one by one", 1)
     for row in (together, from_nodes):
@@ -132,20 +137,71 @@ def test_a_batch_renders_what_is_rendered_one_by_one(found: Benchmark) -> None:
         assert 0.0 < row.least_s <= row.median_s
 
 
-def test_tables_hold_every_row(found: Benchmark) -> None:
-    """One row an image, a replay, a mesh; what is absent is said."""
-    tables = bench_tables(found)
-    assert [len(table.rows) for table in tables] == [4, 1, 2]
-    assert all(len(row) == len(table.columns) for table in tables for row in table.rows)
-    assert "Not measured: many images." in tables[0].note
-    assert "exponent" in tables[2].columns[-1]
+def test_tables_hold_every_row(rendered: list[RenderingRow]) -> None:
+    """One row an image, a mesh; what is absent is said."""
+    images, meshes = part_table(Part.RENDERING, rendered), part_table(Part.GROWTH, _GROWTH)
+    assert [len(images.rows), len(meshes.rows)] == [4, 3]
+    assert all(len(row) == len(table.columns) for table in (images, meshes) for row in table.rows)
+    assert "exponent" in meshes.columns[-1]
 
 
-def test_only_what_was_asked_for_is_measured(
-    found: Benchmark, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """One part: its table and no other."""
-    monkeypatch.setattr(suite, "growth", lambda *_, **__: found.growth)
-    only = suite.run_bench(_SCENE, _image_of, [0.5], parts=(Part.GROWTH,))
-    titles = [table.title for table in bench_tables(found)]
-    assert [table.title for table in bench_tables(only)] == titles[2:]
+_GROWTH = tuple(
+    GrowthRow(
+        refinement=1.0,
+        tet_count=size,
+        node_count=2 * size,
+        newton_iterations=10,
+        wall_s=cpu_s,
+        cpu_s=cpu_s,
+    )
+    for size, cpu_s in ((300, 1.0), (1000, 2.5), (3000, 12.0))
+)
+
+
+def test_figure_is_written_as_pdf_and_png(tmp_path: Path) -> None:
+    """Both files, wide enough to print, with something on them."""
+    files = draw_growth(_GROWTH, tmp_path)
+    assert [file.name for file in files] == ["bench.pdf", "bench.png"]
+    picture = cv2.imread(str(files[1]))
+    assert picture is not None
+    assert picture.shape[1] > 1200
+    assert picture.std() > 5.0
+
+
+def _bench(*manners: Manner, parts: tuple[Part, ...] = (Part.SCENES,)) -> Bench:
+    terms = SceneTerms(indenter="sphere:diameter=8mm", sensor="gelsight-mini", depth="1mm")
+    options = BenchOptions(
+        terms=terms, forces_n=(1.0,), make_images=lambda _: _image_of, parts=parts, manners=manners
+    )
+    return Bench(options)
+
+
+def test_every_manner_is_pressed_and_shown() -> None:
+    """Two tolerances: both for each scene, on the page and in JSON; failures too."""
+    study = _bench(Manner(), Manner(tolerance="1%"))
+    cases = [case for case in study.cases() if case.alias == "punch, tilted"]
+    assert [case.name for case in cases] == [
+        f"punch, tilted (cpu, alone, tolerance {tolerance})" for tolerance in ("5%", "1%")
+    ]
+    results = [Result(name=case.name, failure="the press stopped at 0.1 mm") for case in cases]
+    page = study.page(results, About("tacauchy-rig study bench", open_count=1), [])
+    assert page.count("| the press stopped at 0.1 mm |") == 2
+    assert "Interrupted: 1 selected cases were not measured." in " ".join(page.split())
+    assert [len(rows) for rows in study.facts(results)["groups"]] == [1, 1]
+    assert study.name == "scenes"
+
+
+def test_parts_and_scenes_share_a_page() -> None:
+    """A part's rows come back from JSON; a scene's row has its speed."""
+    study = _bench(Manner(), parts=(Part.GROWTH, Part.SCENES))
+    rows = [asdict(row) for row in _GROWTH]
+    results = [Result(name="growth", found=rows), Result(name="ball, shallow", failure="no")]
+    assert study.page(results, About("x"), []).count("## ") >= 4
+    assert study.facts(results)["growth"] == list(_GROWTH)
+
+
+@pytest.mark.parametrize("manner", [Manner(images=True), Manner(own_mesh=True)])
+def test_options_that_do_not_fit_together_are_refused(manner: Manner) -> None:
+    """Before anything is pressed, with the remedy."""
+    with pytest.raises(ConfigError, match="for batches"):
+        _bench(manner)

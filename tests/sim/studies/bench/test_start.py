@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from sim.press_command import scene_from
-from sim.studies.bench import factor_threads, start
+from sim.studies.bench import parts
 from tacauchy_rig.core.errors import RigError
 
 WASTE = "sum(range(3_000_000)); print(42)"
@@ -16,7 +16,7 @@ WASTE = "sum(range(3_000_000)); print(42)"
 
 def test_a_process_is_charged_with_its_own_time() -> None:
     """Time that it computes counts, time that this process computes does not."""
-    cpu_s, wall_s, told = start._spent([sys.executable, "-c", WASTE])
+    cpu_s, wall_s, told = parts._process_spent([sys.executable, "-c", WASTE])
     assert told == "42\n"
     assert 0.0 < cpu_s < 10.0 * wall_s
 
@@ -24,16 +24,16 @@ def test_a_process_is_charged_with_its_own_time() -> None:
 def test_a_command_that_fails_gives_no_number() -> None:
     """Its error is told instead."""
     with pytest.raises(RigError, match="no_such_module"):
-        start._spent([sys.executable, "-c", "import no_such_module"])
+        parts._process_spent([sys.executable, "-c", "import no_such_module"])
 
 
 def test_threads_are_measured_by_size(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each size has a row for one thread and for two."""
-    monkeypatch.setattr(factor_threads, "_BUDGET_S", 0.0)
+    monkeypatch.setattr(parts, "_BUDGET_S", 0.0)
     scene = scene_from(
         "--pad box:10x10x3mm --young 0.1MPa --poisson 0.48 --indenter plane --depth 0.1mm"
     )
-    rows = factor_threads.measure_threads(scene, refinements=(0.5,))
+    rows = parts.measure_threads(scene, refinements=(0.5,))
     assert {row.thread_count for row in rows} >= {1, 2}
     assert len({row.unknown_count for row in rows}) == 1
     assert all(row.factor_s > 0.0 and row.solve_s > 0.0 for row in rows)
@@ -41,7 +41,7 @@ def test_threads_are_measured_by_size(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_processor_time_is_told_by_a_clock_of_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Work shorter than the clock's tick is charged with its share of the ticks, not with none."""
-    monkeypatch.setattr(factor_threads, "_BUDGET_S", 1.0)
+    monkeypatch.setattr(parts, "_BUDGET_S", 1.0)
     spent_ms = [0]
 
     def work() -> None:
@@ -50,7 +50,7 @@ def test_processor_time_is_told_by_a_clock_of_ticks(monkeypatch: pytest.MonkeyPa
     clock = SimpleNamespace(
         perf_counter=lambda: 1e-3 * spent_ms[0], process_time=lambda: 1e-2 * (spent_ms[0] // 10)
     )
-    monkeypatch.setattr(factor_threads, "time", clock)
-    wall_s, cpu_s = factor_threads._spent(work)
+    monkeypatch.setattr(parts, "time", clock)
+    wall_s, cpu_s = parts._work_spent(work)
     assert wall_s == pytest.approx(0.003)
     assert cpu_s == pytest.approx(0.003, rel=0.02)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim.studies.hard_cases.compression import press_in
+from sim.studies.hard_cases.materials import press_in
 
 
 def test_rounded_cylinder_goes_down_by_four_fifths() -> None:

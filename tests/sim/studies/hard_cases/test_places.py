@@ -7,7 +7,7 @@ import pytest
 
 from sim.mesh.elements import boundary_faces
 from sim.scene.scene import Effect
-from sim.studies.hard_cases.places import INDENTERS, forces_beside, pressed_off, uniform_mesh
+from sim.studies.hard_cases.meshes import INDENTERS, forces_beside, pressed_off, uniform_mesh
 
 LINEAR = ((Effect.LOCKING_FREE_ELEMENT, False),)
 

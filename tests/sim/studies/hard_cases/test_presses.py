@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from sim.studies.hard_cases.presses import FORCE_ROUNDING, no_contact, repeatable, slide_and_return
+from sim.studies.hard_cases.invariants import (
+    FORCE_ROUNDING,
+    no_contact,
+    repeatable,
+    slide_and_return,
+)
 
 
 def test_no_contact_is_exactly_nothing() -> None:

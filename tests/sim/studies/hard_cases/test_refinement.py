@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim.studies.hard_cases.refinement import patch_test, rigid_motion
+from sim.studies.hard_cases.meshes import patch_test, rigid_motion
 
 
 def test_rigid_motion_and_patch_are_exact() -> None:

@@ -13,7 +13,7 @@ from sim.scene.material import LawName, Layer, Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.solve.model import Model
-from sim.studies.modes.plane_cut import PlaneCut, cut
+from sim.studies.modes.figures import PlaneCut, cut
 
 SIZE, HEIGHT = 8e-3, 3e-3
 SOFT, HARD = Material(young_pa=1e5, poisson=0.4), Material(young_pa=4e5, poisson=0.4)

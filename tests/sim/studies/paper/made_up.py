@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from sim.studies.paper.as_configured import (
+from sim.studies.paper.kept import SCORES, KeptReport, SceneSpeed, Speeds
+from sim.studies.paper.presses import (
     AS_CONFIGURED,
     BALANCED,
     FAST,
@@ -11,8 +12,6 @@ from sim.studies.paper.as_configured import (
     ModelPresses,
     Pressed,
 )
-from sim.studies.paper.benchmarks import SceneSpeed, Speeds
-from sim.studies.paper.kept_reports import SCORES, KeptReport
 
 FLOOR = {"ssim": 0.97, "ncc": 0.9, "histogram_correlation": 0.9, "psnr_db": 30.0, "mse": 60.0}
 

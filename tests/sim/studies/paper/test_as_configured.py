@@ -6,7 +6,7 @@ import pytest
 
 from sim.scene.material import LawName
 from sim.scene.scene import Preset
-from sim.studies.paper.as_configured import AS_CONFIGURED, THIN, pressed, rest_stress_pa, scenes
+from sim.studies.paper.presses import AS_CONFIGURED, THIN, pressed, rest_stress_pa, scenes
 
 
 def test_models_differ_in_mesh_and_barrier_alone() -> None:

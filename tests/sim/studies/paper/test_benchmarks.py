@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.studies.paper.benchmarks import read_speeds
+from sim.studies.paper.kept import read_speeds
 from tacauchy_rig.core.errors import RecordError
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim.studies.paper.claims import claims
+from sim.studies.paper.claims import Verdict, claims
 from sim.studies.paper.comparison import (
     Ours,
     compared,
@@ -11,7 +11,6 @@ from sim.studies.paper.comparison import (
     score_ours,
     speed_ours,
 )
-from sim.studies.paper.verdict import Verdict
 from tests.sim.studies.paper.made_up import model, presses, report, speeds
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sim.studies.paper.consistency import checks
+from sim.studies.paper.claims import checks
 
 
 def test_a_closed_surface_has_the_faces_that_its_vertices_ask_for() -> None:

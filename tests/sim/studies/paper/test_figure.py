@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sim.studies.paper.figure import draw_paper
+from sim.studies.paper.comparison import draw_paper
 from tests.sim.studies.paper.made_up import presses, report
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from sim.studies.paper.kept_reports import FILE, SCORES, kept_text, of_run, read_kept
+from sim.studies.paper.kept import REPORTS_FILE, SCORES, json_lines, of_run, read_kept
 from tacauchy_rig.core.errors import RecordError
 
 
@@ -51,7 +51,7 @@ def test_reports_come_back_as_they_were_kept(tmp_path: Path) -> None:
     """Written as JSON and read, with the forces of its trials."""
     found = of_run(run(tmp_path, summary(simulated=0.75)))
     assert found.trials[0]["force_n"] == 1.0
-    (tmp_path / FILE).write_text(kept_text([found]))
+    (tmp_path / REPORTS_FILE).write_text(json_lines([found]))
     assert read_kept(tmp_path) == [found]
 
 

@@ -11,7 +11,8 @@ from sim.mesh.tet_mesh import TetMesh
 from sim.mesh.tetwild import WildSizing
 from sim.scene.pad import ParametricPad
 from sim.studies.paper.claims import claims
-from sim.studies.paper.mesh_search import Trial, read_trials, searched, trials_text
+from sim.studies.paper.kept import json_lines
+from sim.studies.paper.mesh import Trial, read_trials, searched
 
 EXACT = {name: claim.value for name, claim in claims().items() if name.startswith("mesh.")}
 
@@ -46,5 +47,5 @@ def test_trials_are_read_the_nearest_first(tmp_path: Path) -> None:
     near = Trial(pad="near", share=0.1, found=EXACT)
     file = tmp_path / "search.json"
     assert read_trials(file) == []
-    file.write_text(trials_text([far, near]))
+    file.write_text(json_lines([far, near]))
     assert read_trials(file) == [near, far]

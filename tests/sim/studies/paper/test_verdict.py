@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sim.studies.paper.verdict import Rule, Verdict, verdict
+from sim.studies.paper.claims import Rule, Verdict, verdict
 
 
 @pytest.mark.parametrize(

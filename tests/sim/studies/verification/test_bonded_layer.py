@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sim.scene.scene import Preset
-from sim.studies.verification.bonded_layer import measure_ball, measure_punch
+from sim.studies.verification.forces import measure_ball, measure_punch
 
 
 def test_punch_states_error_and_limit_of_each_row() -> None:

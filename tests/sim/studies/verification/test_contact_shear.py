@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from sim.studies.verification import contact_shear
+from sim.studies.verification import exact
 from tacauchy_rig.core.arrays import FloatArray
 
 # Rings of a contact of radius 1, closer towards its edge, and their areas; p0 and F are 1 too.
@@ -19,14 +19,14 @@ MU = 0.4
 
 def turned_ball(strain_pa: float) -> FloatArray:
     """Return the shear under a ball of p0 = 1."""
-    return contact_shear.turned_ball_shear(
+    return exact.turned_ball_shear(
         RADII, friction=MU, pressure_pa=1.0, contact_m=1.0, shear_strain_pa=strain_pa
     )
 
 
 def turned_punch(strain_pa: float) -> FloatArray:
     """Return the shear under a punch of F = 1."""
-    return contact_shear.turned_punch_shear(
+    return exact.turned_punch_shear(
         RADII, friction=MU, force_n=1.0, radius_m=1.0, shear_strain_pa=strain_pa
     )
 
@@ -34,9 +34,7 @@ def turned_punch(strain_pa: float) -> FloatArray:
 @pytest.mark.parametrize("held", [0.2, 0.875, 1.0])
 def test_a_carried_ball_passes_on_its_tangential_force(held: float) -> None:
     """Q is the integral of the shear; F = 2/3 pi p0 a^2."""
-    shear = contact_shear.carried_ball_shear(
-        RADII, friction=MU, pressure_pa=1.0, contact_m=1.0, held=held
-    )
+    shear = exact.carried_ball_shear(RADII, friction=MU, pressure_pa=1.0, contact_m=1.0, held=held)
     assert shear @ RINGS == pytest.approx(held * MU * 2.0 / 3.0 * math.pi, rel=1e-4)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.studies.verification.convergence import fitted_order, rim_forces
+from sim.studies.verification.forces import fitted_order, rim_forces
 
 
 @pytest.mark.parametrize("order", [1.0, 1.8, 3.0])

@@ -8,11 +8,11 @@ from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
-from sim.studies.verification.error_estimates import (
+from sim.studies.verification.forces import (
     BELIEVED,
     HELD_OUT,
     estimate_row,
-    judged,
+    judged_estimates,
     refined_press,
 )
 from tacauchy_rig.core.tables import Cell
@@ -49,6 +49,6 @@ def press_with(*, finer_n: float) -> dict[str, Cell]:
 def test_nine_of_ten_must_lie_inside(outside: int, passed: bool) -> None:
     """Two that lie outside fail the section."""
     found = [press_with(finer_n=0.5 if k < outside else 0.999) for k in range(10)]
-    section = judged(found)
+    section = judged_estimates(found)
     assert section.passed is passed
     assert [row[-1] for row in section.rows].count("no") == outside

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.studies.verification.layered_solution import (
+from sim.studies.verification.exact import (
     BondedLayers,
     Ply,
     hertz_force,

@@ -9,8 +9,7 @@ import pytest
 
 from sim.press_command import scene_from
 from sim.scene.scene import Preset
-from sim.studies.verification.round_field import RoundField
-from sim.studies.verification.surface_fields import CASES, measure_pressure, row_of
+from sim.studies.verification.surface_fields import CASES, RoundField, measure_pressure, row_of
 
 RADII, ANGLES = np.linspace(0.01, 1.0, 50), np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
 

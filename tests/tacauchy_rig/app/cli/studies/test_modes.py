@@ -11,20 +11,14 @@ from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from sim.studies.modes.runs import BALL, PUNCH, ModeCriterion, ModeRun
 from sim.studies.modes.signatures import ContactSignature
+from sim.studies.modes.study import Modes
 from tacauchy_rig.app.cli.app import app
-from tacauchy_rig.app.cli.studies.modes import modes_page
-
-
-def test_a_folder_for_the_figures_is_asked_for() -> None:
-    """Nothing is pressed without a place for the figures."""
-    done = CliRunner().invoke(app, ["study", "modes"])
-    assert done.exit_code == 2
-    assert "--out" in done.output
+from tacauchy_rig.core.study import About, Result
 
 
 def test_only_round_bodies_are_moved() -> None:
     """A plane has no axis to turn about."""
-    done = CliRunner().invoke(app, ["study", "modes", "--out", "nowhere", "--indenter", "plane"])
+    done = CliRunner().invoke(app, ["study", "modes", "--indenter", "plane"])
     assert done.exit_code != 0
     assert "only round bodies" in str(done.exception)
 
@@ -60,16 +54,22 @@ def run(criterion: ModeCriterion, **changes: Any) -> ModeRun:
     return replace(made, **changes)
 
 
+def page(moved: ModeRun, pressed: ModeRun) -> str:
+    """Return the page of a mode and a ball's press."""
+    results = [Result(name="slide", found=moved), Result(name="ball on digit", found=pressed)]
+    study = Modes("cylinder:diameter=5mm,fillet=0.5mm", Preset.FAST)
+    assert study.has_passed(results) is (moved.passed and pressed.passed)
+    return study.page(results, About("tacauchy-rig study modes"), [])
+
+
 def test_a_page_says_what_made_it_and_what_was_found() -> None:
     """Command, figures, criteria and signatures; every table row has its cells."""
-    page = modes_page(
-        [run(MET)], [run(MET, indenter=BALL)], command="tacauchy-rig modes", preset=Preset.FAST
-    )
-    assert page.splitlines()[2] == "Made by `tacauchy-rig modes`."
-    assert "every criterion is met" in page
-    assert "(images/contact_modes.png)" in page
-    assert "(images/three_sensors.png)" in page
-    rows = [line for line in page.splitlines() if line.startswith("| GelSight Mini, slide |")]
+    text = page(run(MET), run(MET, indenter=BALL))
+    assert text.splitlines()[2] == "Made by `tacauchy-rig study modes`."
+    assert "every criterion is met" in text
+    assert "(images/contact_modes.png)" in text
+    assert "(images/three_sensors.png)" in text
+    rows = [line for line in text.splitlines() if line.startswith("| GelSight Mini, slide |")]
     assert [row.count("|") for row in rows] == [12, 12]
     assert "| 2.0000 | 0.9000 | 0.9500 |" in rows[0]
 
@@ -77,7 +77,7 @@ def test_a_page_says_what_made_it_and_what_was_found() -> None:
 def test_a_page_names_what_was_missed_and_what_was_not_judged() -> None:
     """A number that was never come to is no pass."""
     unjudged = replace(MET, passed=False, judged=False)
-    page = modes_page([run(unjudged)], [run(MET)], command="x", preset=Preset.FAST)
-    assert "missed: GelSight Mini, cylinder" in page
-    assert "**not judged**" in page
+    text = page(run(unjudged), run(MET))
+    assert "missed: GelSight Mini, cylinder" in text
+    assert "**not judged**" in text
     assert not run(unjudged).passed

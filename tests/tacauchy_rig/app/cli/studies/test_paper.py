@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from sim.studies.paper.claims import claims
+from dataclasses import asdict
+from typing import Any
+from unittest.mock import patch
+
+from sim.studies.paper.claims import Verdict, claims
 from sim.studies.paper.comparison import Ours, compared, model_ours
-from sim.studies.paper.mesh_search import Trial
-from sim.studies.paper.verdict import Verdict
-from tacauchy_rig.app.cli.studies.paper import Found, paper_page
+from sim.studies.paper.mesh import Trial
+from sim.studies.paper.presses import ACCURATE
+from sim.studies.paper.study import Paper
+from tacauchy_rig.core.study import About, Result
 from tests.sim.studies.paper.made_up import model, presses, report, speeds
 
 EXACT = {name: claim.value for name, claim in claims().items() if name.startswith("mesh.")}
@@ -14,16 +19,16 @@ EXACT = {name: claim.value for name, claim in claims().items() if name.startswit
 
 def page(measured: dict[str, Ours], *, emulated: bool = False, ours: bool = False) -> str:
     """Return the page of some measurements, one report and a mesh that is the paper's."""
-    found = Found(
-        comparison=compared(measured),
-        presses=presses(),
-        reference=model("reference"),
-        tet_count=1369,
-        speeds=speeds(),
-        reports=[report(emulated=emulated, ours=ours)],
-        trials=[Trial(pad="a pad", share=0.08, found=EXACT)],
-    )
-    return paper_page(found, command="x")
+    study = Paper.__new__(Paper)
+    study._speeds, study._reports = speeds(), [report(emulated=emulated, ours=ours)]
+    study._trials = [Trial(pad="a pad", share=0.08, found=EXACT)]
+    models = {**presses(), ACCURATE: model("reference")}
+    found: dict[str, Any] = {name: asdict(each) for name, each in models.items()}
+    found |= {"its mesh's table": {"numbers": {}, "tet_count": 1369}, "its law at rest": 1e5}
+    found["contact modes"] = {}
+    results = [Result(name=name, found=each) for name, each in found.items()]
+    with patch.object(Paper, "comparison", return_value=compared(measured)):
+        return study.page(results, About("x"), [])
 
 
 def test_every_claim_is_a_row_with_its_verdict_and_reason() -> None:

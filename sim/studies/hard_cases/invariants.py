@@ -1,0 +1,250 @@
+"""Cases 12, 14, 18 and 19: other units, no contact, balance of forces, repeated presses."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from sim.contact.state import ContactOptions
+from sim.mesh.elements import ElementOrder
+from sim.press import contact_measures
+from sim.scene.indenter import Cylinder
+from sim.solve.equilibrium import SolverOptions
+from sim.solve.loading_path import Hold, LoadingPath
+from sim.solve.path_point import PathPoint
+from sim.studies.hard_cases.pads import (
+    BALL,
+    BARRIER_M,
+    DOMED,
+    PUNCH,
+    YOUNG_PA,
+    Measured,
+    Outcome,
+    balance_relative,
+    grip_of,
+    pad_model,
+    round_mesh,
+)
+from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.own_process import OwnProcess
+
+_DEPTH_M = 0.3e-3
+# For a press in another process, its start and the loading of its kernels included.
+_OTHER_LIMIT_S = 250.0
+# Thousands of terms, each rounded, make a force: 4500 units in its last place.
+FORCE_ROUNDING = 1e-12
+_SLIDE_STEP_M = 0.05e-3
+_SLIDE_SIGNS = (1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0)
+# A slip is a difference of places some hundred times as large, so that its last places are noise.
+_DISSIPATION_ROUNDING = 256.0 * float(np.finfo(np.float64).eps)
+
+
+def no_contact() -> Outcome:
+    """Case 14: above the gel, on the way down to it, and after a press."""
+    path = LoadingPath(pad_model(round_mesh(pad=DOMED)), PUNCH)
+    above = [path.advance(-height) for height in (2e-3, 0.5e-3, 1e-5)]
+    iterations = path.counts.newton_iterations
+    path.advance(0.1e-3)
+    after = path.advance(-0.1e-3)
+    forces = [float(np.abs(point.force_n).max()) for point in (*above, after)]
+    moved = float(np.abs(after.state.positions - path.model.nodes).max())
+    measured: Measured = {
+        "force_max_n": max(forces),
+        "iterations_before_touch": iterations,
+        "left_displaced_m": moved,
+    }
+    passed = max(forces) == 0.0 and iterations == 0 and moved < 1e-9
+    return Outcome(passed=passed, measured=measured)
+
+
+def force_balance() -> Outcome:
+    """Case 18: force balance and gap over shapes, elements and contact laws, and a slide."""
+    bonded = ContactOptions(distance_m=BARRIER_M, bonded=True)
+    sliding = ContactOptions(distance_m=BARRIER_M, friction=0.4)
+    plain = ContactOptions(distance_m=BARRIER_M)
+    worst, gap, count = 0.0, np.inf, 0
+    for order, indenter, options in (
+        (ElementOrder.P1, PUNCH, plain),
+        (ElementOrder.P1, BALL, bonded),
+        (ElementOrder.P2, PUNCH, plain),
+        (ElementOrder.P2, BALL, plain),
+        (ElementOrder.P2, PUNCH, bonded),
+        (ElementOrder.P2, BALL, sliding),
+    ):
+        model = pad_model(round_mesh(pad=DOMED), order=order, contact_options=options)
+        path = LoadingPath(model, indenter)
+        for depth in (0.5 * _DEPTH_M, _DEPTH_M):
+            point = path.advance(depth)
+            worst = max(worst, balance_relative(model, point))
+            gap = min(gap, contact_measures(path, point).gap_min_m)
+            count += 1
+    slide = slide_and_return()
+    worst, gap = max(worst, slide.balance_relative), min(gap, slide.gap_min_m)
+    measured: Measured = {
+        "equilibria": count + slide.equilibria,
+        "force_balance_max_relative": worst,
+        "gap_min_m": gap,
+        "slide_dissipated_min_of_a_point_j": slide.point_min_j,
+        "slide_dissipated_j": slide.dissipated_j,
+        "slide_work_less_stored_j": slide.work_less_stored_j,
+    }
+    passed = worst <= 1e-6 and gap > 0.0
+    passed &= slide.gives_nothing_back and min(slide.dissipated_j, slide.work_less_stored_j) > 0.0
+    return Outcome(passed=passed, measured=measured)
+
+
+def repeatable() -> Outcome:
+    """Case 19: the same press twice here and once in a process of its own."""
+    with OwnProcess() as process:
+        there = process.call(fingerprint, limit_s=_OTHER_LIMIT_S)
+    here, again = fingerprint(), fingerprint()
+    force, *others = (float.fromhex(found.split()[0]) for found in (here, again, there))
+    same, other = (abs(found / force - 1.0) for found in others)
+    measured: Measured = {
+        "force_n": force,
+        "deviation_same_process_relative": same,
+        "deviation_other_process_relative": other,
+        "bitwise_same_process": here == again,
+        "bitwise_other_process": here == there,
+    }
+    return Outcome(passed=max(same, other) <= FORCE_ROUNDING, measured=measured)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slide:
+    """A slide there and back.
+
+    Attributes:
+        point_min_j: Least dissipation of a contact point in an increment [J].
+        dissipated_j: Sum over points and increments: friction's force times slip [J].
+        work_less_stored_j: The indenter's work by the trapezoidal rule less what is stored [J].
+    """
+
+    equilibria: int
+    balance_relative: float
+    gap_min_m: float
+    point_min_j: float
+    dissipated_j: float
+    work_less_stored_j: float
+
+    @property
+    def gives_nothing_back(self) -> bool:
+        """Whether every point dissipates at every increment, to rounding."""
+        return self.point_min_j >= -_DISSIPATION_ROUNDING * self.dissipated_j
+
+
+def slide_and_return() -> Slide:
+    """Press a ball in, slide it by 0.2 mm and back at the same depth."""
+    options = ContactOptions(distance_m=BARRIER_M, friction=0.4)
+    mesh = round_mesh(symmetric=False)
+    model = pad_model(mesh, order=ElementOrder.P1, contact_options=options)
+    path = LoadingPath(model, BALL, step_max_m=_SLIDE_STEP_M)
+    point = path.advance(_DEPTH_M)
+    stored = _stored(path, point)
+    balances, gaps, lost = [], [], []
+    work = 0.0
+    for sign in _SLIDE_SIGNS:
+        before = point
+        point = path.carry(shift_m=(sign * _SLIDE_STEP_M, 0.0), hold=Hold.DEPTH)
+        travel = point.state.tip - before.state.tip
+        work -= 0.5 * float((before.force_n + point.force_n) @ travel)
+        lost.append(_dissipation(before, point))
+        balances.append(balance_relative(model, point))
+        gaps.append(contact_measures(path, point).gap_min_m)
+    return Slide(
+        equilibria=len(_SLIDE_SIGNS),
+        balance_relative=max(balances),
+        gap_min_m=min(gaps),
+        point_min_j=min(least for least, _ in lost),
+        dissipated_j=sum(total for _, total in lost),
+        work_less_stored_j=work - (_stored(path, point) - stored),
+    )
+
+
+def _dissipation(before: PathPoint, after: PathPoint) -> tuple[float, float]:
+    """Return the least and the summed tangential force times slip of points that held on [J]."""
+    earlier, later = grip_of(before), grip_of(after)
+    both = (earlier.held > 0.0) & (later.held > 0.0)
+    loads = later.loads[both]
+    normals = loads / np.linalg.norm(loads, axis=1, keepdims=True)
+    forces = after.equilibrium.contact.forces[both] @ after.state.rotation
+    tangential = forces - np.sum(forces * normals, axis=1, keepdims=True) * normals
+    lost = np.sum(tangential * (later.anchors[both] - earlier.anchors[both]), axis=1)
+    return float(lost.min()), float(lost.sum())
+
+
+def _stored(path: LoadingPath, point: PathPoint) -> float:
+    """Return elastic, barrier and friction's recoverable energy [J]."""
+    positions = point.state.positions
+    elastic, _ = path.model.gel.energy(positions)
+    return elastic + path.model.surface.energy(positions, path.indenter, point.state)
+
+
+def fingerprint() -> str:
+    """Press a filleted cylinder into a domed pad; return F_z [N] and a hash of all positions.
+
+    They are equal for bitwise equal results.
+    """
+    path = LoadingPath(pad_model(round_mesh(pad=DOMED)), PUNCH)
+    point = path.advance(0.2e-3)
+    digest = hashlib.sha256(point.state.positions.tobytes()).hexdigest()
+    return f"{float(point.force_n[2]).hex()} {digest}"
+
+
+_FACTORS = (1e-3, 1e3)
+_OPTIONS = SolverOptions(residual_relative=1e-10)
+_TOLERANCE = 1e-8
+_UNITS_DEPTH_M, _FORCE_N, _SHIFT_M, _STEP_M = 0.2e-3, 1.0, 0.05e-3, 0.1e-3
+
+
+def scaled_units() -> Outcome:
+    """Press to a depth, push with a force and slide, in five systems of units."""
+    expected, _ = _answer(1.0, 1.0)
+    worst, at, iterations = 0.0, "", set()
+    for length, stress in product(_FACTORS, _FACTORS):
+        found, spent = _answer(length, stress)
+        iterations.add(spent)
+        deviation = max(
+            float(np.abs(theirs - mine).max() / np.abs(mine).max())
+            for mine, theirs in zip(expected, found, strict=True)
+        )
+        if deviation >= worst:
+            worst, at = deviation, f"length x {length:g}, stress x {stress:g}"
+    measured: Measured = {
+        "systems_of_units": 1 + len(_FACTORS) ** 2,
+        "deviation_max": worst,
+        "deviation_max_at": at,
+        "iterations_min": min(iterations),
+        "iterations_max": max(iterations),
+    }
+    return Outcome(passed=worst <= _TOLERANCE, measured=measured)
+
+
+def _answer(length: float, stress: float) -> tuple[tuple[FloatArray, FloatArray], int]:
+    """Return what a press gives where the metre is 1/length and the pascal 1/stress as large.
+
+    Positions are over the unit of length, forces over that of force, flat; then the iterations.
+    """
+    positions, forces, iterations = [], [], 0
+    for order, friction in ((ElementOrder.P2, 0.0), (ElementOrder.P1, 0.4)):
+        mesh = round_mesh(symmetric=friction == 0.0)
+        model = pad_model(
+            replace(mesh, vertices=mesh.vertices * length),
+            order=order,
+            young_pa=YOUNG_PA * stress,
+            contact_options=ContactOptions(
+                distance_m=BARRIER_M * length, friction=friction, slip_m=1e-6 * length
+            ),
+        )
+        punch = Cylinder(diameter_m=5e-3 * length, fillet_m=0.2e-3 * length)
+        path = LoadingPath(model, punch, step_max_m=_STEP_M * length, options=_OPTIONS)
+        points = [path.advance(_UNITS_DEPTH_M * length), path.push(_FORCE_N * stress * length**2)]
+        if friction:
+            points.append(path.carry(shift_m=(_SHIFT_M * length, 0.0), hold=Hold.FORCE))
+        positions += [point.state.positions.reshape(-1) / length for point in points]
+        forces += [point.force_n / (stress * length**2) for point in points]
+        iterations += path.counts.newton_iterations
+    return (np.concatenate(positions), np.concatenate(forces)), iterations
