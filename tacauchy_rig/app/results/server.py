@@ -16,10 +16,8 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from protocols.processes.page.access import AccessRule
-from tacauchy_rig.app.results.chart import charts_of, in_words
-from tacauchy_rig.app.results.found_runs import FoundRun, find_runs
-from tacauchy_rig.app.results.health import Health
-from tacauchy_rig.app.results.rows import compare
+from tacauchy_rig.app.results.comparison import charts_of, compare, in_words
+from tacauchy_rig.app.results.found_runs import FoundRun, Health, find_runs
 
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",

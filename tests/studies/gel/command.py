@@ -27,7 +27,7 @@ def gel_check(
 
     Example: python -m tests.studies gel --gels 10 --jobs 2
     """
-    from tacauchy_rig.app.calibration.material.response import respond
+    from tacauchy_rig.app.calibration.material.fit import respond
     from tacauchy_rig.core.side_by_side import side_by_side
     from tests.studies.gel.emulated_gels import BALL, PUNCH, WIDE, fitted_gel, gel_table, presses_of
 

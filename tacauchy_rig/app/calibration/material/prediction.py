@@ -9,9 +9,8 @@ import numpy as np
 
 from sim.scene.terms import parse_indenter
 from sim.sensitivity import COARSE, forces_at
-from tacauchy_rig.app.calibration.material.fit import MU, NU, Data, GelFit, fit_gel
+from tacauchy_rig.app.calibration.material.fit import MU, NU, Data, GelFit, fit_gel, gel_of
 from tacauchy_rig.app.calibration.material.presses import POINTS_MIN
-from tacauchy_rig.app.calibration.material.response import gel_of
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import RigError

@@ -15,8 +15,7 @@ from reports.evidence.attempt import AttemptReading, RunReading, median_image
 from sim.optics.calibrate.cross_validation import PressScores, crop_side
 from sim.scene.indenter import Sphere
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.calibration.optics.input import OpticsRequest
-from tacauchy_rig.app.calibration.optics.run import OpticsResult
+from tacauchy_rig.app.calibration.optics.run import OpticsRequest, OpticsResult
 from tacauchy_rig.app.replay.optics import CIRCLES, NO_CONTACT
 from tacauchy_rig.app.replay.settings import indenter_of, sensor_of
 from tacauchy_rig.core.calibrated import CalibratedOptics, HeldOutPress, ImageAgreement

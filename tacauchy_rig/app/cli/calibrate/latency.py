@@ -32,7 +32,7 @@ def latency(
 
     Example: tacauchy-rig calibrate latency rig.toml --json latency.json
     """
-    from tacauchy_rig.app.calibration.latency.recorded import find_latency
+    from tacauchy_rig.app.calibration.latency import find_latency
     from tacauchy_rig.core.store.run_store import RunStore
 
     if path is not None and path.is_dir():

@@ -48,15 +48,14 @@ def material(
 
     Example: tacauchy-rig calibrate material runs/ball runs/punch --out my-sensor.toml
     """
-    from tacauchy_rig.app.calibration.material.fit import fit_gel
+    from tacauchy_rig.app.calibration.material.fit import fit_gel, respond
     from tacauchy_rig.app.calibration.material.prediction import (
         held_count,
         next_presses,
         predict_left_out,
     )
     from tacauchy_rig.app.calibration.material.presses import read_presses
-    from tacauchy_rig.app.calibration.material.relaxation import relaxation_of
-    from tacauchy_rig.app.calibration.material.response import respond
+    from tacauchy_rig.app.calibration.material.results import relaxation_of
 
     noise_n, contact_n = (
         parse_quantity(text, dimension=Dimension.FORCE, field=field)
@@ -98,7 +97,7 @@ def material(
 
 
 def _draw(free: GelFit, figure: Path, groups: list[IndenterPresses]) -> None:
-    from tacauchy_rig.app.calibration.material.figure import draw_valley
+    from tacauchy_rig.app.calibration.material.results import draw_valley
 
     material = groups[0].inputs.sensor.material
     draw_valley(
@@ -111,7 +110,7 @@ def _draw(free: GelFit, figure: Path, groups: list[IndenterPresses]) -> None:
 
 
 def _write(out: Path, free: GelFit, fit: GelFit, groups: list[IndenterPresses]) -> None:
-    from tacauchy_rig.app.calibration.material.sensor_file import sensor_text, with_gel
+    from tacauchy_rig.app.calibration.material.results import sensor_text, with_gel
 
     emulated = ", emulated" if any(group.simulated for group in groups) else ""
     count = f"{free.point_count} forces, {len(groups)} indenters"

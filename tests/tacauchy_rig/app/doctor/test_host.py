@@ -8,13 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from tacauchy_rig.app.doctor.disk import disk_checks, measure_disk
 from tacauchy_rig.app.doctor.host import (
     clock_check,
     core_check,
     descriptor_check,
+    disk_checks,
     group_checks,
     host_checks,
+    measure_disk,
     memory_check,
     version_check,
 )

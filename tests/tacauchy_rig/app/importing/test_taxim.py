@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from sim.scene.scene import Preset
-from tacauchy_rig.app.calibration.optics.input import read_input
 from tacauchy_rig.app.calibration.optics.of_run import request_of
+from tacauchy_rig.app.calibration.optics.run import read_input
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.app.replay.report import report_run

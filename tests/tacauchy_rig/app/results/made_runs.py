@@ -17,7 +17,7 @@ import uvicorn
 
 from protocols.processes.page.access import AccessRule
 from tacauchy_rig.app.gel_health.comparison import GelState, Seen, compare_presses
-from tacauchy_rig.app.results.health import Health
+from tacauchy_rig.app.results.found_runs import Health
 from tacauchy_rig.app.results.server import ResultsServer
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.run import Outcome, TrialRecord

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from protocols.steps.press import FREQUENCIES_HZ
-from tacauchy_rig.app.calibration.latency.delay import even_stamps, find_delay
+from tacauchy_rig.app.calibration.latency import even_stamps, find_delay
 from tacauchy_rig.core.errors import RecordError
 
 RELAXATION_S = (0.3, 3.0)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tacauchy_rig.app.calibration.latency.delay import Delay
-from tacauchy_rig.app.calibration.latency.recorded import find_latency, trigger_missed
+from tacauchy_rig.app.calibration.latency import Delay, find_latency, trigger_missed
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.run_store import RunStore

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tacauchy_rig.app.calibration.material.fit import FRICTION, POISSON, Response
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
-from tacauchy_rig.app.calibration.material.response import FRICTION, POISSON, Response
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import load_config

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from sim.sensitivity import FINER, forces_at
-from tacauchy_rig.app.calibration.material.fit import fit_gel
-from tacauchy_rig.app.calibration.material.response import Response, gel_of, respond
+from tacauchy_rig.app.calibration.material.fit import Response, fit_gel, gel_of, respond
 from tests.studies.gel.emulated_gels import (
     BALL,
     DEPTHS_M,

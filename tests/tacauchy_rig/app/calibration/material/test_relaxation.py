@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tacauchy_rig.app.calibration.material.relaxation import fit_term
+from tacauchy_rig.app.calibration.material.results import fit_term
 
 TIME_S = np.tile(np.linspace(0.0, 2.0, 200), 6)
 NOISE = 0.002 * np.random.default_rng(3).standard_normal(len(TIME_S))

@@ -6,7 +6,7 @@ import pytest
 
 from sim.sensor.sensor import parse_sensor
 from tacauchy_rig.app.calibration.material.fit import Interval
-from tacauchy_rig.app.calibration.material.sensor_file import sensor_text, with_gel
+from tacauchy_rig.app.calibration.material.results import sensor_text, with_gel
 from tacauchy_rig.core.errors import ConfigError
 
 YOUNG = Interval(best=4.1e5, low=3.9e5, high=4.3e5)

@@ -19,7 +19,7 @@ GEL = {"young_pa": 5e5, "poisson": 0.465, "friction": 0.4}
 def test_one_ball_from_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its modulus for the stated nu goes into the file; nu stays, since nothing tells it."""
     monkeypatch.setattr(
-        "tacauchy_rig.app.calibration.material.response.respond",
+        "tacauchy_rig.app.calibration.material.fit.respond",
         lambda *_, **__: made_response(**BALL),
     )
     candidates = ("sphere:diameter=6mm", "sphere:diameter=10mm")

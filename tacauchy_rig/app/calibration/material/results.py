@@ -1,0 +1,208 @@
+"""What a fit leads to: the sensor's file with its gel, the relaxation beside it, and its figure."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from scipy.optimize import OptimizeWarning, curve_fit
+from scipy.stats import chi2
+
+from sim.sensor.sensor import parse_sensor
+from tacauchy_rig.app.calibration.material.fit import LEVEL, MU, NU, GelFit, Interval
+from tacauchy_rig.app.replay.opening import open_run
+from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.figure_style import (
+    BLUE,
+    GREY,
+    ORANGE,
+    PAGE_IN,
+    SIMULATED_MARK,
+    STYLE,
+    letter,
+    new_figure,
+    save_figure,
+)
+from tacauchy_rig.core.registry import Kind, load, unknown
+
+
+def sensor_text(name: str) -> str:
+    """Return the text of a sensor's file, built in or by its path.
+
+    Raises:
+        ConfigError: It cannot be read.
+    """
+    path: Path = Path(name) if unknown(Kind.SENSOR, name) else load(Kind.SENSOR, name)
+    try:
+        return path.read_text("utf-8")
+    except OSError as error:
+        raise ConfigError(f"sensor {name}: {error.strerror}", remedy="give its path") from error
+
+
+def with_gel(text: str, *, young: Interval, poisson: Interval, source: str) -> str:
+    """Return the file's text with what was told of its gel; what was not stays as it was.
+
+    Raises:
+        ConfigError: It has no line ``young = `` in ``[material]``.
+    """
+    for key, told, factor, unit in (
+        ("young", young, 1e-6, " MPa"),
+        ("poisson", poisson, 1.0, ""),
+    ):
+        if told.uncertainty is None:
+            continue
+        line = (
+            f'{key} = {{ value = "{told.best * factor:.5g}{unit}", uncertainty = '
+            f'"{told.uncertainty * factor:.2g}{unit}", source = "{source}" }}'
+        )
+        # A source may hold a backslash, which a replacement would read as its own.
+        escaped = line.replace("\\", r"\\")
+        text, count = re.subn(rf"(?m)^{key} = \{{.*\}}[ \t]*$", escaped, text)
+        if count != 1:
+            raise ConfigError(
+                f"the sensor's file has {count} lines `{key} = {{ ... }}`",
+                remedy="write it as one line in [material]",
+            )
+    parse_sensor(text, origin="the calibrated sensor's file")
+    return text
+
+
+_SURE = 2.0
+"""Standard uncertainties by which share and time are to be above none."""
+_FIRST = (0.02, 0.3)
+"""Share and time [s] that a fit begins with: what silicone gels have."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DwellTerm:
+    """What of the force is still to be lost when the dwell begins, and how fast it goes.
+
+    Attributes:
+        share: Of the force at the dwell's begin; less than the gel's, which lost some on the way.
+        time_s: Time constant [s].
+    """
+
+    share: float
+    share_error: float
+    time_s: float
+    time_error_s: float
+
+    def __str__(self) -> str:
+        return (
+            f"relaxes by {self.share:.2%} +- {self.share_error:.2%} from the dwell on, in "
+            f"{self.time_s:.2g} +- {self.time_error_s:.1g} s"
+        )
+
+
+def relaxation_of(folder: Path) -> DwellTerm | None:
+    """Fit all dwells of a run together; None where they tell no relaxation.
+
+    Raises:
+        RecordError: It is no run's folder, or a recording is damaged.
+    """
+    run = open_run(folder)
+    times, shares = [np.zeros(0)], [np.zeros(0)]
+    for record in run.records.values():
+        attempt = None if record is None else run.read(record)
+        if attempt is None or attempt.force_curve is None or attempt.dwell_s is None:
+            continue
+        curve, (start_s, end_s) = attempt.force_curve, attempt.dwell_s
+        held = (curve.time_s >= start_s) & (curve.time_s <= end_s)
+        if held.any():
+            times.append(curve.time_s[held])
+            shares.append(curve.value[held] / curve.value[held].mean())
+    return fit_term(np.concatenate(times), np.concatenate(shares))
+
+
+def fit_term(time_s: FloatArray, force: FloatArray) -> DwellTerm | None:
+    """Fit ``a (1 + b exp(-t / tau))`` to forces over their mean.
+
+    Args:
+        time_s: From the dwell's begin [s], shape [sample_count].
+        force: Likewise.
+    """
+    if len(time_s) < 10 * len(_FIRST):
+        return None
+    try:
+        found, covariance = curve_fit(_held, time_s, force, p0=(1.0, *_FIRST))
+    except (RuntimeError, OptimizeWarning):
+        return None
+    (_, share, tau), (_, share_error, tau_error) = found, np.sqrt(np.diag(covariance))
+    is_told = share > _SURE * share_error and tau > _SURE * tau_error
+    if not is_told or tau > time_s.max():
+        return None
+    return DwellTerm(
+        share=float(share),
+        share_error=float(share_error),
+        time_s=float(tau),
+        time_error_s=float(tau_error),
+    )
+
+
+def _held(time_s: FloatArray, level: float, share: float, tau: float) -> FloatArray:
+    return np.asarray(level * (1.0 + share * np.exp(-time_s / max(tau, 1e-3))))
+
+
+_FIGURE_HEIGHT_IN, _TOP = 2.3, 12.0
+_LEVELS = tuple(float(chi2.ppf(p, 2)) for p in (0.68, 0.95, 0.997))
+_PA_PER_KPA = 1e3
+
+
+def draw_valley(fit: GelFit, stem: Path, *, simulated: bool, stated: tuple[float, float]) -> None:
+    """Write ``stem`` as PDF and PNG.
+
+    Args:
+        fit: What forces tell.
+        stem: Without a suffix.
+        simulated: Whether the presses are emulated.
+        stated: Modulus [Pa] and Poisson's ratio of the sensor's file.
+
+    Raises:
+        RecordError: It cannot be written.
+    """
+    with mpl.rc_context(STYLE):
+        figure = new_figure(
+            PAGE_IN, _FIGURE_HEIGHT_IN, marks=(SIMULATED_MARK,) if simulated else ()
+        )
+        valley, nu, mu = figure.subplots(1, 3)
+        _draw_map(valley, fit, stated)
+        _draw_profile(nu, NU, fit.misfit.min(axis=1), fit.poisson)
+        _draw_profile(mu, MU, fit.misfit.min(axis=0), fit.friction)
+        nu.set_xlabel("Poisson's ratio $\\nu$")
+        mu.set_xlabel("Friction coefficient $\\mu$")
+        nu.set_ylabel("$\\chi^2$ above its least")
+        for axes, name in ((valley, "(a)"), (nu, "(b)"), (mu, "(c)")):
+            letter(axes, name)
+        save_figure(figure, stem.parent, stem.name)
+
+
+def _draw_map(axes: Axes, fit: GelFit, stated: tuple[float, float]) -> None:
+    young = fit.young_values
+    above = fit.valley(young) - fit.misfit.min()
+    inside = young[(above < _LEVELS[-1]).any(axis=1)] / _PA_PER_KPA
+    axes.contourf(NU, young / _PA_PER_KPA, above, levels=[0.0, *_LEVELS], colors=_SHADES)
+    nu, mu = fit.best
+    axes.plot(NU[nu], fit.young_pa[nu, mu] / _PA_PER_KPA, "o", color=ORANGE, markersize=4)
+    axes.plot(stated[1], stated[0] / _PA_PER_KPA, "x", color=GREY, markersize=5)
+    axes.set_ylim(0.97 * inside.min(), 1.03 * inside.max())
+    axes.set_xlim(NU[0], NU[-1])
+    axes.set_xlabel("Poisson's ratio $\\nu$")
+    axes.set_ylabel("Modulus $E$ (kPa)")
+
+
+_SHADES = ("#0072B2", "#6BAED6", "#C6DBEF")
+
+
+def _draw_profile(axes: Axes, values: FloatArray, profile: FloatArray, told: Interval) -> None:
+    axes.plot(values, np.minimum(profile - profile.min(), 2.0 * _TOP), color=BLUE)
+    axes.axhline(LEVEL, color=GREY, linestyle="--", linewidth=0.7)
+    low = values[0] if told.low is None else told.low
+    high = values[-1] if told.high is None else told.high
+    axes.axvspan(low, high, color="#D9D9D9", linewidth=0, zorder=0)
+    axes.set_ylim(0.0, _TOP)
+    axes.set_xlim(values[0], values[-1])
