@@ -16,6 +16,7 @@ ALL = sorted({*PAGES, *DOCS.rglob("*.md")})
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 _COMMIT = re.compile(r"\b(?=[0-9a-f]*[0-9])(?=[0-9a-f]*[a-f])[0-9a-f]{7,40}\b")
 _DAY = re.compile(r"\b20\d\d-\d\d-\d\d\b")
+_NAMED = re.compile(r"docs/[\w/.-]*\.md")
 
 
 def name(page: Path) -> str:
@@ -49,3 +50,13 @@ def _broken(page: Path) -> Iterator[str]:
         target = link.partition("#")[0]
         if target and "://" not in link and not (page.parent / target).exists():
             yield link
+
+
+def test_pages_that_the_program_names_are_there() -> None:
+    """Messages, docstrings and templates name pages by their path."""
+    folders = ("tacauchy_rig", "drivers", "protocols", "sim", "reports")
+    kinds = ("*.py", "*.jinja", "*.toml")
+    files = (path for each in folders for kind in kinds for path in (ROOT / each).rglob(kind))
+    named = {found for path in files for found in _NAMED.findall(path.read_text("utf-8"))}
+    assert named
+    assert sorted(page for page in named if not (ROOT / page).exists()) == []

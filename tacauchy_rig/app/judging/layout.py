@@ -1,6 +1,6 @@
 """The plain layout of a simulator's folder: ``simulator.toml`` and one folder a press.
 
-Other people write it and ``judge`` reads it; docs/judging.md describes it.
+Other people write it and ``judge`` reads it; docs/reference/file-formats.md describes it.
 """
 
 from __future__ import annotations
@@ -106,12 +106,15 @@ def read_description(source: Source) -> Description:
         tables = tomllib.loads(data.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(
-            f"{source.root / DESCRIPTION}: no TOML: {error}", remedy="docs/judging.md shows one"
+            f"{source.root / DESCRIPTION}: no TOML: {error}",
+            remedy="docs/reference/file-formats.md shows one",
         ) from error
     try:
         return read_section(Description, tables, where=f"{DESCRIPTION}: ")
     except ConfigError as error:
-        raise ConfigError(error.message, remedy="docs/judging.md shows one") from error
+        raise ConfigError(
+            error.message, remedy="docs/reference/file-formats.md shows one"
+        ) from error
 
 
 WRITTEN_UNITS = {"force": "N", "depth": "m", "height": "m", "pressure": "Pa"}
