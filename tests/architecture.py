@@ -1,11 +1,10 @@
-"""The packages of the program and their imports, drawn by ``make architecture``."""
+"""The packages of the program and their imports: ``make architecture`` writes their table."""
 
 from __future__ import annotations
 
 import ast
 import re
 from collections import defaultdict
-from collections.abc import Iterator
 from pathlib import Path
 
 import grimp
@@ -13,6 +12,8 @@ import grimp
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "explanation" / "architecture.md"
 FOLDERS = ("tacauchy_rig", "protocols", "drivers", "sim", "reports")
+LAYERS = ("tacauchy_rig.app", "reports", "protocols", "sim", "drivers", "tacauchy_rig.core")
+"""A layer imports nothing from a layer before it."""
 BEGIN, END = "<!-- drawn from the imports: begin -->", "<!-- drawn from the imports: end -->"
 
 # Types, units and writers that every package uses; arrows to them would hide all others.
@@ -79,35 +80,27 @@ def cycles(found: Arrows) -> list[str]:
     return sorted(name for name in found if name in reachable(name, found))
 
 
-def drawing(found: Arrows) -> str:
-    """Return the packages and their arrows as a Mermaid flow chart."""
-    return "\n".join(_lines(reduced(found)))
-
-
-def _lines(found: Arrows) -> Iterator[str]:
-    yield "flowchart TD"
-    packages = sorted({*found, *(target for targets in found.values() for target in targets)})
-    for folder in FOLDERS:
-        yield f"  subgraph {folder}"
-        for package in packages:
-            if package.startswith(f"{folder}."):
-                yield f"    {_key(package)}[{package.removeprefix(folder + '.')}]"
-        yield "  end"
-    for package in packages:
-        for target in sorted(found.get(package, ())):
-            yield f"  {_key(package)} --> {_key(target)}"
-
-
-def _key(package: str) -> str:
-    return package.replace(".", "_")
-
-
 def package_table(found: Arrows) -> str:
-    """Return the first line of each package's docstring, as a table."""
+    """Return what each package holds and imports, as a table, importers before what they import."""
+    arrows_left = reduced(found)
     rows = [
-        f"| `{package.replace('.', '/')}` | {first_line(package)} |" for package in sorted(found)
+        f"| `{package}` | {first_line(package)} | {_listed(arrows_left[package])} |"
+        for package in sorted(found, key=lambda package: _rank(package, found))
     ]
-    return "\n".join(["| package | what it holds |", "|---|---|", *rows])
+    return "\n".join(["| package | what it holds | imports |", "|---|---|---|", *rows])
+
+
+def _rank(package: str, found: Arrows) -> tuple[int, int, str]:
+    """Return the place of a package: its layer, then how much it imports, then its name.
+
+    A package reaches more than each package that it imports, so these follow it.
+    """
+    layer = next(i for i, prefix in enumerate(LAYERS) if package.startswith(prefix))
+    return layer, -len(reachable(package, found)), package
+
+
+def _listed(packages: set[str]) -> str:
+    return ", ".join(f"`{package}`" for package in sorted(packages))
 
 
 def first_line(module: str) -> str:
@@ -120,7 +113,7 @@ def first_line(module: str) -> str:
 def drawn() -> str:
     """Return the part of the page that is made from the imports."""
     found = arrows(file_arrows())
-    return "\n\n".join([BEGIN, f"```mermaid\n{drawing(found)}\n```", package_table(found), END])
+    return "\n\n".join([BEGIN, package_table(found), END])
 
 
 def with_drawing(page: str) -> str:

@@ -22,13 +22,13 @@ from tests.architecture import (
 
 
 def test_no_package_and_no_file_imports_itself_through_others() -> None:
-    """Every arrow of the drawing points down, and every import between files too."""
+    """Every package imports only rows below it, and so do files."""
     files = file_arrows()
     assert cycles(arrows(files)) == []
     assert cycles(files) == []
 
 
-def test_the_page_is_drawn_from_the_imports() -> None:
+def test_the_page_is_made_from_the_imports() -> None:
     """``make architecture`` would change nothing."""
     page = PAGE.read_text("utf-8")
     assert with_drawing(page) == page
@@ -43,7 +43,7 @@ def test_reduction_keeps_what_can_be_reached() -> None:
 
 def _texts() -> list[Path]:
     listed = subprocess.run(
-        ["git", "ls-files", "*.py", "*.md", "*.toml", "*.jinja"],
+        ["git", "ls-files", "*.py", "*.md", "*.toml", "*.jinja", ":!CHANGELOG.md"],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -57,7 +57,7 @@ _FILE = re.compile(rf"[`( ]((?:{'|'.join(FOLDERS)}|tests)(?:/[\w.]+)+\.(?:py|tom
 
 
 def test_names_in_texts_exist() -> None:
-    """Each module and file that a page or a docstring names is there."""
+    """Each module and file that a page or docstring names is there; the changelog has old ones."""
     missing = {path: [*_missing_names(path.read_text("utf-8"))] for path in _texts()}
     assert {str(path): names for path, names in missing.items() if names} == {}
 
