@@ -92,7 +92,7 @@ def task_of(run: RunReading, evidence: RunEvidence) -> tuple[Task, list[AskedPre
     presses = []
     for trial in evidence.trials:
         record, other = trial.record, others.get(trial.index)
-        place = inputs.mounting.offset_m if other is None else other.place_m
+        place = inputs.offset_m if other is None else other.place_m
         presses.append(
             AskedPress(
                 press=trial.index,

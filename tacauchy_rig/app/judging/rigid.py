@@ -63,7 +63,7 @@ def rigid_outputs(
             sensor.pad,
             inputs.indenter,
             depth_m=record.depth_measured_m,
-            place_m=_place(run, trial, inputs.mounting.offset_m),
+            place_m=_place(run, trial, inputs.offset_m),
         )
         image = drawn_image(*cut(optics.geometry.refined(SAMPLES)), optics, unloaded=unloaded)
         spent_s += time.perf_counter() - started

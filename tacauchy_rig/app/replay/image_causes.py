@@ -42,7 +42,7 @@ and 15 MB for what each of the modes changes of its image."""
 # Steps: large beside what a coarse mesh gets wrong from point to point, small beside a bend of the
 # image's answer (half of them finds half as much of a planted lean or modulus).
 _MORE = 1.15
-_LEANS_RAD = math.radians(1.0)
+_TILT_RAD = math.radians(1.0)
 _POISSON = -0.02
 # Standard uncertainties that nothing states. A lamp ages, or an exposure is set anew, by a tenth;
 # light drifts by some per cent within a press; a lens is as sharp as in the calibration to a third
@@ -171,7 +171,7 @@ class _Again:
         """
         forces_n = [press.force_n for press in self.presses]
         tried = sorted({f * by for f in forces_n for by in (1.0 / _MORE, 1.0, _MORE)})
-        upright = self._pressed(self._leaning(NEARLY_UPRIGHT, 0.0), tried)
+        upright = self._pressed(self.inputs.tilted(NEARLY_UPRIGHT, 0.0), tried)
         pressed = dict(zip(tried, upright, strict=True))
         less, even, more = ([pressed[f * by] for f in forces_n] for by in (1.0 / _MORE, 1.0, _MORE))
         base = self._seen(even)
@@ -202,18 +202,20 @@ class _Again:
         numbers = [n for name, n in sensor.numbers.items() if name.endswith(".poisson")]
         ratio = max((number.uncertainty for number in numbers), default=0.0)
         other = replace(
-            self._leaning(NEARLY_UPRIGHT, 0.0), sensor=self.inputs.sensor.with_poisson(_POISSON)
+            self.inputs.tilted(NEARLY_UPRIGHT, 0.0),
+            sensor=self.inputs.sensor.with_poisson(_POISSON),
         )
         changed = _apart(self._seen(self._pressed(other)), base, ratio / _POISSON)
         yield _mode("Poisson's ratio", Cause.MATERIAL, ratio, "1", changed)
 
     def _of_tilt(self) -> Iterator[Mode]:
         size = stated_uncertainty(self.config, "tilt").value
-        for name, (x, y) in (("x", (_LEANS_RAD, 0.0)), ("y", (0.0, _LEANS_RAD))):
+        for name, (x, y) in (("x", (_TILT_RAD, 0.0)), ("y", (0.0, _TILT_RAD))):
             there, back = (
-                self._seen(self._pressed(self._leaning(sign * x, sign * y))) for sign in (1, -1)
+                self._seen(self._pressed(self.inputs.tilted(sign * x, sign * y)))
+                for sign in (1, -1)
             )
-            changed = _apart(there, back, 0.5 * size / _LEANS_RAD)
+            changed = _apart(there, back, 0.5 * size / _TILT_RAD)
             yield _mode(f"lean towards {name}", Cause.TILT, size, "rad", changed)
 
     def _of_light(self, change: Images) -> Iterator[Mode]:
@@ -244,11 +246,6 @@ class _Again:
             scaled = replace(self.optics, geometry=replace(view, **wide))
             changed = _apart(self._seen(surfaces, scaled), base, 1.0)
             yield _mode(f"scale along {name}", Cause.OPTICS, _SCALE, "1", changed)
-
-    def _leaning(self, by_x: float, by_y: float) -> ReplayInputs:
-        mounting = self.inputs.mounting
-        x, y = mounting.lean_rad
-        return replace(self.inputs, mounting=replace(mounting, lean_rad=(x + by_x, y + by_y)))
 
     def _pressed(
         self, inputs: ReplayInputs, forces_n: Sequence[float] | None = None

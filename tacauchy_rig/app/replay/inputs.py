@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from sim.effects.plan import PRESET_TOLERANCE
 from sim.error.settings import setting_of
@@ -27,35 +27,21 @@ from tacauchy_rig.core.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Mounting:
-    """How the indenter hangs on the arm.
-
-    Attributes:
-        lean_rad: How far its axis leans towards x and y of the pad, from the tip upwards [rad].
-        offset_m: Where its tip comes down beside the pad's centre, along x and y [m].
-    """
-
-    lean_rad: tuple[float, float] = (0.0, 0.0)
-    offset_m: tuple[float, float] = (0.0, 0.0)
-
-    @property
-    def tilt_rad(self) -> tuple[float, float]:
-        """The lean as rotations about x and y [rad]."""
-        return -self.lean_rad[1], self.lean_rad[0]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayInputs:
     """What a run's measured forces are pressed with.
 
     Attributes:
         tolerance: Take the cheapest preset that keeps it; None takes ``preset``.
-        is_auto: ``preset`` counts only until forces are known, or if they tell no cheaper one.
-        refinement: Every edge so many times shorter than the preset's.
-        effects_error: Relative error of F_z that what is left out may have; None is the preset's.
-        promised: The tolerance that preset and refinement were chosen for.
+        is_auto: ``preset`` counts only until forces are known, or if no cheaper one is accurate
+            enough for them.
+        refinement: Every edge is this many times shorter than the preset's.
+        effects_error: Relative error of F_z that omitted effects may cause; None is the preset's.
+        stated_accuracy: The tolerance that preset and refinement were chosen for.
         force_tolerance_n: Largest |F_z simulated - measured| [N].
         friction: Coulomb coefficient between indenter and gel.
+        tilt_rad: How far the indenter's axis is tilted towards x and y of the pad, from the tip
+            upwards [rad]; a scene states the same tilt as rotations (-y, x) about x and y.
+        offset_m: Where its tip comes down beside the pad's centre, along x and y [m].
         duration_s: Time from touch to dwell [s], for a gel that relaxes.
     """
 
@@ -68,9 +54,10 @@ class ReplayInputs:
     is_auto: bool = False
     refinement: float = 1.0
     effects_error: float | None = None
-    promised: Tolerance | None = None
+    stated_accuracy: Tolerance | None = None
     friction: float = 0.0
-    mounting: Mounting = field(default_factory=Mounting)
+    tilt_rad: tuple[float, float] = (0.0, 0.0)
+    offset_m: tuple[float, float] = (0.0, 0.0)
     duration_s: float = 1.0
 
     def scene(self, forces_n: Sequence[float]) -> Scene:
@@ -87,18 +74,31 @@ class ReplayInputs:
             drive=self.drive,
             tolerance_n=self.force_tolerance_n,
             friction=self.friction,
-            tilt_rad=self.mounting.tilt_rad,
-            centre_m=self.mounting.offset_m,
+            tilt_rad=(-self.tilt_rad[1], self.tilt_rad[0]),
+            centre_m=self.offset_m,
             duration_s=self.duration_s,
         )
         if self.tolerance is not None:
             return keeping(scene, self.tolerance)
         return replace(scene, refinement=self.refinement, tolerance=self.effects_error)
 
-    def settled(self, forces_n: Sequence[float]) -> ReplayInputs:
-        """Return the inputs with the preset that ``auto`` is for some forces [N].
+    @property
+    def upright(self) -> ReplayInputs:
+        """The same press with an indenter that is not tilted."""
+        return replace(self, tilt_rad=(0.0, 0.0))
 
-        What is left out may cost as much as the named preset allows: the mesh alone is chosen.
+    def tilted(self, x_rad: float, y_rad: float) -> ReplayInputs:
+        """Return the press with the indenter tilted further towards x and y [rad]."""
+        return replace(self, tilt_rad=(self.tilt_rad[0] + x_rad, self.tilt_rad[1] + y_rad))
+
+    def moved(self, by_m: tuple[float, float]) -> ReplayInputs:
+        """Return the press at a place that is shifted along x and y [m]."""
+        return replace(self, offset_m=(self.offset_m[0] + by_m[0], self.offset_m[1] + by_m[1]))
+
+    def settled(self, forces_n: Sequence[float]) -> ReplayInputs:
+        """Return the inputs with the preset that ``auto`` chooses for some forces [N].
+
+        It chooses the mesh alone: omitted effects may cost what the named preset allows.
         """
         if not self.is_auto:
             return self
@@ -112,7 +112,7 @@ class ReplayInputs:
             preset=chosen.preset,
             refinement=chosen.refinement,
             effects_error=PRESET_TOLERANCE[self.preset],
-            promised=OF_AUTO,
+            stated_accuracy=OF_AUTO,
         )
 
 
@@ -131,9 +131,8 @@ def inputs_of(config: RigConfig) -> ReplayInputs:
         tolerance=tolerance_of(config),
         is_auto=config.replay.preset == AUTO and config.replay.tolerance is None,
         friction=config.replay.friction,
-        mounting=Mounting(
-            lean_rad=config.replay.tilt or (0.0, 0.0), offset_m=config.replay.offset or (0.0, 0.0)
-        ),
+        tilt_rad=config.replay.tilt or (0.0, 0.0),
+        offset_m=config.replay.offset or (0.0, 0.0),
     )
 
 

@@ -64,11 +64,11 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Restoring:
-    """How a gel answers a lean, as coarse presses tell.
+    """The moment with which a gel resists a tilt, from coarse presses.
 
     Attributes:
         forces_n: Rising [N], shape [force_count].
-        moments_nm: Against a lean of one radian at each [N m], likewise.
+        moments_nm: Against a tilt of one radian at each [N m], likewise.
         history: (depth [m], force [N]) at each.
     """
 
@@ -78,17 +78,14 @@ class Restoring:
 
 
 def tried_forces(config: RigConfig) -> list[float]:
-    """Return where the answer to a lean is pressed [N]: from below to above what may be measured.
-
-    They do not depend on what was measured.
-    """
+    """Return the forces [N] of the coarse tilted presses: they enclose what may be measured."""
     targets_n, allowed_n = config.protocol.force_targets, config.protocol.force_tolerance
     ends_n = {min(targets_n) - allowed_n, max(targets_n) + allowed_n}
     return sorted(force_n for force_n in {*targets_n, *ends_n} if force_n > 0.0)
 
 
 def restoring_of(inputs: ReplayInputs, forces_n: Sequence[float]) -> Restoring:
-    """Press coarsely with a lean to rising forces [N].
+    """Press coarsely with a tilt to rising forces [N].
 
     Raises:
         RigError: It cannot be meshed or solved.
@@ -102,17 +99,16 @@ def dwells_of(attempts: Sequence[AttemptReading]) -> list[Dwell]:
     return [Dwell(record=each.record, wrench=each.dwell_wrench) for each in attempts]
 
 
-def with_found_lean(
+def with_found_tilt(
     dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
 ) -> FoundMounting:
-    """Return how a run is replayed with the lean that its moments tell, where that is asked for."""
+    """Return how a run is replayed with the tilt that its moments tell, where that is asked for."""
     if config.replay.pose is not PoseSource.FOUND:
         return FoundMounting(inputs=inputs)
-    fit, why = lean_of(dwells, inputs, config)
-    mounting = inputs.mounting
+    fit, why = tilt_of(dwells, inputs, config)
     if fit is None:
         values = tuple(_unknown(f"lean towards {axis}", "rad", why) for axis in "xy")
-        row = _row(any(mounting.lean_rad), f"as stated: {why}")
+        row = _row(any(inputs.tilt_rad), f"as stated: {why}")
         return FoundMounting(inputs=inputs, values=values, effects=(row,))
     size = float(np.linalg.norm(fit.lean_rad))
     doubt = float(np.linalg.norm(fit.lean_rad * fit.uncertainty_rad)) / max(size, 1e-30)
@@ -132,15 +128,14 @@ def with_found_lean(
     row = _row(False, f"{found}; within {TAKEN_FROM:g} times its uncertainty of none")
     if taken:
         row = _planned(inputs, [d.record.force_measured_n or 0.0 for d in dwells], size, found)
-    lean = (float(fit.lean_rad[0]), float(fit.lean_rad[1])) if row["on"] else (0.0, 0.0)
-    inputs = replace(inputs, mounting=replace(mounting, lean_rad=lean))
-    return FoundMounting(inputs=inputs, values=values, effects=(row,))
+    tilt = (float(fit.lean_rad[0]), float(fit.lean_rad[1])) if row["on"] else (0.0, 0.0)
+    return FoundMounting(inputs=replace(inputs, tilt_rad=tilt), values=values, effects=(row,))
 
 
-def lean_of(
+def tilt_of(
     dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
 ) -> tuple[LeanFit | None, str]:
-    """Return what moments tell, and how; None and the reason where they tell nothing."""
+    """Return the tilt that moments tell and how; None and the reason where they tell nothing."""
     known = sorted(
         ((d.record, d.wrench) for d in dwells if d.wrench and (d.record.force_measured_n or 0) > 0),
         key=lambda pair: pair[0].force_measured_n or 0.0,
@@ -149,16 +144,19 @@ def lean_of(
     if not can_lean(inputs.indenter):
         return None, "a ball looks alike from all sides"
     if len(known) < TRIALS_MIN:
-        return None, f"{len(known)} trials tell no lean: {TRIALS_MIN} do"
+        return None, f"{len(known)} presses carry moments; at least {TRIALS_MIN} are needed"
     if not config.force_sensor.is_stand_in and config.force_sensor.to_tip is None:
-        return None, "force_sensor.to_tip is not stated, so nobody knows what moments refer to"
+        return (
+            None,
+            "force_sensor.to_tip is not stated, so the point that moments refer to is unknown",
+        )
     tried_n = np.array(tried_forces(config))
     if config.is_imported or forces_n[0] < tried_n[0] or tried_n[-1] < forces_n[-1]:
         tried_n = forces_n
     try:
         restoring = restoring_of(inputs, tried_n.tolist())
     except RigError as error:
-        return None, f"no coarse press with a lean: {error.message}"
+        return None, f"a coarse press with a tilt failed: {error.message}"
     factor = 1.0
     if tells_modulus(config):
         curve = merge_histories([restoring.history])
@@ -182,15 +180,10 @@ def tells_modulus(config: RigConfig) -> bool:
     return config.replay.modulus is ModulusSource.DEPTHS and config.replay.young is None
 
 
-def upright(inputs: ReplayInputs) -> ReplayInputs:
-    """Return the inputs with an indenter that does not lean."""
-    return replace(inputs, mounting=replace(inputs.mounting, lean_rad=(0.0, 0.0)))
+def tilted_curve(curve: FloatArray | None, inputs: ReplayInputs) -> FloatArray | None:
+    """Return the (depth [m], force [N]) of an upright press, shifted as the tilt shifts it.
 
-
-def leaned(curve: FloatArray | None, inputs: ReplayInputs) -> FloatArray | None:
-    """Return the (depth [m], force [N]) of an upright press as a lean changes it.
-
-    By as much as it changes coarse presses: it begins deeper, off the middle.
+    The shift is taken from coarse presses: a tilted face first touches off its middle.
 
     Raises:
         RigError: One of them cannot be solved.
@@ -198,7 +191,7 @@ def leaned(curve: FloatArray | None, inputs: ReplayInputs) -> FloatArray | None:
     if curve is None:
         return None
     forces_n = np.unique(curve[curve[:, 1] > 0.0, 1]).tolist()
-    scene, lean_rad = inputs.scene(forces_n), math.hypot(*inputs.mounting.lean_rad)
+    scene, lean_rad = inputs.scene(forces_n), math.hypot(*inputs.tilt_rad)
     even, leaning = (np.array(press_leaning(scene, forces_n, by).history) for by in (0.0, lean_rad))
     extra_m = np.concatenate([[0.0], leaning[:, 0] - even[:, 0]])
     shifted = curve.copy()
@@ -229,13 +222,13 @@ def _about_tip(wrenches: FloatArray, config: RigConfig) -> tuple[FloatArray, Flo
 def _planned(
     inputs: ReplayInputs, forces_n: Sequence[float], lean_rad: float, found: str
 ) -> dict[str, Any]:
-    """Return whether a lean is simulated: what leaving it out costs is tried, as for effects."""
+    """Return whether a tilt is simulated: as for effects, the error of leaving it out is tried."""
     scene = inputs.scene(forces_n)
     try:
         costs = lean_costs(scene, max(forces_n), lean_rad)
     except RigError as error:
-        return _row(True, f"{found}; on, as a coarse press failed: {error.message}")
-    plan, allowed = plan_effects(upright(inputs).scene(forces_n)), output_tolerances(scene)
+        return _row(True, f"{found}; simulated because a coarse press failed: {error.message}")
+    plan, allowed = plan_effects(inputs.upright.scene(forces_n)), output_tolerances(scene)
     sums = {output: cost + plan.left_out(output) for output, cost in costs.items()}
     worst = max(sums, key=lambda output: sums[output] / allowed[output])
     on = sums[worst] > allowed[worst]
@@ -310,13 +303,6 @@ def offset_of(values: Sequence[FoundValue]) -> tuple[float, float] | None:
         return None
     x, y = (value.value or 0.0 for value in values)
     return x, y
-
-
-def moved(inputs: ReplayInputs, by_m: tuple[float, float]) -> ReplayInputs:
-    """Return the inputs with the indenter coming down elsewhere."""
-    x, y = inputs.mounting.offset_m
-    place = (x + by_m[0], y + by_m[1])
-    return replace(inputs, mounting=replace(inputs.mounting, offset_m=place))
 
 
 def _unknown(name: str, unit: str, why: str) -> FoundValue:

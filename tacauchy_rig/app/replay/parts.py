@@ -24,21 +24,14 @@ class Part:
         run: Their reading.
         config: The run's, with their indenter and place.
         place_known: It is stated where the tip came down.
-        told: What they are, for who watches; empty where all trials are alike.
+        label: Indenter and place, for progress; empty where all trials are alike.
     """
 
     run: RunReading
     inputs: ReplayInputs
     config: RigConfig
     place_known: bool = True
-    told: str = ""
-
-    def moved(self, by_m: Place) -> Part:
-        """Return the part with its indenter coming down elsewhere."""
-        mounting = self.inputs.mounting
-        place = (mounting.offset_m[0] + by_m[0], mounting.offset_m[1] + by_m[1])
-        mounting = replace(mounting, offset_m=place)
-        return replace(self, inputs=replace(self.inputs, mounting=mounting))
+    label: str = ""
 
 
 def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Part]:
@@ -54,15 +47,15 @@ def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Par
     trials, config = run.store.imported_trials, run.store.config
     groups = list(_alike(trials)) or [[]]
     if len(groups) == 1:
-        told = [trials[index].place_m for index in groups[0]]
-        known = not told or None not in told or config.replay.offset is not None
+        places = [trials[index].place_m for index in groups[0]]
+        known = not places or None not in places or config.replay.offset is not None
         inputs = _inputs(config, tolerance, run)
         return [Part(run=run, inputs=inputs, config=config, place_known=known)]
     parts = []
     for indices in groups:
         own, reading = [trials[index] for index in indices], run.of(indices)
         place, indenter = _place(own), own[0].indenter
-        own_config = _pressed_so(config, indenter, place)
+        own_config = _with_press(config, indenter, place)
         where = "place unknown" if place is None else _millimetres(place)
         parts.append(
             Part(
@@ -70,7 +63,7 @@ def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Par
                 inputs=_inputs(own_config, tolerance, reading),
                 config=own_config,
                 place_known=place is not None or config.replay.offset is not None,
-                told=f", {indenter or 'the indenter of the run'}, {where}",
+                label=f", {indenter or 'the indenter of the run'}, {where}",
             )
         )
     return parts
@@ -103,10 +96,10 @@ def _place(trials: list[ImportedTrial]) -> Place | None:
     return x, y
 
 
-def _pressed_so(config: RigConfig, indenter: str, place: Place | None) -> RigConfig:
-    told = {"indenter": indenter or None, "offset": place}
-    said = {name: value for name, value in told.items() if value is not None}
-    return config.model_copy(update={"replay": config.replay.model_copy(update=said)})
+def _with_press(config: RigConfig, indenter: str, place: Place | None) -> RigConfig:
+    stated = {"indenter": indenter or None, "offset": place}
+    known = {name: value for name, value in stated.items() if value is not None}
+    return config.model_copy(update={"replay": config.replay.model_copy(update=known)})
 
 
 def _inputs(config: RigConfig, tolerance: Tolerance | None, run: RunReading) -> ReplayInputs:

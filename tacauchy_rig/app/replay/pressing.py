@@ -20,10 +20,9 @@ from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.mounting import (
     FoundMounting,
     dwells_of,
-    leaned,
     tells_modulus,
-    upright,
-    with_found_lean,
+    tilted_curve,
+    with_found_tilt,
 )
 from tacauchy_rig.app.replay.optics import Say, say_nothing
 from tacauchy_rig.app.replay.parts import Part
@@ -55,7 +54,7 @@ def mounted(
     known = [seconds for seconds in lasted if seconds is not None]
     if known:
         inputs = replace(inputs, duration_s=median(known))
-    found = with_found_lean(dwells_of(attempts), inputs, run.store.config)
+    found = with_found_tilt(dwells_of(attempts), inputs, run.store.config)
     for row in found.effects:
         on_progress(f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}")
     return found
@@ -99,11 +98,11 @@ def _pressed(part: Part, fit: ModulusFit | None, walk: Walk | None, on_progress:
     records = measured_records(part.run)
     forces_n = _forces(inputs, records, part.run.store.config.protocol.contact_force, on_progress)
     scene = inputs.scene(forces_n)
-    on_progress(f"  meshing {inputs.sensor.title}, preset {setting_of(scene)}{part.told}")
+    on_progress(f"  meshing {inputs.sensor.title}, preset {setting_of(scene)}{part.label}")
     replay, fields = replay_forces(
         scene,
         forces_n,
-        tolerance=inputs.tolerance or inputs.promised,
+        tolerance=inputs.tolerance or inputs.stated_accuracy,
         name=REPLAY_NAME,
         on_progress=lambda _, text: on_progress(f"  {text}"),
         walk=walk,
@@ -188,15 +187,15 @@ def _told(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None, l
         inputs = part.inputs
         records = measured_records(part.run)
         forces_n = [r.force_measured_n for r in records if r.force_measured_n is not None]
-        leans = any(inputs.mounting.lean_rad)
+        is_tilted = any(inputs.tilt_rad)
         walk: Walk | None = None
-        if forces_n and leans:
-            walk = walked(upright(inputs).scene(forces_n), forces_n, to_go_on=False)
+        if forces_n and is_tilted:
+            walk = walked(inputs.upright.scene(forces_n), forces_n, to_go_on=False)
         elif forces_n:
             walk = _walked(inputs, part.config, forces_n)
         curve = merge_histories([() if walk is None else walk.history])
-        simulated.append((records, leaned(curve, inputs) if leans else curve))
-        taken.append(None if leans else walk)
+        simulated.append((records, tilted_curve(curve, inputs) if is_tilted else curve))
+        taken.append(None if is_tilted else walk)
     fit = fit_modulus(simulated, contact_force_n=contact_force_n)
     if fit is None:
         on_progress("  too few depths were measured to tell the modulus: the stated one is taken")

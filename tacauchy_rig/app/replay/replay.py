@@ -185,8 +185,8 @@ def _where_seen(
     at = offset_of(values)
     if at is None:
         return values, list(parts), None
-    on_progress("  the contact is seen beside its place: again there")
-    moved = [part.moved(at) for part in parts]
+    on_progress("  images show the contact beside its stated place: pressing again there")
+    moved = [replace(part, inputs=part.inputs.moved(at)) for part in parts]
     pressed = press_parts(moved, on_progress=on_progress)
     again = [
         (replace(replay, model=replace(replay.model, found_offset_m=at)), kept)

@@ -260,25 +260,21 @@ def _of_indenter(inputs: ReplayInputs, config: RigConfig) -> Iterator[Variation]
 def _of_mounting(
     inputs: ReplayInputs, config: RigConfig, found: dict[str, FoundValue]
 ) -> Iterator[Variation]:
-    mounting = inputs.mounting
-    (lean_x, lean_y), (x, y) = mounting.lean_rad, mounting.offset_m
     if can_lean(inputs.indenter):
         yield Variation(
             name="tilt of the indenter",
-            value=math.hypot(lean_x, lean_y),
+            value=math.hypot(*inputs.tilt_rad),
             unit="rad",
             stated=_of_found(found, "lean towards", stated_uncertainty(config, "tilt")),
-            changed=lambda by: replace(
-                inputs, mounting=replace(mounting, lean_rad=(lean_x + by, lean_y))
-            ),
+            changed=lambda by: inputs.tilted(by, 0.0),
             aside=True,
         )
     yield Variation(
         name="place of the indenter",
-        value=math.hypot(x, y),
+        value=math.hypot(*inputs.offset_m),
         unit="m",
         stated=_of_found(found, "offset along", stated_uncertainty(config, "offset")),
-        changed=lambda by: replace(inputs, mounting=replace(mounting, offset_m=(x + by, y))),
+        changed=lambda by: inputs.moved((by, 0.0)),
         aside=True,
     )
 

@@ -46,7 +46,7 @@ def mounting_check(
     residuals, leans = residual_table(residuals_of(bench, say)), lean_table(tools)
     for table in (residuals, leans):
         show_table(table)
-    lean = ", ".join(f"{math.degrees(angle):.2f} deg" for angle in bench.inputs.mounting.lean_rad)
+    lean = ", ".join(f"{math.degrees(angle):.2f} deg" for angle in bench.inputs.tilt_rad)
     true = [f'"{math.degrees(angle):g} deg"' for angle in config.emulation.tilt or ()]
     tilt = f" --set 'emulation.tilt=[{', '.join(true)}]'" if true else ""
     facts = {

@@ -15,7 +15,7 @@ from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth
 from tacauchy_rig.app.cli.emulation import emulated_unit
 from tacauchy_rig.app.replay.inputs import inputs_of
-from tacauchy_rig.app.replay.mounting import TAKEN_FROM, Dwell, lean_of
+from tacauchy_rig.app.replay.mounting import TAKEN_FROM, Dwell, tilt_of
 from tacauchy_rig.app.replay.optics import Say
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.run import FZ, Outcome, Pose, TrialRecord
@@ -54,7 +54,7 @@ def find_drawn(seeds: Iterable[int], config: RigConfig, say: Say) -> list[DrawnT
         random = np.random.default_rng([seed, 5])
         size, way = _LARGEST_RAD * random.random(), 2.0 * np.pi * random.random()
         true = (float(size * np.cos(way)), float(size * np.sin(way)))
-        fit, why = lean_of(drawn_dwells(seed, true, config), inputs, config)
+        fit, why = tilt_of(drawn_dwells(seed, true, config), inputs, config)
         if fit is None:
             say(f"seed {seed}: {why}")
             continue

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from reports.comparison.compare import compare
-from tacauchy_rig.app.replay.mounting import upright
 from tacauchy_rig.app.replay.optics import Say
 from tacauchy_rig.core.tables import Table
 from tests.studies.verdict.bench import Bench
@@ -39,8 +38,8 @@ def residuals_of(bench: Bench, say: Say) -> list[Residuals]:
     inputs = bench.inputs
     pressed = {FOUND: bench.pressed}
     for name, other in (
-        (UPRIGHT, upright(inputs)),
-        (SMOOTH, replace(upright(inputs), friction=0.0)),
+        (UPRIGHT, inputs.upright),
+        (SMOOTH, replace(inputs.upright, friction=0.0)),
     ):
         say(f"replaying {name}")
         pressed[name] = bench.press(other)

@@ -14,7 +14,6 @@ from sim.optics.colour.photometric import PhotometricModel
 from sim.replay import replay_forces
 from tacauchy_rig.app.replay.image_causes import SplitPart, split_images
 from tacauchy_rig.app.replay.inputs import ReplayInputs
-from tacauchy_rig.app.replay.mounting import moved
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
 from tacauchy_rig.app.replay.pressing import measured_attempts
 from tacauchy_rig.core.arrays import ImageArray
@@ -63,16 +62,13 @@ class Ranked:
 
 def _lean(true: Believed, random: np.random.Generator) -> tuple[Believed, str]:
     x, y, degrees = _direction(random)
-    mounting = true.inputs.mounting
-    lean = mounting.lean_rad
-    leaning = replace(mounting, lean_rad=(lean[0] + _LEAN_RAD * x, lean[1] + _LEAN_RAD * y))
     told = f"1 deg towards {degrees:.0f} deg"
-    return replace(true, inputs=replace(true.inputs, mounting=leaning)), told
+    return replace(true, inputs=true.inputs.tilted(_LEAN_RAD * x, _LEAN_RAD * y)), told
 
 
 def _aside(true: Believed, random: np.random.Generator) -> tuple[Believed, str]:
     x, y, degrees = _direction(random)
-    beside = moved(true.inputs, (_OFFSET_M * x, _OFFSET_M * y))
+    beside = true.inputs.moved((_OFFSET_M * x, _OFFSET_M * y))
     return replace(true, inputs=beside), f"0.3 mm towards {degrees:.0f} deg"
 
 

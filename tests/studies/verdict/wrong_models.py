@@ -93,10 +93,7 @@ def _thicker(bench: Bench, percent: float) -> RunEvidence:
 
 
 def _tilted(bench: Bench, degrees: float) -> RunEvidence:
-    upright = bench.inputs.mounting
-    lean_x, lean_y = upright.lean_rad
-    mounting = replace(upright, lean_rad=(lean_x, lean_y - math.radians(degrees)))
-    return bench.evidence(bench.press_first(replace(bench.inputs, mounting=mounting)))
+    return bench.evidence(bench.press_first(bench.inputs.tilted(0.0, -math.radians(degrees))))
 
 
 def _aside(bench: Bench, off_mm: float) -> RunEvidence:

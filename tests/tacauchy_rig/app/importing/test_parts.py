@@ -68,7 +68,7 @@ def test_what_all_presses_share_is_replayed(small: Path) -> None:
     (part,) = parts_of(open_run(store.paths.root))
     assert isinstance(part.inputs.indenter, Sphere)
     assert part.inputs.indenter.diameter_m == pytest.approx(6e-3)
-    assert part.inputs.mounting.offset_m == pytest.approx((1.505e-3, -2e-3))
+    assert part.inputs.offset_m == pytest.approx((1.505e-3, -2e-3))
     assert part.place_known
 
 
@@ -85,7 +85,7 @@ def test_presses_unlike_each_other_are_parts(small: Path) -> None:
     parts = parts_of(open_run(imported(small, *rows).paths.root))
     assert [list(part.run.records) for part in parts] == [[1, 4], [2], [3], [5]]
     assert [type(part.inputs.indenter) for part in parts] == [Sphere, Sphere, MeshIndenter, Sphere]
-    assert parts[1].inputs.mounting.offset_m == pytest.approx((2e-3, -1e-3))
+    assert parts[1].inputs.offset_m == pytest.approx((2e-3, -1e-3))
     assert [part.place_known for part in parts] == [True, True, True, False]
 
 

@@ -16,7 +16,7 @@ from reports.scores.residual_split import UNMENDABLE, Cause
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.image_causes import SplitPart, split_images
-from tacauchy_rig.app.replay.inputs import Mounting, ReplayInputs, inputs_of
+from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.optics import nominal_optics
 from tacauchy_rig.app.replay.rendering import replay_images
 from tacauchy_rig.core.arrays import ImageArray
@@ -58,7 +58,7 @@ def test_a_lean_or_a_modulus_that_is_wrong_comes_first() -> None:
     """A degree of lean, and a gel that is 15 % stiffer than it is; and not much is left."""
     true = _inputs()
     seen = _images(true)
-    leaning = replace(true, mounting=Mounting(lean_rad=(math.radians(1.0), 0.0)))
+    leaning = replace(true, tilt_rad=(math.radians(1.0), 0.0))
     stiff = replace(true, sensor=true.sensor.stiffer(1.15))
     for believed, cause in ((leaning, Cause.TILT), (stiff, Cause.MATERIAL)):
         split = _split(seen, believed)

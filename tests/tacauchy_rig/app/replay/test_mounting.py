@@ -13,11 +13,10 @@ from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.mounting import (
     Dwell,
     find_offset,
-    lean_of,
-    leaned,
-    moved,
     offset_of,
-    with_found_lean,
+    tilt_of,
+    tilted_curve,
+    with_found_tilt,
 )
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
@@ -35,10 +34,10 @@ def configured(*overrides: str) -> RigConfig:
 def test_a_lean_that_costs_too_much_is_simulated() -> None:
     """A degree, in an emulated world of another gel, arm and noise, is found and switched on."""
     config = configured()
-    found = with_found_lean(
+    found = with_found_tilt(
         drawn_dwells(21, (0.8 * DEGREE, -0.6 * DEGREE), config), inputs_of(config), config
     )
-    lean = np.array(found.inputs.mounting.lean_rad)
+    lean = np.array(found.inputs.tilt_rad)
     doubt = np.array([value.uncertainty for value in found.values])
     assert np.all(np.abs(lean - np.array([0.8, -0.6]) * DEGREE) < 2.5 * doubt)
     assert np.all(doubt < 0.25 * DEGREE)
@@ -51,7 +50,7 @@ def test_a_lean_that_costs_too_much_is_simulated() -> None:
 def test_an_upright_tool_stays_upright() -> None:
     """Within twice its uncertainty of none, it is none, and the row says so."""
     config = configured()
-    found = with_found_lean(
+    found = with_found_tilt(
         drawn_dwells(3, (0.02 * DEGREE, 0.0), config), inputs_of(config), config
     )
     assert found.inputs == inputs_of(config)
@@ -63,11 +62,11 @@ def test_an_upright_tool_stays_upright() -> None:
 def test_a_lean_that_changes_nothing_asked_for_is_left_out() -> None:
     """Preset fast allows an image to be 10 % off: a degree is found, and left out."""
     config = configured(FAST)
-    found = with_found_lean(drawn_dwells(21, (DEGREE, 0.0), config), inputs_of(config), config)
+    found = with_found_tilt(drawn_dwells(21, (DEGREE, 0.0), config), inputs_of(config), config)
     assert all(value.taken for value in found.values)
     assert not found.effects[0]["on"]
     assert "10.00% allowed" in found.effects[0]["reason"]
-    assert found.inputs.mounting.lean_rad == (0.0, 0.0)
+    assert found.inputs.tilt_rad == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -83,18 +82,18 @@ def test_what_tells_no_lean_says_why(overrides: tuple[str, ...], kept: slice, wh
     """Nothing is taken, and what was stated stays."""
     dwells = drawn_dwells(3, (DEGREE, 0.0), configured())[kept]
     config = configured(*overrides, 'replay.tilt=["0.5 deg", "0 deg"]')
-    found = with_found_lean(dwells, inputs_of(config), config)
+    found = with_found_tilt(dwells, inputs_of(config), config)
     assert all(value.value is None and why in value.basis for value in found.values)
-    assert found.inputs.mounting.lean_rad == (0.5 * DEGREE, 0.0)
+    assert found.inputs.tilt_rad == (0.5 * DEGREE, 0.0)
 
 
 def test_moments_are_taken_about_the_tip() -> None:
     """A side force at the tip is no lean, however far the cell's point is from it."""
     config = configured('force_sensor.to_tip="80 mm"')
     dwells = drawn_dwells(21, (0.8 * DEGREE, -0.6 * DEGREE), configured())
-    near, _ = lean_of(dwells, inputs_of(config), configured())
+    near, _ = tilt_of(dwells, inputs_of(config), configured())
     moved_dwells = [Dwell(record=d.record, wrench=_about(d.wrench, 0.08)) for d in dwells]
-    far, _ = lean_of(moved_dwells, inputs_of(config), config)
+    far, _ = tilt_of(moved_dwells, inputs_of(config), config)
     assert near is not None
     assert far is not None
     assert far.lean_rad == pytest.approx(near.lean_rad, abs=0.05 * DEGREE)
@@ -116,7 +115,7 @@ def test_a_stated_pose_is_taken_as_it_is() -> None:
     """Nothing is looked for."""
     config = configured("replay.pose=stated", 'replay.tilt=["0.5 deg", "0 deg"]')
     unread: list[Dwell] = []
-    found = with_found_lean(unread, inputs_of(config), config)
+    found = with_found_tilt(unread, inputs_of(config), config)
     assert found.inputs == inputs_of(config)
     assert found.values == found.effects == ()
 
@@ -125,7 +124,7 @@ def test_a_lean_begins_deeper() -> None:
     """Depth counts from the first touch, which a leaning face has off the middle of the dome."""
     config = configured('replay.tilt=["1 deg", "0 deg"]')
     curve = np.array([[0.0, 0.0], [2e-4, 1.2], [4e-4, 2.5]])
-    shifted = leaned(curve, inputs_of(config))
+    shifted = tilted_curve(curve, inputs_of(config))
     assert shifted is not None
     extra = shifted[1:, 0] - curve[1:, 0]
     # The dome's radius along x is 185 mm: touched R l^2 / 2 = 28 um earlier.
@@ -162,7 +161,7 @@ def test_a_place_beyond_what_the_arm_repeats_to_is_found(shift_px: float, taken:
     beside = offset_of(values)
     assert (beside is not None) is taken
     if beside is not None:
-        x, y = moved(inputs_of(config), beside).mounting.offset_m
+        x, y = inputs_of(config).moved(beside).offset_m
         assert (x, y) == pytest.approx(beside)
 
 

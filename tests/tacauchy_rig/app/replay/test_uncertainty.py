@@ -57,7 +57,7 @@ def test_what_was_found_takes_the_place_of_a_default() -> None:
             "tilt of the indenter"
         ]
         assert tilt.stated.value == pytest.approx(wanted)
-        assert tilt.changed(0.1).mounting.lean_rad == (0.1, 0.0)
+        assert tilt.changed(0.1).tilt_rad == (0.1, 0.0)
 
 
 def test_triangles_are_tried_as_a_punch_of_their_footprint() -> None:
