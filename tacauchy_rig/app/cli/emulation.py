@@ -137,6 +137,8 @@ def _awaited(
     sensor: Sensor,
     say: Say,
 ) -> OpticalCalibration:
+    if not begun.done():
+        say("waiting for the calibration of the emulated sensor's optics")
     try:
         found, lines = begun.result()
     except BrokenExecutor:

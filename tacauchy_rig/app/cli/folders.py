@@ -184,6 +184,7 @@ def report_and_exit(run: RunReading, json_file: Path | None) -> None:
     """Write the report of a run, say where it is, and end: 0 passed, 1 not."""
     from tacauchy_rig.app.replay.report import report_run
 
+    say("writing the report")
     report, paths = report_run(run)
     say(report.verdict)
     say(f"report {paths.html.resolve()}")

@@ -93,7 +93,7 @@ def split_images(
     modes: dict[str, Mode] = {}
     for part, presses in chosen:
         try:
-            found = list(_Again(presses, part.inputs, optics, config).modes())
+            found = list(_Again(presses, part.inputs, optics, config, on_progress).modes())
         except RigError as error:
             on_progress(f"  the residual is not split: no coarse press: {error.message}")
             return None
@@ -162,6 +162,7 @@ class _Again:
     inputs: ReplayInputs
     optics: OpticalCalibration
     config: RigConfig
+    on_progress: Say
 
     def modes(self) -> Iterator[Mode]:
         """Yield what may be wrong, and what it does to the images.
@@ -169,6 +170,7 @@ class _Again:
         Raises:
             RigError: A coarse press failed.
         """
+        self.on_progress(f"  {len(self.presses)} images: coarse presses with other forces")
         forces_n = [press.force_n for press in self.presses]
         tried = sorted({f * by for f in forces_n for by in (1.0 / _MORE, 1.0, _MORE)})
         upright = self._pressed(self.inputs.tilted(NEARLY_UPRIGHT, 0.0), tried)
@@ -177,10 +179,12 @@ class _Again:
         base = self._seen(even)
         by_force = _apart(self._seen(more), self._seen(less), 1.0 / (_MORE - 1.0 / _MORE))
         yield from self._of_force(by_force)
+        self.on_progress("  coarse presses with another Poisson's ratio and other tilts")
         yield from self._of_material(by_force, base)
         if can_lean(self.inputs.indenter):
             yield from self._of_tilt()
         change = {press.index: base[press.index] - press.bare for press in self.presses}
+        self.on_progress("  images with other lamps, blur and scale")
         yield from self._of_light(change)
         yield from self._of_optics(change, even, base)
 

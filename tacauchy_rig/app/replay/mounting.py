@@ -148,7 +148,7 @@ def tilt_of(
     if not config.force_sensor.is_stand_in and config.force_sensor.to_tip is None:
         return (
             None,
-            "force_sensor.to_tip is not stated, so the point that moments refer to is unknown",
+            "force_sensor.to_tip is not stated: moments refer to an unknown point",
         )
     tried_n = np.array(tried_forces(config))
     if config.is_imported or forces_n[0] < tried_n[0] or tried_n[-1] < forces_n[-1]:

@@ -13,7 +13,6 @@ from sim.effects.plan import plan_effects
 from sim.error.settings import setting_of
 from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces
-from sim.scene.scene import Scene
 from sim.sensitivity import forces_at
 from sim.walk import History, Walk, goes_its_own_way, walked
 from tacauchy_rig.app.replay.inputs import ReplayInputs
@@ -43,7 +42,7 @@ def measured_depths(run: RunReading) -> list[float]:
 def mounted(
     run: RunReading, inputs: ReplayInputs, *, on_progress: Say = say_nothing
 ) -> FoundMounting:
-    """Return how a run is replayed in its own time, and with the lean that its moments tell.
+    """Return the inputs of a run in its own time, and with the tilt that its moments tell.
 
     Raises:
         RecordError: No trial has a measured force.
@@ -70,11 +69,11 @@ def press_again(
 
 
 def press_parts(parts: Sequence[Part], *, on_progress: Say = say_nothing) -> list[Pressed]:
-    """Press every measured force, with the modulus that all depths tell if the run asks so.
+    """Press to every measured force; if the run asks so, the depths of all trials fit the modulus.
 
-    Where the indenter leans, an upright one and coarse presses of both tell the modulus: a lean
-    breaks the symmetry, and a press with it takes ten times as long. A press without a force is
-    pressed to its depth.
+    For a tilted indenter the modulus is fitted with an upright one, corrected by coarse presses of
+    both: a tilt breaks the symmetry, and a press with it takes ten times as long. A press without
+    a measured force is pressed to its depth.
 
     Raises:
         RecordError: No trial has a measured force.
@@ -84,14 +83,15 @@ def press_parts(parts: Sequence[Part], *, on_progress: Say = say_nothing) -> lis
     counts = [len(measured_records(part.run)) for part in parts]
     at = f" at {len(parts)} places or with as many indenters" if len(parts) > 1 else ""
     on_progress(f"replaying {sum(counts)} trials{at}")
-    fit: ModulusFit | None = None
-    taken: list[Walk | None] = [None] * len(parts)
+    fit, loaded = None, list[Walk | None]([None] * len(parts))
     if tells_modulus(parts[0].run.store.config):
-        fit, taken = _told(parts, on_progress)
-    return [_pressed(part, fit, walk, on_progress) for part, walk in zip(parts, taken, strict=True)]
+        fit, loaded = _fitted(parts, on_progress)
+    return [
+        _pressed(part, fit, path, on_progress) for part, path in zip(parts, loaded, strict=True)
+    ]
 
 
-def _pressed(part: Part, fit: ModulusFit | None, walk: Walk | None, on_progress: Say) -> Pressed:
+def _pressed(part: Part, fit: ModulusFit | None, path: Walk | None, on_progress: Say) -> Pressed:
     inputs = part.inputs
     if fit is not None:
         inputs = replace(inputs, sensor=inputs.sensor.stiffer(fit.factor))
@@ -105,14 +105,14 @@ def _pressed(part: Part, fit: ModulusFit | None, walk: Walk | None, on_progress:
         tolerance=inputs.tolerance or inputs.stated_accuracy,
         name=REPLAY_NAME,
         on_progress=lambda _, text: on_progress(f"  {text}"),
-        walk=walk,
+        walk=path,
         stiffer=1.0 if fit is None else fit.factor,
     )
     trials = tuple(
         replace(trial, index=record.index, force_measured_n=_measured_n(record))
         for trial, record in zip(replay.trials, records, strict=True)
     )
-    model = _with_modulus(replay.model, fit, () if walk is None else walk.history)
+    model = _with_modulus(replay.model, fit, () if path is None else path.history)
     by_trial = {record.index: found for record, found in zip(records, fields, strict=True)}
     return replace(replay, trials=trials, model=model), by_trial
 
@@ -125,10 +125,7 @@ def _measured_n(record: TrialRecord) -> float:
 def _forces(
     inputs: ReplayInputs, records: Sequence[TrialRecord], contact_force_n: float, on_progress: Say
 ) -> list[float]:
-    """Return the measured forces [N]; where there is none, the simulated one at the measured depth.
-
-    Pressed to that, the depth is met.
-    """
+    """Return the measured forces [N]; without one, the simulated force at the measured depth."""
     without = [record for record in records if record.force_measured_n is None]
     found: dict[int, float] = {}
     if without:
@@ -151,60 +148,53 @@ def _forces_met(
     return list(found.tolist())
 
 
-def _walk_scene(inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[float]) -> Scene | None:
-    """Return the press to the largest force that a passed trial may have.
+def _loading_path(inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[float]) -> Walk:
+    """Press the stated gel to the largest force that a passed trial may have.
 
-    A path that does not depend on the measured forces makes replays of one rig comparable.
-
-    Returns:
-        None where this force is no bound of the measured ones, or where time changes the path.
+    A path that does not depend on the measured forces makes replays of one rig comparable. Where
+    that force is no bound of the measured ones, or time changes the path, it goes to these.
     """
     protocol = config.protocol
     most_n = max(protocol.force_targets) + protocol.force_tolerance
-    if config.is_imported or not most_n - 2.0 * protocol.force_tolerance <= max(forces_n) <= most_n:
-        return None
-    scene = inputs.scene([most_n])
-    return None if goes_its_own_way(plan_effects(scene)) else scene
+    is_bound = most_n - 2.0 * protocol.force_tolerance <= max(forces_n) <= most_n
+    if is_bound and not config.is_imported:
+        scene = inputs.scene([most_n])
+        if not goes_its_own_way(plan_effects(scene)):
+            return walked(scene, [most_n], to_go_on=True)
+    return walked(inputs.scene(forces_n), forces_n, to_go_on=True)
 
 
-def _walked(inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[float]) -> Walk:
-    scene = _walk_scene(inputs, config, forces_n)
-    if scene is None:
-        return walked(inputs.scene(forces_n), forces_n, to_go_on=True)
-    return walked(scene, [scene.target.force_n or 0.0], to_go_on=True)
-
-
-def _told(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None, list[Walk | None]]:
-    """Return what the gel's modulus is to be multiplied by, as the run's depths tell, and why.
+def _fitted(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None, list[Walk | None]]:
+    """Fit the factor of the gel's modulus to the depths and forces of all parts.
 
     Returns:
-        The factor, and of each part the stated gel's walk to the forces; None where the indenter
-        leans, or no force was measured.
+        The fit, and of each part the stated gel's loading path; None where the indenter is tilted,
+        or no force was measured.
     """
     contact_force_n = parts[0].run.store.config.protocol.contact_force
-    simulated, taken = [], list[Walk | None]()
-    for part in parts:
-        inputs = part.inputs
-        records = measured_records(part.run)
+    simulated, loaded = [], list[Walk | None]()
+    for k, part in enumerate(parts, start=1):
+        if len(parts) > 1:
+            on_progress(f"  stated modulus: place {k} of {len(parts)}{part.label}")
+        inputs, records = part.inputs, measured_records(part.run)
         forces_n = [r.force_measured_n for r in records if r.force_measured_n is not None]
-        is_tilted = any(inputs.tilt_rad)
-        walk: Walk | None = None
+        is_tilted, path = any(inputs.tilt_rad), None
         if forces_n and is_tilted:
-            walk = walked(inputs.upright.scene(forces_n), forces_n, to_go_on=False)
+            path = walked(inputs.upright.scene(forces_n), forces_n, to_go_on=False)
         elif forces_n:
-            walk = _walked(inputs, part.config, forces_n)
-        curve = merge_histories([() if walk is None else walk.history])
+            path = _loading_path(inputs, part.config, forces_n)
+        curve = merge_histories([() if path is None else path.history])
         simulated.append((records, tilted_curve(curve, inputs) if is_tilted else curve))
-        taken.append(None if is_tilted else walk)
+        loaded.append(None if is_tilted else path)
     fit = fit_modulus(simulated, contact_force_n=contact_force_n)
     if fit is None:
-        on_progress("  too few depths were measured to tell the modulus: the stated one is taken")
-        return None, taken
-    on_progress(
-        f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
-        f"modulus (+-{fit.factor_deviation:.3f} between them)"
-    )
-    return fit, taken
+        on_progress("  too few trials have both force and depth: the stated modulus is used")
+    else:
+        on_progress(
+            f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
+            f"modulus (+-{fit.factor_deviation:.3f} between them)"
+        )
+    return fit, loaded
 
 
 def _with_modulus(model: ReplayModel, fit: ModulusFit | None, stated: History) -> ReplayModel:
@@ -230,7 +220,7 @@ def measured_attempts(run: RunReading) -> list[AttemptReading]:
 
 
 def measured_records(run: RunReading) -> list[TrialRecord]:
-    """Return what has a force to replay; of an imported run also what has a depth.
+    """Return the trials that have a force to replay; of an imported run also those with a depth.
 
     Raises:
         RecordError: There is none.

@@ -22,7 +22,6 @@ from tacauchy_rig.app.replay.optics import (
     say_nothing,
 )
 from tacauchy_rig.app.replay.parts import Part, parts_of
-from tacauchy_rig.app.replay.passed import passed_arrays
 from tacauchy_rig.app.replay.pressing import (
     Pressed,
     is_measured,
@@ -31,7 +30,7 @@ from tacauchy_rig.app.replay.pressing import (
     mounted,
     press_parts,
 )
-from tacauchy_rig.app.replay.rendering import render_trial
+from tacauchy_rig.app.replay.rendering import intermediate_arrays, render_trial
 from tacauchy_rig.app.replay.settings import check_optics
 from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import ImageArray
@@ -203,7 +202,7 @@ def _with_passed(
 ) -> Rendered:
     """Add what is seen on the way to each force."""
     replay, kept = rendered
-    passed = passed_arrays(measured_attempts(part.run), part.inputs.sensor, fields, optics)
+    passed = intermediate_arrays(measured_attempts(part.run), part.inputs.sensor, fields, optics)
     return replay, {i: replace(each, passed=passed.get(i, {})) for i, each in kept.items()}
 
 

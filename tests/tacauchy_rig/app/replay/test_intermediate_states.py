@@ -14,7 +14,7 @@ from sim.scene.scene import Preset
 from sim.walk import walked
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.optics import nominal_optics
-from tacauchy_rig.app.replay.passed import STATES, WIDTH_PX, passed_arrays, spread
+from tacauchy_rig.app.replay.rendering import STATES, WIDTH_PX, intermediate_arrays, spread
 from tacauchy_rig.core.config.load import load_config
 
 FORCES_N = (1.0, 3.0)
@@ -38,7 +38,7 @@ def arrays(inputs: ReplayInputs) -> dict[int, dict[str, Any]]:
     attempts: list[Any] = [
         SimpleNamespace(record=SimpleNamespace(index=k), reference=grey) for k in (1, 2)
     ]
-    return passed_arrays(attempts, inputs.sensor, dict(enumerate(fields, start=1)), optics)
+    return intermediate_arrays(attempts, inputs.sensor, dict(enumerate(fields, start=1)), optics)
 
 
 def test_states_rise_to_the_force(arrays: dict[int, dict[str, Any]]) -> None:
