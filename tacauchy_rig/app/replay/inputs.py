@@ -91,6 +91,10 @@ class ReplayInputs:
         """Return the press with the indenter tilted further towards x and y [rad]."""
         return replace(self, tilt_rad=(self.tilt_rad[0] + x_rad, self.tilt_rad[1] + y_rad))
 
+    def stiffer(self, factor: float) -> ReplayInputs:
+        """Return the press of a gel that is this many times as stiff."""
+        return replace(self, sensor=self.sensor.stiffer(factor))
+
     def moved(self, by_m: tuple[float, float]) -> ReplayInputs:
         """Return the press at a place that is shifted along x and y [m]."""
         return replace(self, offset_m=(self.offset_m[0] + by_m[0], self.offset_m[1] + by_m[1]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from statistics import median
 
@@ -92,9 +92,7 @@ def press_parts(parts: Sequence[Part], *, on_progress: Say = say_nothing) -> lis
 
 
 def _pressed(part: Part, fit: ModulusFit | None, path: Walk | None, on_progress: Say) -> Pressed:
-    inputs = part.inputs
-    if fit is not None:
-        inputs = replace(inputs, sensor=inputs.sensor.stiffer(fit.factor))
+    inputs = part.inputs if fit is None else part.inputs.stiffer(fit.factor)
     records = measured_records(part.run)
     forces_n = _forces(inputs, records, part.run.store.config.protocol.contact_force, on_progress)
     scene = inputs.scene(forces_n)
@@ -225,8 +223,7 @@ def measured_records(run: RunReading) -> list[TrialRecord]:
     Raises:
         RecordError: There is none.
     """
-    records = [record for record in run.records.values() if record is not None]
-    measured = [record for record in records if is_measured(record, run)]
+    measured = list(_measured(run))
     if not measured:
         root = run.store.paths.root
         raise RecordError(
@@ -236,7 +233,15 @@ def measured_records(run: RunReading) -> list[TrialRecord]:
     return measured
 
 
-def is_measured(record: TrialRecord, run: RunReading) -> bool:
-    """Return whether a trial has what it can be pressed to."""
-    by_depth = run.store.config.is_imported and record.depth_measured_m is not None
-    return record.force_measured_n is not None or by_depth
+def has_measured(run: RunReading) -> bool:
+    """Return whether any trial has what it can be pressed to."""
+    return any(_measured(run))
+
+
+def _measured(run: RunReading) -> Iterator[TrialRecord]:
+    for record in run.records.values():
+        if record is None:
+            continue
+        by_depth = run.store.config.is_imported and record.depth_measured_m is not None
+        if record.force_measured_n is not None or by_depth:
+            yield record

@@ -24,7 +24,7 @@ from tacauchy_rig.app.replay.optics import (
 from tacauchy_rig.app.replay.parts import Part, parts_of
 from tacauchy_rig.app.replay.pressing import (
     Pressed,
-    is_measured,
+    has_measured,
     measured_attempts,
     measured_depths,
     mounted,
@@ -37,7 +37,7 @@ from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import PoseSource
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.side_by_side import worker_process
-from tacauchy_rig.core.simulated import IMAGE_S, FoundValue, Replay, ReplayModel, ResidualSplit
+from tacauchy_rig.core.simulated import IMAGE_S, ForceInput, FoundValue, Replay, ResidualSplit
 from tacauchy_rig.core.store.replay_files import ReplayFields
 
 Rendered = tuple[Replay, dict[int, ReplayFields]]
@@ -69,40 +69,53 @@ def replay_run(
     parts = parts_of(run, tolerance=tolerance)
     sensor = parts[0].inputs.sensor
     check_optics(config, sensor)
-    parts = _with_presses(run, parts)
-    mountings = [mounted(each.run, each.inputs, on_progress=on_progress) for each in parts]
-    parts = [
-        replace(part, inputs=found.inputs) for part, found in zip(parts, mountings, strict=True)
-    ]
+    measured_attempts(run)  # refuses a run without any, before anything is simulated
+    parts = [part for part in parts if has_measured(part.run)]
+    tilts = [mounted(each.run, each.inputs, on_progress=on_progress) for each in parts]
+    parts = [replace(part, inputs=tilt.inputs) for part, tilt in zip(parts, tilts, strict=True)]
     with ThreadPoolExecutor(1) as reader:  # decoding needs no Python, and pressing hardly any
         reader.submit(_read_frames, run)
         pressed = press_parts(parts, on_progress=on_progress)
     given = config.sensor.optics_calibration
     optics = optics_of(given, sensor, calibrate=calibrate, on_progress=on_progress)
-    places, parts, rendered = _drawn(parts, pressed, optics, on_progress)
-    on_progress("trying what uncertain inputs change of the force")
-    values = [(*found.values, *places) for found in mountings]
-    with worker_process() as worker:
-        tried = [
-            worker.submit(force_inputs, part.inputs, config, measured_depths(part.run), found=known)
-            for part, known in zip(parts, values, strict=True)
-        ]
-        residual = _residual(parts, rendered, optics, on_progress)
-        inputs = [each.result() for each in tried]
+    rendered = _rendered(parts, pressed, optics)
+    place: tuple[FoundValue, ...] = ()
+    if config.replay.pose is PoseSource.FOUND:
+        place = _found_place(parts, rendered, optics)
+        offset_m = offset_of(place)
+        if offset_m is not None:
+            on_progress("  images show the contact beside its stated place: pressing again there")
+            parts = [replace(part, inputs=part.inputs.moved(offset_m)) for part in parts]
+            pressed = press_parts(parts, on_progress=on_progress)
+            rendered = _rendered(parts, pressed, optics, found_offset_m=offset_m)
+    found = [(*tilt.values, *place) for tilt in tilts]
+    inputs, residual = _uncertainties(parts, found, rendered, optics, on_progress)
     models = [
         replace(
             replay.model,
-            found=known,
-            effects=(*replay.model.effects, *found.effects),
+            found=values,
+            effects=(*replay.model.effects, *tilt.effects),
             force_inputs=tried_inputs,
             trials=tuple(part.run.records) if len(parts) > 1 else (),
         )
-        for part, (replay, _), known, found, tried_inputs in zip(
-            parts, rendered, values, mountings, inputs, strict=True
+        for part, (replay, _), values, tilt, tried_inputs in zip(
+            parts, rendered, found, tilts, inputs, strict=True
         )
     ]
-    replay = _together([replay for replay, _ in rendered], models, residual)
-    store.save_replay(replay, {i: kept for _, by_trial in rendered for i, kept in by_trial.items()})
+    trials = sorted((t for each, _ in rendered for t in each.trials), key=lambda trial: trial.index)
+    replay = replace(
+        rendered[0][0],
+        trials=tuple(trials),
+        model=replace(models[0], residual=residual),
+        others=tuple(models[1:]),
+    )
+    kept: dict[int, ReplayFields] = {}
+    for part, (_, arrays), (_, fields) in zip(parts, rendered, pressed, strict=True):
+        states = intermediate_arrays(
+            measured_attempts(part.run), part.inputs.sensor, fields, optics
+        )
+        kept |= {i: replace(each, passed=states.get(i, {})) for i, each in arrays.items()}
+    store.save_replay(replay, kept)
     return replay
 
 
@@ -113,48 +126,19 @@ def _read_frames(run: RunReading) -> None:
             _ = attempt.reference, attempt.images
 
 
-def _with_presses(run: RunReading, parts: Sequence[Part]) -> list[Part]:
-    """Return the parts that have something to press to.
-
-    Raises:
-        RecordError: None has.
-    """
-    measured_attempts(run)
-    return [
-        part
-        for part in parts
-        if any(record and is_measured(record, run) for record in part.run.records.values())
-    ]
-
-
-def _drawn(
-    parts: list[Part], pressed: list[Pressed], optics: OpticalCalibration, on_progress: Say
-) -> tuple[tuple[FoundValue, ...], list[Part], list[Rendered]]:
-    """Render what was pressed, again where images show the contact if that is asked for.
-
-    Returns:
-        What was found of the place, the parts that were pressed at last, and what is seen of each.
-    """
-    rendered = _rendered(parts, pressed, optics)
-    places: tuple[FoundValue, ...] = ()
-    if parts[0].run.store.config.replay.pose is PoseSource.FOUND:
-        places, parts, again = _where_seen(parts, rendered, optics, on_progress)
-        if again is not None:
-            pressed, rendered = again
-    passed = [
-        _with_passed(part, each, fields, optics)
-        for part, each, (_, fields) in zip(parts, rendered, pressed, strict=True)
-    ]
-    return places, parts, passed
-
-
 def _rendered(
-    parts: Sequence[Part], pressed: Sequence[Pressed], optics: OpticalCalibration
+    parts: Sequence[Part],
+    pressed: Sequence[Pressed],
+    optics: OpticalCalibration,
+    *,
+    found_offset_m: tuple[float, float] = (0.0, 0.0),
 ) -> list[Rendered]:
-    return [
-        render_again(part.run, part.inputs.sensor, *each, optics)
-        for part, each in zip(parts, pressed, strict=True)
-    ]
+    rendered = []
+    for part, (replay, fields) in zip(parts, pressed, strict=True):
+        seen, kept = render_again(part.run, part.inputs.sensor, replay, fields, optics)
+        model = replace(seen.model, found_offset_m=found_offset_m)
+        rendered.append((replace(seen, model=model), kept))
+    return rendered
 
 
 def _images(rendered: Sequence[Rendered]) -> dict[int, ImageArray]:
@@ -166,81 +150,52 @@ def _images(rendered: Sequence[Rendered]) -> dict[int, ImageArray]:
     }
 
 
-def _where_seen(
-    parts: Sequence[Part],
-    rendered: list[Rendered],
-    optics: OpticalCalibration,
-    on_progress: Say,
-) -> tuple[tuple[FoundValue, ...], list[Part], tuple[list[Pressed], list[Rendered]] | None]:
-    """Press again where images show the contact, if that is beside the stated place.
+def _found_place(
+    parts: Sequence[Part], rendered: Sequence[Rendered], optics: OpticalCalibration
+) -> tuple[FoundValue, ...]:
+    """Return how far beside its place the images show the contact.
 
-    All stated places are beside by as much: what lies there is the pad. Places that are not stated
-    tell nothing of others.
+    All stated places share one shift, that of the pad. Places that are not stated say nothing of
+    others.
     """
     stated = [part for part in parts if part.place_known] or parts
     attempts = [attempt for part in stated for attempt in measured_attempts(part.run)]
     config = parts[0].run.store.config
-    values = find_offset(attempts, _images(rendered), optics.geometry, config)
-    at = offset_of(values)
-    if at is None:
-        return values, list(parts), None
-    on_progress("  images show the contact beside its stated place: pressing again there")
-    moved = [replace(part, inputs=part.inputs.moved(at)) for part in parts]
-    pressed = press_parts(moved, on_progress=on_progress)
-    again = [
-        (replace(replay, model=replace(replay.model, found_offset_m=at)), kept)
-        for replay, kept in _rendered(moved, pressed, optics)
-    ]
-    return values, moved, (pressed, again)
+    return find_offset(attempts, _images(rendered), optics.geometry, config)
 
 
-def _with_passed(
-    part: Part,
-    rendered: Rendered,
-    fields: Mapping[int, TrialFields],
-    optics: OpticalCalibration,
-) -> Rendered:
-    """Add what is seen on the way to each force."""
-    replay, kept = rendered
-    passed = intermediate_arrays(measured_attempts(part.run), part.inputs.sensor, fields, optics)
-    return replay, {i: replace(each, passed=passed.get(i, {})) for i, each in kept.items()}
-
-
-def _residual(
+def _uncertainties(
     parts: Sequence[Part],
+    found: Sequence[tuple[FoundValue, ...]],
     rendered: Sequence[Rendered],
     optics: OpticalCalibration,
     on_progress: Say,
-) -> ResidualSplit | None:
-    """Say what the residual of a replay's images is made of, trying each cause coarsely."""
-    on_progress("trying what the images' residual is made of")
-    split = [
-        SplitPart(
-            attempts=measured_attempts(part.run),
-            inputs=replace(
-                part.inputs,
-                sensor=part.inputs.sensor.stiffer(replay.model.modulus_factor or 1.0),
-            ),
-            forces_n={trial.index: trial.force_simulated_n for trial in replay.trials},
-        )
-        for part, (replay, _) in zip(parts, rendered, strict=True)
-    ]
+) -> tuple[list[tuple[ForceInput, ...]], ResidualSplit | None]:
+    """Return what uncertain inputs change of each part's forces, and what splits the residual.
+
+    Both are coarse presses; the former go to a worker process meanwhile.
+    """
     config = parts[0].run.store.config
-    return split_images(split, _images(rendered), optics, config, on_progress=on_progress)
-
-
-def _together(
-    replays: Sequence[Replay], models: Sequence[ReplayModel], residual: ResidualSplit | None
-) -> Replay:
-    """Return the replays of all parts as one; the first model says what images are made of."""
-    trials = sorted((t for each in replays for t in each.trials), key=lambda trial: trial.index)
-    first, *others = models
-    return replace(
-        replays[0],
-        trials=tuple(trials),
-        model=replace(first, residual=residual),
-        others=tuple(others),
-    )
+    on_progress("trying what uncertain inputs change of the force")
+    with worker_process() as worker:
+        tried = [
+            worker.submit(
+                force_inputs, part.inputs, part.run.store.config, measured_depths(part.run), values
+            )
+            for part, values in zip(parts, found, strict=True)
+        ]
+        on_progress("trying what the images' residual is made of")
+        split = [
+            SplitPart(
+                attempts=measured_attempts(part.run),
+                inputs=part.inputs.stiffer(replay.model.modulus_factor or 1.0),
+                forces_n={trial.index: trial.force_simulated_n for trial in replay.trials},
+            )
+            for part, (replay, _) in zip(parts, rendered, strict=True)
+        ]
+        images = _images(rendered)
+        residual = split_images(split, images, optics, config, on_progress=on_progress)
+        return [each.result() for each in tried], residual
 
 
 def render_again(
@@ -270,23 +225,16 @@ def render_again(
         else trial
         for trial in replay.trials
     )
-    markers = tuple(trial.markers for trial in rendered.values() if trial.markers is not None)
-    model = replace(_seen_by_the_camera(replay.model, sensor, optics), markers=markers)
-    kept = {i: trial.kept for i, trial in rendered.items()}
-    return replace(replay, trials=trials, model=model), kept
-
-
-def _seen_by_the_camera(
-    model: ReplayModel, sensor: Sensor, optics: OpticalCalibration
-) -> ReplayModel:
-    """Add what sensor and calibration state: the modulus' uncertainty, optics and scale."""
     uncertainty, source = sensor.young_uncertainty()
-    return replace(
-        model,
+    model = replace(
+        replay.model,
         young_uncertainty_relative=uncertainty,
         young_source=source,
         optics=dict(optics.model.provenance),
         scale_x_m_px=optics.geometry.scale_x_m,
         image_centre_m=optics.geometry.centre_from_middle_m,
         scale_y_m_px=optics.geometry.scale_y_m,
+        markers=tuple(trial.markers for trial in rendered.values() if trial.markers is not None),
     )
+    kept = {i: trial.kept for i, trial in rendered.items()}
+    return replace(replay, trials=trials, model=model), kept

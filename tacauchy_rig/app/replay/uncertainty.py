@@ -67,7 +67,6 @@ def force_inputs(
     inputs: ReplayInputs,
     config: RigConfig,
     depths_m: Sequence[float],
-    *,
     found: Sequence[FoundValue] = (),
 ) -> tuple[ForceInput, ...]:
     """Try what every input changes of the force at measured depths.
