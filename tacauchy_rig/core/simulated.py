@@ -340,8 +340,8 @@ class ReplayModel:
     trials: tuple[int, ...] = ()
 
     @property
-    def lean_deg(self) -> float:
-        """How far the simulated indenter leans [deg]."""
+    def tilt_deg(self) -> float:
+        """How far the simulated indenter is tilted [deg]."""
         return math.degrees(math.hypot(*self.tilt_rad))
 
     @property

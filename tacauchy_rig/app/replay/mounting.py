@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,7 +18,6 @@ from reports.scores.correction import register_changes
 from sim.effects.plan import output_tolerances, plan_effects
 from sim.leaning import can_lean, lean_costs, press_leaning, restoring_moments
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.walk import History
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.model import ModulusSource, PoseSource, RigConfig, RobotModel
@@ -32,6 +31,8 @@ PLACE_ERROR_M = {RobotModel.E_SERIES: 30e-6, RobotModel.CB3: 100e-6}
 """To which an arm comes back to a pose, as data sheets say: once to calibrate, once to press."""
 _TRIED_RAD = math.radians(1.0)
 """The moment grows in proportion up to there: at a quarter of it K is the same to 2 %."""
+_TILT, _OFFSET = "lean towards", "offset along"
+"""Names of what is found, as replays keep them; x or y follows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,38 +63,6 @@ class Dwell:
     wrench: tuple[FloatArray, FloatArray] | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Restoring:
-    """The moment with which a gel resists a tilt, from coarse presses.
-
-    Attributes:
-        forces_n: Rising [N], shape [force_count].
-        moments_nm: Against a tilt of one radian at each [N m], likewise.
-        history: (depth [m], force [N]) at each.
-    """
-
-    forces_n: FloatArray
-    moments_nm: FloatArray
-    history: History
-
-
-def tried_forces(config: RigConfig) -> list[float]:
-    """Return the forces [N] of the coarse tilted presses: they enclose what may be measured."""
-    targets_n, allowed_n = config.protocol.force_targets, config.protocol.force_tolerance
-    ends_n = {min(targets_n) - allowed_n, max(targets_n) + allowed_n}
-    return sorted(force_n for force_n in {*targets_n, *ends_n} if force_n > 0.0)
-
-
-def restoring_of(inputs: ReplayInputs, forces_n: Sequence[float]) -> Restoring:
-    """Press coarsely with a tilt to rising forces [N].
-
-    Raises:
-        RigError: It cannot be meshed or solved.
-    """
-    moments_nm, pressed = restoring_moments(inputs.scene(forces_n), forces_n, _TRIED_RAD)
-    return Restoring(forces_n=np.array(forces_n), moments_nm=moments_nm, history=pressed.history)
-
-
 def dwells_of(attempts: Sequence[AttemptReading]) -> list[Dwell]:
     """Return what the cell felt in each trial."""
     return [Dwell(record=each.record, wrench=each.dwell_wrench) for each in attempts]
@@ -107,23 +76,12 @@ def with_found_tilt(
         return FoundMounting(inputs=inputs)
     fit, why = tilt_of(dwells, inputs, config)
     if fit is None:
-        values = tuple(_unknown(f"lean towards {axis}", "rad", why) for axis in "xy")
         row = _row(any(inputs.tilt_rad), f"as stated: {why}")
-        return FoundMounting(inputs=inputs, values=values, effects=(row,))
+        return FoundMounting(inputs=inputs, values=_values(_TILT, "rad", why), effects=(row,))
     size = float(np.linalg.norm(fit.lean_rad))
     doubt = float(np.linalg.norm(fit.lean_rad * fit.uncertainty_rad)) / max(size, 1e-30)
     taken = size > TAKEN_FROM * doubt
-    values = tuple(
-        FoundValue(
-            name=f"lean towards {axis}",
-            value=float(value),
-            uncertainty=float(uncertainty),
-            unit="rad",
-            taken=taken,
-            basis=why,
-        )
-        for axis, value, uncertainty in zip("xy", fit.lean_rad, fit.uncertainty_rad, strict=True)
-    )
+    values = _values(_TILT, "rad", why, fit.lean_rad, fit.uncertainty_rad, taken=taken)
     found = f"found {_degrees(size)} +- {_degrees(doubt)} by {why}"
     row = _row(False, f"{found}; within {TAKEN_FROM:g} times its uncertainty of none")
     if taken:
@@ -150,21 +108,21 @@ def tilt_of(
             None,
             "force_sensor.to_tip is not stated: moments refer to an unknown point",
         )
-    tried_n = np.array(tried_forces(config))
+    tried_n = _tried_forces(config)
     if config.is_imported or forces_n[0] < tried_n[0] or tried_n[-1] < forces_n[-1]:
-        tried_n = forces_n
+        tried_n = forces_n.tolist()
     try:
-        restoring = restoring_of(inputs, tried_n.tolist())
+        resisting_nm, pressed = restoring_moments(inputs.scene(tried_n), tried_n, _TRIED_RAD)
     except RigError as error:
         return None, f"a coarse press with a tilt failed: {error.message}"
     factor = 1.0
     if tells_modulus(config):
-        curve = merge_histories([restoring.history])
+        curve = merge_histories([pressed.history])
         contact_n = config.protocol.contact_force
         told = fit_modulus([([r for r, _ in known], curve)], contact_force_n=contact_n)
         factor = 1.0 if told is None else told.factor
     moments, errors = _about_tip(np.array([w for _, w in known]), config)
-    against = np.interp(forces_n / factor, restoring.forces_n, restoring.moments_nm)
+    against = np.interp(forces_n / factor, tried_n, resisting_nm)
     fit = fit_lean(forces_n, moments, errors, factor * against)
     size, most = float(np.linalg.norm(fit.lean_rad)), config.workspace.max_tilt
     if size > most:
@@ -173,6 +131,13 @@ def tilt_of(
             "force_sensor.to_tip and how the cell is turned"
         )
     return fit, f"the moments of {len(known)} trials"
+
+
+def _tried_forces(config: RigConfig) -> list[float]:
+    """Return the forces [N] of the coarse tilted presses: they enclose what may be measured."""
+    targets_n, allowed_n = config.protocol.force_targets, config.protocol.force_tolerance
+    ends_n = {min(targets_n) - allowed_n, max(targets_n) + allowed_n}
+    return sorted(force_n for force_n in {*targets_n, *ends_n} if force_n > 0.0)
 
 
 def tells_modulus(config: RigConfig) -> bool:
@@ -273,10 +238,9 @@ def find_offset(
         shift = register_changes(real, made, contact_region(footprint))
         if shift is not None:
             shifts.append(np.array(shift) * scale_m)
-    names = [f"offset along {axis}" for axis in "xy"]
     if len(shifts) < 2:
-        why = f"{len(shifts)} images show the contact: two tell its place"
-        return tuple(_unknown(name, "m", why) for name in names)
+        why = f"{len(shifts)} images show the contact; at least two are needed"
+        return _values(_OFFSET, "m", why)
     mean = np.mean(shifts, axis=0)
     scatter = np.std(shifts, axis=0, ddof=1) / math.sqrt(len(shifts))
     arm_m = 0.0 if config.is_imported else PLACE_ERROR_M[config.robot.model]
@@ -284,17 +248,7 @@ def find_offset(
     taken = bool(np.any(np.abs(mean) > TAKEN_FROM * doubt))
     arm = "; the arm is not known" if config.is_imported else " and the arm's repeatability"
     basis = f"the images of {len(shifts)} trials{arm}"
-    return tuple(
-        FoundValue(
-            name=name,
-            value=float(mean[k]),
-            uncertainty=float(doubt[k]),
-            unit="m",
-            taken=taken,
-            basis=basis,
-        )
-        for k, name in enumerate(names)
-    )
+    return _values(_OFFSET, "m", basis, mean, doubt, taken=taken)
 
 
 def offset_of(values: Sequence[FoundValue]) -> tuple[float, float] | None:
@@ -305,8 +259,27 @@ def offset_of(values: Sequence[FoundValue]) -> tuple[float, float] | None:
     return x, y
 
 
-def _unknown(name: str, unit: str, why: str) -> FoundValue:
-    return FoundValue(name=name, value=None, uncertainty=None, unit=unit, taken=False, basis=why)
+def _values(
+    name: str,
+    unit: str,
+    basis: str,
+    values: Iterable[float | None] = (None, None),
+    uncertainties: Iterable[float | None] = (None, None),
+    *,
+    taken: bool = False,
+) -> tuple[FoundValue, ...]:
+    """Return what was found along x and along y; None is not known."""
+    return tuple(
+        FoundValue(
+            name=f"{name} {axis}",
+            value=None if value is None else float(value),
+            uncertainty=None if uncertainty is None else float(uncertainty),
+            unit=unit,
+            taken=taken,
+            basis=basis,
+        )
+        for axis, value, uncertainty in zip("xy", values, uncertainties, strict=True)
+    )
 
 
 def _degrees(angle_rad: float) -> str:

@@ -73,7 +73,7 @@ def require_right_cell(store: RunStore) -> None:
 
 
 def needs_weight(config: RigConfig) -> bool:
-    """Return whether the arm feels too little to bound what a lying cell does to the gel.
+    """Return whether the arm feels too little to bound what a wrong cell may do to the gel.
 
     ``limits.allow_unchecked_force`` admits that.
     """
@@ -92,7 +92,7 @@ def require_bounded_force(store: RunStore, config: RigConfig) -> None:
         arm, target_n = TOLERANCE[config.robot.model], min(config.protocol.force_targets)
         raise ForceCheckError(
             f"{note}; robot.model {config.robot.model.value} feels force to {arm.force_n:g} N and "
-            f"{arm.share:.0%} only, so at protocol.force_targets {target_n:g} N a lying cell could "
+            f"{arm.share:.0%} only, so at protocol.force_targets {target_n:g} N a wrong cell could "
             f"press with more than {WORST_SHARE * target_n + WORST_N:.2f} N; nothing moved",
             remedy="add --check-weight 200g with a weight at hand; or "
             "limits.allow_unchecked_force = true, which the report will say",

@@ -171,4 +171,4 @@ def test_one_image_tells_no_place() -> None:
     (first, *_) = _attempts(3.0)
     values = find_offset([first], {1: first.made}, camera, configured())  # type: ignore[list-item]
     assert offset_of(values) is None
-    assert "two tell its place" in values[0].basis
+    assert "at least two are needed" in values[0].basis
