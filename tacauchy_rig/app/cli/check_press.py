@@ -36,7 +36,6 @@ def check_press(
     from tacauchy_rig.app.gel_health.comparison import Advice
     from tacauchy_rig.app.gel_health.recorded import compare_runs, nearest_force_n
     from tacauchy_rig.app.replay.opening import open_run
-    from tacauchy_rig.core.config.load import default_text, load_config
 
     known = open_run(before)
     if path is not None and path.is_dir():
@@ -44,9 +43,7 @@ def check_press(
     else:
         target_n = nearest_force_n(known, USUAL_N)
         one = (f'protocol.force_targets=["{target_n:g} N"]', 'run.name="check-press"')
-        loaded = load_config(path, overrides=[*(overrides or ()), *one])
-        text = default_text() if path is None else path.read_text("utf-8")
-        folder = press_new(loaded, text).paths.root
+        folder = press_new(path, [*(overrides or ()), *one]).paths.root
     state = compare_runs(known, open_run(folder))
     for each in state.changes:
         number, unit = (each.value, f" {each.unit}") if each.unit else (100.0 * each.value, " %")

@@ -6,10 +6,12 @@ import json
 import logging
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.tables import Table, terminal_table
@@ -89,3 +91,39 @@ def writable_folder(path: Path) -> Path:
 def _unwritable(path: Path, error: OSError, *, option: str) -> RecordError:
     text = f"{path}: cannot be written: {error.strerror}"
     return RecordError(text, remedy=f"give {option} another path")
+
+
+class Steps:
+    """Shows the steps of a long command; a context.
+
+    On a terminal they are a bar with the seconds left, elsewhere plain lines.
+    """
+
+    def __init__(self) -> None:
+        self._started = time.monotonic()
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=20),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[left]}"),
+            console=error_console,
+            transient=True,
+            disable=not error_console.is_terminal,
+        )
+        self._task = self._bar.add_task("", total=None, left="")
+
+    def __enter__(self) -> Steps:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def __call__(self, what: str, done: int, total: int) -> None:
+        """Say what was done, and which of how many steps that was."""
+        spent_s = time.monotonic() - self._started
+        left = f"about {spent_s / done * (total - done):.0f} s left" if 0 < done < total else ""
+        if error_console.is_terminal:
+            self._bar.update(self._task, description=what, completed=done, total=total, left=left)
+        else:
+            complain(f"  {done}/{total} {what}{', ' * bool(left)}{left}")

@@ -72,8 +72,10 @@ def dry_run(
             f"a dry run never moves a real arm, but robot.driver is {loaded.config.robot.driver}",
             remedy="use `tacauchy-rig run rig.toml`",
         )
-    asked = _asked(press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove))
-    _new_run(loaded, default_text(), asked)
+    request = _request(
+        press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove)
+    )
+    _new_run(loaded, default_text(), request)
 
 
 def run(
@@ -94,8 +96,10 @@ def run(
     from tacauchy_rig.core.config.load import load_config
 
     loaded = load_config(path, overrides=overrides or ())
-    asked = _asked(press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove))
-    _new_run(loaded, path.read_text("utf-8"), asked)
+    request = _request(
+        press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove)
+    )
+    _new_run(loaded, path.read_text("utf-8"), request)
 
 
 def resume(
@@ -124,7 +128,9 @@ def resume(
     from tacauchy_rig.core.store.recovery import recover_run
     from tacauchy_rig.core.store.run_store import RunStore
 
-    asked = _asked(press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove))
+    request = _request(
+        press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove)
+    )
     store = RunStore.open(folder)
     config, changes = resumed_config(store.description["written"], overrides or ())
     _check_before(config, press_only=press_only)
@@ -137,57 +143,74 @@ def resume(
     for change in changes:
         say(f"changed: {change}")
     note_changes(store, changes)
-    _press_and_report(store, config, replace(asked, again=trials, is_whole=recovery.is_whole))
+    _press_and_report(store, config, replace(request, again=trials, is_whole=recovery.is_whole))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Asked:
-    """What a command's options ask for, beside the configuration."""
+class Request:
+    """What a command's options ask for besides the configuration.
 
-    press_only: bool
-    json_file: Path | None
-    weight: Weight | None
+    Attributes:
+        weight: Checks the cell before anything moves; None leaves that out.
+        watched: How the operator watches the run.
+        again: Trials to press once more though they have a passed attempt.
+        is_whole: Nothing of the run's earlier sessions is lost.
+    """
+
     watched: Watched
+    press_only: bool = False
+    json_file: Path | None = None
+    weight: Weight | None = None
     again: frozenset[int] = frozenset()
     is_whole: bool = True
 
 
-def _asked(
+def _request(
     press_only: bool, json_file: Path | None, check_weight: str | None, watched: Watched
-) -> _Asked:
+) -> Request:
     from tacauchy_rig.core.force_check import parse_weight
 
     weight = None if check_weight is None else parse_weight(check_weight)
-    return _Asked(press_only=press_only, json_file=json_file, weight=weight, watched=watched)
+    return Request(press_only=press_only, json_file=json_file, weight=weight, watched=watched)
 
 
-def _new_run(loaded: LoadedConfig, text: str, asked: _Asked) -> None:
-    from drivers.checks import require_devices
-    from tacauchy_rig.app.session.record import create_run
-
-    _check_before(loaded.config, press_only=asked.press_only)
-    require_devices(loaded.config)
-    store = create_run(loaded, text)
-    say(f"run folder {store.paths.root}")
-    _press_and_report(store, store.config, asked)
+def _new_run(loaded: LoadedConfig, text: str, request: Request) -> None:
+    store = _created(loaded, text, press_only=request.press_only)
+    _press_and_report(store, store.config, request)
 
 
-def press_new(loaded: LoadedConfig, text: str) -> RunStore:
-    """Press what a configuration says into a new run, without replay and report; return the run.
+def press_new(path: Path | None, overrides: Sequence[str]) -> RunStore:
+    """Press what a configuration says into a new run, without replay and report.
+
+    Args:
+        path: A rig.toml; the dry run's if absent.
+        overrides: Changes to it, ``TABLE.FIELD=VALUE`` each.
+
+    Returns:
+        The run.
 
     Raises:
-        RecordError: It could not be pressed; also where a trial missed what it must keep.
+        RecordError: It could not be pressed; also where a trial missed a criterion.
     """
+    from tacauchy_rig.core.config.load import default_text, load_config
+
+    loaded = load_config(path, overrides=overrides)
+    text = default_text() if path is None else path.read_text("utf-8")
+    store = _created(loaded, text, press_only=True)
+    result = _press_confirmed(store, store.config, Request(watched=Watched(port=None)))
+    if result.exit_code:
+        raise RecordError(result.reason, remedy=f"see the journal of {store.paths.root}")
+    return store
+
+
+def _created(loaded: LoadedConfig, text: str, *, press_only: bool) -> RunStore:
     from drivers.checks import require_devices
     from tacauchy_rig.app.session.record import create_run
 
-    _check_before(loaded.config, press_only=True)
+    _check_before(loaded.config, press_only=press_only)
     require_devices(loaded.config)
     store = create_run(loaded, text)
     say(f"run folder {store.paths.root}")
-    result = _press_confirmed(store, store.config, _asked(True, None, None, Watched(port=None)))
-    if result.exit_code:
-        raise RecordError(result.reason, remedy=f"see the journal of {store.paths.root}")
     return store
 
 
@@ -223,33 +246,33 @@ def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
     return frozenset(asked or ())
 
 
-def _press_and_report(store: RunStore, config: RigConfig, asked: _Asked) -> None:
+def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> None:
     from tacauchy_rig.app.cli.emulation import BackgroundCalibration
     from tacauchy_rig.app.cli.folders import replay_and_show, report_and_exit
     from tacauchy_rig.app.replay.opening import open_run
     from tacauchy_rig.core.side_by_side import worker_process
 
-    if asked.press_only:
-        result = _press_confirmed(store, config, asked)
+    if request.press_only:
+        result = _press_confirmed(store, config, request)
         say(f"recorded in {store.paths.root}")
-        raise typer.Exit(result.exit_code or int(not asked.is_whole))
+        raise typer.Exit(result.exit_code or int(not request.is_whole))
     with worker_process() as worker:
         calibration = BackgroundCalibration(store, worker)
         # A twin takes what the devices leave of the processors.
-        is_busy = bool(asked.watched.twin) or len(os.sched_getaffinity(0)) < 2
+        is_busy = bool(request.watched.twin) or len(os.sched_getaffinity(0)) < 2
         begin = partial(calibration.begin, LOWEST_PRIORITY)
-        _press_confirmed(store, config, asked, None if is_busy else begin)
+        _press_confirmed(store, config, request, None if is_busy else begin)
         if is_busy:
             calibration.begin()
         recorded = open_run(store.paths.root)
         replay_and_show(recorded, calibration)
-    report_and_exit(recorded, asked.json_file)
+    report_and_exit(recorded, request.json_file)
 
 
 def _press_confirmed(
     store: RunStore,
     config: RigConfig,
-    asked: _Asked,
+    request: Request,
     on_start: Callable[[], None] | None = None,
 ) -> SessionResult:
     """Press once a person has agreed; end the program where a fault or a person ended the run."""
@@ -259,9 +282,9 @@ def _press_confirmed(
     from tacauchy_rig.core.force_check import parse_weight
     from tacauchy_rig.core.run import Outcome
 
-    if asked.weight is None and needs_weight(config) and config.force_sensor.is_emulated:
-        asked = replace(asked, weight=parse_weight(EMULATED_WEIGHT))  # hung without a hand
-    if asked.weight is None:
+    if request.weight is None and needs_weight(config) and config.force_sensor.is_emulated:
+        request = replace(request, weight=parse_weight(EMULATED_WEIGHT))  # hung without a hand
+    if request.weight is None:
         require_bounded_force(store, config)
         if note := standing_check(store):
             say(note)
@@ -272,14 +295,7 @@ def _press_confirmed(
     say(f"force expected of the gel: {made}")
     if config.moves_real_hardware:
         confirm(config)
-    result = press(
-        store,
-        config,
-        weight=asked.weight,
-        again=asked.again,
-        watched=asked.watched,
-        on_start=on_start,
-    )
+    result = press(store, config, request, on_start)
     if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
         _end_badly(store, result)
     _tell_missed(store, result)
@@ -289,10 +305,7 @@ def _press_confirmed(
 def press(
     store: RunStore,
     config: RigConfig,
-    *,
-    weight: Weight | None = None,
-    again: frozenset[int] = frozenset(),
-    watched: Watched | None = None,
+    request: Request,
     on_start: Callable[[], None] | None = None,
 ) -> SessionResult:
     """Run the session of a run folder, with its emulated devices if it has any.
@@ -300,9 +313,7 @@ def press(
     Args:
         store: The run, new or begun.
         config: Its configuration, with what was changed since it began.
-        weight: Checks the cell before anything moves; None leaves that out.
-        again: Trials to press once more though they have a passed attempt.
-        watched: The operator's page; None for none.
+        request: What the command's options ask for.
         on_start: Called when the emulated devices have started and the cell was checked.
     """
     from drivers.emulators.launch import (
@@ -320,7 +331,7 @@ def press(
     from tacauchy_rig.app.session.expected import kept_expectation
     from tacauchy_rig.app.session.record import record_run
 
-    watched = watched or Watched(port=None)
+    watched, again = request.watched, request.again
     viewers = wishes_of(watched)  # before anything is started for nothing
     chosen = emulated_devices(config)
     with ExitStack() as stack:
@@ -342,7 +353,7 @@ def press(
             with store.lock():
                 store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
         running = with_addresses(config, addresses)
-        _check_force(store, running, weight, store.paths.emulation if chosen else None)
+        _check_force(store, running, request.weight, store.paths.emulation if chosen else None)
         if on_start is not None:
             on_start()
         progress = SessionProgress(

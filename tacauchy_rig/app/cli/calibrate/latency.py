@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from tacauchy_rig.app.cli.options import JsonFile, Overrides
 from tacauchy_rig.app.cli.output import complain, say, write_json
-
-if TYPE_CHECKING:
-    from tacauchy_rig.core.store.run_store import RunStore
 
 
 def latency(
@@ -33,12 +30,18 @@ def latency(
     Example: tacauchy-rig calibrate latency rig.toml --json latency.json
     """
     from tacauchy_rig.app.calibration.latency import find_latency
+    from tacauchy_rig.app.cli.session import press_new
     from tacauchy_rig.core.store.run_store import RunStore
 
     if path is not None and path.is_dir():
         store = RunStore.open(path)
     else:
-        store = _press(path, [*(overrides or ()), *_one_swaying(force, sway)])
+        one = (
+            f'protocol.force_targets=["{force}"]',
+            f'protocol.sway="{sway}"',
+            'run.name="latency"',
+        )
+        store = press_new(path, [*(overrides or ()), *one])
     found = find_latency(store)
     for name, each in (("force", found.force), ("image", found.image)):
         say(
@@ -59,25 +62,3 @@ def latency(
 
 def _stale(count: int) -> str:
     return f"; {count} more show another moment and are left out" if count else ""
-
-
-def _one_swaying(force: str, sway: str) -> tuple[str, ...]:
-    """Return the settings of one press that sways, in an attempt of its own."""
-    return (
-        f'protocol.force_targets=["{force}"]',
-        f'protocol.sway="{sway}"',
-        'run.name="latency"',
-    )
-
-
-def _press(path: Path | None, settings: list[str]) -> RunStore:
-    """Press once as the configuration says, and return the run.
-
-    Raises:
-        RecordError: The press failed.
-    """
-    from tacauchy_rig.app.cli.session import press_new
-    from tacauchy_rig.core.config.load import default_text, load_config
-
-    loaded = load_config(path, overrides=settings)
-    return press_new(loaded, default_text() if path is None else path.read_text("utf-8"))

@@ -10,8 +10,7 @@ import typer
 
 from sim.scene.scene import Preset
 from tacauchy_rig.app.cli.options import Jobs, JsonFile
-from tacauchy_rig.app.cli.output import complain, say, writable_folder, write_json
-from tacauchy_rig.app.cli.steps import Steps
+from tacauchy_rig.app.cli.output import Steps, complain, say, writable_folder, write_json
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from tacauchy_rig.app.cli.live_lines import (
+from tacauchy_rig.app.cli.progress import (
     EMPTY,
     FULL,
     HOW_TO_STOP,

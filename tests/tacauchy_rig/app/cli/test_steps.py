@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tacauchy_rig.app.cli.steps import Steps
+from tacauchy_rig.app.cli.output import Steps
 
 
 def test_steps_are_plain_lines_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
