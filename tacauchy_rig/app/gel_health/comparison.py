@@ -1,7 +1,7 @@
-"""Is a sensor still what it was? One press now beside one of before: keep, recalibrate or replace.
+"""Compare a press with an earlier one of the same tool: keep, recalibrate or replace the gel.
 
-A gel that hardens or tears changes its force at a depth; light that fades and a gel that wears
-change the image. Nothing here knows a simulator: the earlier press of the same tool is the measure.
+A gel that hardens or tears changes its force at a depth. Light that fades and a gel that wears
+change the image. No simulator is involved.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RecordError
 
 MODULUS_CHANGE = 0.08
-"""Relative change of stiffness that a predicted force does not forgive: twice what a calibration
-of the gel leaves uncertain (3.6 %, docs/results/calibration.md)."""
+"""Relative change of stiffness that spoils a predicted force: twice what a calibration of the gel
+leaves uncertain (3.6 %, docs/results/calibration.md)."""
 LIGHT_CHANGE = 0.08
 """Relative change of the unloaded image's brightness that a calibration of colours does not cover;
 lights that warm up change by 2 %."""
 IMAGE_CHANGE = 0.25
-"""Part of the contact's change of before that is shown otherwise, at equal force and brightness."""
+"""Part of the earlier press's image change that differs now, at equal force and brightness."""
 ZERO_CHANGE_N = 1.0
-"""Of the force cell's zero; a tool that was screwed on anew changes it by less."""
+"""Of the force cell's zero; remounting a tool changes it by less."""
 LIGHT_DOUBT = 0.01
 """Standard uncertainty of the brightness: warming up and the room."""
 COVERAGE = 2.0
-"""A change counts when it is beyond its limit, and by so many standard uncertainties above none."""
+"""A change counts beyond its limit, and beyond this many of its standard uncertainties."""
 _FIRST_SHARE = 0.3
 """Of the common force: below it the height of first contact decides."""
 _LEVELS = 12
@@ -48,8 +48,8 @@ class Advice(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Seen:
-    """What one press showed.
+class PressMeasures:
+    """What was measured of one press.
 
     Attributes:
         depth_m: Below first contact while the force rises, shape [n].
@@ -70,12 +70,12 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """One thing that may have changed since.
+    """How much one property changed.
 
     Attributes:
-        value: Of the change, in the unit that ``unit`` says.
+        value: In ``unit``; a ratio if that is empty.
         uncertainty: Standard uncertainty, likewise.
-        limit: Beyond it either way the change counts, if it is told.
+        limit: A change beyond it, either way, counts if it is significant.
     """
 
     name: str
@@ -86,7 +86,7 @@ class Change:
 
     @property
     def counts(self) -> bool:
-        """True where it is beyond its limit and no chance."""
+        """True where it is beyond its limit and significant."""
         return abs(self.value) > max(self.limit, COVERAGE * self.uncertainty)
 
 
@@ -99,11 +99,13 @@ class GelState:
     changes: tuple[Change, ...]
 
 
-def compare_presses(before: Seen, now: Seen, *, depth_uncertainty_m: float) -> GelState:
-    """Say what became of a sensor between two presses by the same tool at the same place.
+def compare_presses(
+    before: PressMeasures, now: PressMeasures, *, depth_uncertainty_m: float
+) -> GelState:
+    """Compare two presses by the same tool at the same place.
 
     Args:
-        before: When it was known to be well.
+        before: Of the sensor in good order.
         now: The press to judge.
         depth_uncertainty_m: Standard uncertainty of a depth of one press [m].
 
@@ -137,7 +139,7 @@ def _advice(modulus: Change, light: Change, image: Change, zero: Change) -> tupl
         way = "harder" if modulus.value > 0.0 else "softer"
         return Advice.REPLACE, f"the gel is {way} by {abs(modulus.value):.0%}"
     if image.counts:
-        return Advice.REPLACE, f"{image.value:.0%} of the contact looks otherwise at equal force"
+        return Advice.REPLACE, f"{image.value:.0%} of the contact's image differs at equal force"
     if light.counts:
         return (
             Advice.RECALIBRATE,
@@ -151,10 +153,10 @@ def _advice(modulus: Change, light: Change, image: Change, zero: Change) -> tupl
     return Advice.KEEP, "nothing changed beyond its limit"
 
 
-def _stiffness(before: Seen, now: Seen, depth_uncertainty_m: float) -> Change:
-    """Return k - 1 of force_now(d) = k force_before(d + s): s is a first contact that was missed.
+def _stiffness(before: PressMeasures, now: PressMeasures, depth_uncertainty_m: float) -> Change:
+    """Return k - 1 of force_now(d) = k force_before(d + s); s is an error of the first contact.
 
-    Fitted by Gauss and Newton, s with its own uncertainty as a prior.
+    Gauss-Newton fit, the uncertainty of s as its prior.
     """
     most_n = min(float(before.force_n.max()), float(now.force_n.max()))
     if not most_n > 0.0:
@@ -184,13 +186,13 @@ def _stiffness(before: Seen, now: Seen, depth_uncertainty_m: float) -> Change:
     )
 
 
-def _at_forces(press: Seen, levels_n: FloatArray) -> FloatArray:
+def _at_forces(press: PressMeasures, levels_n: FloatArray) -> FloatArray:
     order = np.argsort(press.force_n)
     return np.asarray(np.interp(levels_n, press.force_n[order], press.depth_m[order]))
 
 
-def _image(before: Seen, now: Seen, light: float) -> Change:
-    """Return the part of the contact's change that is shown otherwise; noise is averaged away."""
+def _image(before: PressMeasures, now: PressMeasures, light: float) -> Change:
+    """Return the part of the contact's image change that differs; blocks average the noise."""
     was = _reduced(before.pressed - before.unloaded)
     shown = _reduced(now.pressed - now.unloaded) / max(light, 1e-3)
     norm = float(np.linalg.norm(was))

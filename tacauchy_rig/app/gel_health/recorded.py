@@ -1,18 +1,18 @@
-"""One recorded press as what tells a gel's state, and which press of a run that is."""
+"""Choose comparable presses of two runs, and read what was measured of them."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from reports.evidence.attempt import AttemptReading, RunReading
-from tacauchy_rig.app.gel_health.comparison import GelState, Seen, compare_presses
+from tacauchy_rig.app.gel_health.comparison import GelState, PressMeasures, compare_presses
 from tacauchy_rig.core.config.uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import FZ
 
 
 def compare_runs(before: RunReading, now: RunReading) -> GelState:
-    """Judge a run's press beside that of an earlier run nearest to it in force.
+    """Compare a run's press with the one of an earlier run that is nearest to it in force.
 
     Raises:
         RecordError: A run has no passed press, or one of its streams is missing.
@@ -20,7 +20,7 @@ def compare_runs(before: RunReading, now: RunReading) -> GelState:
     press = _nearest(now, None)
     error_m = stated_uncertainty(now.store.config, "depth").value
     known = _nearest(before, press.record.force_measured_n)
-    return compare_presses(seen_of(known), seen_of(press), depth_uncertainty_m=error_m)
+    return compare_presses(measures_of(known), measures_of(press), depth_uncertainty_m=error_m)
 
 
 def nearest_force_n(run: RunReading, force_n: float) -> float:
@@ -36,15 +36,15 @@ def _nearest(run: RunReading, force_n: float | None) -> AttemptReading:
     passed = [each for each in run.records.values() if each is not None and each.passed]
     if not passed:
         raise RecordError(
-            f"{run.store.paths.root}: no press of it passed",
-            remedy="name a run that went through: `tacauchy-rig run rig.toml --press-only`",
+            f"{run.store.paths.root}: none of its presses passed",
+            remedy="name a run with a passed press: `tacauchy-rig run rig.toml --press-only`",
         )
     wanted_n = passed[0].force_target_n if force_n is None else force_n
     return run.read(min(passed, key=lambda each: abs(each.force_target_n - wanted_n)))
 
 
-def seen_of(attempt: AttemptReading) -> Seen:
-    """Return what a passed press showed, up to the beginning of its dwell.
+def measures_of(attempt: AttemptReading) -> PressMeasures:
+    """Return what was measured of a passed press, up to the beginning of its dwell.
 
     Raises:
         RecordError: Its images, its tare or its contact are missing.
@@ -59,7 +59,7 @@ def seen_of(attempt: AttemptReading) -> Seen:
         )
     depth_m = np.interp(force.time_s, depth.time_s, depth.value)
     rises = (force.time_s < 0.0) & (force.time_s > depth.time_s[0]) & (depth_m > 0.0)
-    return Seen(
+    return PressMeasures(
         depth_m=depth_m[rises],
         force_n=force.value[rises],
         unloaded=images.reference.astype(np.float64),

@@ -16,7 +16,7 @@ from drivers.emulators.plant.optics import GelCamera
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
 from drivers.emulators.plant.view import view_of
-from tacauchy_rig.app.gel_health.comparison import Advice, GelState, Seen, compare_presses
+from tacauchy_rig.app.gel_health.comparison import Advice, GelState, PressMeasures, compare_presses
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.config.uncertainty import DEPTH_ERROR_M
 from tacauchy_rig.core.tables import Table
@@ -62,7 +62,7 @@ def judged(seed: int, *, aged: bool) -> Judged:
     return Judged(seed=seed, aged=aged, state=state)
 
 
-def _seen(truth: PlantTruth, random: np.random.Generator) -> Seen:
+def _seen(truth: PlantTruth, random: np.random.Generator) -> PressMeasures:
     plant = Plant(truth, CylinderTip(diameter_m=5e-3))
     tried_m = np.linspace(0.0, 0.9e-3, 400)
     forces_n = np.array([plant.relaxed_force(float(each)) for each in tried_m])
@@ -76,7 +76,7 @@ def _seen(truth: PlantTruth, random: np.random.Generator) -> Seen:
         camera.render(profile, light=light).astype(np.float64)
         for profile in (None, plant.surface_at(deepest_m, (0.0, 0.0), truth.tilt_rad))
     )
-    return Seen(
+    return PressMeasures(
         depth_m=depth_m + random.normal(0.0, _ERROR_M),
         force_n=force_n + random.normal(0.0, truth.force_noise_n, _SAMPLES),
         unloaded=unloaded + random.normal(0.0, noise, unloaded.shape),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tacauchy_rig.app.gel_health.comparison import Advice, Seen, compare_presses
+from tacauchy_rig.app.gel_health.comparison import Advice, PressMeasures, compare_presses
 from tacauchy_rig.core.errors import RecordError
 
 DEPTH_M = np.linspace(0.0, 4e-4, 200)
@@ -19,7 +19,7 @@ def _press(*, factor=1.0, missed_m=0.0, seed=0):
     unloaded = np.full((60, 80, 3), 100.0)
     pressed = unloaded.copy()
     pressed[20:40, 30:50] += 30.0
-    return Seen(
+    return PressMeasures(
         depth_m=DEPTH_M + missed_m,
         force_n=force_n + random.normal(0.0, 0.008, len(DEPTH_M)),
         unloaded=unloaded,

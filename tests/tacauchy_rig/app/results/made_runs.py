@@ -16,7 +16,7 @@ import numpy as np
 import uvicorn
 
 from protocols.processes.page.access import AccessRule
-from tacauchy_rig.app.gel_health.comparison import GelState, Seen, compare_presses
+from tacauchy_rig.app.gel_health.comparison import GelState, PressMeasures, compare_presses
 from tacauchy_rig.app.results.found_runs import Health
 from tacauchy_rig.app.results.server import ResultsServer
 from tacauchy_rig.core.config.load import default_text, load_config
@@ -61,7 +61,7 @@ def reported(folder: Path, *, modulus: float) -> None:
 def judged(before: Path, now: Path) -> GelState:
     """A gel that became a fifth stiffer, whatever was recorded."""
     depth_m = np.linspace(0.0, 4e-4, 100)
-    seen = Seen(
+    seen = PressMeasures(
         depth_m=depth_m,
         force_n=5e3 * depth_m,
         unloaded=np.full((8, 8, 3), 100.0),
