@@ -1,8 +1,8 @@
-"""What each thing that may be wrong of a replay would change of its images: pressed again coarsely.
+"""How the images would change if an input of the replay were wrong, from coarse presses.
 
-A cause is what a run may have wrong (a lean, a modulus, a lamp), a mode what one number of it does
-to the images of all trials. Modes are differences of coarse presses, either way of what was
-replayed and on one mesh, so that the mesh's own error drops out.
+A cause is what may be wrong of a run (a tilt, a modulus, a lamp). A mode is what one number of it
+changes of the images of all trials: a difference of coarse presses on one mesh, so that the error
+of the mesh cancels.
 """
 
 from __future__ import annotations
@@ -37,16 +37,15 @@ from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import ResidualSplit
 
 MOST_TRIALS = 12
-"""That are pressed again; of more, so many evenly spread over the forces: each takes two seconds,
-and 15 MB for what each of the modes changes of its image."""
-# Steps: large beside what a coarse mesh gets wrong from point to point, small beside a bend of the
-# image's answer (half of them finds half as much of a planted lean or modulus).
+"""Trials that are pressed again, spread evenly over the forces: each takes two seconds, and 15 MB
+for the changes of its image."""
+# Steps: large against the scatter of a coarse mesh, small against the curvature of the response
+# (steps half as large find half of a planted tilt or modulus).
 _MORE = 1.15
 _TILT_RAD = math.radians(1.0)
 _POISSON = -0.02
-# Standard uncertainties that nothing states. A lamp ages, or an exposure is set anew, by a tenth;
-# light drifts by some per cent within a press; a lens is as sharp as in the calibration to a third
-# of a pixel and as near to a per cent.
+# Assumed standard uncertainties: of a lamp's brightness by ageing or another exposure, of light
+# drifting within a press, of the lens's blur and of the scale since the calibration.
 _LAMP, _DRIFT, _BLUR_PX, _SCALE = 0.1, 0.02, 0.3, 0.01
 _UNIFORM = 1.0 / math.sqrt(3.0)
 _COLOURS = ("red", "green", "blue")
@@ -77,25 +76,27 @@ def split_images(
     *,
     on_progress: Say,
 ) -> ResidualSplit | None:
-    """Say what the residual of a replay's images is made of; None where nothing tells it.
+    """Split the residual of a replay's images by its causes; None where that is not possible.
 
     Args:
-        parts: Each has its own coarse presses; what is uncertain is of all together.
+        parts: Each has its own coarse presses; the unknowns are common to all.
         images: What was rendered of them, by trial.
         optics: What it was rendered with.
         config: States what is uncertain.
-        on_progress: Told why there is nothing to say.
+        on_progress: Told of each group of coarse presses, and why there is no split.
     """
     pressable = [part for part in parts if not isinstance(part.inputs.indenter, MeshIndenter)]
     if len(pressable) < len(parts):
-        on_progress("  of triangles the residual is not split: a press of them takes minutes")
+        on_progress("  the residual is not split for mesh indenters: their presses take minutes")
     chosen, seen = _chosen(pressable, images, optics), {}
     modes: dict[str, Mode] = {}
     for part, presses in chosen:
         try:
             found = list(_Again(presses, part.inputs, optics, config, on_progress).modes())
         except RigError as error:
-            on_progress(f"  the residual is not split: no coarse press: {error.message}")
+            on_progress(
+                f"  the residual is not split because a coarse press failed: {error.message}"
+            )
             return None
         seen.update({press.index: press.images for press in presses})
         for mode in found:
@@ -165,7 +166,7 @@ class _Again:
     on_progress: Say
 
     def modes(self) -> Iterator[Mode]:
-        """Yield what may be wrong, and what it does to the images.
+        """Yield every mode.
 
         Raises:
             RigError: A coarse press failed.
@@ -189,7 +190,7 @@ class _Again:
         yield from self._of_optics(change, even, base)
 
     def _of_force(self, by_force: Images) -> Iterator[Mode]:
-        """Yield a force beyond what the cell read: in proportion, in all trials alike, in one."""
+        """Yield errors of the force: in proportion, the same in all trials, of one trial."""
         scale = stated_uncertainty(self.config, "force_scale").value
         yield _mode("force, in proportion", Cause.FORCE, scale, "1", _times(by_force, scale))
         zero_n = _UNIFORM * self.config.protocol.drift
@@ -199,7 +200,7 @@ class _Again:
             yield _mode(f"force of trial {index}", Cause.FORCE, zero_n, "N", {index: changed})
 
     def _of_material(self, by_force: Images, base: Images) -> Iterator[Mode]:
-        """Yield modulus and Poisson's ratio; a gel as many times stiffer sees a force so less."""
+        """Yield modulus and Poisson's ratio; a stiffer gel answers like a smaller force."""
         sensor = self.inputs.sensor
         young = sensor.young_uncertainty()[0]
         yield _mode("modulus", Cause.MATERIAL, young, "1", _times(by_force, -young))
@@ -223,7 +224,7 @@ class _Again:
             yield _mode(f"lean towards {name}", Cause.TILT, size, "rad", changed)
 
     def _of_light(self, change: Images) -> Iterator[Mode]:
-        """Yield lamps as bright as never before, and ones that drift from frame to frame."""
+        """Yield lamps of another brightness, and light that drifts from frame to frame."""
         for k, colour in enumerate(_COLOURS):
             only = np.eye(3)[k]
             lamp = {i: _LAMP * only * each for i, each in change.items()}
@@ -235,7 +236,7 @@ class _Again:
     def _of_optics(
         self, change: Images, surfaces: Sequence[SurfaceState], base: Images
     ) -> Iterator[Mode]:
-        """Yield colours that go otherwise over the image, the lens's blur, and the scale."""
+        """Yield gradients of brightness over the image, the lens's blur, and the scale."""
         view = self.optics.geometry
         for name, count, axis in (("x", view.width, 1), ("y", view.height, 0)):
             along = np.expand_dims(np.linspace(-1.0, 1.0, count), (2, 1 - axis))

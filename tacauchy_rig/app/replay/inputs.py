@@ -1,4 +1,4 @@
-"""What a run's measured forces are pressed with, as a configuration says."""
+"""What a run is replayed with, from its configuration."""
 
 from __future__ import annotations
 
@@ -141,10 +141,10 @@ def inputs_of(config: RigConfig) -> ReplayInputs:
 
 
 def check_replay(config: RigConfig) -> str:
-    """Refuse what no replay could be made with, before six presses are done for it.
+    """Refuse a configuration that cannot be replayed, before anything is pressed.
 
     Returns:
-        What a replay would be made with, in words.
+        What a replay would use, in words.
 
     Raises:
         ConfigError: No such sensor, preset, law or indenter, no preset keeps the tolerance, or the

@@ -1,4 +1,4 @@
-"""How a run's indenter hangs on the arm: what its moments and images tell, and what to simulate."""
+"""Tilt and place of a run's indenter: found from moments and images, and whether to simulate them."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import FoundValue
 
 TAKEN_FROM = 2.0
-"""Standard uncertainties: what is found within them of zero stays zero."""
+"""A value within this many of its standard uncertainties of zero is taken as zero."""
 PLACE_ERROR_M = {RobotModel.E_SERIES: 30e-6, RobotModel.CB3: 100e-6}
-"""To which an arm comes back to a pose, as data sheets say: once to calibrate, once to press."""
+"""Repeatability of a pose, from data sheets."""
 _TRIED_RAD = math.radians(1.0)
 """The moment grows in proportion up to there: at a quarter of it K is the same to 2 %."""
 _TILT, _OFFSET = "lean towards", "offset along"
@@ -37,7 +37,7 @@ _TILT, _OFFSET = "lean towards", "offset along"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundMounting:
-    """What was found and what of it is simulated.
+    """What was found of the tilt, and what of it is simulated.
 
     Attributes:
         inputs: Of the replay, with what is simulated.
@@ -100,7 +100,7 @@ def tilt_of(
     )
     forces_n = np.array([record.force_measured_n for record, _ in known])
     if not can_lean(inputs.indenter):
-        return None, "a ball looks alike from all sides"
+        return None, "a tilt does not change a ball"
     if len(known) < TRIALS_MIN:
         return None, f"{len(known)} presses carry moments; at least {TRIALS_MIN} are needed"
     if not config.force_sensor.is_stand_in and config.force_sensor.to_tip is None:

@@ -1,4 +1,4 @@
-"""What a configuration says of the replay, for the simulator."""
+"""The settings of a configuration as objects of the simulator."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from tacauchy_rig.core.registry import Kind, names, unknown
 _Closed = TypeVar("_Closed", bound=StrEnum)
 
 AUTO = "auto"
-"""In place of a preset: the cheapest that promises F_z within 3 %, or ``balanced`` if none does."""
+"""In place of a preset: the cheapest with a stated accuracy of F_z of 3 %, or else ``balanced``."""
 OF_AUTO = Tolerance(relative=0.03)
 
 
 def check_names(config: RigConfig) -> None:
-    """Refuse a sensor, law, indenter, preset, tolerance or drive that nothing is known by.
+    """Refuse an unknown sensor, law, indenter, preset, tolerance or drive.
 
     Raises:
         ConfigError: The field, and what there is.
@@ -39,7 +39,7 @@ def check_names(config: RigConfig) -> None:
 
 
 def check_optics(config: RigConfig, sensor: Sensor) -> str:
-    """Refuse optics that nothing can be rendered with, before the simulation.
+    """Refuse unusable optics before the simulation.
 
     Returns:
         Which optics they are, in words.
@@ -90,7 +90,7 @@ def sensor_of(config: RigConfig) -> Sensor:
 
 
 def preset_of(config: RigConfig) -> Preset:
-    """Return the configured preset; of ``auto``, the one for where no tolerance is promised.
+    """Return the configured preset; of ``auto`` the one that is used if none is accurate enough.
 
     Raises:
         ConfigError: There is none of that name.

@@ -1,8 +1,7 @@
-"""By how much each uncertain input of a press changes the force at a measured depth.
+"""How much each uncertain input of a press changes the force at a measured depth.
 
-The simulator itself is asked: a coarse press with the input one standard uncertainty up and down
-(GUM 5.1.3, note 2). The mean of both changes is taken by size, so that what has its least or its
-largest force where it is, such as a tilt of none, counts as well.
+Coarse presses with the input one standard uncertainty up and down (GUM 5.1.3, note 2) give the
+change. Its size is averaged, so that an input at an extremum of the force, such as no tilt, counts.
 """
 
 from __future__ import annotations
@@ -28,10 +27,10 @@ from tacauchy_rig.core.simulated import ForceInput, FoundValue
 _DEPTHS = 4
 """At which an input is tried; between them its change is interpolated."""
 NEARLY_UPRIGHT = 1e-9
-"""A lean [rad] or way [m] that is none, and has the mesh of a press that is not mirrored."""
+"""A tilt [rad] or shift [m] that is negligible, but gives the press an unmirrored mesh."""
 _ROUNDED_M = 0.1e-3
-"""A sharp rim takes eight times as long, and fails on long edges; what nu, height, diameter and
-tilt change of it is within a tenth the same."""
+"""A sharp rim takes eight times as long and fails on long edges. The changes by nu, height, diameter
+and tilt agree within a tenth."""
 _FOOTPRINT_POINTS = 64
 """Along either side of the box around a footprint."""
 _DIMENSIONS = {
@@ -43,15 +42,15 @@ _DIMENSIONS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variation:
-    """An input and what a press is like with it off by so much.
+    """An uncertain input, and the press with it changed.
 
     Attributes:
         value: SI, as ``unit`` has it.
         stated: Its standard uncertainty.
-        changed: From a difference to the inputs of a replay; raises ConfigError where the input
-            cannot be that.
-        aside: Either way is alike, and no press is mirrored.
-        stiff_if_coarse: Longer edges change too much by it.
+        changed: From a difference to the inputs of a replay; raises ConfigError if that is
+            impossible.
+        aside: Both signs are equivalent, and no press is mirrored.
+        stiff_if_coarse: A coarse mesh exaggerates the change, so a finer one is tried first.
     """
 
     name: str
@@ -69,14 +68,14 @@ def force_inputs(
     depths_m: Sequence[float],
     found: Sequence[FoundValue] = (),
 ) -> tuple[ForceInput, ...]:
-    """Try what every input changes of the force at measured depths.
+    """Return how much every uncertain input changes the force at measured depths.
 
     Args:
         inputs: Of the replay, with the stated modulus.
         config: Says what is uncertain of the indenter and its mounting.
-        depths_m: Measured depths [m]; they count from the contact force. Without any nothing is
+        depths_m: Measured depths [m], counted from the contact force; without any nothing is
             tried.
-        found: What moments and images told of the mounting.
+        found: Tilt and place as found from moments and images.
     """
     if not depths_m:
         return ()
@@ -104,10 +103,9 @@ def force_inputs(
 
 
 def _quick(inputs: ReplayInputs, depth_m: float) -> tuple[ReplayInputs, str]:
-    """Return what is pressed in a second in place of triangles, and how it is told.
+    """Return a press that takes a second in place of triangles that take minutes, and a note of it.
 
-    A press of triangles takes minutes even on long edges. A round punch of the same footprint in a
-    flat pad feels a gel's height and Poisson's ratio alike.
+    A round punch of the same footprint in a flat pad depends alike on height and Poisson's ratio.
     """
     indenter, pad, how = inputs.indenter, inputs.sensor.pad, ""
     if isinstance(indenter, MeshIndenter):
