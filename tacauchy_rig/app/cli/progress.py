@@ -12,7 +12,7 @@ from rich.text import Text
 from protocols.trials.time_left import TimeLeft
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.app.cli.output import console, say
-from tacauchy_rig.app.cli.page import open_in_browser
+from tacauchy_rig.app.cli.watching import open_in_browser
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.run import JournalEvent, Outcome

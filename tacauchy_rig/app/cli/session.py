@@ -15,7 +15,15 @@ import typer
 
 from tacauchy_rig.app.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
 from tacauchy_rig.app.cli.output import complain, say
-from tacauchy_rig.app.cli.watching import Live, OpenPage, Page, Twin, Watched, watched_by, wishes_of
+from tacauchy_rig.app.cli.watching import (
+    Live,
+    OpenPage,
+    Page,
+    Twin,
+    Watched,
+    viewers_of,
+    watched_by,
+)
 from tacauchy_rig.core.check_result import CheckStatus
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError
 
@@ -326,13 +334,13 @@ def press(
     from protocols.processes.supervisor import plan_session
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulation import emulated_unit
-    from tacauchy_rig.app.cli.page import page_wish
     from tacauchy_rig.app.cli.progress import SessionProgress
+    from tacauchy_rig.app.cli.watching import page_options
     from tacauchy_rig.app.session.expected import kept_expectation
     from tacauchy_rig.app.session.record import record_run
 
     watched, again = request.watched, request.again
-    viewers = wishes_of(watched)  # before anything is started for nothing
+    viewers = viewers_of(watched)  # before anything is started for nothing
     chosen = emulated_devices(config)
     with ExitStack() as stack:
         addresses = EmulatedAddresses()
@@ -363,7 +371,7 @@ def press(
             open_page=watched.open_page,
         )
         stack.enter_context(progress)
-        page = page_wish(config, port=watched.port)
+        page = page_options(config, port=watched.port)
         return record_run(
             store, running, on_event=progress, again=again, page=page, viewers=viewers
         )

@@ -1,17 +1,20 @@
-"""How an operator watches a run: page, twin, and the viewers that labs have."""
+"""How an operator watches a run: the page, a twin, and the viewers that labs have."""
 
 from __future__ import annotations
 
+import threading
+import webbrowser
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tacauchy_rig.app.cli.output import say
+from tacauchy_rig.core.config.model import IndenterKind, RigConfig
 from tacauchy_rig.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from protocols.processes.messages import ViewerOptions
+    from protocols.processes.messages import ContactOutline, PageOptions, ViewerOptions
 
 Page = Annotated[
     str,
@@ -74,21 +77,21 @@ def watched_by(page: str, open_page: bool, twin: str, foxglove: str) -> Watched:
     return Watched(port=port, open_page=open_page, twin=TWIN_WORDS[twin], foxglove=live)
 
 
-def wishes_of(watched: Watched) -> list[ViewerOptions]:
+def viewers_of(watched: Watched) -> list[ViewerOptions]:
     """Return the viewers besides the page; a port that is taken is told here.
 
     Raises:
         ConfigError: A port cannot be had, or a package is missing.
     """
     from protocols.processes.viewing import listen
-    from tacauchy_rig.app.twin.wish import Follows, twin_wish
-    from tacauchy_rig.app.viewers.wish import address, live_wish
+    from tacauchy_rig.app.twin.twin import Follows, twin_options
+    from tacauchy_rig.app.viewers.options import address, viewer_options
 
     if watched.port:
         listen(watched.port).close()
-    viewers = [twin_wish(Follows(watched.twin))] if watched.twin else []
+    viewers = [twin_options(Follows(watched.twin))] if watched.twin else []
     if watched.foxglove is not None:
-        viewers.append(live_wish(watched.foxglove))
+        viewers.append(viewer_options(watched.foxglove))
         say(f"live {address(watched.foxglove)}")
     return viewers
 
@@ -100,3 +103,54 @@ def _port(option: str, text: str) -> int:
             remedy="leave it out, or give `off`",
         )
     return int(text)
+
+
+def page_options(config: RigConfig, *, port: int | None) -> PageOptions | None:
+    """Return what page a run is to have; None for none.
+
+    Args:
+        config: Of the run.
+        port: Of the page; 0 for a free one, None for no page.
+    """
+    from protocols.processes.messages import PageOptions
+
+    return None if port is None else PageOptions(port=port, outline=contact_outline(config))
+
+
+def contact_outline(config: RigConfig) -> ContactOutline | None:
+    """Return where the contact should be seen in the camera's frames; None of a tool of triangles.
+
+    The sensor's file says which part of a frame is scored, and how large its pixels are.
+    """
+    import numpy as np
+
+    from protocols.processes.messages import ContactOutline
+    from sim.sensor.sensor import load_sensor
+
+    if config.replay.indenter is not None:
+        return None
+    camera = load_sensor(config.sensor.name).camera
+    frame = config.camera.width, config.camera.height
+    kept = 1.0 - 2.0 * camera.crop_fraction
+    # Frame pixels to one pixel of the scored image, along and across.
+    larger = kept * frame[0] / camera.width, kept * frame[1] / camera.height
+    offset = config.replay.offset or (0.0, 0.0)
+    column, row = camera.to_pixels(np.array(offset)).tolist()
+    begin = camera.crop_fraction * frame[0], camera.crop_fraction * frame[1]
+    is_ball = config.indenter.kind is IndenterKind.SPHERE
+    radius_m = 0.5 * config.indenter.diameter
+    return ContactOutline(
+        image_size_px=frame,
+        centre_px=(
+            begin[0] + (column + 0.5) * larger[0] - 0.5,
+            begin[1] + (row + 0.5) * larger[1] - 0.5,
+        ),
+        scale_px_m=(larger[0] / camera.scale_x_m, larger[1] / camera.scale_y_m),
+        flat_radius_m=0.0 if is_ball else radius_m - config.indenter.fillet,
+        ball_radius_m=radius_m if is_ball else 0.0,
+    )
+
+
+def open_in_browser(address: str) -> None:
+    """Open the page in a browser; the run does not wait for one."""
+    threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()

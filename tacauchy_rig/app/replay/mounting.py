@@ -1,4 +1,4 @@
-"""Tilt and place of a run's indenter: found from moments and images, and whether to simulate them."""
+"""Tilt and place of a run's indenter: found from moments and images, simulated if needed."""
 
 from __future__ import annotations
 

@@ -29,8 +29,8 @@ _DEPTHS = 4
 NEARLY_UPRIGHT = 1e-9
 """A tilt [rad] or shift [m] that is negligible, but gives the press an unmirrored mesh."""
 _ROUNDED_M = 0.1e-3
-"""A sharp rim takes eight times as long and fails on long edges. The changes by nu, height, diameter
-and tilt agree within a tenth."""
+"""A sharp rim takes eight times as long and fails on long edges. Rounding it alters the changes by
+nu, height, diameter and tilt by less than a tenth."""
 _FOOTPRINT_POINTS = 64
 """Along either side of the box around a footprint."""
 _DIMENSIONS = {

@@ -14,8 +14,8 @@ from protocols.processes.child import ignore_signals, run_child
 from protocols.processes.feed import VIEWERS, FeedWriters, feed_readers
 from protocols.processes.messages import Channel, Job, Order
 from protocols.processes.viewing import PRODUCERS
-from tacauchy_rig.app.twin.accompany import Accompaniment
-from tacauchy_rig.app.twin.wish import DEVICE, FOLLOWS, Follows, twin_of
+from tacauchy_rig.app.twin.following import RunFollower
+from tacauchy_rig.app.twin.twin import DEVICE, FOLLOWS, Follows, twin_of
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.line_log import LineLog
 
@@ -36,9 +36,9 @@ def follow_run(job: Job, supervisor: Channel) -> None:
     ignore_signals()
     os.nice(NICENESS)
     pulse = _Pulse(supervisor)
-    seen = twin_of(job.config, device=job.options[DEVICE])
-    logger.info("ready; its force error: %s", seen.follower.worth.basis)
-    twin = Accompaniment(seen, Follows(job.options[FOLLOWS]), job.config.camera.width)
+    twin = twin_of(job.config, device=job.options[DEVICE])
+    logger.info("ready; its force error: %s", twin.follower.worth.basis)
+    following = RunFollower(twin, Follows(job.options[FOLLOWS]), job.config.camera.width)
     readers = feed_readers(job.descriptors, PRODUCERS)
     writers = FeedWriters(job.descriptors, VIEWERS)
     waiting = [supervisor.fileno(), *(reader.fileno() for reader in readers)]
@@ -48,13 +48,13 @@ def follow_run(job: Job, supervisor: Channel) -> None:
             select.select(waiting, [], [], LOOK_S)
             for reader in readers:
                 for shown in reader.receive():
-                    twin.take(shown)
+                    following.take(shown)
             for message in supervisor.receive():
                 if message is Order.STOP:
                     return
                 if isinstance(message, JournalEvent):
-                    twin.note(message)
-            made = twin.step()
+                    following.note(message)
+            made = following.step()
             if made is None:
                 continue
             line, pictures = made

@@ -16,9 +16,8 @@ from reports.evidence.attempt import AttemptReading, RunReading, median_image
 from sim.twin.follower import NO_FORCE_N
 from sim.twin.frame import Goal
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, say_nothing
-from tacauchy_rig.app.twin.camera_image import CameraImages, contact_residual
-from tacauchy_rig.app.twin.pictures import jpeg_of, map_picture
-from tacauchy_rig.app.twin.wish import Seen, twin_of
+from tacauchy_rig.app.twin.images import CameraImages, contact_residual, jpeg_of, map_picture
+from tacauchy_rig.app.twin.twin import Twin, twin_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ImageFrame
@@ -49,16 +48,16 @@ def watch_run(
         ConfigError: There is nothing to simulate or render with.
     """
     config = run.store.config
-    seen = twin_of(config, optics=optics)
+    twin = twin_of(config, optics=optics)
     images = CameraImages(
-        seen.follower.view,
-        crop_fraction=seen.crop_fraction,
+        twin.follower.view,
+        crop_fraction=twin.crop_fraction,
         frame_width_px=config.camera.width,
     )
     trials: list[tuple[int, list[dict[str, Any]]]] = []
     for trial in run.records:
         attempt = run.attempt(trial)
-        frames = [] if attempt is None else list(_frames(attempt, seen, images))
+        frames = [] if attempt is None else list(_frames(attempt, twin, images))
         if frames:
             on_progress(f"trial {trial}: {len(frames)} frames")
             trials.append((trial, frames))
@@ -70,7 +69,7 @@ def watch_run(
     facts = {
         "run": run.store.paths.root.name,
         "simulated": config.is_simulated,
-        "basis": seen.follower.worth.basis,
+        "basis": twin.follower.worth.basis,
         "trials": [{"trial": trial, "frames": frames} for trial, frames in trials],
     }
     template = resources.files(__package__).joinpath(_TEMPLATE).read_text("utf-8")
@@ -79,7 +78,7 @@ def watch_run(
     return run.store.paths.watch
 
 
-def _frames(attempt: AttemptReading, seen: Seen, images: CameraImages) -> Iterator[dict[str, Any]]:
+def _frames(attempt: AttemptReading, twin: Twin, images: CameraImages) -> Iterator[dict[str, Any]]:
     """Yield a trial's frames from before the contact until after it."""
     record, force = attempt.record, attempt.force
     curve = attempt.force_curve
@@ -93,7 +92,7 @@ def _frames(attempt: AttemptReading, seen: Seen, images: CameraImages) -> Iterat
     if not unloaded:
         return
     background = median_image(unloaded)
-    seen.follower.unloaded(background)
+    twin.follower.unloaded(background)
     start_ns, end_ns = int(touched[0]) - _MARGIN_NS, int(touched[-1]) + _MARGIN_NS
     for frame in _thinned(attempt.recording.frames(start_ns, end_ns)):
         real = images.of(frame.jpeg)
@@ -102,7 +101,7 @@ def _frames(attempt: AttemptReading, seen: Seen, images: CameraImages) -> Iterat
         measured = float(np.interp(frame.stamp_ns, force.stamp_ns, curve.value))
         touches = touched[0] <= frame.stamp_ns <= touched[-1]
         goal = Goal(stamp_s=frame.stamp_ns * 1e-9, force_n=measured if touches else 0.0)
-        row = _row(goal, (frame.stamp_ns - start_ns) * 1e-9, seen, real, background)
+        row = _row(goal, (frame.stamp_ns - start_ns) * 1e-9, twin, real, background)
         yield row | {"measured_n": measured}
 
 
@@ -127,9 +126,9 @@ def _thinned(frames: Iterator[ImageFrame]) -> Iterator[ImageFrame]:
 
 
 def _row(
-    goal: Goal, time_s: float, seen: Seen, real: ImageArray, background: ImageArray
+    goal: Goal, time_s: float, twin: Twin, real: ImageArray, background: ImageArray
 ) -> dict[str, Any]:
-    made = seen.follower.follow(goal)
+    made = twin.follower.follow(goal)
     maps = {"pressure": made.pressure_pa, "shear": made.shear_pa}
     drawn = {
         name: _uri(map_picture(values, highest=float(values.max())))

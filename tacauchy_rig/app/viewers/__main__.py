@@ -14,8 +14,8 @@ from protocols.processes.child import ignore_signals, run_child
 from protocols.processes.feed import feed_readers
 from protocols.processes.messages import Channel, Job, Order
 from protocols.processes.viewing import LOOPBACK, PRODUCERS
+from tacauchy_rig.app.viewers.options import PORT, SOURCES, address
 from tacauchy_rig.app.viewers.topics import Topics
-from tacauchy_rig.app.viewers.wish import PORT, SOURCES, address
 from tacauchy_rig.core.run import JournalEvent
 
 logger = logging.getLogger(__name__)

@@ -8,7 +8,7 @@ import threading
 
 from protocols.guard.abort import Abort
 from protocols.processes.supervisor import run_session
-from tacauchy_rig.app.twin.wish import Follows, twin_wish
+from tacauchy_rig.app.twin.twin import Follows, twin_options
 from tacauchy_rig.core.run import Outcome
 from tacauchy_rig.core.store.check.run import check_run
 from tacauchy_rig.core.store.recording.reading import Recording
@@ -28,7 +28,7 @@ def test_a_run_loses_nothing_when_its_twin_is_killed(make_store):
         store.config,
         on_event=on_event,
         abort=Abort(),
-        viewers=[twin_wish(Follows.FORCE)],
+        viewers=[twin_options(Follows.FORCE)],
     )
     assert (result.outcome, result.died) == (Outcome.PASSED, {})
     recordings = [Recording.open(store.paths.recording(trial, 1)) for trial in (1, 2)]

@@ -18,7 +18,7 @@ from drivers.emulators.process import hang_weight
 from protocols.guard.abort import Abort
 from protocols.processes.messages import PageOptions, ViewerOptions
 from protocols.processes.supervisor import run_session
-from tacauchy_rig.app.twin.wish import Follows, twin_wish
+from tacauchy_rig.app.twin.twin import Follows, twin_options
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import FZ, JournalEvent, Phase
@@ -87,7 +87,7 @@ def reactions(folder: Path, count: int, say: Say) -> Pairs:
 
 def twin_reactions(folder: Path, count: int, say: Say) -> Pairs:
     """Hang a weight on the cell of a moving arm, with a page and a twin, and with a page alone."""
-    twin = [twin_wish(Follows.FORCE)]
+    twin = [twin_options(Follows.FORCE)]
     with Bench(folder) as bench:
         return _pairs(lambda: _hang_ms(bench, viewers=twin), lambda: _hang_ms(bench), count, say)
 

@@ -17,7 +17,7 @@ from protocols.guard.abort import Abort
 from protocols.processes.messages import PageOptions
 from protocols.processes.supervisor import run_session
 from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.app.twin.wish import Follows, twin_wish
+from tacauchy_rig.app.twin.twin import Follows, twin_options
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.store.line_log import read_log
@@ -87,7 +87,7 @@ def press_with_twin(
             on_event=lambda _event: None,
             abort=Abort(),
             page=PageOptions(),
-            viewers=[twin_wish(Follows.FORCE, device=device)],
+            viewers=[twin_options(Follows.FORCE, device=device)],
         )
     busy = os.getloadavg()[0] / (os.cpu_count() or 1)
     return row_of(scene.name, read_log(store.paths.twin), result.records, busy=busy)

@@ -6,9 +6,14 @@ import socket
 
 import pytest
 
-from tacauchy_rig.app.cli.page import contact_outline, page_wish
-from tacauchy_rig.app.cli.watching import Watched, watched_by, wishes_of
-from tacauchy_rig.app.viewers import wish
+from tacauchy_rig.app.cli.watching import (
+    Watched,
+    contact_outline,
+    page_options,
+    viewers_of,
+    watched_by,
+)
+from tacauchy_rig.app.viewers import options
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import ConfigError
 
@@ -59,9 +64,9 @@ def test_a_ball_has_its_own_radius_and_no_flat_face():
     assert (ball.flat_radius_m, ball.ball_radius_m) == (0.0, pytest.approx(3e-3))
 
 
-def test_no_page_is_no_wish():
+def test_no_page_has_no_options():
     """``--page off``."""
-    assert page_wish(load_config(None).config, port=None) is None
+    assert page_options(load_config(None).config, port=None) is None
 
 
 @pytest.mark.parametrize("said", ["on", "0", "70000", "-1"])
@@ -79,14 +84,14 @@ def test_a_taken_port_is_told_before_anything_starts(which: str) -> None:
         taken.listen()
         watched = Watched(**{"port": None, which: taken.getsockname()[1]})
         with pytest.raises(ConfigError, match="--page" if which == "port" else "--foxglove"):
-            wishes_of(watched)
+            viewers_of(watched)
 
 
 def test_a_missing_package_is_told_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything starts."""
-    monkeypatch.setattr(wish, "find_spec", lambda _name: None)
+    monkeypatch.setattr(options, "find_spec", lambda _name: None)
     with pytest.raises(ConfigError, match="foxglove-sdk") as caught:
-        wishes_of(Watched(port=None, foxglove=8765))
+        viewers_of(Watched(port=None, foxglove=8765))
     assert "tacauchy-rig[foxglove]" in caught.value.remedy
 
 
@@ -95,6 +100,6 @@ def test_the_twin_is_shown_where_both_are_wanted() -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    viewers = wishes_of(Watched(port=None, twin="force", foxglove=port))
+    viewers = viewers_of(Watched(port=None, twin="force", foxglove=port))
     assert [viewer.name for viewer in viewers] == ["twin", "foxglove"]
     assert viewers[1].sources == ("twin",)

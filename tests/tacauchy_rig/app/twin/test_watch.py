@@ -13,7 +13,7 @@ import pytest
 
 from sim.twin import follower
 from tacauchy_rig.app.replay.opening import open_run
-from tacauchy_rig.app.twin.camera_image import CameraImages
+from tacauchy_rig.app.twin.images import CameraImages
 from tacauchy_rig.app.twin.watch import FRAMES_PER_S, _lasting, watch_run
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RecordError

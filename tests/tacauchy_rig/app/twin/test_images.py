@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.app.twin.camera_image import CameraImages, contact_residual
+from tacauchy_rig.app.twin.images import CameraImages, contact_residual
 
 VIEW = CameraGeometry.centred(80, 60, scale_x_m=1e-4, scale_y_m=1e-4)
 

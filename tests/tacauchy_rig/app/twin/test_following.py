@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 
 from protocols.processes.feed import Shown
-from tacauchy_rig.app.twin.accompany import MAPS_EVERY, STALE_NS, Accompaniment
-from tacauchy_rig.app.twin.wish import Follows, Seen, twin_of
+from tacauchy_rig.app.twin.following import MAPS_EVERY, STALE_NS, RunFollower
+from tacauchy_rig.app.twin.twin import Follows, Twin, twin_of
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.run import JournalEvent, Phase
 
 
 @pytest.fixture(scope="module")
-def seen() -> Seen:
+def simulator() -> Twin:
     """Return the twin of the default configuration."""
     return twin_of(load_config(None).config)
 
 
 @pytest.fixture
-def twin(seen: Seen) -> Accompaniment:
+def twin(simulator: Twin) -> RunFollower:
     """Return a twin whose run has just shown its no-contact frames."""
-    made = Accompaniment(seen, Follows.FORCE, frame_width_px=640)
+    made = RunFollower(simulator, Follows.FORCE, frame_width_px=640)
     made.note(_phase(Phase.REFERENCE))
     frame = np.full((480, 640, 3), 120, np.uint8)
     picture = bytes(cv2.imencode(".jpg", frame)[1])
@@ -41,7 +41,7 @@ def _force(force_n: float, *, age_ns: int = 0) -> Shown:
     return Shown(stream="force", stamp_ns=time.monotonic_ns() - age_ns, numbers=numbers)
 
 
-def test_a_press_is_followed_over_the_runs_own_frame(twin: Accompaniment) -> None:
+def test_a_press_is_followed_over_the_runs_own_frame(twin: RunFollower) -> None:
     """The force is met, maps come with some frames, and no contact is the frame without one."""
     twin.note(_phase(Phase.APPROACH))
     twin.take(_force(0.0))
@@ -66,17 +66,17 @@ def test_a_press_is_followed_over_the_runs_own_frame(twin: Accompaniment) -> Non
     assert line.lag_ms > 0.0
 
 
-def test_between_presses_nothing_is_followed(twin: Accompaniment) -> None:
+def test_between_presses_nothing_is_followed(twin: RunFollower) -> None:
     """While the arm goes home, the cell drifts and nothing is touched."""
     twin.note(_phase(Phase.DRIFT_CHECK))
     twin.take(_force(1.0))
     assert twin.step() is None
 
 
-def test_what_is_old_is_left_out_and_counted(twin: Accompaniment) -> None:
+def test_what_is_old_is_left_out_and_counted(twin: RunFollower) -> None:
     """A force that waited in a full feed is of another moment."""
     twin.note(_phase(Phase.PRESS))
-    before = twin.newest.dropped_count
+    before = twin.latest.dropped_count
     twin.take(_force(1.0, age_ns=2 * STALE_NS))
     assert twin.step() is None
-    assert twin.newest.dropped_count == before + 1
+    assert twin.latest.dropped_count == before + 1

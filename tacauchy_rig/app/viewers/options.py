@@ -15,7 +15,7 @@ OPTION = "--foxglove"
 SOURCES = ("twin",)
 
 
-def live_wish(port: int) -> ViewerOptions:
+def viewer_options(port: int) -> ViewerOptions:
     """Return what the supervisor starts.
 
     Raises:

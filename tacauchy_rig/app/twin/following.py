@@ -1,7 +1,8 @@
-"""A run's twin: follows its presses phase by phase, and says what it shows of each."""
+"""Have a twin follow the presses of a run that goes on, phase by phase."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from time import monotonic_ns, process_time
@@ -10,10 +11,8 @@ from typing import Any
 from protocols.processes.feed import Shown
 from reports.evidence.attempt import median_image
 from sim.twin.frame import Goal, TwinFrame
-from tacauchy_rig.app.twin.camera_image import CameraImages, contact_residual
-from tacauchy_rig.app.twin.newest import Newest
-from tacauchy_rig.app.twin.pictures import jpeg_of, map_picture
-from tacauchy_rig.app.twin.wish import Follows, Seen
+from tacauchy_rig.app.twin.images import CameraImages, contact_residual, jpeg_of, map_picture
+from tacauchy_rig.app.twin.twin import Follows, Twin
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.run import JournalEvent, Phase
 
@@ -21,8 +20,9 @@ FOLLOWED = {Phase.APPROACH, Phase.SEARCH, Phase.PRESS, Phase.DWELL, Phase.RETRAC
 MAPS_EVERY = 4
 """Frames: maps take as long as press and image together."""
 RESIDUAL_EVERY = 2
+_PICTURES = 8
 STALE_NS = 500_000_000
-"""What is older is not followed: a feed that was full keeps its oldest."""
+"""Older values are not followed: a feed that was full keeps its oldest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +37,7 @@ class TwinLine:
         residual: Of the images inside the contact; None where it was not looked at.
         lag_ms: From that stamp to the picture.
         processor_ms: Processor time of all of it; what others take is not in it.
-        dropped: Forces that were left out so far, as newer ones had come.
+        dropped: Forces that were left out so far because newer ones had come.
         note: Why the frame is not of what was followed.
     """
 
@@ -56,20 +56,83 @@ class TwinLine:
     note: str
 
 
-@dataclass(slots=True)
-class Accompaniment:
-    """Takes in what a run shows and tells, and presses the twin after it.
+class LatestValue:
+    """Keeps the latest goal and camera frames of a run; older goals that nobody took are dropped.
+
+    A depth counts from the height at which the press begins, plus the depth that the force has
+    reached by then.
 
     Args:
-        seen: The twin's simulator.
+        follows: What goals consist of.
+
+    Attributes:
+        dropped_count: Goals that a newer one replaced.
+    """
+
+    def __init__(self, follows: Follows) -> None:
+        self.dropped_count = 0
+        self._follows = follows
+        self._goal: Goal | None = None
+        self._force_n = 0.0
+        self._began: tuple[float, float] | None = None
+        self._pictures: deque[tuple[int, bytes]] = deque(maxlen=_PICTURES)
+
+    def take(self, shown: Shown) -> None:
+        """Take what a feed shows."""
+        if shown.stream == "camera" and shown.picture is not None:
+            self._pictures.append((shown.stamp_ns, shown.picture))
+        elif shown.stream == "force":
+            self._force_n = float(shown.numbers["force_n"][-1])
+            if self._follows is Follows.FORCE or self._began is None:
+                self._put(Goal(stamp_s=shown.stamp_ns * 1e-9, force_n=self._force_n))
+        elif shown.stream == "arm" and self._began is not None:
+            height, depth = self._began
+            sunk = depth + height - float(shown.numbers["position_m"][2])
+            self._put(Goal(stamp_s=shown.stamp_ns * 1e-9, depth_m=max(0.0, sunk)))
+
+    def begin_press(self, height_m: float, depth_m: float) -> None:
+        """Count depths from a height of the tip at which so much is pressed in already [m]."""
+        if self._follows is Follows.DEPTH:
+            self._began = height_m, depth_m
+
+    def end_press(self) -> None:
+        """Follow the force until the next press begins."""
+        self._began = None
+
+    def goal(self) -> Goal | None:
+        """Return the latest goal and forget it; None if there is no new one."""
+        found, self._goal = self._goal, None
+        return found
+
+    def picture(self, stamp_s: float) -> bytes | None:
+        """Return the camera's frame that is nearest in time."""
+        if not self._pictures:
+            return None
+        return min(self._pictures, key=lambda each: abs(each[0] * 1e-9 - stamp_s))[1]
+
+    def pictures(self) -> list[bytes]:
+        """Return the camera's last few frames, the oldest first."""
+        return [picture for _, picture in self._pictures]
+
+    def _put(self, goal: Goal) -> None:
+        self.dropped_count += self._goal is not None
+        self._goal = goal
+
+
+@dataclass(slots=True)
+class RunFollower:
+    """Takes in the feeds and events of a run, and presses the twin to its latest values.
+
+    Args:
+        twin: The simulator.
         follows: Force or depth.
         frame_width_px: Of the camera's frames.
     """
 
-    seen: Seen
+    twin: Twin
     follows: Follows
     frame_width_px: int
-    newest: Newest = field(init=False)
+    latest: LatestValue = field(init=False)
     _images: CameraImages = field(init=False)
     _unloaded: ImageArray | None = None
     _phase: str = ""
@@ -80,10 +143,10 @@ class Accompaniment:
     _residual: float | None = None
 
     def __post_init__(self) -> None:
-        self.newest = Newest(self.follows)
+        self.latest = LatestValue(self.follows)
         self._images = CameraImages(
-            self.seen.follower.view,
-            crop_fraction=self.seen.crop_fraction,
+            self.twin.follower.view,
+            crop_fraction=self.twin.crop_fraction,
             frame_width_px=self.frame_width_px,
         )
 
@@ -91,7 +154,7 @@ class Accompaniment:
         """Take what a feed shows."""
         if shown.stream == "arm":
             self._height_m = float(shown.numbers["position_m"][2])
-        self.newest.take(shown)
+        self.latest.take(shown)
 
     def note(self, event: JournalEvent) -> None:
         """Take in an event of the journal."""
@@ -102,21 +165,21 @@ class Accompaniment:
         if before == Phase.REFERENCE:
             self._take_unloaded()
         if self._phase == Phase.PRESS:
-            self.newest.begin_press(self._height_m, self._depth_m)
+            self.latest.begin_press(self._height_m, self._depth_m)
         elif self._phase not in FOLLOWED:
-            self.newest.end_press()
+            self.latest.end_press()
 
     def step(self) -> tuple[TwinLine, list[Shown]] | None:
-        """Follow the newest goal; None where there is none, or nothing is pressed now."""
-        goal = self.newest.goal()
+        """Follow the latest goal; None where there is none, or nothing is pressed now."""
+        goal = self.latest.goal()
         if goal is None or self._phase not in FOLLOWED:
             return None
         if monotonic_ns() - goal.stamp_s * 1e9 > STALE_NS:
-            self.newest.dropped_count += 1
+            self.latest.dropped_count += 1
             return None
         started_s = process_time()
         with_maps = self._count % MAPS_EVERY == 0
-        frame = self.seen.follower.follow(goal, maps=with_maps)
+        frame = self.twin.follower.follow(goal, maps=with_maps)
         self._depth_m = frame.depth_m
         if self._count % RESIDUAL_EVERY == 0:
             self._residual = self._left(goal, frame)
@@ -135,20 +198,20 @@ class Accompaniment:
             solve_ms=1e3 * frame.solve_s,
             draw_ms=1e3 * frame.draw_s,
             processor_ms=1e3 * (process_time() - started_s),
-            dropped=self.newest.dropped_count,
+            dropped=self.latest.dropped_count,
             note=frame.note,
         )
         return line, list(_shown(line, frame, picture))
 
     def _take_unloaded(self) -> None:
-        found = [self._images.of(picture) for picture in self.newest.pictures()]
+        found = [self._images.of(picture) for picture in self.latest.pictures()]
         readable = [image for image in found if image is not None]
         if readable:
             self._unloaded = median_image(readable)
-            self.seen.follower.unloaded(self._unloaded)
+            self.twin.follower.unloaded(self._unloaded)
 
     def _left(self, goal: Goal, frame: TwinFrame) -> float | None:
-        jpeg = self.newest.picture(goal.stamp_s)
+        jpeg = self.latest.picture(goal.stamp_s)
         real = None if jpeg is None else self._images.of(jpeg)
         if real is None or self._unloaded is None or frame.force_n == 0.0:
             return None

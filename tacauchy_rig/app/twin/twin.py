@@ -1,4 +1,4 @@
-"""Whether a run has a twin, what it follows, and with what it is made."""
+"""The twin of a configuration: its simulator, and what starts its process."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Follows(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Seen:
-    """A twin's simulator, and how frames of the real sensor become images of its size.
+class Twin:
+    """A simulator that follows a run, and how camera frames become images of its size.
 
     Attributes:
         crop_fraction: Part of a frame's width and height cut off at each border.
@@ -35,15 +35,15 @@ class Seen:
     crop_fraction: float
 
 
-def twin_wish(follows: Follows, *, device: str = "cpu") -> ViewerOptions:
-    """Return what the supervisor starts; its images are drawn on a device of Warp."""
+def twin_options(follows: Follows, *, device: str = "cpu") -> ViewerOptions:
+    """Return what the supervisor starts; images are drawn on a device of Warp."""
     options = {FOLLOWS: follows.value, DEVICE: device}
     return ViewerOptions(name=NAME, module=MODULE, options=options)
 
 
 def twin_of(
     config: RigConfig, *, optics: OpticalCalibration | None = None, device: str = "cpu"
-) -> Seen:
+) -> Twin:
     """Return what follows the presses of a configuration.
 
     Args:
@@ -64,4 +64,4 @@ def twin_of(
         inputs.sensor, optics=replace(inputs.sensor.optics, shadows=found.shadows)
     )
     follower = Follower(inputs.scene(config.protocol.force_targets), sensor, look)
-    return Seen(follower=follower, crop_fraction=found.geometry.crop_fraction)
+    return Twin(follower=follower, crop_fraction=found.geometry.crop_fraction)

@@ -1,4 +1,4 @@
-"""The real camera's image at a twin's size, and what the twin's leaves of it in the contact."""
+"""Camera frames at a twin's size, the residual of its images, and its pictures as JPEG."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from reports.scores.contact import (
     relative_residual,
 )
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.core.arrays import ImageArray
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
 
 # Decoders leave out what a smaller picture does not need: a quarter of the time for a half.
@@ -26,6 +26,8 @@ _REDUCED = {
     2: cv2.IMREAD_REDUCED_COLOR_2,
     1: cv2.IMREAD_COLOR,
 }
+
+_QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 85]
 
 
 class CameraImages:
@@ -67,3 +69,15 @@ def contact_residual(real: ImageArray, simulated: ImageArray, unloaded: ImageArr
         return None
     found = relative_residual(change, image_change(simulated, unloaded), contact_region(footprint))
     return found if math.isfinite(found) else None
+
+
+def jpeg_of(image: ImageArray) -> bytes:
+    """Return an RGB image as JPEG."""
+    return bytes(cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), _QUALITY)[1])
+
+
+def map_picture(values: FloatArray, *, highest: float) -> bytes:
+    """Return a map as JPEG: black is nothing, light yellow ``highest``, both in its own unit."""
+    share = np.clip(values / max(highest, 1e-300), 0.0, 1.0)
+    drawn = cv2.applyColorMap(np.rint(255.0 * share).astype(np.uint8), cv2.COLORMAP_INFERNO)
+    return bytes(cv2.imencode(".jpg", drawn, _QUALITY)[1])
