@@ -59,15 +59,6 @@ def mounted(
     return found
 
 
-def press_again(
-    run: RunReading, inputs: ReplayInputs, *, on_progress: Say = say_nothing
-) -> Pressed:
-    """Press a run's trials of one indenter at one place, as ``press_parts`` does."""
-    part = Part(run=run, inputs=inputs, config=run.store.config)
-    (pressed,) = press_parts([part], on_progress=on_progress)
-    return pressed
-
-
 def press_parts(parts: Sequence[Part], *, on_progress: Say = say_nothing) -> list[Pressed]:
     """Press to every measured force; if the run asks so, the depths of all trials fit the modulus.
 

@@ -10,7 +10,6 @@ from tacauchy_rig.core.errors import ConfigError
 
 NAME, MODULE, PORT = "foxglove", "tacauchy_rig.app.viewers", "port"
 PACKAGE = "foxglove"
-USUAL_PORT = 8765
 OPTION = "--foxglove"
 SOURCES = ("twin",)
 

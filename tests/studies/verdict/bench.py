@@ -19,7 +19,8 @@ from tacauchy_rig.app.replay.optics import (
     optics_of,
     say_nothing,
 )
-from tacauchy_rig.app.replay.pressing import measured_depths, mounted, press_again
+from tacauchy_rig.app.replay.parts import Part
+from tacauchy_rig.app.replay.pressing import measured_depths, mounted, press_parts
 from tacauchy_rig.app.replay.replay import render_again
 from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import ImageArray
@@ -68,7 +69,7 @@ class Bench:
 
     def press(self, inputs: ReplayInputs) -> Pressed:
         """Press all trials otherwise, with the modulus that the run's depths then tell."""
-        return Pressed(*press_again(self.run, inputs))
+        return _pressed(self.run, inputs)
 
     def press_first(self, inputs: ReplayInputs) -> Pressed:
         """Press the smallest force otherwise, with the true replay's modulus, and keep the rest.
@@ -128,7 +129,7 @@ def bench_of(
     given = run.store.config.sensor.optics_calibration
     optics = optics_of(given, inputs.sensor, calibrate=calibrate, on_progress=on_progress)
     on_progress(f"replaying truly, preset {preset.value}")
-    pressed = Pressed(*press_again(run, inputs))
+    pressed = _pressed(run, inputs)
     replay, images = rendered(run, inputs, pressed, optics)
     return Bench(
         run=run,
@@ -141,6 +142,12 @@ def bench_of(
             inputs, run.store.config, measured_depths(run), found=found.values
         ),
     )
+
+
+def _pressed(run: RunReading, inputs: ReplayInputs) -> Pressed:
+    """Press a run's trials of one indenter at one place."""
+    part = Part(run=run, inputs=inputs, config=run.store.config)
+    return Pressed(*press_parts([part])[0])
 
 
 def rendered(
