@@ -15,6 +15,7 @@ import typer
 
 from tacauchy_rig.app.cli.options import Jobs, JsonFile
 from tacauchy_rig.app.cli.output import (
+    Steps,
     complain,
     say,
     show_table,
@@ -22,7 +23,6 @@ from tacauchy_rig.app.cli.output import (
     write_json,
     write_text,
 )
-from tacauchy_rig.app.cli.steps import Steps
 from tacauchy_rig.core.errors import AbortedError, ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.selection import selected

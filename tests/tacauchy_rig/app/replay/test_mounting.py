@@ -73,8 +73,8 @@ def test_a_lean_that_changes_nothing_asked_for_is_left_out() -> None:
     ("overrides", "kept", "why"),
     [
         (('indenter.kind="sphere"',), slice(None), "alike from all sides"),
-        ((), slice(2), "2 trials tell no lean"),
-        ((), slice(0), "0 trials tell no lean"),
+        ((), slice(2), "2 presses carry moments"),
+        ((), slice(0), "0 presses carry moments"),
         (('workspace.max_tilt="0.5 deg"',), slice(None), "more than workspace.max_tilt"),
     ],
 )

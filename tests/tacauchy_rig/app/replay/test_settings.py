@@ -45,7 +45,7 @@ def test_auto_is_the_cheapest_preset_that_promises_its_tolerance() -> None:
     assert scene.preset is Preset.FAST
     assert 1.0 < scene.refinement < 2.2
     assert scene.tolerance == PRESET_TOLERANCE[Preset.BALANCED]
-    assert str(settled.promised) == "3% of F_z"
+    assert str(settled.stated_accuracy) == "3% of F_z"
     assert settled.settled([4.0]) is settled
 
 
@@ -57,7 +57,7 @@ def test_auto_is_a_named_preset_where_none_promises_its_tolerance(
     settled = inputs_of(configured()).settled([1.0])
     scene = settled.scene([1.0])
     assert (scene.preset, scene.refinement, scene.tolerance) == (Preset.BALANCED, 1.0, None)
-    assert settled.promised is None
+    assert settled.stated_accuracy is None
 
 
 def test_a_preset_or_a_tolerance_that_is_given_is_not_chosen_anew() -> None:
