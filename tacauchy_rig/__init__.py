@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from reports.scores.floors import trial_floors as trial_floors
     from reports.scores.metrics import score as score
     from sim.batch.batch import Batch as Batch
-    from sim.batch.environment import Course as Course
     from sim.batch.environment import Environment as Environment
+    from sim.batch.environment import Trajectory as Trajectory
     from sim.batch.pilot import Pilot as Pilot
     from sim.batch.pilot import batch_model as batch_model
     from sim.effects.plan import plan_effects as plan_effects
@@ -54,7 +54,7 @@ _PUBLIC = {
     "Batch": "sim.batch.batch:Batch",
     "batch_model": "sim.batch.pilot:batch_model",
     "ContactMode": "sim.scene.scene:ContactMode",
-    "Course": "sim.batch.environment:Course",
+    "Trajectory": "sim.batch.environment:Trajectory",
     "Cylinder": "sim.scene.indenter:Cylinder",
     "Effect": "sim.scene.scene:Effect",
     "Environment": "sim.batch.environment:Environment",

@@ -1,4 +1,4 @@
-"""What the environments of a batch have of their own, where they go, and what they give."""
+"""The environments of a batch: what each has of its own, its trajectory, and the result."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tacauchy_rig.core.errors import ConfigError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Course:
+class Trajectory:
     """Where an indenter goes, frame by frame.
 
     Attributes:
@@ -33,7 +33,7 @@ class Course:
     def __post_init__(self) -> None:
         if (self.depths_m is None) == (self.loads_n is None):
             raise ConfigError(
-                "a course has both depths and loads, or neither",
+                "a trajectory has both depths and loads, or neither",
                 remedy="give the one that is known, frame by frame",
             )
         count = self.frame_count
@@ -44,7 +44,7 @@ class Course:
                 )
         if count == 0 or not np.isfinite(self.goals).all():
             raise ConfigError(
-                "a course has no frames, or numbers in it that are not finite",
+                "a trajectory has no frames, or numbers in it that are not finite",
                 remedy="give at least one frame, and finite numbers",
             )
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.batch.environment import Course, Environment
+from sim.batch.environment import Environment, Trajectory
 from sim.effects.plan import plan_effects
 from sim.effects.presets import BATCH, build_model, mesh_for
 from sim.scene.indenter import Indenter
@@ -25,9 +25,9 @@ from tacauchy_rig.core.errors import ConfigError
 BARRIER_SHARE = 0.01
 # What only preconditions need not be in balance more exactly.
 _RESIDUAL = 1e-4
-# Places on the way from one kept state to the next. Environments start on the straight lines
+# Points from one kept state to the next. Environments start on the straight lines
 # between them, and what those are off by costs evaluations.
-_PLACES = 4
+_POINTS_PER_STATE = 4
 
 
 def batch_model(scene: Scene, *, refinement: float = 1.0, symmetric: bool = True) -> Model:
@@ -51,11 +51,11 @@ def batch_model(scene: Scene, *, refinement: float = 1.0, symmetric: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
-    """Where the pilot came by.
+class PilotPoint:
+    """A point of the pilot's path.
 
     Attributes:
-        before: Place that it came from, the first is 1; 0 for the untouched gel.
+        before: Number of the point before it, the first is 1; 0 for the untouched gel.
         goal: What it went to, as ``goals_of`` has it, shape [4].
         point: What it found.
         state: The one that is kept there, or -1.
@@ -75,7 +75,7 @@ class PilotState:
         data: CSR values of the upper triangle.
         border: Column of the indenter's height, shape [unknown_count].
         corner: Its diagonal entry.
-        frame: Its number among those of the course.
+        frame: Its number among the trajectory's.
     """
 
     data: FloatArray
@@ -90,16 +90,16 @@ class Pilot:
 
     Args:
         model: The pad, on the CPU.
-        course: Where it goes.
+        trajectory: Where the indenter goes.
         centre_m: Where it comes down, x and y [m].
-        count: Frames whose state is kept, at most, evenly over the course.
+        count: Frames whose state is kept, at most, evenly over the trajectory.
         shares: Of depth or force, at which what moves along the surface does so once more: who is
             pressed less hard slides sooner, and wants other inverses.
 
     Attributes:
         touch_m: Height of the indenter's tip at first touch [m].
-        metres: Depth for a newton [m/N], and way of a contact's edge for a radian [m].
-        way: Where it came by.
+        metres: Depth for a newton [m/N], and distance of a contact's edge for a radian [m].
+        points: Its path.
         states: Of those frames.
         dense: Their inverses [m/N], shape [size, size] each, once a GPU has had them made.
 
@@ -109,14 +109,14 @@ class Pilot:
 
     model: Model
     indenter: Indenter
-    course: Course
+    trajectory: Trajectory
     centre_m: tuple[float, float] = (0.0, 0.0)
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
     count: int = 8
     shares: Sequence[float] = ()
     touch_m: float = field(init=False)
     metres: tuple[float, float] = field(init=False)
-    way: list[Place] = field(init=False)
+    points: list[PilotPoint] = field(init=False)
     states: list[PilotState] = field(init=False)
     dense: list[NDArray[np.float32]] | None = field(init=False, default=None, repr=False)
     setup_s: float = field(init=False)
@@ -137,10 +137,10 @@ class Pilot:
             options=SolverOptions(residual_relative=_RESIDUAL),
         )
         self.touch_m = path.touch_m
-        self.way, self.states = [], []
+        self.points, self.states = [], []
         goals = self._goals()
         self._travel(path, goals)
-        deepest = self.way[len(goals) - 1].point
+        deepest = self.points[len(goals) - 1].point
         force = max(float(deepest.force_n[2]), 1e-300)
         self.metres = deepest.depth_m / force, deepest.contact_radius_m
         self.setup_s = time.perf_counter() - started
@@ -148,7 +148,7 @@ class Pilot:
     @property
     def is_pushed(self) -> bool:
         """The indenter's height is an unknown, its force given."""
-        return self.course.is_pushed
+        return self.trajectory.is_pushed
 
     def starts(self, environments: Sequence[Environment]) -> tuple[FloatArray, FloatArray]:
         """Return where environments' indenters first touch the pad.
@@ -171,28 +171,28 @@ class Pilot:
         return np.array(tips), np.array(rotations)
 
     @property
-    def stands_m(self) -> FloatArray:
-        """Where on the course its places are, as ``step_kernels`` has features, shape [n, 4]."""
-        along, x, y, turn = np.array([each.goal for each in self.way]).T
+    def coordinates_m(self) -> FloatArray:
+        """Coordinates of its points, as ``step_kernels`` has them, shape [n, 4]."""
+        along, x, y, turn = np.array([each.goal for each in self.points]).T
         metres = self.metres[0] if self.is_pushed else 1.0
         return np.column_stack([x, y, metres * along, self.metres[1] * turn])
 
     def _goals(self) -> FloatArray:
-        """Return where to go on the course, some places for every state that is kept."""
-        course, frames = self.course, self.course.frame_count
+        """Return where to go on the trajectory, some points for every state that is kept."""
+        trajectory, frames = self.trajectory, self.trajectory.frame_count
         kept = np.unique(np.linspace(0, frames, self.count + 1).round())
-        parts = np.linspace(0.0, len(kept) - 1.0, _PLACES * (len(kept) - 1) + 1)[1:]
+        parts = np.linspace(0.0, len(kept) - 1.0, _POINTS_PER_STATE * (len(kept) - 1) + 1)[1:]
         times = np.interp(parts, np.arange(len(kept)), kept)
-        ways = np.concatenate([np.zeros((1, 4)), course.goals]).T
-        return np.column_stack([np.interp(times, np.arange(frames + 1), way) for way in ways])
+        goals = np.concatenate([np.zeros((1, 4)), trajectory.goals]).T
+        return np.column_stack([np.interp(times, np.arange(frames + 1), goal) for goal in goals])
 
     def _legs(self, goals: FloatArray) -> Iterator[tuple[int, FloatArray, int]]:
-        """Yield places to come from, goals, and the number of each among those of the course."""
+        """Yield the points to come from, goals, and the number of each among the trajectory's."""
         yield from ((number, goal, number) for number, goal in enumerate(goals))
         moving, count = int(np.argmax(goals[:, 1:].any(axis=1))), len(goals)
         for share in self.shares if moving else ():
             less = goals[moving - 1 :] * [share, 1.0, 1.0, 1.0]
-            # From the last place that is pressed less; where it branches no state is kept.
+            # From the last point that is pressed less; where it branches no state is kept.
             yield max(1, int(np.searchsorted(goals[:moving, 0], less[0, 0]))), less[0], 0
             for number, goal in enumerate(less[1:], start=moving):
                 count += 1
@@ -200,9 +200,9 @@ class Pilot:
             count += 1
 
     def _travel(self, path: LoadingPath, goals: FloatArray) -> None:
-        """Go to one place after the other, and note each."""
+        """Go to one point after the other, and note each."""
         for before, goal, number in self._legs(goals):
-            begun = self.way[before - 1] if before else None
+            begun = self.points[before - 1] if before else None
             origin, point = (begun.goal, begun.point) if begun else (np.zeros(4), None)
             if point is None or goal[0] != origin[0]:
                 go = path.push if self.is_pushed else path.advance
@@ -211,11 +211,11 @@ class Pilot:
                 x, y, turn = (float(each) for each in goal[1:] - origin[1:])
                 hold = Hold.FORCE if self.is_pushed else Hold.DEPTH
                 point = path.carry(shift_m=(x, y), twist_rad=turn, hold=hold)
-            is_kept = number % _PLACES == _PLACES - 1
+            is_kept = number % _POINTS_PER_STATE == _POINTS_PER_STATE - 1
             state = len(self.states) if is_kept else -1
-            self.way.append(Place(before=before, goal=goal, point=point, state=state))
+            self.points.append(PilotPoint(before=before, goal=goal, point=point, state=state))
             if is_kept:
-                self.states.append(self._state(point, frame=number // _PLACES))
+                self.states.append(self._state(point, frame=number // _POINTS_PER_STATE))
 
     def _state(self, point: PathPoint, *, frame: int) -> PilotState:
         model, state = self.model, point.state

@@ -1,90 +1,90 @@
 """Warp kernels of a step of a batch: where every environment starts from, and what it found.
 
-A step takes each environment's indenter to a pose or a load. As long as that goes the pilot's way,
-it starts with the motion that the pilot made there. Beside it, it starts where the last two states
-lead if the step goes the same way as the one before; else from the last one. Along a course
-an environment goes on to its next frame as soon as it has arrived, unless it would need an inverse
-far from those that serve the others.
+A step takes each environment's indenter to a pose or a load. As long as it follows the pilot's
+path, it starts with the motion that the pilot made there. Otherwise it starts where the last two
+states lead if it goes in the direction of the step before; else from the last one. Along a
+trajectory an environment goes on to its next frame as soon as it has arrived, unless it would need
+an inverse far from those that serve the others.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
-from sim.batch.pilots_way import (
-    SAME_WAY,
-    Guide,
-    Stand,
+from sim.batch.pilot_path import (
+    SAME_DIRECTION,
+    PathPosition,
+    PilotPath,
+    coordinates_at,
     depth_at,
     motion_at,
-    place_of,
-    stands_of,
+    path_positions,
 )
 from sim.contact.contact_kernels import GripArrays
 from sim.contact.indenter_distance import Poses
 from sim.solve.descent_state import Descent, Mode, Status
 from sim.solve.memory_kernels import Memory, wait_for_all
 
-# A step goes the same way as the one before if it is so many times as long at most.
+# A step continues the one before if it is so many times as long at most.
 _LONGER = wp.constant(wp.float64(3.0))
 _NOTHING = wp.constant(wp.float64(1e-300))
-# A step goes the pilot's way if it is unlike the pilot's by no more than this share of its length,
-# and leads no further beside it than this share of the way from first touch.
+# A step follows the pilot if it differs from the pilot's by no more than this share of its length,
+# and ends no further beside it than this share of the distance from first touch.
 _BESIDE = wp.constant(wp.float64(0.5))
 _NEVER = wp.constant(2**30)
 
 # Stages of an environment.
 WAITS = wp.constant(0)
-LANDS = wp.constant(1)  # it has just arrived
+ARRIVED = wp.constant(1)  # it has just arrived
 STARTS = wp.constant(2)
-GOES = wp.constant(3)
+UNDER_WAY = wp.constant(3)
 
 
 @wp.struct
-class Way:
-    """Where the environments begin and go.
+class Trajectories:
+    """Where the environments begin and go, frame by frame.
 
     Attributes:
         tips: Of the indenter at first touch [m], shape [environment_count].
         rotations: Indenter frame to pad frame, there.
-        course: Frame by frame, shape [frame_count, environment_count]: depth [m] or force that
-            pushes the whole pad [N], way along x and y [m], turn about z [rad].
+        goals: Depth [m] or force that pushes the whole pad [N], shift along x and y [m], turn about
+            z [rad]; shape [frame_count, environment_count].
         until: The frame to go to at most, shape [1].
-        metres: Depth for a newton [m/N], way for a radian [m].
+        metres: Depth for a newton [m/N], distance for a radian [m].
         copies: Of the modelled part in the whole pad.
-        pushed: The force is given, and counts
-        shares: as E that the pilot's gel has over their own, shape [environment_count].
+        pushed: The force is given, and counts times
+        shares: E of the pilot's gel over their own, shape [environment_count].
         guided: 1 where the indenter comes down where the pilot's did, shape [environment_count].
-        stands: Where on the pilot's way a frame begins, as ``course`` has its shape, and
-        goals: where it ends.
+        starts: Where on the pilot's path a frame begins, as ``goals`` has its shape, and
+        ends: where it ends.
         nearest: The kept state of the pilot that is nearest to its end.
     """
 
     tips: wp.array(dtype=wp.vec3d)
     rotations: wp.array(dtype=wp.mat33d)
-    course: wp.array2d(dtype=wp.vec4d)
+    goals: wp.array2d(dtype=wp.vec4d)
     until: wp.array(dtype=wp.int32)
     metres: wp.vec2d
     copies: wp.float64
     pushed: wp.bool
     shares: wp.array(dtype=wp.float64)
     guided: wp.array(dtype=wp.int32)
-    stands: wp.array2d(dtype=Stand)
-    goals: wp.array2d(dtype=Stand)
+    starts: wp.array2d(dtype=PathPosition)
+    ends: wp.array2d(dtype=PathPosition)
     nearest: wp.array2d(dtype=wp.int32)
 
 
 @wp.struct
-class Trail:
+class History:
     """The last states, shape [environment_count, ...] each.
 
     Attributes:
         active: 1 where an environment takes part in the step.
         stage: Where it is between two frames.
         frame: Frames that it has behind it.
-        share: Of the last step's way: so far the next one's start is beyond the last state.
-        follows: 1 where the step goes the pilot's way.
-        features: Of the last two states, newest first, shape [..., 2]: along x and y, depth or
+        share: Of the last step: so far the next one's start is beyond the last state.
+        follows: 1 where the step follows the pilot's path.
+        coordinates: Of the last two states, latest first, shape [..., 2]: along x and y, depth or
             load, turn; each in metres.
         heights: Of the indenter's tip in them [m], shape [..., 2].
         last: Nodes of the last state [m], shape [..., node_count]; ``older`` of the one before.
@@ -95,14 +95,14 @@ class Trail:
     frame: wp.array(dtype=wp.int32)
     share: wp.array(dtype=wp.float64)
     follows: wp.array(dtype=wp.int32)
-    features: wp.array2d(dtype=wp.vec4d)
+    coordinates: wp.array2d(dtype=wp.vec4d)
     heights: wp.array2d(dtype=wp.float64)
     last: wp.array2d(dtype=wp.vec3d)
     older: wp.array2d(dtype=wp.vec3d)
 
 
 @wp.struct
-class Together:
+class InverseSharing:
     """How environments share the pilot's inverses.
 
     An inverse multiplies some vectors at once: those whose environments it serves lie in columns
@@ -128,7 +128,7 @@ class Together:
 
 
 @wp.struct
-class Found:
+class StepResults:
     """What a step gives, shape [frame_count, environment_count] each.
 
     Attributes:
@@ -149,70 +149,70 @@ class Found:
 
 
 @wp.func
-def feature_at(way: Way, frame: wp.int32, b: wp.int32) -> wp.vec4d:
-    """Return where an environment goes in a frame, every component in metres."""
-    goal = way.course[frame, b]
+def coordinates_of(trajectories: Trajectories, frame: wp.int32, b: wp.int32) -> wp.vec4d:
+    """Return the coordinates that an environment goes to in a frame, each in metres."""
+    goal = trajectories.goals[frame, b]
     along = goal[0]
-    if way.pushed:
-        along = along * way.metres[0] * way.shares[b]
-    return wp.vec4d(goal[1], goal[2], along, goal[3] * way.metres[1])
+    if trajectories.pushed:
+        along = along * trajectories.metres[0] * trajectories.shares[b]
+    return wp.vec4d(goal[1], goal[2], along, goal[3] * trajectories.metres[1])
 
 
 @wp.kernel(enable_backward=False)
-def lay(
+def locate(
     # Model:
-    guide: Guide,
+    path: PilotPath,
     # Data in:
-    trail: Trail,
+    history: History,
     # Data in and out:
-    way: Way,
+    trajectories: Trajectories,
 ):
-    """Find the frames' points of the pilot's way; launches as ``course`` has its shape."""
+    """Find the frames' positions on the pilot's path; launches as ``goals`` has its shape."""
     frame, b = wp.tid()
-    before = trail.features[b, 0]
+    before = history.coordinates[b, 0]
     if frame > 0:
-        before = feature_at(way, frame - 1, b)
-    began, ends, nearest = stands_of(guide, before, feature_at(way, frame, b))
-    way.stands[frame, b] = began
-    way.goals[frame, b] = ends
-    way.nearest[frame, b] = nearest
+        before = coordinates_of(trajectories, frame - 1, b)
+    began, ends, nearest = path_positions(path, before, coordinates_of(trajectories, frame, b))
+    trajectories.starts[frame, b] = began
+    trajectories.ends[frame, b] = ends
+    trajectories.nearest[frame, b] = nearest
 
 
 @wp.func
-def _goes_on(way: Way, trail: Trail, b: wp.int32) -> wp.bool:
-    return trail.active[b] == 1 and trail.frame[b] < way.until[0]
+def _goes_on(trajectories: Trajectories, history: History, b: wp.int32) -> wp.bool:
+    return history.active[b] == 1 and history.frame[b] < trajectories.until[0]
 
 
 @wp.func
-def share_out(together: Together, k: wp.int32):
+def share_out(sharing: InverseSharing, k: wp.int32):
     """Give an inverse columns after those of the ones before it."""
     before = wp.int32(0)
     whole = wp.int32(0)
     own = wp.int32(0)
-    if together.width > 0:
-        for other in range(together.counts.shape[0]):
-            blocks = (together.counts[other] + together.width - 1) / together.width
+    if sharing.width > 0:
+        for other in range(sharing.counts.shape[0]):
+            blocks = (sharing.counts[other] + sharing.width - 1) / sharing.width
             whole += blocks
             if other < k:
                 before += blocks
             if other == k:
                 own = blocks
-    together.first[k] = before * together.width
+    sharing.first[k] = before * sharing.width
     for block in range(before, before + own):
-        together.blocks[block] = k
-    for block in range(whole + k, together.blocks.shape[0], together.counts.shape[0]):
-        together.blocks[block] = -1
+        sharing.blocks[block] = k
+    for block in range(whole + k, sharing.blocks.shape[0], sharing.counts.shape[0]):
+        sharing.blocks[block] = -1
 
 
 @wp.func
-def share_of(trail: Trail, b: wp.int32, goal: wp.vec4d) -> wp.float64:
+def share_of(history: History, b: wp.int32, goal: wp.vec4d) -> wp.float64:
     """Return the next step over the last one; zero where it leads elsewhere or much farther."""
-    ahead = goal - trail.features[b, 0]
-    behind = trail.features[b, 0] - trail.features[b, 1]
+    ahead = goal - history.coordinates[b, 0]
+    behind = history.coordinates[b, 0] - history.coordinates[b, 1]
     step = wp.length(ahead)
     last = wp.length(behind)
     share = wp.float64(0.0)
-    if step <= _LONGER * last and wp.dot(ahead, behind) > SAME_WAY * step * last:
+    if step <= _LONGER * last and wp.dot(ahead, behind) > SAME_DIRECTION * step * last:
         share = step / last
     return share
 
@@ -221,13 +221,13 @@ def share_of(trail: Trail, b: wp.int32, goal: wp.vec4d) -> wp.float64:
 def begin(
     # Model:
     lags: wp.bool,
-    guide: Guide,
+    path: PilotPath,
     # Data in:
-    way: Way,
-    together: Together,
+    trajectories: Trajectories,
+    sharing: InverseSharing,
     straight: wp.array(dtype=wp.int32),
     # Data in and out:
-    trail: Trail,
+    history: History,
     poses: Poses,
     d: Descent,
     memory: Memory,
@@ -239,61 +239,61 @@ def begin(
     Where ``straight`` is 1, from the last state as it is.
     """
     _, thread = wp.tid()
-    count = trail.active.shape[0]
+    count = history.active.shape[0]
     # What the slowest has behind it, and the first of the frames whose inverses are needed.
     own = wp.vec2i(_NEVER, _NEVER)
     for b in range(thread, count, wp.block_dim()):
-        if _goes_on(way, trail, b):
-            at = trail.frame[b]
-            own = wp.min(own, wp.vec2i(at, guide.frames[way.nearest[at, b]]))
-    for k in range(thread, together.counts.shape[0], wp.block_dim()):
-        together.counts[k] = 0
+        if _goes_on(trajectories, history, b):
+            at = history.frame[b]
+            own = wp.min(own, wp.vec2i(at, path.frames[trajectories.nearest[at, b]]))
+    for k in range(thread, sharing.counts.shape[0], wp.block_dim()):
+        sharing.counts[k] = 0
     least = wp.tile_reduce(wp.min, wp.tile(own, preserve_type=True))
     slowest = least[0]
     wait_for_all()
     for b in range(thread, count, wp.block_dim()):
-        stage = trail.stage[b]
+        stage = history.stage[b]
         if stage == STARTS:
-            trail.stage[b] = GOES
-        if stage == LANDS:
-            trail.stage[b] = WAITS
-        at = trail.frame[b]
-        starts = stage < STARTS and _goes_on(way, trail, b)
+            history.stage[b] = UNDER_WAY
+        if stage == ARRIVED:
+            history.stage[b] = WAITS
+        at = history.frame[b]
+        starts = stage < STARTS and _goes_on(trajectories, history, b)
         if starts and at > slowest[0]:
-            starts = guide.frames[way.nearest[at, b]] <= slowest[1] + together.ahead
+            starts = path.frames[trajectories.nearest[at, b]] <= slowest[1] + sharing.ahead
         if starts:
-            trail.stage[b] = STARTS
+            history.stage[b] = STARTS
             busy_out[0] = 1
-            ahead = feature_at(way, at, b)
+            ahead = coordinates_of(trajectories, at, b)
             share = wp.float64(0.0)
-            stand = way.stands[at, b]
-            goal_stand = way.goals[at, b]
-            together.which[b] = way.nearest[at, b]
-            step = ahead - trail.features[b, 0]
-            pilots = place_of(guide, goal_stand) - place_of(guide, stand)
-            beside = wp.length(place_of(guide, goal_stand) - ahead)
+            start = trajectories.starts[at, b]
+            end = trajectories.ends[at, b]
+            sharing.which[b] = trajectories.nearest[at, b]
+            step = ahead - history.coordinates[b, 0]
+            pilots = coordinates_at(path, end) - coordinates_at(path, start)
+            beside = wp.length(coordinates_at(path, end) - ahead)
             away = wp.length(pilots - step) > _BESIDE * wp.length(step)
             away = away or beside > _BESIDE * wp.length(ahead)
-            follows = straight[0] == 0 and way.guided[b] == 1 and not away
+            follows = straight[0] == 0 and trajectories.guided[b] == 1 and not away
             if straight[0] == 0 and not follows:
-                share = share_of(trail, b, ahead)
-            trail.follows[b] = wp.where(follows, 1, 0)
-            trail.share[b] = share
-            goal = way.course[at, b]
-            tip = way.tips[b] + wp.vec3d(goal[1], goal[2], wp.float64(0.0))
+                share = share_of(history, b, ahead)
+            history.follows[b] = wp.where(follows, 1, 0)
+            history.share[b] = share
+            goal = trajectories.goals[at, b]
+            tip = trajectories.tips[b] + wp.vec3d(goal[1], goal[2], wp.float64(0.0))
             height = tip[2] - goal[0]
-            if way.pushed:
-                height = trail.heights[b, 0]
-                height += share * (height - trail.heights[b, 1])
+            if trajectories.pushed:
+                height = history.heights[b, 0]
+                height += share * (height - history.heights[b, 1])
                 if follows:
-                    height -= depth_at(guide, goal_stand) - depth_at(guide, stand)
-                d.load[b] = goal[0] / way.copies
+                    height -= depth_at(path, end) - depth_at(path, start)
+                d.load[b] = goal[0] / trajectories.copies
             poses.tips[b] = wp.vec3d(tip[0], tip[1], height)
             c = wp.cos(goal[3])
             s = wp.sin(goal[3])
             zero = wp.float64(0.0)
             turn = wp.mat33d(c, -s, zero, s, c, zero, zero, zero, wp.float64(1.0))
-            poses.rotations[b] = turn * way.rotations[b]
+            poses.rotations[b] = turn * trajectories.rotations[b]
             memory.counts[b] = 0
             memory.next[b] = 0
             d.status[b] = Status.RUNNING
@@ -306,20 +306,20 @@ def begin(
             d.gripped_at[b] = wp.float64(1e300)
             d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
         if d.status[b] == Status.RUNNING:
-            together.rank[b] = wp.atomic_add(together.counts, together.which[b], 1)
+            sharing.rank[b] = wp.atomic_add(sharing.counts, sharing.which[b], 1)
     wait_for_all()
-    for k in range(thread, together.counts.shape[0], wp.block_dim()):
-        share_out(together, k)
+    for k in range(thread, sharing.counts.shape[0], wp.block_dim()):
+        share_out(sharing, k)
 
 
 @wp.kernel(enable_backward=False)
 def predict(
     # Model:
-    guide: Guide,
+    path: PilotPath,
     # Data in:
-    way: Way,
-    together: Together,
-    trail: Trail,
+    trajectories: Trajectories,
+    sharing: InverseSharing,
+    history: History,
     # Data out:
     slot_out: wp.array(dtype=wp.int32),
     positions_out: wp.array2d(dtype=wp.vec3d),
@@ -328,14 +328,15 @@ def predict(
 ):
     """Put the nodes to where a step starts; launches over [environment_count, node_count]."""
     b, n = wp.tid()
-    if n == 0 and together.width > 0:
-        slot_out[b] = together.first[together.which[b]] + together.rank[b]
-    if trail.stage[b] == STARTS:
-        last = trail.last[b, n]
-        x = last + (last - trail.older[b, n]) * trail.share[b]
-        if trail.follows[b] == 1:
-            at = trail.frame[b]
-            x += motion_at(guide, way.goals[at, b], n) - motion_at(guide, way.stands[at, b], n)
+    if n == 0 and sharing.width > 0:
+        slot_out[b] = sharing.first[sharing.which[b]] + sharing.rank[b]
+    if history.stage[b] == STARTS:
+        last = history.last[b, n]
+        x = last + (last - history.older[b, n]) * history.share[b]
+        if history.follows[b] == 1:
+            at = history.frame[b]
+            end = motion_at(path, trajectories.ends[at, b], n)
+            x += end - motion_at(path, trajectories.starts[at, b], n)
         positions_out[b, n] = x
         elastic_out[b, n] = wp.vec3d()
         contact_out[b, n] = wp.vec3d()
@@ -361,35 +362,35 @@ def remember(
     # Data in:
     positions: wp.array2d(dtype=wp.vec3d),
     # Data in and out:
-    trail: Trail,
+    history: History,
 ):
     """Take over what was found; launches over [environment_count, node_count]."""
     b, n = wp.tid()
-    if trail.stage[b] == LANDS:
-        trail.older[b, n] = trail.last[b, n]
-        trail.last[b, n] = positions[b, n]
+    if history.stage[b] == ARRIVED:
+        history.older[b, n] = history.last[b, n]
+        history.last[b, n] = positions[b, n]
 
 
 @wp.kernel(enable_backward=False)
-def land(
+def end(
     # Model:
     floor: wp.float64,
     # Data in:
-    way: Way,
+    trajectories: Trajectories,
     poses: Poses,
     d: Descent,
     # Data in and out:
-    trail: Trail,
+    history: History,
     # Data out:
-    found: Found,
+    found: StepResults,
 ):
     """Note what was found; who did not arrive takes no part from now on.
 
     Launches over [environment_count].
     """
     b = wp.tid()
-    if trail.stage[b] >= STARTS and d.status[b] != Status.RUNNING:
-        at = trail.frame[b]
+    if history.stage[b] >= STARTS and d.status[b] != Status.RUNNING:
+        at = history.frame[b]
         found.status[at, b] = d.status[b]
         if d.status[b] == Status.DONE:
             load = wp.max(d.scale[b], floor)
@@ -398,12 +399,12 @@ def land(
             found.residual[at, b] = d.residual[b] / load
             found.imbalance[at, b] = d.vertical[b] / load
             found.gap[at, b] = d.gap_min[b]
-            trail.features[b, 1] = trail.features[b, 0]
-            trail.features[b, 0] = feature_at(way, at, b)
-            trail.heights[b, 1] = trail.heights[b, 0]
-            trail.heights[b, 0] = poses.tips[b][2]
-            trail.frame[b] = at + 1
-            trail.stage[b] = LANDS
+            history.coordinates[b, 1] = history.coordinates[b, 0]
+            history.coordinates[b, 0] = coordinates_of(trajectories, at, b)
+            history.heights[b, 1] = history.heights[b, 0]
+            history.heights[b, 0] = poses.tips[b][2]
+            history.frame[b] = at + 1
+            history.stage[b] = ARRIVED
         else:
-            trail.active[b] = 0
-            trail.stage[b] = WAITS
+            history.active[b] = 0
+            history.stage[b] = WAITS

@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from sim.batch.batch import Batch
-from sim.batch.environment import BatchOptions, BatchResult, Course, Environment
+from sim.batch.environment import BatchOptions, BatchResult, Environment, Trajectory
 from sim.batch.pilot import Pilot, batch_model
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
@@ -47,7 +47,7 @@ _LESS = 0.93
 
 
 def batch_parts(
-    batch: Batch, chosen: Sequence[tuple[Environment, Course]], *, wall_s: float
+    batch: Batch, chosen: Sequence[tuple[Environment, Trajectory]], *, wall_s: float
 ) -> dict[str, float]:
     """Time what a step of a press takes, and the stress of all environments once [s].
 
@@ -61,10 +61,10 @@ def batch_parts(
     parts = {"stress": _time_of(batch.stress.launch, device=batch.device)}
     if batch.device == "cpu":
         return parts
-    courses = [course for _, course in chosen]
-    batch.prepare(courses[0].frame_count).launch_singly()
+    trajectories = [trajectory for _, trajectory in chosen]
+    batch.prepare(trajectories[0].frame_count).launch_singly()
     wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
-    batch.press(courses)
+    batch.press(trajectories)
     times = [(_part_of(each.name), 1e-3 * each.elapsed) for each in wp.timing_end()]
     steps = sum(name == "prepare" for name, _ in times)
     for part in dict.fromkeys((*_PARTS.values(), _REST)):
@@ -102,15 +102,15 @@ def pressing_frames(scene: Scene, count: int = FRAME_COUNT) -> int:
     return count // 2 if moving else count
 
 
-def course_of(scene: Scene, *, frame_count: int) -> Course:
-    """Return a scene's course in equal frames: down, then, in half of them, its motion."""
+def trajectory_of(scene: Scene, *, frame_count: int) -> Trajectory:
+    """Return a scene's trajectory in equal frames: down, then, in half of them, its motion."""
     motion, target = scene.motion, scene.target
     pressing = pressing_frames(scene, frame_count)
     down = np.minimum(1.0, np.arange(1, frame_count + 1) / pressing)
     beside = np.maximum(0.0, np.arange(1, frame_count + 1) - pressing) / max(
         1, frame_count - pressing
     )
-    return Course(
+    return Trajectory(
         depths_m=None if target.depth_m is None else down * target.depth_m,
         loads_n=None if target.force_n is None else down * target.force_n,
         shifts_m=np.outer(beside, motion.shift_m),
@@ -118,14 +118,16 @@ def course_of(scene: Scene, *, frame_count: int) -> Course:
     )
 
 
-def scaled(course: Course, share: float) -> Course:
-    """Return a course to a share of its depths or loads."""
-    if course.depths_m is not None:
-        return replace(course, depths_m=share * course.depths_m)
-    return replace(course, loads_n=share * course.along)
+def scaled(trajectory: Trajectory, share: float) -> Trajectory:
+    """Return a trajectory to a share of its depths or loads."""
+    if trajectory.depths_m is not None:
+        return replace(trajectory, depths_m=share * trajectory.depths_m)
+    return replace(trajectory, loads_n=share * trajectory.along)
 
 
-def spread(scene: Scene, course: Course, count: int) -> list[tuple[Environment, Course]]:
+def spread(
+    scene: Scene, trajectory: Trajectory, count: int
+) -> list[tuple[Environment, Trajectory]]:
     """Return the scene itself and others a little unlike it, always the same ones.
 
     Gels are up to a tenth stiffer, with Poisson's ratios up to 0.01 smaller, and pressed up to a
@@ -143,7 +145,7 @@ def spread(scene: Scene, course: Course, count: int) -> list[tuple[Environment, 
             )
             for material in scene.materials
         )
-        found.append((Environment(materials=own), scaled(course, 1.0 - _SPREAD * weaker)))
+        found.append((Environment(materials=own), scaled(trajectory, 1.0 - _SPREAD * weaker)))
     return found
 
 
@@ -163,7 +165,7 @@ def amid(scene: Scene) -> Scene:
     return replace(scene, material=amidst(scene.material), layers=layers)
 
 
-def pilot_for(scene: Scene, model: Model, course: Course) -> Pilot:
+def pilot_for(scene: Scene, model: Model, trajectory: Trajectory) -> Pilot:
     """Return a pilot that keeps every frame, and goes as far as any that ``spread`` gives.
 
     One that is pushed slides once more at less load.
@@ -171,16 +173,20 @@ def pilot_for(scene: Scene, model: Model, course: Course) -> Pilot:
     return Pilot(
         model,
         scene.indenter,
-        course,
+        trajectory,
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
-        count=course.frame_count,
-        shares=(_LESS,) if course.is_pushed else (),
+        count=trajectory.frame_count,
+        shares=(_LESS,) if trajectory.is_pushed else (),
     )
 
 
 def pressed(
-    pilot: Pilot, chosen: Sequence[tuple[Environment, Course]], *, seen_by: str = "", device: str
+    pilot: Pilot,
+    chosen: Sequence[tuple[Environment, Trajectory]],
+    *,
+    seen_by: str = "",
+    device: str,
 ) -> tuple[Batch, list[BatchResult]]:
     """Press a batch several times, kernels and graphs made before.
 
@@ -191,13 +197,13 @@ def pressed(
     Raises:
         ConfigError: There is no such sensor.
     """
-    environments, courses = zip(*chosen, strict=True)
+    environments, trajectories = zip(*chosen, strict=True)
     options = BatchOptions(residual_relative=_BALANCE)
     batch = Batch(pilot, environments, options=options, device=device)
     if seen_by:
         _watch(batch, seen_by)
-    batch.prepare(courses[0].frame_count)
-    return batch, [batch.press(courses) for _ in range(_PRESSES)]
+    batch.prepare(trajectories[0].frame_count)
+    return batch, [batch.press(trajectories) for _ in range(_PRESSES)]
 
 
 def _watch(batch: Batch, sensor: str) -> None:
@@ -233,15 +239,15 @@ def press_batch(scene: Scene, key: str, manner: Manner) -> ScenePress:
     started = time.perf_counter()
     if manner.own_mesh:
         scene = replace(scene, refinement=1.0)
-    course = course_of(scene, frame_count=FRAME_COUNT)
+    trajectory = trajectory_of(scene, frame_count=FRAME_COUNT)
     kept = _prepared(key, manner.own_mesh)
     if not kept:
         middle = amid(scene)
         plain = manner.own_mesh
         model = batch_model(middle) if plain else path_for(middle, plan_effects(middle)).model
-        kept.append(pilot_for(scene, model, course))
+        kept.append(pilot_for(scene, model, trajectory))
     spent = time.process_time()
-    chosen = spread(scene, course, manner.environments or 1)
+    chosen = spread(scene, trajectory, manner.environments or 1)
     seen_by = scene.sensor if manner.images else ""
     batch, results = pressed(kept[0], chosen, seen_by=seen_by, device=manner.device)
     cpu_s = (time.process_time() - spent) / len(results)
@@ -252,7 +258,7 @@ def press_batch(scene: Scene, key: str, manner: Manner) -> ScenePress:
 def _judged(
     scene: Scene,
     batch: Batch,
-    chosen: Sequence[tuple[Environment, Course]],
+    chosen: Sequence[tuple[Environment, Trajectory]],
     results: Sequence[BatchResult],
     *,
     setup_s: float,

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.batch.batch import Batch
-from sim.batch.environment import BatchOptions, Course, Environment
-from sim.batch.frames import Frames
+from sim.batch.environment import BatchOptions, Environment, Trajectory
 from sim.batch.pilot import Pilot, batch_model
+from sim.batch.steps import Steps
 from sim.device import on_host
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
@@ -23,7 +23,7 @@ from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
 from sim.solve.descent_state import Status
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.bench.batches import course_of, scaled
+from sim.studies.bench.batches import scaled, trajectory_of
 from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
@@ -36,8 +36,8 @@ _SCENE = Scene(
     target=Target(depth_m=0.4e-3),
 )
 _DEPTHS = 0.4e-3 * np.arange(1, 7) / 6
-_COURSE = Course(depths_m=_DEPTHS)
-_NEAR = Course(depths_m=np.array([0.05e-3, 0.1e-3, 0.15e-3]))
+_TRAJECTORY = Trajectory(depths_m=_DEPTHS)
+_NEAR = Trajectory(depths_m=np.array([0.05e-3, 0.1e-3, 0.15e-3]))
 _EXACT = BatchOptions(residual_relative=1e-7)
 _BALL = replace(_SCENE, indenter=Sphere(diameter_m=6e-3), target=Target(depth_m=0.3e-3))
 
@@ -51,7 +51,7 @@ def model() -> Model:
 @pytest.fixture(scope="module")
 def pilot(model: Model) -> Pilot:
     """A pilot to 0.4 mm."""
-    return Pilot(model, _SCENE.indenter, _COURSE, count=3)
+    return Pilot(model, _SCENE.indenter, _TRAJECTORY, count=3)
 
 
 def _gel(young_pa: float = _YOUNG, poisson: float = _POISSON) -> Environment:
@@ -65,7 +65,7 @@ def _single(model: Model, indenter: Indenter, depths_m: FloatArray) -> FloatArra
 
 def test_one_environment_is_a_press(pilot: Pilot) -> None:
     """Every frame's force is that of a press on the same mesh, and is balanced by the base."""
-    found = Batch(pilot, [Environment()], options=_EXACT).press(_COURSE)
+    found = Batch(pilot, [Environment()], options=_EXACT).press(_TRAJECTORY)
     assert found.force_n[:, 0, 2] == pytest.approx(
         _single(pilot.model, _SCENE.indenter, _DEPTHS), rel=1e-6
     )
@@ -77,26 +77,28 @@ def test_one_environment_is_a_press(pilot: Pilot) -> None:
 def test_neighbours_do_not_matter(pilot: Pilot) -> None:
     """Unlike gels and depths side by side give what each gives alone."""
     environments = [_gel(), _gel(young_pa=0.5e6), _gel(poisson=0.42), _gel()]
-    courses = [_COURSE] * 3 + [scaled(_COURSE, 0.8)]
-    together = Batch(pilot, environments, options=_EXACT).press(courses)
-    for number, (environment, course) in enumerate(zip(environments, courses, strict=True)):
-        alone = Batch(pilot, [environment], options=_EXACT).press(course)
+    trajectories = [_TRAJECTORY] * 3 + [scaled(_TRAJECTORY, 0.8)]
+    together = Batch(pilot, environments, options=_EXACT).press(trajectories)
+    for number, (environment, trajectory) in enumerate(
+        zip(environments, trajectories, strict=True)
+    ):
+        alone = Batch(pilot, [environment], options=_EXACT).press(trajectory)
         assert together.force_n[:, number] == pytest.approx(alone.force_n[:, 0], rel=1e-6, abs=1e-9)
 
 
 def test_force_goes_with_the_modulus(pilot: Pilot) -> None:
     """Contact stiffness goes with E too, so that all forces of a stiffer gel are in proportion."""
-    found = Batch(pilot, [_gel(), _gel(young_pa=3.0 * _YOUNG)], options=_EXACT).press(_COURSE)
+    found = Batch(pilot, [_gel(), _gel(young_pa=3.0 * _YOUNG)], options=_EXACT).press(_TRAJECTORY)
     assert found.force_n[:, 1, 2] == pytest.approx(3.0 * found.force_n[:, 0, 2], rel=1e-6)
 
 
 def test_loads_and_depths_agree(model: Model, pilot: Pilot) -> None:
     """Pushed with the forces of a press to given depths, the indenter goes to those depths."""
-    displaced = Batch(pilot, [Environment()], options=_EXACT).press(_COURSE)
-    course = Course(loads_n=displaced.force_n[:, 0, 2])
+    displaced = Batch(pilot, [Environment()], options=_EXACT).press(_TRAJECTORY)
+    trajectory = Trajectory(loads_n=displaced.force_n[:, 0, 2])
     pushed = Batch(
-        Pilot(model, _SCENE.indenter, course, count=3), [Environment()], options=_EXACT
-    ).press(course)
+        Pilot(model, _SCENE.indenter, trajectory, count=3), [Environment()], options=_EXACT
+    ).press(trajectory)
     assert pushed.depth_m[:, 0] == pytest.approx(_DEPTHS, rel=1e-5)
     assert pushed.force_n[:, 0, 2] == pytest.approx(displaced.force_n[:, 0, 2], rel=1e-6)
 
@@ -104,28 +106,30 @@ def test_loads_and_depths_agree(model: Model, pilot: Pilot) -> None:
 def test_an_indenter_beside_the_pilots_place() -> None:
     """A ball 0.5 mm off to either side feels the same, and what a press there feels."""
     model = batch_model(_BALL, refinement=0.5, symmetric=False)
-    course = Course(depths_m=np.array([0.1e-3, 0.2e-3, 0.3e-3]))
-    pilot = Pilot(model, _BALL.indenter, course, count=2)
+    trajectory = Trajectory(depths_m=np.array([0.1e-3, 0.2e-3, 0.3e-3]))
+    pilot = Pilot(model, _BALL.indenter, trajectory, count=2)
     found = Batch(
         pilot,
         [Environment(offset_m=(x, 0.0)) for x in (0.5e-3, -0.5e-3)],
         options=BatchOptions(residual_relative=1e-8),
-    ).press(course)
+    ).press(trajectory)
     path = LoadingPath(model, _BALL.indenter, centre_m=(0.5e-3, 0.0))
     assert found.force_n[-1, 0] == pytest.approx(path.advance(0.3e-3).force_n, rel=1e-6, abs=1e-8)
     assert found.force_n[-1, 0, 2] == pytest.approx(found.force_n[-1, 1, 2], rel=1e-3)
     assert found.force_n[-1, 0, 0] == pytest.approx(-found.force_n[-1, 1, 0], rel=5e-2)
 
 
-def test_a_step_far_beside_the_pilots_way_does_not_start_with_its_motion() -> None:
-    """Neither the way there, which the pilot never went, nor a press where it never was."""
+def test_a_step_far_beside_the_pilots_path_does_not_start_with_its_motion() -> None:
+    """Neither the path there, which the pilot never took, nor a press where it never was."""
     model = batch_model(_BALL, refinement=0.5, symmetric=False)
-    course = Course(depths_m=np.array([0.1e-3, 0.2e-3, 0.3e-3]))
-    batch = Batch(Pilot(model, _BALL.indenter, course, count=3), [Environment()], options=_EXACT)
+    trajectory = Trajectory(depths_m=np.array([0.1e-3, 0.2e-3, 0.3e-3]))
+    batch = Batch(
+        Pilot(model, _BALL.indenter, trajectory, count=3), [Environment()], options=_EXACT
+    )
     follows = []
     for depth_m, x_m in ((0.1e-3, 0.0), (0.1e-3, 0.5e-3), (0.2e-3, 0.5e-3)):
         assert batch.step(depths_m=np.array([depth_m]), shifts_m=np.array([[x_m, 0.0]])).all()
-        follows.append(int(batch.trail.follows.numpy()[0]))
+        follows.append(int(batch._arrays.history.follows.numpy()[0]))
     assert follows == [1, 0, 0]
 
 
@@ -134,19 +138,19 @@ def test_a_pilot_that_slides_at_less_force_too() -> None:
     scene = replace(_BALL, target=Target(force_n=0.2), friction=0.5)
     model = batch_model(scene, refinement=0.5, symmetric=False)
     down, beside = np.minimum(1.0, [0.5, 1.0, 1.0, 1.0]), np.array([0.0, 0.0, 0.05e-3, 0.1e-3])
-    course = Course(loads_n=0.2 * down, shifts_m=np.column_stack([beside, 0.0 * beside]))
+    trajectory = Trajectory(loads_n=0.2 * down, shifts_m=np.column_stack([beside, 0.0 * beside]))
     found = []
     for shares in ((), (0.8,)):
-        pilot = Pilot(model, scene.indenter, course, count=4, shares=shares)
+        pilot = Pilot(model, scene.indenter, trajectory, count=4, shares=shares)
         batch = Batch(pilot, [Environment()], options=_EXACT)
-        found.append(batch.press(replace(course, loads_n=0.16 * down)).force_n[:, 0])
+        found.append(batch.press(replace(trajectory, loads_n=0.16 * down)).force_n[:, 0])
     assert found[1] == pytest.approx(found[0], rel=1e-4, abs=1e-6)
-    branch = next(each for each in pilot.way if each.goal[0] == pytest.approx(0.16))
-    assert pilot.way[branch.before - 1].goal[0] < 0.16
+    branch = next(each for each in pilot.points if each.goal[0] == pytest.approx(0.16))
+    assert pilot.points[branch.before - 1].goal[0] < 0.16
     assert [each.frame for each in pilot.states] == [0, 1, 2, 3, 2, 3]
-    assert pilot.way[-1].goal == pytest.approx([0.16, 0.1e-3, 0.0, 0.0])
+    assert pilot.points[-1].goal == pytest.approx([0.16, 0.1e-3, 0.0, 0.0])
     with pytest.raises(ConfigError, match=r"shares \(93,\)"):
-        Pilot(model, scene.indenter, course, shares=(93,))
+        Pilot(model, scene.indenter, trajectory, shares=(93,))
 
 
 def test_who_need_not_wait_finds_the_same(pilot: Pilot, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,10 +158,10 @@ def test_who_need_not_wait_finds_the_same(pilot: Pilot, monkeypatch: pytest.Monk
     shares = np.linspace(0.7, 1.0, 5)
     soft = [replace(_SCENE.material, young_pa=share * _SCENE.material.young_pa) for share in shares]
     batch = Batch(pilot, [Environment(materials=(each,)) for each in soft], options=_EXACT)
-    courses = [scaled(_COURSE, float(share)) for share in shares]
-    together = batch.press(courses)
-    monkeypatch.setattr(Frames, "paced", True)
-    again = Batch(pilot, batch.environments, options=_EXACT).press(courses)
+    trajectories = [scaled(_TRAJECTORY, float(share)) for share in shares]
+    together = batch.press(trajectories)
+    monkeypatch.setattr(Steps, "paced", True)
+    again = Batch(pilot, batch.environments, options=_EXACT).press(trajectories)
     assert not again.failed.any()
     assert again.force_n == pytest.approx(together.force_n, rel=1e-6, abs=1e-9)
     assert again.depth_m == pytest.approx(together.depth_m, rel=1e-12)
@@ -210,14 +214,14 @@ def _as_a_press(kind: str, *, device: str) -> None:
     if kind == "triangles":  # on the mesh of a ball, which is small
         scene = replace(scene, indenter=OBJECTS["hexagon"]())
     path = LoadingPath(model, scene.indenter)
-    course = course_of(scene, frame_count=8)
-    pilot = Pilot(model, scene.indenter, course, count=4)
+    trajectory = trajectory_of(scene, frame_count=8)
+    pilot = Pilot(model, scene.indenter, trajectory, count=4)
     stiffer = tuple(replace(each, young_pa=1.1 * each.young_pa) for each in scene.materials)
     environments = [Environment(), Environment(materials=stiffer)]
     batch = Batch(
         pilot, environments, options=replace(_EXACT, residual_relative=1e-6), device=device
     )
-    found = batch.press(course)
+    found = batch.press(trajectory)
     single = follow(scene, path)
     assert not found.failed.any()
     size = float(np.linalg.norm(single.force_n))
@@ -232,7 +236,7 @@ def _as_a_press(kind: str, *, device: str) -> None:
 
 def test_who_does_not_arrive_goes_on_in_parts(pilot: Pilot) -> None:
     """A last frame far from the others is reached in parts, from where it was."""
-    far = Course(depths_m=np.array([0.05e-3, 0.1e-3, 0.4e-3]))
+    far = Trajectory(depths_m=np.array([0.05e-3, 0.1e-3, 0.4e-3]))
     found = Batch(pilot, [Environment(), Environment()], options=_EXACT).press([far, _NEAR])
     assert not found.failed.any()
     wanted = _single(pilot.model, _SCENE.indenter, far.along)
@@ -254,9 +258,9 @@ def test_who_needs_fewer_parts_is_not_lost(pilot: Pilot, monkeypatch: pytest.Mon
     results = batch.prepare(2).results()
     results["status"][0] = Status.DONE
     monkeypatch.setattr(batch, "_attempt", hindered)
-    course = np.zeros((2, 2, 4))
-    course[:, :, 0] = _DEPTHS[:2, None]
-    batch._go_on(1, course, results)
+    trajectory = np.zeros((2, 2, 4))
+    trajectory[:, :, 0] = _DEPTHS[:2, None]
+    batch._go_on(1, trajectory, results)
     assert len(tried) > 4
     assert (results["status"][1] == Status.DONE).all()
     single = _single(pilot.model, _SCENE.indenter, _DEPTHS[:2])
@@ -278,8 +282,8 @@ def test_a_step_goes_on_from_a_press(pilot: Pilot) -> None:
 def test_a_gpu_gives_what_the_cpu_gives(pilot: Pilot, count: int) -> None:
     """In one block of the inverse's product, in a half full one and in more."""
     environments = [_gel(young_pa=(1.0 + 0.001 * k) * _YOUNG) for k in range(count)]
-    host = Batch(pilot, environments[:9], options=_EXACT).press(_COURSE)
-    found = Batch(pilot, environments, options=_EXACT, device="cuda:0").press(_COURSE)
+    host = Batch(pilot, environments[:9], options=_EXACT).press(_TRAJECTORY)
+    found = Batch(pilot, environments, options=_EXACT, device="cuda:0").press(_TRAJECTORY)
     assert not found.failed.any()
     assert found.force_n[:, :9] == pytest.approx(host.force_n, rel=1e-6, abs=1e-9)
 
@@ -287,18 +291,18 @@ def test_a_gpu_gives_what_the_cpu_gives(pilot: Pilot, count: int) -> None:
 def test_a_batch_can_be_pressed_again(pilot: Pilot) -> None:
     """Nothing of the first press is left in the second."""
     batch = Batch(pilot, [Environment()], options=_EXACT)
-    assert np.array_equal(batch.press(_COURSE).force_n, batch.press(_COURSE).force_n)
+    assert np.array_equal(batch.press(_TRAJECTORY).force_n, batch.press(_TRAJECTORY).force_n)
 
 
 def test_steps_are_a_callers_own(pilot: Pilot) -> None:
-    """Step by step, one environment put back on the way, is what a press along the course gives."""
+    """Step by step, one environment put back meanwhile, is what a press gives."""
     batch = Batch(pilot, [Environment(), Environment()], options=_EXACT)
     for depth in _DEPTHS[:3]:
         assert batch.step(depths_m=np.full(2, depth)).all()
     batch.reset([1])
     assert batch.step(depths_m=np.array([_DEPTHS[3], _DEPTHS[0]])).all()
     forces = batch.prepare(1).results()["push"][0, :, 2]
-    alone = Batch(pilot, [Environment()], options=_EXACT).press(_COURSE).force_n[:, 0, 2]
+    alone = Batch(pilot, [Environment()], options=_EXACT).press(_TRAJECTORY).force_n[:, 0, 2]
     assert 4.0 * forces == pytest.approx([alone[3], alone[0]], rel=1e-5)
     still = _moved(batch)[0].copy()
     batch.step(depths_m=np.array([0.0, _DEPTHS[1]]), active=np.array([False, True]))
@@ -323,7 +327,7 @@ def test_a_gpu_finds_the_same_stress(model: Model, pilot: Pilot) -> None:
 
 def _stressed(model: Model, pilot: Pilot, *, device: str) -> None:
     batch = Batch(pilot, [_gel(), _gel(young_pa=2.0 * _YOUNG)], options=_EXACT, device=device)
-    batch.press(_COURSE)
+    batch.press(_TRAJECTORY)
     moved = _moved(batch)
     batch.stress.launch()
     for number, found in enumerate(batch.stress.fetch()):
@@ -340,7 +344,7 @@ def _stressed(model: Model, pilot: Pilot, *, device: str) -> None:
 def test_displacements_are_those_of_a_press(pilot: Pilot) -> None:
     """The last frame's nodes lie where a press leaves them."""
     batch = Batch(pilot, [Environment()], options=_EXACT)
-    batch.press(_COURSE)
+    batch.press(_TRAJECTORY)
     path = LoadingPath(pilot.model, _SCENE.indenter)
     for depth in _DEPTHS:
         point = path.advance(float(depth))
@@ -366,19 +370,19 @@ def test_what_does_not_fit_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("courses", "told"),
+    ("trajectories", "told"),
     [
-        ([_COURSE], "1 courses of 6 frames for 2 environments"),
-        ([_COURSE, Course(depths_m=_DEPTHS[:3])], "courses of 3, 6 frames"),
-        ([Course(loads_n=_DEPTHS)] * 2, "environment 0 has loads"),
+        ([_TRAJECTORY], "1 trajectories of 6 frames for 2 environments"),
+        ([_TRAJECTORY, Trajectory(depths_m=_DEPTHS[:3])], "trajectories of 3, 6 frames"),
+        ([Trajectory(loads_n=_DEPTHS)] * 2, "environment 0 has loads"),
     ],
 )
 def test_courses_that_do_not_fit_are_refused(
-    pilot: Pilot, courses: list[Course], told: str
+    pilot: Pilot, trajectories: list[Trajectory], told: str
 ) -> None:
     """As many as environments, alike in length, and as the pilot's."""
     with pytest.raises(ConfigError, match=told) as caught:
-        Batch(pilot, [Environment(), Environment()]).press(courses)
+        Batch(pilot, [Environment(), Environment()]).press(trajectories)
     assert caught.value.remedy
 
 
@@ -394,12 +398,12 @@ def test_courses_that_do_not_fit_are_refused(
 def test_a_course_is_whole(given: dict[str, FloatArray], told: str) -> None:
     """Depths or loads, frame by frame, and as many of the rest."""
     with pytest.raises(ConfigError, match=told):
-        Course(**given)
+        Trajectory(**given)
 
 
 def test_a_press_that_fails_is_told_from_those_that_do_not(pilot: Pilot) -> None:
     """One step is not enough: the frames that were not reached are not numbers."""
     hasty = replace(_EXACT, steps_max=1, parts_max=2)
-    found = Batch(pilot, [Environment()], options=hasty).press(_COURSE)
+    found = Batch(pilot, [Environment()], options=hasty).press(_TRAJECTORY)
     assert found.failed.all()
     assert np.isnan(found.depth_m[-1, 0])

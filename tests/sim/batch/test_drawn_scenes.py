@@ -10,7 +10,7 @@ from sim.batch.environment import BatchOptions, Environment
 from sim.batch.pilot import Pilot
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.studies.bench.batches import course_of, scaled
+from sim.studies.bench.batches import scaled, trajectory_of
 from sim.studies.bench.press import moves, stated_scene
 from sim.studies.bench.scenes import BenchScene, drawn_scenes
 
@@ -24,10 +24,10 @@ def test_a_batch_gives_the_presss_force(drawn: BenchScene) -> None:
     """Around a pilot that goes a tenth further, and beside one pressed less deep."""
     scene = stated_scene(drawn.stated | {"preset": "fast"})
     path = path_for(scene, plan_effects(scene))
-    course = course_of(scene, frame_count=20)
-    pilot = Pilot(path.model, scene.indenter, scaled(course, 1.1), scene.centre_m, count=10)
+    trajectory = trajectory_of(scene, frame_count=20)
+    pilot = Pilot(path.model, scene.indenter, scaled(trajectory, 1.1), scene.centre_m, count=10)
     batch = Batch(pilot, [Environment()] * 2, options=BatchOptions(residual_relative=1e-5))
-    found = batch.press([course, scaled(course, 0.93)])
+    found = batch.press([trajectory, scaled(trajectory, 0.93)])
     single = [move(path) for move in moves(scene)][-1]
     assert not found.failed.any()
     allowed = _APART_WITH_FRICTION if scene.friction else _APART

@@ -8,7 +8,7 @@ import scipy.sparse
 import warp as wp
 
 from sim.batch import inverses
-from sim.batch.environment import Course
+from sim.batch.environment import Trajectory
 from sim.batch.inverses import (
     DenseProduct,
     FactoredInverses,
@@ -34,14 +34,14 @@ _SCENE = Scene(
 
 
 @pytest.mark.parametrize(
-    "course",
-    [Course(depths_m=np.array([1e-4, 2e-4])), Course(loads_n=np.array([0.05, 0.1]))],
+    "trajectory",
+    [Trajectory(depths_m=np.array([1e-4, 2e-4])), Trajectory(loads_n=np.array([0.05, 0.1]))],
     ids=["held", "pushed"],
 )
-def test_factors_and_inverses_are_one(course: Course) -> None:
+def test_factors_and_inverses_are_one(trajectory: Trajectory) -> None:
     """Both undo the pilot's stiffness, with the indenter's height where that is an unknown."""
     model = batch_model(_SCENE, refinement=0.5)
-    pilot = Pilot(model, _SCENE.indenter, course, count=2)
+    pilot = Pilot(model, _SCENE.indenter, trajectory, count=2)
     factored, pattern = FactoredInverses(pilot, count=2), model.pattern
     count = pattern.dof_count
     rng = np.random.default_rng(3)
@@ -76,8 +76,8 @@ def test_what_does_not_fit_on_a_gpu_is_refused(limit: str, monkeypatch: pytest.M
     else:
         monkeypatch.setattr(type(wp.get_device("cpu")), "free_memory", 1_000)
     model = batch_model(_SCENE, refinement=0.5)
-    course = Course(depths_m=np.array([1e-4]))
-    pilot = Pilot(model, _SCENE.indenter, course, count=1)
+    trajectory = Trajectory(depths_m=np.array([1e-4]))
+    pilot = Pilot(model, _SCENE.indenter, trajectory, count=1)
     with pytest.raises(ConfigError, match=f"{model.pattern.dof_count} unknowns") as refused:
         inverses.inverses_for(pilot, FullGpu("cpu"), count=1)
     assert "GB" in refused.value.message

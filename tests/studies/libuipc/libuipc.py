@@ -219,7 +219,7 @@ def _first_vertex(world: PeerWorld) -> int:
 
 
 def press_in_libuipc(task: PeerTask, *, folder: str, backend: str = "cuda") -> PeerFound:
-    """Press every environment along its course: one press to warm up, then the timed ones.
+    """Press every environment along its trajectory: one press to warm up, then the timed ones.
 
     Between presses the indenters are lifted off; the gel then comes back to rest.
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.batch.environment import Course, Environment
+from sim.batch.environment import Environment, Trajectory
 from sim.device import Device, on_host
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model
@@ -28,7 +28,7 @@ from sim.scene.triangle_surface import TriangleSurface, closed_surface
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
-from sim.studies.bench.batches import course_of, pressing_frames, spread
+from sim.studies.bench.batches import pressing_frames, spread, trajectory_of
 from sim.studies.bench.press import moves
 from sim.studies.bench.scenes import FRAME_COUNT, ScenePress
 from tacauchy_rig.core.arrays import FloatArray
@@ -58,7 +58,7 @@ class PeerPad:
 
     Attributes:
         model: Ours on linear tetrahedra of the whole pad.
-        course: Where the indenter goes, by depth.
+        trajectory: Where the indenter goes, by depth.
         touch_m: Height of its tip at first touch [m].
         resistance: libuipc's kappa [Pa/m^2].
         stiffness_n_m: dF_z / d(depth) of our press in the last frame that goes down [N/m].
@@ -67,16 +67,16 @@ class PeerPad:
     scene: Scene
     model: Model
     body: TriangleSurface
-    course: Course
+    trajectory: Trajectory
     touch_m: float
     resistance: float
     stiffness_n_m: float
 
     def task(self, *, count: int, tolerance: PeerTolerance) -> PeerTask:
         """Return presses in the environments of ``spread``."""
-        chosen = spread(self.scene, self.course, count)
+        chosen = spread(self.scene, self.trajectory, count)
         law_pa = on_host(self.gel([each for each, _ in chosen]).parameters)
-        poses = np.stack([self._poses(course.goals) for _, course in chosen], axis=1)
+        poses = np.stack([self._poses(trajectory.goals) for _, trajectory in chosen], axis=1)
         return PeerTask(
             nodes=self.model.nodes,
             tets=self.model.elements,
@@ -128,13 +128,13 @@ def peer_pad(scene: Scene) -> PeerPad:
     points = [move(path) for move in moves(scene)]
     linear = replace(scene, effects=(*scene.effects, *_LINEAR_AND_WHOLE))
     model = build_model(linear, plan=plan_effects(linear))
-    course = course_of(scene, frame_count=FRAME_COUNT)
+    trajectory = trajectory_of(scene, frame_count=FRAME_COUNT)
     return PeerPad(
         scene=scene,
         model=model,
         body=triangles(scene.indenter),
-        course=replace(
-            course, depths_m=np.array([point.depth_m for point in points]), loads_n=None
+        trajectory=replace(
+            trajectory, depths_m=np.array([point.depth_m for point in points]), loads_n=None
         ),
         touch_m=path.touch_m,
         resistance=_resistance(model, path, points[-1]),
@@ -193,7 +193,7 @@ def peer_press(pad: PeerPad, task: PeerTask, found: PeerFound) -> ScenePress:
         base reaction against libuipc's contact force, over the latter; not a number where libuipc
         does not say that.
     """
-    chosen = [each for each, _ in spread(pad.scene, pad.course, task.count)]
+    chosen = [each for each, _ in spread(pad.scene, pad.trajectory, task.count)]
     base_n = _elastic(pad, chosen, found.positions)[:, task.clamped].sum(axis=1)
     balance = float("nan")
     if found.contact_n is not None:
@@ -214,7 +214,7 @@ def peer_press(pad: PeerPad, task: PeerTask, found: PeerFound) -> ScenePress:
         iterations=sum(found.newton_iterations),
         force_n=(float(x), float(y), float(z)),
         moment_nm=None,
-        depth_m=float(pad.course.along[-1]),
+        depth_m=float(pad.trajectory.along[-1]),
         stiffness_n_m=pad.stiffness_n_m,
         balance=balance,
     )

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.batch.environment import Course
+from sim.batch.environment import Trajectory
 from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
@@ -107,10 +107,10 @@ def test_poses_go_the_scenes_way(pad: PeerPad) -> None:
     scene = replace(
         pad.scene, centre_m=(1e-3, 2e-3), motion=Motion(tilt_rad=(0.1, 0.0), twist_rad=0.2)
     )
-    course = Course(
+    trajectory = Trajectory(
         depths_m=np.array([0.1e-3]), shifts_m=np.array([[3e-4, 0.0]]), turns_rad=np.array([0.2])
     )
-    task = replace(pad, scene=scene, course=course).task(count=1, tolerance=STRICT)
+    task = replace(pad, scene=scene, trajectory=trajectory).task(count=1, tolerance=STRICT)
     pose = task.poses[0, 0]
     assert pose[:3, 3] == pytest.approx([1.3e-3, 2e-3, pad.touch_m - 0.1e-3])
     axis = pose[:3, :3] @ [0.0, 0.0, 1.0]
@@ -125,10 +125,10 @@ def test_poses_go_the_scenes_way(pad: PeerPad) -> None:
 def test_a_load_becomes_the_depths_that_our_press_found() -> None:
     """Down until 1 N, then along; friction is the scene's."""
     pad = peer_pad(replace(_stated("ball, sliding"), preset=Preset.FAST))
-    depths = pad.course.along
-    assert not pad.course.is_pushed
+    depths = pad.trajectory.along
+    assert not pad.trajectory.is_pushed
     assert np.all(np.diff(depths[:10]) > 0.0)
-    assert pad.course.goals[-1, 1:3] == pytest.approx([0.3e-3, 0.0])
+    assert pad.trajectory.goals[-1, 1:3] == pytest.approx([0.3e-3, 0.0])
     task = pad.task(count=1, tolerance=STRICT)
     assert task.friction == pytest.approx(0.5)
     assert task.resistance > 0.0

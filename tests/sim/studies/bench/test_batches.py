@@ -7,7 +7,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from sim.batch.environment import Course
+from sim.batch.environment import Trajectory
 from sim.batch.pilot import batch_model
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.indenter import Sphere
@@ -16,10 +16,10 @@ from sim.sensor.sensor import load_sensor
 from sim.studies.bench.batches import (
     amid,
     batch_parts,
-    course_of,
     pilot_for,
     pressed,
     spread,
+    trajectory_of,
 )
 
 _DEPTH_M, _FRAMES, _COUNT = 0.1e-3, 2, 3
@@ -34,9 +34,9 @@ def scene() -> Scene:
 
 def test_environments_differ_but_the_first(scene: Scene) -> None:
     """The first is the scene itself; others are up to a tenth stiffer and shallower."""
-    course = Course(depths_m=np.array([0.5e-3, 1e-3]))
+    trajectory = Trajectory(depths_m=np.array([0.5e-3, 1e-3]))
     young, depths = [], []
-    for environment, own in spread(scene, course, 5):
+    for environment, own in spread(scene, trajectory, 5):
         assert environment.materials is not None
         young.append(environment.materials[0].young_pa)
         depths.append(own.along[-1])
@@ -48,8 +48,8 @@ def test_environments_differ_but_the_first(scene: Scene) -> None:
 
 def test_the_pilots_gel_is_amid_theirs(scene: Scene) -> None:
     """As soft as the softest, and no bulk modulus further from its own than the other way."""
-    course = Course(depths_m=np.array([1e-3]))
-    theirs = [each.materials[0] for each, _ in spread(scene, course, 200) if each.materials]
+    trajectory = Trajectory(depths_m=np.array([1e-3]))
+    theirs = [each.materials[0] for each, _ in spread(scene, trajectory, 200) if each.materials]
     own = amid(scene).material
     assert own.young_pa == min(each.young_pa for each in theirs)
     left = [(1.0 - 2.0 * each.poisson) / (1.0 - 2.0 * own.poisson) for each in theirs]
@@ -58,9 +58,9 @@ def test_the_pilots_gel_is_amid_theirs(scene: Scene) -> None:
 
 def test_a_batch_is_seen_in_every_frame_and_its_launches_are_timed(scene: Scene) -> None:
     """Images and markers in each frame of each press, the forces as they are; no launch is free."""
-    course = course_of(scene, frame_count=_FRAMES)
-    pilot = pilot_for(scene, batch_model(scene, refinement=0.7), course)
-    chosen = spread(scene, course, _COUNT)
+    trajectory = trajectory_of(scene, frame_count=_FRAMES)
+    pilot = pilot_for(scene, batch_model(scene, refinement=0.7), trajectory)
+    chosen = spread(scene, trajectory, _COUNT)
     _, unseen = pressed(pilot, chosen, device="cpu")
     with (
         patch.object(SurfaceImages, "images", autospec=True) as images,
@@ -78,9 +78,9 @@ def test_a_batch_is_seen_in_every_frame_and_its_launches_are_timed(scene: Scene)
 @pytest.mark.gpu
 def test_launches_of_a_press_are_timed(scene: Scene) -> None:
     """Each in the press as it is; together they take no less than its steps."""
-    course = course_of(scene, frame_count=_FRAMES)
-    chosen = spread(scene, course, _COUNT)
-    pilot = pilot_for(scene, batch_model(scene, refinement=0.7), course)
+    trajectory = trajectory_of(scene, frame_count=_FRAMES)
+    chosen = spread(scene, trajectory, _COUNT)
+    pilot = pilot_for(scene, batch_model(scene, refinement=0.7), trajectory)
     batch, found = pressed(pilot, chosen, device="cuda:0")
     parts = batch_parts(batch, chosen, wall_s=min(each.wall_s for each in found))
     names = ["stress", "gel", "contact", "judge", "prepare", "inverse", "turn", "rest"]

@@ -1,4 +1,4 @@
-"""Where on the pilot's way a step of an environment is."""
+"""Where on the pilot's path a step of an environment is."""
 
 from __future__ import annotations
 
@@ -6,36 +6,38 @@ import numpy as np
 import pytest
 import warp as wp
 
-from sim.batch.pilots_way import Guide, stands_of
+from sim.batch.pilot_path import PilotPath, path_positions
 from sim.device import Device
 
 _CPU = Device("cpu")
 # Down in two parts, then along x in two; once more along x from half way down the second.
-_WAY = np.array([[0, 0, 0], [0, 0, 1], [0, 0, 2], [1, 0, 2], [2, 0, 2], [0, 0, 1.5], [1, 0, 1.5]])
+_POINTS = np.array(
+    [[0, 0, 0], [0, 0, 1], [0, 0, 2], [1, 0, 2], [2, 0, 2], [0, 0, 1.5], [1, 0, 1.5]]
+)
 _BEFORE = [0, 0, 1, 2, 3, 1, 5]
 _STATES = [-1, 0, 1, 2, 3, -1, 4]
 
 
 @wp.kernel(enable_backward=False)
 def _find(
-    guide: Guide,
+    path: PilotPath,
     before: wp.vec4d,
     after: wp.vec4d,
     places_out: wp.array(dtype=wp.float64),
     nearest_out: wp.array(dtype=wp.int32),
 ):
-    began, ends, nearest = stands_of(guide, before, after)
-    places_out[0] = wp.float64(began.place - 1) + began.share
-    places_out[1] = wp.float64(ends.place - 1) + ends.share
+    began, ends, nearest = path_positions(path, before, after)
+    places_out[0] = wp.float64(began.point - 1) + began.share
+    places_out[1] = wp.float64(ends.point - 1) + ends.share
     nearest_out[0] = nearest
 
 
 def found(before: list[float], after: list[float]) -> tuple[list[float], int]:
-    """Return where a step begins and ends, in parts of the way, and the state near its end."""
+    """Return where a step begins and ends, in segments of the path, and the state near its end."""
     tables = {
-        "stands": 1e-3 * np.column_stack([_WAY, np.zeros(len(_WAY))]),
-        "motions": np.zeros((len(_WAY), 1, 3)),
-        "depths": 1e-3 * _WAY[:, 2],
+        "coordinates": 1e-3 * np.column_stack([_POINTS, np.zeros(len(_POINTS))]),
+        "motions": np.zeros((len(_POINTS), 1, 3)),
+        "depths": 1e-3 * _POINTS[:, 2],
         "states": np.array(_STATES),
         "before": np.array(_BEFORE),
         "frames": np.arange(max(_STATES) + 1),
@@ -45,7 +47,7 @@ def found(before: list[float], after: list[float]) -> tuple[list[float], int]:
     wp.launch(
         _find,
         1,
-        inputs=[_CPU.tables(Guide, tables), *ends],
+        inputs=[_CPU.tables(PilotPath, tables), *ends],
         outputs=[places, nearest],
         device="cpu",
     )
