@@ -7,7 +7,10 @@ A fault is written ``device:kind[=amount][@start][+duration]``, for example
 from __future__ import annotations
 
 import math
+import random
 import re
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeVar
@@ -222,3 +225,42 @@ def _named(choices: type[ChoiceT], what: str, name: str) -> ChoiceT:
 
 def _seconds(text: str) -> float:
     return parse_quantity(text, dimension=Dimension.TIME, field="fault")
+
+
+class FaultyLine:
+    """What leaves a device of the messages that it makes: late, damaged or not at all.
+
+    Args:
+        seed: Draws which messages are lost or damaged.
+        damage: Returns a message as a bad cable leaves it.
+    """
+
+    def __init__(self, seed: int, damage: Callable[[bytes, random.Random], bytes]) -> None:
+        self._random = random.Random(seed)  # noqa: S311 - faults, not secrets
+        self._damage = damage
+        self._waiting: deque[tuple[int, bytes]] = deque()
+
+    def put(self, message: bytes, active: dict[FaultKind, Fault], *, due_ns: int) -> None:
+        """Take a message that should leave at ``due_ns``."""
+        if FaultKind.STALL in active or self._strikes(active.get(FaultKind.DROP)):
+            return
+        if self._strikes(active.get(FaultKind.GARBLE)):
+            message = self._damage(message, self._random)
+        if FaultKind.DELAY in active:
+            due_ns += round(active[FaultKind.DELAY].size * 1e9)
+        self._waiting.append((due_ns, message))
+
+    @property
+    def next_due_ns(self) -> int | None:
+        """When the next waiting message leaves; None where none waits."""
+        return self._waiting[0][0] if self._waiting else None
+
+    def due(self, now_ns: int) -> list[bytes]:
+        """Return the messages that leave by ``now_ns``, in order."""
+        left = []
+        while self._waiting and self._waiting[0][0] <= now_ns:
+            left.append(self._waiting.popleft()[1])
+        return left
+
+    def _strikes(self, fault: Fault | None) -> bool:
+        return fault is not None and self._random.random() < fault.size

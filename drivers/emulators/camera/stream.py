@@ -29,7 +29,7 @@ from drivers.emulators.camera.frames import (
     FrameFactory,
     PressKey,
 )
-from drivers.emulators.faults import Device, Fault, FaultKind
+from drivers.emulators.faults import Device, Fault, FaultKind, FaultyLine
 from drivers.emulators.process import Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, GelSettings, SharedWorld, WorldState
 from drivers.emulators.silent_faults import SilentImageFaults
@@ -89,33 +89,23 @@ class FaultyOutput:
     """Turns the frame that should go out into the frames that do."""
 
     def __init__(self, seed: int) -> None:
-        self._random = random.Random(seed)  # noqa: S311 - damage, not a secret
         self._images = SilentImageFaults()
-        self._late: deque[tuple[float, bytes]] = deque()
+        self._line = FaultyLine(seed, _garbled)
 
     def frames(self, jpeg: bytes, faults: list[Fault], *, now_s: float) -> list[bytes]:
         """Return what to send at ``now_s`` [s] in place of ``jpeg``, oldest first."""
+        now_ns = round(now_s * 1e9)
         active = {fault.kind: fault for fault in faults}
-        jpeg = self._images.frame(jpeg, faults)
-        if FaultKind.STALL in active or self._strikes(active.get(FaultKind.DROP)):
-            return []
-        if self._strikes(active.get(FaultKind.GARBLE)):
-            jpeg = self._garbled(jpeg)
-        delay = active.get(FaultKind.DELAY)
-        delay_s = 0.0 if delay is None else delay.size
-        due_s = max(now_s + delay_s, self._late[-1][0] if self._late else 0.0)
-        self._late.append((due_s, jpeg))
-        return [self._late.popleft()[1] for _ in range(sum(d <= now_s for d, _ in self._late))]
+        self._line.put(self._images.frame(jpeg, faults), active, due_ns=now_ns)
+        return [] if FaultKind.STALL in active else self._line.due(now_ns)
 
-    def _strikes(self, fault: Fault | None) -> bool:
-        return fault is not None and self._random.random() < fault.size
 
-    def _garbled(self, jpeg: bytes) -> bytes:
-        """Overwrite bytes and cut the end off, as a bad cable does."""
-        damaged = bytearray(jpeg[: self._random.randrange(len(jpeg) // 2, len(jpeg))])
-        for _ in range(_GARBLED_BYTES):
-            damaged[self._random.randrange(len(damaged) // 4, len(damaged))] ^= 0x5A
-        return bytes(damaged)
+def _garbled(jpeg: bytes, source: random.Random) -> bytes:
+    """Overwrite bytes and cut the end off, as a bad cable does."""
+    damaged = bytearray(jpeg[: source.randrange(len(jpeg) // 2, len(jpeg))])
+    for _ in range(_GARBLED_BYTES):
+        damaged[source.randrange(len(damaged) // 4, len(damaged))] ^= 0x5A
+    return bytes(damaged)
 
 
 TRACE_FILE = "camera_trace.jsonl"

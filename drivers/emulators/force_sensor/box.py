@@ -15,14 +15,13 @@ import select
 import sys
 import time
 import tty
-from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Literal, TextIO
 
-from drivers.emulators.faults import Device, Fault, FaultKind
+from drivers.emulators.faults import Device, Fault, FaultKind, FaultyLine
 from drivers.emulators.force_sensor.source import (
     TRACE_FILE,
     ConstantSource,
@@ -364,10 +363,9 @@ class FrameStream:
     """
 
     def __init__(self, *, seed: int, full_scale_n: float, latency_s: float = 0.0) -> None:
-        self._random = random.Random(seed)  # noqa: S311 - faults, not secrets
         self._wrench = SilentWrenchFaults(seed=seed, full_scale_n=full_scale_n)
-        self._latency_s = latency_s
-        self._waiting: deque[tuple[int, bytes]] = deque()
+        self._line = FaultyLine(seed, _garbled)
+        self._latency_ns = round(latency_s * 1e9)
         self.number = -1
 
     def next_frame(
@@ -377,36 +375,24 @@ class FrameStream:
         self.number += 1
         active = {fault.kind: fault for fault in faults}
         values = self._wrench.reading(values, active.values(), stamp_ns=stamp_ns)
-        if FaultKind.STALL in active or self._strikes(active.get(FaultKind.DROP)):
-            return
         data = encode_frame(self.number, values, checksum=checksum)
-        if self._strikes(active.get(FaultKind.GARBLE)):
-            data = self._garble(data)
-        delay_s = self._latency_s
-        if FaultKind.DELAY in active:
-            delay_s += active[FaultKind.DELAY].size
-        self._waiting.append((stamp_ns + int(delay_s * 1e9), data))
+        self._line.put(data, active, due_ns=stamp_ns + self._latency_ns)
 
     @property
     def next_due_ns(self) -> int | None:
         """When the next waiting frame leaves; None where none waits."""
-        return self._waiting[0][0] if self._waiting else None
+        return self._line.next_due_ns
 
     def due(self, now_ns: int) -> bytes:
         """Return the bytes that leave the box by ``now_ns``, in order."""
-        data = b""
-        while self._waiting and self._waiting[0][0] <= now_ns:
-            data += self._waiting.popleft()[1]
-        return data
+        return b"".join(self._line.due(now_ns))
 
-    def _strikes(self, fault: Fault | None) -> bool:
-        return fault is not None and self._random.random() < fault.size
 
-    def _garble(self, data: bytes) -> bytes:
-        damaged = bytearray(data)
-        for _ in range(3):
-            damaged[self._random.randrange(len(damaged))] ^= self._random.randrange(1, 256)
-        return bytes(damaged)
+def _garbled(data: bytes, source: random.Random) -> bytes:
+    damaged = bytearray(data)
+    for _ in range(3):
+        damaged[source.randrange(len(damaged))] ^= source.randrange(1, 256)
+    return bytes(damaged)
 
 
 if __name__ == "__main__":
