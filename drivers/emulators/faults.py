@@ -65,13 +65,6 @@ SILENT_FORCE_FAULTS = frozenset(
         FaultKind.OLD_DATA,
     }
 )
-SILENT_FAULTS = SILENT_FORCE_FAULTS | {
-    FaultKind.FREEZE_IMAGE,
-    FaultKind.REPEAT_IMAGE,
-    FaultKind.WRONG_POSE,
-    FaultKind.CLOCK_JUMP,
-}
-"""What passes for a measurement."""
 _ANY_DEVICE = frozenset({FaultKind.DROP, FaultKind.DELAY, FaultKind.STALL})
 _SENSORS = _ANY_DEVICE | {FaultKind.GARBLE, FaultKind.UNPLUG, FaultKind.SATURATE}
 

@@ -287,26 +287,9 @@ def _serve(settings: ControllerSettings, service: Service) -> None:
 TRACE_FILE = "arm_trace.bin"
 EVENTS_FILE = "arm_events.jsonl"
 
-_ROW = struct.Struct("<q6dB7x")  # stamp, position, velocity, program state, padding
+TRACE_ROW = struct.Struct("<q6dB7x")  # stamp, position, velocity, program state, padding
 _REST_PERIOD_NS = 1_000_000_000
 _FLUSH_PERIOD_NS = 100_000_000
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TraceRow:
-    """True state of the tip at one cycle.
-
-    Attributes:
-        stamp_ns: CLOCK_MONOTONIC.
-        position: x, y, z [m].
-        velocity: vx, vy, vz [m/s].
-        runtime_state: State of the controller's program.
-    """
-
-    stamp_ns: int
-    position: Vector3
-    velocity: Vector3
-    runtime_state: int
 
 
 class ArmTrace:
@@ -324,7 +307,7 @@ class ArmTrace:
         """Note one cycle."""
         moving = velocity[0] != 0.0 or velocity[1] != 0.0 or velocity[2] != 0.0
         if moving or self._was_moving or stamp_ns - self._last_row_ns >= _REST_PERIOD_NS:
-            self._rows.write(_ROW.pack(stamp_ns, *position, *velocity[:3], runtime_state))
+            self._rows.write(TRACE_ROW.pack(stamp_ns, *position, *velocity[:3], runtime_state))
             self._last_row_ns = stamp_ns
         self._was_moving = moving
         if stamp_ns - self._last_flush_ns >= _FLUSH_PERIOD_NS:
@@ -341,16 +324,6 @@ class ArmTrace:
         """Write what is buffered."""
         self._rows.close()
         self._events.close()
-
-
-def read_trace(folder: Path) -> list[TraceRow]:
-    """Return the rows written so far; a row cut short by a kill is left out."""
-    data = (folder / TRACE_FILE).read_bytes()
-    whole = data[: len(data) - len(data) % _ROW.size]
-    return [
-        TraceRow(stamp_ns=s, position=(x, y, z), velocity=(u, v, w), runtime_state=state)
-        for s, x, y, z, u, v, w, state in _ROW.iter_unpack(whole)
-    ]
 
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ from typing import Any
 import pytest
 
 from drivers.arm.ur5 import Ur5
-from drivers.emulators.arm.controller import read_trace
 from drivers.emulators.faults import parse_fault
 from drivers.emulators.process import post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
@@ -28,7 +27,7 @@ from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.errors import DeviceError, RigError, SafetyError
 from tacauchy_rig.core.run import Pose
-from tests.drivers.arm_events import read_events
+from tests.drivers.arm_notes import read_events, read_trace
 from tests.studies.fault_table.arm import ArmOutcome, arm_after
 
 _PRESS_M_S = 0.005

@@ -10,9 +10,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drivers.emulators.arm.controller import TraceRow
 from drivers.emulators.plant.gel import Plant
 from tacauchy_rig.core.run import Pose, Vector3
+from tests.drivers.arm_notes import TraceRow
 
 STILL_M_S = 1e-7
 REST_NS = 100_000_000

@@ -11,12 +11,12 @@ from pathlib import Path
 from jinja2 import Template
 
 from drivers.arm.ur5_wire import DASHBOARD_PORT
-from drivers.emulators.arm.controller import TraceRow, read_trace
 from drivers.emulators.faults import Device, Fault, FaultKind
 from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.emulators.launch import Emulation, free_loopback_host
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
+from tests.drivers.arm_notes import TraceRow, read_trace
 from tests.studies.fault_table.cases import DWELL_S, TARGET_N
 
 EMULATION_NAME = "emulation"

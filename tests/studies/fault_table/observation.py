@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from drivers.emulators.faults import SILENT_FAULTS
+from drivers.emulators.faults import SILENT_FORCE_FAULTS, FaultKind
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.layout import RunPaths
@@ -14,6 +14,14 @@ from tests.studies.fault_table.arm import ArmOutcome
 from tests.studies.fault_table.cases import TARGET_N
 
 PRODUCERS = ("control", "camera")
+
+SILENT_FAULTS = SILENT_FORCE_FAULTS | {
+    FaultKind.FREEZE_IMAGE,
+    FaultKind.REPEAT_IMAGE,
+    FaultKind.WRONG_POSE,
+    FaultKind.CLOCK_JUMP,
+}
+"""What passes for a measurement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

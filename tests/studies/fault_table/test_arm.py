@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.emulators.arm.controller import TraceRow
+from tests.drivers.arm_notes import TraceRow
 from tests.studies.fault_table.arm import arm_after, force_rise, is_at_rest, true_forces
 
 MS = 1_000_000

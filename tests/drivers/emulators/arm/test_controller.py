@@ -19,7 +19,7 @@ from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
 from drivers.arm.ur5_wire import DASHBOARD_PORT
-from drivers.emulators.arm.controller import ControllerSettings, read_trace
+from drivers.emulators.arm.controller import ControllerSettings
 from drivers.emulators.faults import parse_fault
 from drivers.emulators.force_estimate import COARSENESS
 from drivers.emulators.launch import free_loopback_host
@@ -27,7 +27,7 @@ from drivers.emulators.process import arguments_of, post_fault, settings_from
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Pose, Vector6
-from tests.drivers.arm_events import read_events
+from tests.drivers.arm_notes import read_events, read_trace
 from tests.studies.fault_table.arm import arm_after
 
 _MODELS = list(RobotModel)

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from drivers.arm.ur5_wire import DASHBOARD_PORT, SCRIPT_PORT
 from drivers.emulators.arm.body import ControllerBody
-from drivers.emulators.arm.controller import TRACE_FILE, ArmTrace, read_trace
+from drivers.emulators.arm.controller import TRACE_FILE, ArmTrace
 from drivers.emulators.arm.ports import Connection, DashboardPort, ScriptPort
 from drivers.emulators.launch import free_loopback_host
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Pose, Vector3
-from tests.drivers.arm_events import read_events
+from tests.drivers.arm_notes import read_events, read_trace
 
 _HOME = Pose(position=(0.3, -0.3, 0.2), rotation_vector=(math.pi, 0.0, 0.0))
 
