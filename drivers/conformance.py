@@ -63,7 +63,7 @@ def arm_tells_fresh_states(make: Callable[[], Arm]) -> None:
     """States are finite, and both of their stamps move on."""
     with _connected(make()) as arm:
         first = arm.state()
-        _live(arm, 10 * FEED_S)
+        _feed(arm, 10 * FEED_S)
         last = arm.state()
         numbers = (*last.pose.as_vector(), *last.velocity, *(last.tcp_force or ()))
         _require(all(map(math.isfinite, numbers)), "a state holds only finite numbers")
@@ -75,7 +75,7 @@ def arm_hands_over_each_state_once(make: Callable[[], Arm]) -> None:
     """``drain`` returns the states since the last call, oldest first, none twice."""
     with _connected(make()) as arm:
         arm.drain()
-        _live(arm, 20 * FEED_S)
+        _feed(arm, 20 * FEED_S)
         times = [sample.controller_time_s for sample in arm.drain()]
         _require(len(times) > 1, "drain returns the states that came")
         _require(times == sorted(set(times)), "drain returns oldest first, and none twice")
@@ -100,8 +100,8 @@ def arm_moves_straight_to_its_target(make: Callable[[], Arm]) -> None:
             _require(arm.is_moving(), "is_moving tells that a move has begun")
             while arm.is_moving():
                 _require(time.monotonic() - begun_s < MOVE_LIMIT_S, "a move ends")
-                _live(arm, FEED_S)
-            _live(arm, SETTLED_S)
+                _feed(arm, FEED_S)
+            _feed(arm, SETTLED_S)
             _require(_distance(arm.state().pose, target) < ARRIVED_M, "a move ends at its target")
 
 
@@ -110,12 +110,12 @@ def arm_holds_a_velocity_until_stopped(make: Callable[[], Arm]) -> None:
     with _connected(make()) as arm:
         start = arm.state().pose
         arm.set_velocity((0.0, 0.0, SPEED_M_S, 0.0, 0.0, 0.0), acceleration=ACCELERATION_M_S2)
-        _live(arm, 2 * SETTLED_S)
+        _feed(arm, 2 * SETTLED_S)
         _require(arm.state().velocity[2] > 0.5 * SPEED_M_S, "a velocity holds until it is changed")
         begun_s = time.monotonic()
         arm.stop()
         _require(time.monotonic() - begun_s < STOP_LIMIT_S, "stop returns within 0.2 s")
-        _live(arm, SETTLED_S)
+        _feed(arm, SETTLED_S)
         halted = arm.state()
         _require(math.hypot(*halted.velocity) < 0.01 * SPEED_M_S, "the arm rests after stop")
         _require(halted.pose.position[2] > start.position[2], "the arm went where it was sent")
@@ -231,11 +231,11 @@ def _connected(device: DeviceT) -> Iterator[DeviceT]:
 
 
 def _require_identity(identity: DeviceIdentity) -> None:
-    told = identity.driver and identity.model and identity.address
-    _require(bool(told), "connect tells driver, model and address")
+    named = identity.driver and identity.model and identity.address
+    _require(bool(named), "connect tells driver, model and address")
 
 
-def _live(arm: Arm, duration_s: float) -> None:
+def _feed(arm: Arm, duration_s: float) -> None:
     """Feed and read an arm for a while, as the control loop does."""
     end_s = time.monotonic() + duration_s
     while time.monotonic() < end_s:

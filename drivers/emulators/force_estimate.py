@@ -110,17 +110,19 @@ class ForceEstimate:
         fresh = self._coarseness.noise_n * math.sqrt(1.0 - kept * kept)
         sign, gain, gauss = self._sign, self._gain, self._random.gauss
         if self._coarseness.friction_n > 0.0:
-            self._rub(velocity, duration_s)
+            self._advance_friction(velocity, duration_s)
         axes = zip(wrench, self._axes, self._noise, self._friction, strict=True)
-        self._noise, felt = [], []
-        for true, (scale, offset, drift), old, rub in axes:
+        self._noise, estimate = [], []
+        for true, (scale, offset, drift), old, friction in axes:
             noise = kept * old + gauss(0.0, fresh)
             self._noise.append(noise)
-            felt.append(sign * (gain * true + scale * (offset + drift * elapsed_s + noise + rub)))
-        self._newest = vector6(felt)
-        return vector6(new - zero for new, zero in zip(felt, self._zero, strict=True))
+            estimate.append(
+                sign * (gain * true + scale * (offset + drift * elapsed_s + noise + friction))
+            )
+        self._newest = vector6(estimate)
+        return vector6(new - zero for new, zero in zip(estimate, self._zero, strict=True))
 
-    def _rub(self, velocity: Vector6, duration_s: float) -> None:
+    def _advance_friction(self, velocity: Vector6, duration_s: float) -> None:
         for axis, speed in enumerate(velocity[:3]):
             against = -math.copysign(self._coarseness.friction_n, speed)
             share = math.exp(-abs(speed) * duration_s / self._coarseness.friction_travel_m)

@@ -32,40 +32,44 @@ class SilentWrenchFaults:
         self._random = random.Random(seed)  # noqa: S311 - noise, not a secret
         self._full_scale_n = full_scale_n
         self._past: deque[tuple[int, Vector6]] = deque()
-        self._said: deque[Vector6] = deque(maxlen=_NOISE_SAMPLES)
+        self._reported: deque[Vector6] = deque(maxlen=_NOISE_SAMPLES)
         self._held: tuple[Vector6, Vector6, Vector6] | None = None  # newest, mean and noise
         self._count = 0
 
-    def reading(self, felt: Vector6, faults: Iterable[Fault], *, stamp_ns: int) -> Vector6:
-        """Return Fx, Fy, Fz [N], Mx, My, Mz [N m] as ``faults`` make them of what is felt."""
+    def reading(self, true: Vector6, faults: Iterable[Fault], *, stamp_ns: int) -> Vector6:
+        """Return Fx, Fy, Fz [N], Mx, My, Mz [N m] as ``faults`` make them of what is true."""
         self._count += 1
         active = {fault.kind: fault for fault in faults}
-        self._remember(felt, stamp_ns)
-        said = self._changed(felt, active, stamp_ns)
+        self._remember(true, stamp_ns)
+        reported = self._changed(true, active, stamp_ns)
         sticks = active.keys() & {FaultKind.FREEZE, FaultKind.STICK, FaultKind.STICK_NOISILY}
         if not sticks:
             self._held = None
-        if not sticks or self._knows_no_noise(sticks):
-            self._said.append(said)
-            return said
+        if not sticks or self._lacks_noise(sticks):
+            self._reported.append(reported)
+            return reported
         if self._held is None:
-            self._said.append(said)
-            self._held = said, _mean(list(self._said)[-_MEAN_SAMPLES:]), _noise(self._said)
+            self._reported.append(reported)
+            self._held = (
+                reported,
+                _mean(list(self._reported)[-_MEAN_SAMPLES:]),
+                _noise(self._reported),
+            )
         return self._stuck(FaultKind(min(sticks)), *self._held)
 
-    def _knows_no_noise(self, sticks: Set[FaultKind]) -> bool:
+    def _lacks_noise(self, sticks: Set[FaultKind]) -> bool:
         """Return whether it is too early to stick noisily: its noise is not known yet."""
-        return FaultKind.STICK_NOISILY in sticks and len(self._said) < _NOISE_SAMPLES
+        return FaultKind.STICK_NOISILY in sticks and len(self._reported) < _NOISE_SAMPLES
 
-    def _remember(self, felt: Vector6, stamp_ns: int) -> None:
-        self._past.append((stamp_ns, felt))
+    def _remember(self, true: Vector6, stamp_ns: int) -> None:
+        self._past.append((stamp_ns, true))
         while stamp_ns - self._past[0][0] > OLDEST_S * 1e9:
             self._past.popleft()
 
-    def _changed(self, felt: Vector6, active: dict[FaultKind, Fault], stamp_ns: int) -> Vector6:
+    def _changed(self, true: Vector6, active: dict[FaultKind, Fault], stamp_ns: int) -> Vector6:
         if not active:
-            return felt
-        values = list(felt)
+            return true
+        values = list(true)
         if FaultKind.OLD_DATA in active:
             values = list(self._at(stamp_ns - round(active[FaultKind.OLD_DATA].size * 1e9)))
         factor = active[FaultKind.SCALE].size if FaultKind.SCALE in active else 1.0
@@ -81,7 +85,7 @@ class SilentWrenchFaults:
         return vector6(values)
 
     def _at(self, stamp_ns: int) -> Vector6:
-        """Return what was felt then, or the oldest that is known."""
+        """Return what was true then, or the oldest that is known."""
         known = [values for stamp, values in self._past if stamp <= stamp_ns]
         return known[-1] if known else self._past[0][1]
 

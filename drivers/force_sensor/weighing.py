@@ -18,7 +18,7 @@ SETTLE_S = 1.0
 """After the operator's word: the hand is gone, and a weight on a string has stopped bouncing."""
 WEIGH_S = 2.0
 """Several swings of a weight on a string of 10 to 20 cm."""
-LOOK_S = 0.05
+POLL_S = 0.05
 """How often the stream is emptied."""
 MIN_SHARE = 0.5
 """Of the samples that the configured rate promises."""
@@ -81,7 +81,7 @@ def _listen(sensor: ForceTorqueSensor, clock: Clock, duration_s: float) -> list[
     samples: list[ForceSample] = []
     end_ns = clock.now_ns() + round(duration_s * 1e9)
     while clock.now_ns() < end_ns:
-        clock.sleep(LOOK_S)
+        clock.sleep(POLL_S)
         samples += sensor.drain()
     return samples
 

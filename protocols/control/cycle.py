@@ -125,7 +125,7 @@ class Cycle:
             lambda: self._read_arm(states),
             self._watch_camera,
             self._watch_record,
-            lambda: self._hear_witness(presses, states),
+            lambda: self._check_witness(presses, states),
         ):
             try:
                 part()
@@ -147,7 +147,7 @@ class Cycle:
         """
         with _as_breach("robot"):
             self.rig.arm.set_velocity(velocity, acceleration=self.config.robot.acceleration)
-        self._follow.tell(velocity[2])
+        self._follow.command(velocity[2])
 
     def start_move(self, target: Pose, *, speed: float) -> None:
         """Start a straight move after every check that can be made beforehand.
@@ -225,7 +225,7 @@ class Cycle:
         self.workspace.check_state(state)
         self._follow.check(state.pose.position[2], now_ns=self.rig.clock.now_ns())
 
-    def _hear_witness(self, presses: list[Press], states: list[ArmSample]) -> None:
+    def _check_witness(self, presses: list[Press], states: list[ArmSample]) -> None:
         if self.last_state is not None:
             self.witness.check(
                 [press.force_n for press in presses],

@@ -25,7 +25,7 @@ SIGNALS = {
     signal.SIGTSTP: "Ctrl-Z",
 }
 SAME_REQUEST_S = 0.7
-LOOK_MS = 100
+POLL_MS = 100
 
 
 class Abort:
@@ -37,7 +37,7 @@ class Abort:
     """
 
     def __init__(self, *, same_request_s: float = SAME_REQUEST_S) -> None:
-        self._same_wish_s = same_request_s
+        self._same_request_s = same_request_s
         self._asked_s = -math.inf
         self._reasons: list[str] = []
         self._listeners: list[Callable[[str], None]] = []
@@ -45,7 +45,7 @@ class Abort:
     def request(self, reason: str) -> None:
         """Ask to stop, because of ``reason``."""
         now_s = time.monotonic()
-        if now_s - self._asked_s < self._same_wish_s:
+        if now_s - self._asked_s < self._same_request_s:
             return
         self._asked_s = now_s
         self._reasons.append(reason)
@@ -56,11 +56,11 @@ class Abort:
         """Call ``listener(reason)`` at each request, in the caller's thread; it must not block."""
         self._listeners.append(listener)
 
-    def heed_signals(self) -> dict[int, Any]:
+    def handle_signals(self) -> dict[int, Any]:
         """Make each of ``SIGNALS`` a request; return what they did before."""
-        return {number: signal.signal(number, self._heed) for number in SIGNALS}
+        return {number: signal.signal(number, self._on_signal) for number in SIGNALS}
 
-    def _heed(self, number: int, _frame: FrameType | None) -> None:
+    def _on_signal(self, number: int, _frame: FrameType | None) -> None:
         self.request(SIGNALS[signal.Signals(number)])
 
     @property
@@ -92,7 +92,7 @@ class AbortWatch:
         self._thread: threading.Thread | None = None
 
     def __enter__(self) -> Self:
-        self._handlers = self.abort.heed_signals()
+        self._handlers = self.abort.handle_signals()
         if self._terminal is not None and os.isatty(self._terminal):
             self._settings = termios.tcgetattr(self._terminal)
             tty.setcbreak(self._terminal, termios.TCSANOW)
@@ -118,7 +118,7 @@ class AbortWatch:
         poll = select.poll()
         poll.register(terminal, select.POLLIN | select.POLLHUP)
         while not self._ended.is_set():
-            for _, what in poll.poll(LOOK_MS):
+            for _, what in poll.poll(POLL_MS):
                 if not self._take(terminal, what):
                     return
 

@@ -127,11 +127,11 @@ class FollowGuard:
     def __init__(self, *, window_s: float) -> None:
         self._window_ns = round(window_s * 1e9)
         self._speed_m_s = 0.0
-        self._told_m = 0.0
+        self._commanded_m = 0.0
         self._looked_ns: int | None = None
         self._past: deque[tuple[int, float, float]] = deque()
 
-    def tell(self, speed_m_s: float) -> None:
+    def command(self, speed_m_s: float) -> None:
         """Take the velocity along z that was commanded last [m/s]."""
         if speed_m_s * self._speed_m_s <= 0.0:
             self.forget()
@@ -152,29 +152,29 @@ class FollowGuard:
         if self._speed_m_s == 0.0:
             return
         if self._looked_ns is not None:
-            self._told_m += self._speed_m_s * (now_ns - self._looked_ns) * 1e-9
+            self._commanded_m += self._speed_m_s * (now_ns - self._looked_ns) * 1e-9
         self._looked_ns = now_ns
-        self._past.append((now_ns, self._told_m, z_m))
+        self._past.append((now_ns, self._commanded_m, z_m))
         while len(self._past) > 1 and self._is_enough(self._past[1], now_ns):
             self._past.popleft()
         if not self._is_enough(self._past[0], now_ns):
             return
-        before_ns, told_before_m, z_before_m = self._past[0]
-        told_m, gone_m = self._told_m - told_before_m, z_m - z_before_m
-        if gone_m * told_m < LEAST_SHARE * told_m**2:
-            raise _stalled(told_m, gone_m, duration_s=(now_ns - before_ns) * 1e-9)
+        before_ns, commanded_before_m, z_before_m = self._past[0]
+        commanded_m, gone_m = self._commanded_m - commanded_before_m, z_m - z_before_m
+        if gone_m * commanded_m < LEAST_SHARE * commanded_m**2:
+            raise _stalled(commanded_m, gone_m, duration_s=(now_ns - before_ns) * 1e-9)
 
     def _is_enough(self, since: tuple[int, float, float], now_ns: int) -> bool:
-        since_ns, told_m, _ = since
+        since_ns, commanded_m, _ = since
         long_enough = now_ns - since_ns >= self._window_ns
-        return long_enough and abs(self._told_m - told_m) > LEAST_TRAVEL_M
+        return long_enough and abs(self._commanded_m - commanded_m) > LEAST_TRAVEL_M
 
 
-def _stalled(told_m: float, gone_m: float, *, duration_s: float) -> BreachError:
-    way, sign = ("down", -1.0) if told_m < 0.0 else ("up", 1.0)
+def _stalled(commanded_m: float, gone_m: float, *, duration_s: float) -> BreachError:
+    way, sign = ("down", -1.0) if commanded_m < 0.0 else ("up", 1.0)
     measured_mm = round(sign * gone_m * 1e3, 3) + 0.0  # no "-0.000"
     return BreachError(
-        f"robot: it does not follow: commanded {abs(told_m) * 1e3:.3f} mm {way} in "
+        f"robot: it does not follow: commanded {abs(commanded_m) * 1e3:.3f} mm {way} in "
         f"{duration_s:.1f} s, measured {measured_mm:.3f} mm",
         limit="limits.no_motion",
         reaction=Reaction.HOLD,

@@ -20,9 +20,9 @@ from tacauchy_rig.core.run import ImageFrame
 logger = logging.getLogger(__name__)
 
 NICENESS = -5
-LOOK_S = 0.005
+POLL_S = 0.005
 EXPOSURE_S = 1.0
-TELL_S = 0.1
+REPORT_S = 0.1
 ORPHAN_S = 20.0
 MARKS_MAX = 1000
 CLOSE_S = 4.0
@@ -43,14 +43,14 @@ def film(job: Job, supervisor: Channel) -> None:
     feeds = FeedWriters(job.descriptors, VIEWERS)
     supervisor.send(Ready(devices={"camera": identity}))
     try:
-        _film_until_told(camera, link, supervisor=supervisor, control=control, feeds=feeds)
+        _run_camera(camera, link, supervisor=supervisor, control=control, feeds=feeds)
     finally:
         camera.close()
         link.close(timeout_s=CLOSE_S)
         supervisor.send(Kept(link.kept_count))
 
 
-def _film_until_told(
+def _run_camera(
     camera: Camera,
     link: RecorderLink,
     *,
@@ -58,9 +58,9 @@ def _film_until_told(
     control: Channel,
     feeds: FeedWriters,
 ) -> None:
-    marks = MarkPost(control)
+    marks = MarkSender(control)
     alive = True
-    told_s = 0.0
+    reported_s = 0.0
     orphaned_s: float | None = None
     while True:
         if Order.STOP in supervisor.receive():
@@ -71,11 +71,11 @@ def _film_until_told(
             orphaned_s = orphaned_s or now_s
             if control.closed or now_s - orphaned_s > ORPHAN_S:
                 return
-        supervisor.wait(LOOK_S) if not supervisor.closed else time.sleep(LOOK_S)
-        marks.heed()
+        supervisor.wait(POLL_S) if not supervisor.closed else time.sleep(POLL_S)
+        marks.take_requests()
         link.poll()
-        if now_s - told_s > TELL_S:
-            told_s = now_s
+        if now_s - reported_s > REPORT_S:
+            reported_s = now_s
             supervisor.send(Kept(link.kept_count))
         if alive:
             alive = _pass_on(camera, link, marks, feeds)
@@ -88,7 +88,7 @@ class ExposureWatch:
         self._judged_ns = 0
         self.clipped_ratio = 0.0
 
-    def look(self, frames: list[ImageFrame]) -> None:
+    def judge(self, frames: list[ImageFrame]) -> None:
         """Take in new frames, the newest last."""
         if frames and frames[-1].stamp_ns - self._judged_ns >= EXPOSURE_S * 1e9:
             self._judged_ns = frames[-1].stamp_ns
@@ -96,7 +96,7 @@ class ExposureWatch:
             self.clipped_ratio = self.clipped_ratio if ratio is None else ratio
 
 
-class MarkPost:
+class MarkSender:
     """Sends marks of frames to control; what control is too busy to take goes with the next."""
 
     def __init__(self, control: Channel) -> None:
@@ -105,17 +105,17 @@ class MarkPost:
         self._exposure = ExposureWatch()
         self._touch = TouchWatch()
 
-    def heed(self) -> None:
+    def take_requests(self) -> None:
         """Take what control asks the camera to look for."""
         for message in self._control.receive():
             if isinstance(message, TouchMode):
                 self._touch.ask(message)
 
-    def post(self, frames: list[ImageFrame], camera: Camera) -> None:
+    def send(self, frames: list[ImageFrame], camera: Camera) -> None:
         """Tell control of new frames."""
         self._marks += [self._mark(frame) for frame in frames]
         self._marks = self._marks[-MARKS_MAX:]
-        self._exposure.look(frames)
+        self._exposure.judge(frames)
         if self._marks:
             health = replace(camera.health(), clipped_ratio=self._exposure.clipped_ratio)
             if self._control.send(CameraStatus(marks=tuple(self._marks), health=health)):
@@ -134,7 +134,7 @@ class MarkPost:
         self._control.send(Failed.because(error))
 
 
-def _pass_on(camera: Camera, link: RecorderLink, marks: MarkPost, feeds: FeedWriters) -> bool:
+def _pass_on(camera: Camera, link: RecorderLink, marks: MarkSender, feeds: FeedWriters) -> bool:
     """Pass new frames on; return False once the camera is gone."""
     try:
         frames = camera.drain()
@@ -144,7 +144,7 @@ def _pass_on(camera: Camera, link: RecorderLink, marks: MarkPost, feeds: FeedWri
         return False
     if frames:
         link.put(tuple(frames))
-    marks.post(frames, camera)
+    marks.send(frames, camera)
     if feeds:
         for frame in frames:
             seen = {"counter": frame.counter, "width_px": frame.width, "height_px": frame.height}

@@ -103,14 +103,14 @@ class Launched:
     Its descriptors are closed here once it has them, so that its end shows as an end of file.
 
     Attributes:
-        heard_s: When it said something last, by ``time.monotonic``.
+        last_message_s: When it said something last, by ``time.monotonic``.
         killed: Whether this supervisor had to kill it.
     """
 
     def __init__(self, name: str, job: Job, *, module: str = "") -> None:
         self.name = name
         self.killed = False
-        self.heard_s = time.monotonic()
+        self.last_message_s = time.monotonic()
         self.log = job.root / LOG_FOLDER / f"{name}.log"
         self.log.parent.mkdir(exist_ok=True)
         self.channel, theirs = Channel.pair()
@@ -133,11 +133,11 @@ class Launched:
         theirs.close()
         self.channel.send(job)
 
-    def hear(self) -> list[Any]:
+    def receive(self) -> list[Any]:
         """Return what it said, and note that it said something."""
         messages = self.channel.receive()
         if messages:
-            self.heard_s = time.monotonic()
+            self.last_message_s = time.monotonic()
         return messages
 
     @property

@@ -50,7 +50,7 @@ class Orders:
         threading.Thread(target=self._listen, name="orders", daemon=True).start()
 
     def _listen(self) -> None:
-        heard_s = time.monotonic()
+        last_message_s = time.monotonic()
         while True:
             self._supervisor.wait(0.1)
             messages = self._supervisor.receive()
@@ -63,8 +63,8 @@ class Orders:
                 self._abort.request("the program that watches the run is gone")
                 return
             now_s = time.monotonic()
-            heard_s = now_s if messages else heard_s
-            if self.go.is_set() and now_s - heard_s > SILENT_S:
+            last_message_s = now_s if messages else last_message_s
+            if self.go.is_set() and now_s - last_message_s > SILENT_S:
                 self._abort.request(f"the supervisor has been silent for {SILENT_S:g} s")
                 return
 
@@ -84,7 +84,7 @@ def control(job: Job, supervisor: Channel) -> None:
         devices = _connect(arm, force_sensor)
         _die_with_parent(0)
         abort = Abort()
-        abort.heed_signals()
+        abort.handle_signals()
         orders = Orders(supervisor, abort)
         supervisor.send(Ready(devices=devices))
         rig = Rig(arm=arm, force_sensor=force_sensor, camera=camera, clock=HostClock())
@@ -95,7 +95,7 @@ def control(job: Job, supervisor: Channel) -> None:
         force_sensor.close()
         link.close(timeout_s=CLOSE_S)
         supervisor.send(Kept(link.kept_count))
-    _tell(supervisor, result)
+    _send_result(supervisor, result)
 
 
 def _connect(arm: Arm, force_sensor: ForceTorqueSensor) -> dict[str, DeviceIdentity]:
@@ -163,7 +163,7 @@ def _run(
     return run_programme(cycle, journal, job.plan)
 
 
-def _tell(supervisor: Channel, result: ProgrammeResult) -> None:
+def _send_result(supervisor: Channel, result: ProgrammeResult) -> None:
     deadline = time.monotonic() + 2.0
     while not supervisor.send(result) and not supervisor.closed and time.monotonic() < deadline:
         time.sleep(0.02)

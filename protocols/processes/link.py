@@ -204,7 +204,7 @@ class RemoteCamera:
         Raises:
             DeviceError: The camera is gone, or its process is.
         """
-        self._say()
+        self._send_request()
         marks: list[FrameMark] = []
         for message in self._channel.receive():
             if isinstance(message, Failed):
@@ -224,9 +224,9 @@ class RemoteCamera:
     def ask(self, mode: TouchMode) -> None:
         """Tell the camera process what to look for; said again until it is taken."""
         self._asked = mode
-        self._say()
+        self._send_request()
 
-    def _say(self) -> None:
+    def _send_request(self) -> None:
         if self._asked is not None and self._channel.send(self._asked):
             self._asked = None
 

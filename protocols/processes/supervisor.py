@@ -40,13 +40,13 @@ from tacauchy_rig.core.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 
-LOOK_S = 0.05
+POLL_S = 0.05
 HEARTBEAT_S = 0.1
 SILENT_S = 3.0
 START_MARGIN_S = 30.0
 ABORT_TIMEOUT_S = 30.0
 END_TIMEOUT_S = 6.0
-_SEE_DISK = "check the disk, then `tacauchy-rig resume` tries them again"
+_CHECK_DISK = "check the disk, then `tacauchy-rig resume` tries them again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,13 +106,13 @@ class Supervisor:
         self._children = launch_children(self._job, self._viewing.feeds)
         self._viewing.start()
         self._abort.on_request(self._pass_abort_on)
-        threading.Thread(target=self._beat, name="heartbeat", daemon=True).start()
+        threading.Thread(target=self._send_heartbeats, name="heartbeat", daemon=True).start()
         return self
 
     def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         if error is not None:
             # Whoever watches has failed; the arm is still to be made safe and the record finished.
-            self._on_event = _unseen
+            self._on_event = _discard
             self._end_children()
             complete_results(
                 self._store, self._begun, reason=f"the watching program failed: {error}"
@@ -163,7 +163,7 @@ class Supervisor:
         if control is not None:
             control.channel.send(AbortRequest(reason=reason))
 
-    def _beat(self) -> None:
+    def _send_heartbeats(self) -> None:
         while not self._ended.wait(HEARTBEAT_S):
             self._children["control"].channel.send(Order.ALIVE)
 
@@ -204,7 +204,7 @@ class Supervisor:
     def _watch(self) -> None:
         """Listen until control has finished or is gone."""
         control = self._children["control"]
-        control.heard_s = time.monotonic()
+        control.last_message_s = time.monotonic()
         aborted_s: float | None = None
         while self._finished is None:
             self._listen()
@@ -212,13 +212,13 @@ class Supervisor:
                 self._listen()
                 return
             self._note_deaths()
-            for name, happened in self._viewing.look():
+            for name, happened in self._viewing.restart_ended():
                 self._note("process-died", process=name, how=happened)
             now_s = time.monotonic()
             if self._abort.count and aborted_s is None:
                 aborted_s = now_s
             overdue = aborted_s is not None and now_s - aborted_s > ABORT_TIMEOUT_S
-            if now_s - control.heard_s > SILENT_S or overdue:
+            if now_s - control.last_message_s > SILENT_S or overdue:
                 logger.error("control does not answer; ending it")
                 control.kill()
 
@@ -235,14 +235,14 @@ class Supervisor:
         self._note("process-died", process=name, how=self._died[name])
 
     def _listen(self) -> None:
-        """Wait for messages, at most ``LOOK_S``, and take them."""
+        """Wait for messages, at most ``POLL_S``, and take them."""
         everyone: list[Launched | Viewer] = [*self._children.values(), *self._viewing.running()]
         heard = {one.channel.fileno(): one for one in everyone if not one.channel.closed}
         if not heard:
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
             return
-        for descriptor in select.select(list(heard), [], [], LOOK_S)[0]:
-            for message in heard[descriptor].hear():
+        for descriptor in select.select(list(heard), [], [], POLL_S)[0]:
+            for message in heard[descriptor].receive():
                 self._take(heard[descriptor].name, message)
 
     def _take(self, name: str, message: Any) -> None:
@@ -288,20 +288,22 @@ class Supervisor:
             return self._without_control(self._failures.get("control"), deaths)
         result = self._result(finished.outcome, finished.reason, remedy=finished.remedy)
         kept = {(r.index, r.attempt) for r in result.records if r.passed}
-        unkept = [
+        unsaved = [
             r.index for r in finished.records if r.passed and (r.index, r.attempt) not in kept
         ]
-        if unkept:
-            text = f"the results of trials {unkept} could not be kept. {self._safe()}"
-            return replace(result, outcome=Outcome.FAULT, reason=text, remedy=_SEE_DISK)
+        if unsaved:
+            text = f"the results of trials {unsaved} could not be kept. {self._safe_trials()}"
+            return replace(result, outcome=Outcome.FAULT, reason=text, remedy=_CHECK_DISK)
         if finished.outcome is Outcome.PASSED:
             return result
         gave_up = {name: self._failures.get(name) for name in self._died}
         # One that gave up may have told control why, and control says it again.
-        untold = {n: f for n, f in gave_up.items() if f is None or f.message not in result.reason}
-        if untold:
-            deaths = "; ".join(self._died[name] for name in untold)
-            remedies = "; ".join(failure.remedy for failure in untold.values() if failure)
+        unreported = {
+            n: f for n, f in gave_up.items() if f is None or f.message not in result.reason
+        }
+        if unreported:
+            deaths = "; ".join(self._died[name] for name in unreported)
+            remedies = "; ".join(failure.remedy for failure in unreported.values() if failure)
             remedy = remedies or result.remedy
             result = replace(result, reason=f"{deaths}. {result.reason}", remedy=remedy)
         return result
@@ -312,12 +314,12 @@ class Supervisor:
             aborted = failure.exit_code == AbortedError.exit_code
             outcome = Outcome.ABORTED if aborted else Outcome.FAULT
             return self._result(
-                outcome, f"{failure.message}. {self._safe()}", remedy=failure.remedy
+                outcome, f"{failure.message}. {self._safe_trials()}", remedy=failure.remedy
             )
         watchdog = "Without control the robot's own watchdog stops the arm: go and look at it."
-        return self._result(Outcome.FAULT, f"{deaths}. {watchdog} {self._safe()}")
+        return self._result(Outcome.FAULT, f"{deaths}. {watchdog} {self._safe_trials()}")
 
-    def _safe(self) -> str:
+    def _safe_trials(self) -> str:
         trials = [planned.index for planned in self._job.plan]
         return describe_safe([t for t in trials if self._store.accepted(t) is not None])
 
@@ -341,13 +343,13 @@ class Supervisor:
         self._show(event)
 
     def _show(self, event: JournalEvent) -> None:
-        self._viewing.tell(event)
+        self._viewing.send(event)
         try:
             self._on_event(event)
         except OSError as error:
             # A terminal that is gone refuses every word; the run must end safely all the same.
             logger.error("nobody can be told any more: %s", error)
-            self._on_event = _unseen
+            self._on_event = _discard
             self._abort.request("the terminal was lost")
 
 
@@ -355,7 +357,7 @@ def _event(name: str, **detail: Any) -> JournalEvent:
     return JournalEvent(stamp_ns=time.monotonic_ns(), name=name, detail=detail)
 
 
-def _unseen(_: JournalEvent) -> None:
+def _discard(_: JournalEvent) -> None:
     """Show nothing: nobody is there to see it."""
 
 

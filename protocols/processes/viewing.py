@@ -87,15 +87,15 @@ class Viewing:
         """Yield the viewers that run."""
         return (viewer for viewer in self._viewers.values() if viewer.runs)
 
-    def tell(self, event: JournalEvent) -> None:
+    def send(self, event: JournalEvent) -> None:
         """Tell each viewer of an event; one that is too slow misses it."""
         for viewer in self.running():
             viewer.channel.send(event)
 
-    def look(self) -> Iterator[tuple[str, str]]:
+    def restart_ended(self) -> Iterator[tuple[str, str]]:
         """Start again what is gone; yield its name and what happened."""
         for name, viewer in self._viewers.items():
-            if happened := viewer.look():
+            if happened := viewer.restart_if_ended():
                 yield name, happened
 
     def end(self) -> None:
@@ -174,16 +174,16 @@ class Viewer:
         """Its process; 0 where it does not run."""
         return 0 if self._child is None else self._child.process.pid
 
-    def hear(self) -> list[Any]:
+    def receive(self) -> list[Any]:
         """Return what it said."""
-        return [] if self._child is None else self._child.hear()
+        return [] if self._child is None else self._child.receive()
 
-    def look(self) -> str:
+    def restart_if_ended(self) -> str:
         """Start it again if it is gone or silent; return what happened, or an empty text."""
         child = self._child
         if child is None:
             return ""
-        if not child.has_ended and time.monotonic() - child.heard_s > SILENT_S:
+        if not child.has_ended and time.monotonic() - child.last_message_s > SILENT_S:
             child.kill()
         if not child.has_ended:
             return ""
@@ -230,4 +230,4 @@ class Viewer:
             self._given_up = f"it cannot be started ({error})"
             logger.error("%s: %s", self.name, self._given_up)
             return
-        self._child.heard_s += START_S - SILENT_S
+        self._child.last_message_s += START_S - SILENT_S

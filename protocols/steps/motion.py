@@ -140,10 +140,10 @@ def make_safe(cycle: Cycle, reaction: Reaction) -> SafeEnd:
     if reaction is Reaction.PROTECTIVE_STOP:
         _lock(cycle)
     cycle.stop()
-    told_ns = cycle.rig.clock.now_ns()
+    stop_ns = cycle.rig.clock.now_ns()
     cycle.force_guard.contact = Contact.LEAVING
     cycle.witness.rest()
-    stop_ms, peak_n, worst = _watch_rest(cycle, told_ns)
+    stop_ms, peak_n, worst = _watch_rest(cycle, stop_ns)
     if worst is not None and worst.reaction is not reaction:
         if worst.reaction is Reaction.PROTECTIVE_STOP:
             _lock(cycle)
@@ -167,24 +167,24 @@ def _lock(cycle: Cycle) -> None:
         logger.error("no protective stop: %s", error)
 
 
-def _watch_rest(cycle: Cycle, told_ns: int) -> tuple[float | None, float, BreachError | None]:
+def _watch_rest(cycle: Cycle, stop_ns: int) -> tuple[float | None, float, BreachError | None]:
     peak_n = abs(cycle.last_force_n)
     rested_ms: float | None = None
     worst: BreachError | None = None
-    deadline_ns = told_ns + round(REST_S * 1e9)
+    deadline_ns = stop_ns + round(REST_S * 1e9)
     while cycle.rig.clock.now_ns() < deadline_ns:
         breach = _turn(cycle)
         if breach is not None and breach.reaction is not Reaction.RETRACT:
             worst = breach
         peak_n = max(peak_n, abs(cycle.last_force_n))
         state = cycle.last_state
-        if rested_ms is None and state is not None and _is_at_rest(state, told_ns):
-            rested_ms = (state.stamp_ns - told_ns) * 1e-6
+        if rested_ms is None and state is not None and _is_at_rest(state, stop_ns):
+            rested_ms = (state.stamp_ns - stop_ns) * 1e-6
     return rested_ms, peak_n, worst
 
 
-def _is_at_rest(state: ArmSample, told_ns: int) -> bool:
-    return state.stamp_ns > told_ns and math.hypot(*state.velocity[:3]) < REST_SPEED_M_S
+def _is_at_rest(state: ArmSample, stop_ns: int) -> bool:
+    return state.stamp_ns > stop_ns and math.hypot(*state.velocity[:3]) < REST_SPEED_M_S
 
 
 def _turn(cycle: Cycle) -> BreachError | None:

@@ -30,7 +30,7 @@ def leave_gel(cycle: Cycle) -> None:
 
 
 PLAYING = 2
-LOOK_S = 0.3
+LISTEN_S = 0.3
 
 
 def run_preflight(cycle: Cycle) -> Tare:
@@ -40,7 +40,7 @@ def run_preflight(cycle: Cycle) -> Tare:
         BreachError: The robot is not ready, or the unloaded force is not quiet or not small.
         SafetyError: The arm is not near home.
     """
-    listen(cycle, LOOK_S)
+    listen(cycle, LISTEN_S)
     state = cycle.turn().arm
     cycle.workspace.check_start(state.pose)
     if state.runtime_state != PLAYING:
@@ -86,9 +86,9 @@ def press_air(cycle: Cycle) -> dict[str, float]:
     move_to(cycle, home_pose(cycle), speed=robot.approach_speed)
     move_to(cycle, at_height(cycle, top_m), speed=robot.approach_speed)
     peak_n = _descend(cycle, top_m - TRAVEL_M)
-    told_m = cycle.turn().arm.pose.position[2]
+    stop_m = cycle.turn().arm.pose.position[2]
     come_to_rest(cycle)
-    overrun_m = told_m - cycle.turn().arm.pose.position[2]
+    overrun_m = stop_m - cycle.turn().arm.pose.position[2]
     if overrun_m > OVERRUN_LIMIT_M:
         raise BreachError(
             f"robot: it went on for {overrun_m * 1e3:.3f} mm after the stop, more than "

@@ -16,7 +16,7 @@ from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.run import Outcome, Phase, TrialRecord
 
-Found = TypeVar("Found")
+ResultT = TypeVar("ResultT")
 ALWAYS_LATE = (
     "images came late in every attempt: end other programs on this computer, and see `tacauchy-rig "
     "doctor`: camera; `resume --set limits.stale_image=...` admits longer gaps"
@@ -83,7 +83,9 @@ def _prepare(cycle: Cycle, journal: Journal) -> None:
     journal.write("air-press", **_do_step(cycle, journal, Phase.AIR_PRESS, press_air))
 
 
-def _do_step(cycle: Cycle, journal: Journal, phase: Phase, step: Callable[[Cycle], Found]) -> Found:
+def _do_step(
+    cycle: Cycle, journal: Journal, phase: Phase, step: Callable[[Cycle], ResultT]
+) -> ResultT:
     """Do what comes before the trials; again where nothing but images came late."""
     attempt = 1
     while True:

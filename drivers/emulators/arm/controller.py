@@ -142,7 +142,7 @@ class UrController:
             time_s=round(due * self._period_s + self._silent.clock_s, 6),
             pose=motion.pose,
             velocity=motion.velocity,
-            tcp_force=self._feel(pose, stamp_ns, passed_s),
+            tcp_force=self._tool_force(pose, stamp_ns, passed_s),
         )
         self._world.publish(pose, motion.velocity, stamp_ns)
         self._trace.add(stamp_ns, pose.position, motion.velocity, self.body.runtime_state)
@@ -157,7 +157,7 @@ class UrController:
             motion = self.body.motion
             motion.be_at(Pose.of(motion.pose).shifted(z=-off_m).as_vector())
 
-    def _feel(self, pose: Pose, stamp_ns: int, passed_s: float) -> Vector6:
+    def _tool_force(self, pose: Pose, stamp_ns: int, passed_s: float) -> Vector6:
         wrench: Vector6 = (0.0,) * 6
         if self._gel is not None:
             force, moment = self._gel.wrench(pose, stamp_ns)

@@ -159,7 +159,7 @@ class EmulatedCamera:
         self._close()
 
     def _frame(self, number: int, capture_s: float) -> None:
-        wanted, depth_m = self._look(capture_s)
+        wanted, depth_m = self._scene(capture_s)
         due_s = capture_s + self.latency_s
         self._renderer.ask(wanted, timeout_s=due_s - _COMPOSING_S - time.monotonic())
         if self._factory.is_ready(wanted):
@@ -175,7 +175,7 @@ class EmulatedCamera:
                 self._server.publish(frame)
         self._write_trace(number, capture_s, depth_m)
 
-    def _look(self, capture_s: float) -> tuple[PressKey, float]:
+    def _scene(self, capture_s: float) -> tuple[PressKey, float]:
         """Return what to show and how deep the tip really is [m]; the gel if no arm is known."""
         plant = self._factory.plant
         elapsed_s = capture_s - self.start_ns * 1e-9

@@ -155,9 +155,9 @@ class PlantSource:
         if state.sequence > 0:
             force, torque = self._plant.wrench(pose, stamp_ns)
             depth = self._plant.depth(pose)
-        felt = (force[0], force[1], force[2] - hung_kg * GRAVITY_M_S2)
+        load = (force[0], force[1], force[2] - hung_kg * GRAVITY_M_S2)
         return EmulatedForce(
-            reading=self._channel.reading(felt, torque, pose.rotation_vector, stamp_ns),
+            reading=self._channel.reading(load, torque, pose.rotation_vector, stamp_ns),
             force_true_n=force[2],
             depth_true_m=depth if math.isfinite(depth) else None,
         )

@@ -45,7 +45,7 @@ class PageServer:
     Args:
         view: What is shown.
         access: Which requests are answered.
-        stop: Asks the supervisor to stop the arm; False where it does not hear.
+        stop: Asks the supervisor to stop the arm; False where it does not read_feed.
     """
 
     def __init__(self, view: View, access: AccessRule, *, stop: Callable[[], bool]) -> None:
@@ -200,12 +200,12 @@ async def _serve(
     def stop() -> bool:
         return supervisor.send(AbortRequest(reason="stop was pressed on the page"))
 
-    def hear(feed: FeedReader) -> None:
+    def read_feed(feed: FeedReader) -> None:
         for shown in feed.receive():
             view.take(shown)
         view.dropped_count = sum(each.lost_count for each in feeds)
 
-    def obey() -> None:
+    def take_orders() -> None:
         for message in supervisor.receive():
             if isinstance(message, JournalEvent):
                 view.note(message)
@@ -216,13 +216,13 @@ async def _serve(
             ended.set()
 
     for feed in feeds:
-        loop.add_reader(feed.fileno(), hear, feed)
-    loop.add_reader(supervisor.fileno(), obey)
+        loop.add_reader(feed.fileno(), read_feed, feed)
+    loop.add_reader(supervisor.fileno(), take_orders)
     server = PageServer(view, access, stop=stop)
     serving = asyncio.create_task(server.serve(listener))
     while not ended.is_set() and not serving.done():
         supervisor.send(Order.ALIVE)
-        view.look_at_disk()
+        view.check_disk()
         await _either(ended, serving)
     await asyncio.sleep(LAST_WORDS_S)  # for the last event to reach the browsers
     server.end()

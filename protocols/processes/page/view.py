@@ -19,7 +19,7 @@ from tacauchy_rig.core.store.run_store import RunStore
 TRACE_SAMPLES = 6000
 JOURNAL_LINES = 12
 DISK_S = 2.0
-_UNTOLD = ("progress", "page")
+_NOT_SHOWN = ("progress", "page")
 
 
 class View:
@@ -78,7 +78,7 @@ class View:
     def note(self, event: JournalEvent) -> None:
         """Take in an event."""
         self._left.note(event)
-        if event.name in _UNTOLD:
+        if event.name in _NOT_SHOWN:
             return
         self.version += 1
         self._journal.append(event)
@@ -99,7 +99,7 @@ class View:
                 self._outcome = str(event.detail["outcome"])
                 self._reason = str(event.detail["reason"])
 
-    def look_at_disk(self) -> None:
+    def check_disk(self) -> None:
         """Look now and then how much room there is; results may have come, too."""
         now_s = time.monotonic()
         if now_s - self._disk[0] > DISK_S:

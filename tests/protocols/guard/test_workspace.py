@@ -108,7 +108,7 @@ def drive(guard, speed, *, follows, seconds, late_s=0.0, until_s=math.inf):
     """
     z = 0.0
     for turn in range(round(seconds * 1e9 / TURN_NS)):
-        guard.tell(speed)
+        guard.command(speed)
         guard.check(z, now_ns=turn * TURN_NS)
         if late_s <= turn * TURN_NS * 1e-9 < until_s:
             z += follows * speed * TURN_NS * 1e-9
@@ -165,7 +165,7 @@ def _is_stopped(guard, speed, *, z):
     """Return whether an arm that goes no farther is noticed in as long again."""
     try:
         for turn in range(round(3.0 * 1e9 / TURN_NS)):
-            guard.tell(speed)
+            guard.command(speed)
             guard.check(z, now_ns=3_000_000_000 + turn * TURN_NS)
     except BreachError:
         return True
@@ -176,7 +176,7 @@ def test_a_servo_at_its_target_is_left_alone():
     """Speeds of micrometres per second and changes of direction prove nothing."""
     guard = new_guard()
     for turn in range(2000):
-        guard.tell(2e-5 if turn % 40 < 20 else -2e-5)
+        guard.command(2e-5 if turn % 40 < 20 else -2e-5)
         guard.check(0.0, now_ns=turn * TURN_NS)
     # The same speed without a change of direction proves something.
     with pytest.raises(BreachError, match=r"up in 2\.5 s"):
@@ -188,7 +188,7 @@ def test_a_stop_begins_anew():
     guard = new_guard()
     turns = range(round(4 * WINDOW_S * 1e9) // TURN_NS)
     for turn in turns:
-        guard.tell(-0.0003)
+        guard.command(-0.0003)
         guard.check(0.0, now_ns=turn * TURN_NS)
         if turn % 100 == 99:
             guard.forget()

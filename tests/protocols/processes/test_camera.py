@@ -10,7 +10,7 @@ import pytest
 
 from drivers.mock.streams import MockCamera
 from drivers.mock.world import MockWorld
-from protocols.processes.camera import EXPOSURE_S, ExposureWatch, MarkPost
+from protocols.processes.camera import EXPOSURE_S, ExposureWatch, MarkSender
 from protocols.processes.link import RemoteCamera
 from protocols.processes.messages import Channel
 from tacauchy_rig.core.config.model import RigConfig
@@ -43,9 +43,9 @@ def frame(stamp_ns: int, level: int | None) -> ImageFrame:
 def test_one_image_a_second_is_judged(looks: list[tuple[int, int | None]], ratio: float) -> None:
     """Those between are passed over; one that cannot be read changes nothing."""
     watch = ExposureWatch()
-    watch.look([])
+    watch.judge([])
     for stamp_ns, level in looks:
-        watch.look([frame(stamp_ns, level)])
+        watch.judge([frame(stamp_ns, level)])
     assert watch.clipped_ratio == ratio
 
 
@@ -55,7 +55,7 @@ def test_control_learns_what_the_camera_process_saw(config: RigConfig) -> None:
     camera, remote = MockCamera(MockWorld(SimulatedClock(), config)), RemoteCamera(theirs)
     camera.connect()
     try:
-        MarkPost(ours).post([frame(5 * SECOND_NS, 255)], camera)
+        MarkSender(ours).send([frame(5 * SECOND_NS, 255)], camera)
         assert [mark.stamp_ns for mark in remote.poll()] == [5 * SECOND_NS]
         expected = replace(camera.health(), clipped_ratio=1.0)
         assert replace(remote.health(), age_s=expected.age_s) == expected

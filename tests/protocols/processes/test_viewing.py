@@ -61,10 +61,10 @@ def test_a_page_that_dies_again_and_again_is_given_up(job, monkeypatch):
         for page in viewing.running():
             os.kill(page.pid, signal.SIGKILL)
         time.sleep(0.05)
-        told += [happened for _, happened in viewing.look()]
+        told += [happened for _, happened in viewing.restart_ended()]
     assert "started again" in told[0]
     assert "not started again" in told[1]
-    assert list(viewing.look()) == []
+    assert list(viewing.restart_ended()) == []
     viewing.end()
     viewing.close()
 
@@ -79,7 +79,7 @@ def test_what_says_at_its_start_that_it_cannot_be_is_not_started_again(
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     viewer = viewing_module.Viewer("twin", job, module="refusing")
     deadline = time.monotonic() + 60.0
-    while not (happened := viewer.look()):
+    while not (happened := viewer.restart_if_ended()):
         assert time.monotonic() < deadline
         time.sleep(0.02)
     assert words in happened
@@ -94,7 +94,7 @@ def test_a_viewer_that_says_nothing_is_ended(job, monkeypatch):
     viewing.start()
     [page] = viewing.running()
     deadline = time.monotonic() + 60.0
-    while not page.hear():
+    while not page.receive():
         assert time.monotonic() < deadline
         time.sleep(0.05)
     os.kill(page.pid, signal.SIGSTOP)
@@ -102,8 +102,8 @@ def test_a_viewer_that_says_nothing_is_ended(job, monkeypatch):
     happened = []
     while not happened:
         assert time.monotonic() < deadline
-        page.hear()
-        happened = list(viewing.look())
+        page.receive()
+        happened = list(viewing.restart_ended())
         time.sleep(0.05)
     assert "had stopped answering" in happened[0][1]
     viewing.close()
