@@ -84,15 +84,15 @@ def write_ball_presses(
         first: Number of the first press; presses of other numbers are at other places and depths.
         noise_free: Leave out the camera's noise and the JPEG of its stream.
     """
-    truth = _wetted(truth)
+    camera = _Camera(truth)
     folder.mkdir(parents=True, exist_ok=True)
     clicks = np.random.default_rng([truth.seed, 4]).standard_normal((first - 1 + count, 3))
-    unloaded = _noise_free(truth, None) if noise_free else _averaged(truth)
+    unloaded = camera.scored(camera.raw(None)) if noise_free else camera.averaged()
     cv2.imwrite(str(folder / NO_CONTACT), unloaded)
     circles, positions = [], []
-    for press, click in zip(_presses(truth, count, first), clicks[first - 1 :], strict=True):
+    for press, click in zip(camera.presses(count, first), clicks[first - 1 :], strict=True):
         name = f"press-{press.number:02d}.png"
-        frame = _noise_free(truth, press) if noise_free else _recorded(truth, press)
+        frame = camera.scored(camera.raw(press)) if noise_free else camera.recorded(press)
         cv2.imwrite(str(folder / name), frame)
         clicked = np.array(press.circle_px) + CLICK_ERROR_PX * click
         circles.append([name, *(f"{value:.2f}" for value in clicked)])
@@ -109,74 +109,20 @@ def frame_noise(truth: PlantTruth, *, count: int = 40, first: int = 1) -> FrameN
         count: Number of presses.
         first: Number of the first press.
     """
-    truth = _wetted(truth)
+    camera = _Camera(truth)
     noise, recorded = [], []
     rows, columns = np.ogrid[: truth.unit.image_size[1], : truth.unit.image_size[0]]
-    for press in _presses(truth, count, first):
+    for press in camera.presses(count, first):
         column, row, radius_px = press.circle_px
         inside = np.hypot(columns - column, rows - row) < radius_px
-        still = _noise_free(truth, press)[inside].astype(np.float64)
-        noise.append(np.abs(_scored(_raw(truth, press), truth.unit)[inside] - still).ravel())
-        recorded.append(np.abs(_recorded(truth, press)[inside] - still).ravel())
+        still = camera.scored(camera.raw(press))[inside].astype(np.float64)
+        noisy = camera.scored(camera.raw(press, noise_seed=press.number))
+        noise.append(np.abs(noisy[inside] - still).ravel())
+        recorded.append(np.abs(camera.recorded(press)[inside] - still).ravel())
     return FrameNoise(
         noise=float(np.mean(np.concatenate(noise))),
         recorded=float(np.mean(np.concatenate(recorded))),
     )
-
-
-def _wetted(truth: PlantTruth) -> PlantTruth:
-    """Return the world as a lab calibrates its optics: the ball is wetted and slips."""
-    return replace(truth, friction=0.0)
-
-
-def _presses(truth: PlantTruth, count: int, first: int) -> Iterator[_Press]:
-    """Yield presses whose places fill the image evenly (R2 sequence)."""
-    unit, view = truth.unit, view_of(truth, _RAW_SIZE)
-    table = press_table(case_for(_TIP, truth.poisson, gel=unit.gel))
-    plastic = 1.324717957244746
-    deepest_m = min(_DEPTHS_M[1], _DEEPEST_SHARE * unit.gel.thickness_m)
-    reach_x, reach_y = (
-        share * 0.5 * size * pixel
-        for share, size, pixel in zip(_REACH, unit.image_size, unit.pixel_m, strict=True)
-    )
-    for k in range(first, first + count):
-        u, v, w = k / plastic % 1.0, k / plastic**2 % 1.0, k * math.sqrt(0.5) % 1.0
-        x, y = (2 * u - 1) * reach_x, (2 * v - 1) * reach_y
-        depth_m = _DEPTHS_M[0] + w * (deepest_m - _DEPTHS_M[0])
-        place, tilt = _touched((x + truth.pose_error_m[0], y + truth.pose_error_m[1]), unit)
-        radius_m = float(np.interp(depth_m, table.depths, table.contact_radius))
-        column, row = _scored_pixel(view.pixel(*place), unit)
-        yield _Press(
-            number=k,
-            commanded_m=(x, y),
-            depth_m=depth_m,
-            touched_m=place,
-            tilt_rad=tilt,
-            circle_px=(column, row, radius_m / view.m_per_px[0] * _ratio(unit)[0]),
-        )
-
-
-def _raw(truth: PlantTruth, press: _Press, *, noise: bool = True) -> ImageArray:
-    return render_press(
-        truth,
-        _TIP,
-        press.depth_m,
-        _RAW_SIZE,
-        centre_m=press.touched_m,
-        tilt_rad=press.tilt_rad,
-        noise_seed=press.number if noise else None,
-    )
-
-
-def _recorded(truth: PlantTruth, press: _Press) -> ImageArray:
-    return _scored(_sent(_raw(truth, press)), truth.unit)
-
-
-def _noise_free(truth: PlantTruth, press: _Press | None) -> ImageArray:
-    """Return the frame of a press, or the no-contact frame, without noise and JPEG."""
-    if press is None:
-        return _scored(render_press(truth, _TIP, 0.0, _RAW_SIZE, noise_seed=None), truth.unit)
-    return _scored(_raw(truth, press, noise=False), truth.unit)
 
 
 def _write(path: Path, header: list[str], rows: list[list[str]]) -> None:
@@ -184,6 +130,83 @@ def _write(path: Path, header: list[str], rows: list[list[str]]) -> None:
         writer = csv.writer(file)
         writer.writerow(header)
         writer.writerows(rows)
+
+
+class _Camera:
+    """The emulated sensor as a lab calibrates its optics: the ball is wetted and slips."""
+
+    def __init__(self, truth: PlantTruth) -> None:
+        self._truth = replace(truth, friction=0.0)
+        self._unit = unit = truth.unit
+        left, top = (math.floor(pixels * unit.crop) for pixels in _RAW_SIZE)
+        self._border = left, top
+        columns, rows = unit.image_size
+        self._ratio = columns / (_RAW_SIZE[0] - 2 * left), rows / (_RAW_SIZE[1] - 2 * top)
+
+    def presses(self, count: int, first: int) -> Iterator[_Press]:
+        """Yield presses whose places fill the image evenly (R2 sequence)."""
+        truth, unit, view = self._truth, self._unit, view_of(self._truth, _RAW_SIZE)
+        table = press_table(case_for(_TIP, truth.poisson, gel=unit.gel))
+        plastic = 1.324717957244746
+        deepest_m = min(_DEPTHS_M[1], _DEEPEST_SHARE * unit.gel.thickness_m)
+        reach_x, reach_y = (
+            share * 0.5 * size * pixel
+            for share, size, pixel in zip(_REACH, unit.image_size, unit.pixel_m, strict=True)
+        )
+        for k in range(first, first + count):
+            u, v, w = k / plastic % 1.0, k / plastic**2 % 1.0, k * math.sqrt(0.5) % 1.0
+            x, y = (2 * u - 1) * reach_x, (2 * v - 1) * reach_y
+            depth_m = _DEPTHS_M[0] + w * (deepest_m - _DEPTHS_M[0])
+            axis = (x + truth.pose_error_m[0], y + truth.pose_error_m[1])
+            place, tilt = _touched(axis, unit)
+            radius_m = float(np.interp(depth_m, table.depths, table.contact_radius))
+            column, row = (
+                (pixel + 0.5 - border) * ratio - 0.5
+                for pixel, border, ratio in zip(
+                    view.pixel(*place), self._border, self._ratio, strict=True
+                )
+            )
+            yield _Press(
+                number=k,
+                commanded_m=(x, y),
+                depth_m=depth_m,
+                touched_m=place,
+                tilt_rad=tilt,
+                circle_px=(column, row, radius_m / view.m_per_px[0] * self._ratio[0]),
+            )
+
+    def raw(self, press: _Press | None, *, noise_seed: int | None = None) -> ImageArray:
+        """Return the raw frame of a press, or of the gel without contact; no seed is no noise."""
+        if press is None:
+            return render_press(self._truth, _TIP, 0.0, _RAW_SIZE, noise_seed=noise_seed)
+        return render_press(
+            self._truth,
+            _TIP,
+            press.depth_m,
+            _RAW_SIZE,
+            centre_m=press.touched_m,
+            tilt_rad=press.tilt_rad,
+            noise_seed=noise_seed,
+        )
+
+    def recorded(self, press: _Press) -> ImageArray:
+        """Return the frame of a press as it is recorded, with noise and JPEG."""
+        return self.scored(_sent(self.raw(press, noise_seed=press.number)))
+
+    def averaged(self, *, frames: int = 12) -> ImageArray:
+        """Return the no-contact frame averaged over its noise, as a lab averages it."""
+        stack = [
+            _sent(self.raw(None, noise_seed=1000 + k)).astype(np.float32) for k in range(frames)
+        ]
+        return self.scored(np.rint(np.mean(stack, axis=0)).astype(np.uint8))
+
+    def scored(self, raw: ImageArray) -> ImageArray:
+        """Return a raw frame without its border, at the size that is scored."""
+        left, top = self._border
+        cropped = raw[top : raw.shape[0] - top, left : raw.shape[1] - left]
+        size = self._unit.image_size
+        scaled = cv2.resize(np.ascontiguousarray(cropped), size, interpolation=cv2.INTER_AREA)
+        return np.asarray(scaled, dtype=np.uint8)
 
 
 def _touched(
@@ -200,42 +223,7 @@ def _touched(
     return place, (place[0] * bend_x, place[1] * bend_y)
 
 
-def _averaged(truth: PlantTruth, *, frames: int = 12) -> ImageArray:
-    """Return the no-contact frame averaged over its noise, as a lab averages it."""
-    stack = [
-        _sent(render_press(truth, _TIP, 0.0, _RAW_SIZE, noise_seed=1000 + k)).astype(np.float32)
-        for k in range(frames)
-    ]
-    return _scored(np.rint(np.mean(stack, axis=0)).astype(np.uint8), truth.unit)
-
-
 def _sent(raw: ImageArray) -> ImageArray:
     """Return what is left of a raw frame after the camera's JPEG."""
     _, data = cv2.imencode(".jpg", raw, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)
-
-
-def _scored(raw: ImageArray, unit: EmulatedUnit) -> ImageArray:
-    left, top = _border(unit)
-    cropped = raw[top : raw.shape[0] - top, left : raw.shape[1] - left]
-    scaled = cv2.resize(
-        np.ascontiguousarray(cropped), unit.image_size, interpolation=cv2.INTER_AREA
-    )
-    return np.asarray(scaled, dtype=np.uint8)
-
-
-def _border(unit: EmulatedUnit) -> tuple[int, int]:
-    return math.floor(_RAW_SIZE[0] * unit.crop), math.floor(_RAW_SIZE[1] * unit.crop)
-
-
-def _ratio(unit: EmulatedUnit) -> tuple[float, float]:
-    (left, top), (columns, rows) = _border(unit), unit.image_size
-    return columns / (_RAW_SIZE[0] - 2 * left), rows / (_RAW_SIZE[1] - 2 * top)
-
-
-def _scored_pixel(raw: tuple[float, float], unit: EmulatedUnit) -> tuple[float, float]:
-    column, row = (
-        (place + 0.5 - border) * ratio - 0.5
-        for place, border, ratio in zip(raw, _border(unit), _ratio(unit), strict=True)
-    )
-    return column, row
