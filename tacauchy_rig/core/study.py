@@ -21,8 +21,8 @@ from threading import Event
 from typing import Any, ClassVar, NamedTuple
 
 from tacauchy_rig.core.errors import ConfigError, RigError
-from tacauchy_rig.core.own_process import OwnProcess
 from tacauchy_rig.core.page import criteria_page
+from tacauchy_rig.core.parallel import IsolatedWorker
 from tacauchy_rig.core.tables import Table, table_of
 
 DAY_S = 86_400.0
@@ -202,7 +202,7 @@ def measured(
     apart = [case for case in cases if case.is_isolated or is_apart]
     groups = [list(each) for _, each in groupby(apart, key=lambda c: c.process or c.name)]
     found: SimpleQueue[Result | Exception] = SimpleQueue()
-    free: SimpleQueue[OwnProcess] = SimpleQueue()
+    free: SimpleQueue[IsolatedWorker] = SimpleQueue()
     stopped = Event()
 
     def work(group: Sequence[Case]) -> None:
@@ -219,7 +219,7 @@ def measured(
 
     with ExitStack() as running:
         for _ in range(jobs):
-            free.put(running.enter_context(OwnProcess()))
+            free.put(running.enter_context(IsolatedWorker()))
         pool = ThreadPoolExecutor(jobs)
         running.callback(pool.shutdown, wait=False, cancel_futures=True)
         running.callback(stopped.set)

@@ -21,7 +21,7 @@ from sim.optics.calibrate.press_image import press_image, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.side_by_side import side_by_side
+from tacauchy_rig.core.parallel import parallel_map
 
 _NUDGES = 2
 CROP_SHARE = 0.375
@@ -81,7 +81,7 @@ def cross_validate(
     held_out = [presses[fold::folds] for fold in range(folds)]
     seen = [[p for i, p in enumerate(presses) if i % folds != fold] for fold in range(folds)]
     parts = [*zip(seen, held_out, strict=True), (presses, [])]
-    fitted = side_by_side(partial(_fitted, fit), parts, jobs=jobs, afresh=False)
+    fitted = parallel_map(partial(_fitted, fit), parts, jobs=jobs, new_process_each=False)
     for fold, (_, found) in enumerate(fitted):
         calibration, as_labelled, as_nudged = found
         labelled += as_labelled

@@ -44,7 +44,7 @@ from sim.studies.bench.scenes import (
 )
 from sim.studies.bench.tables import draw_growth, part_table
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.own_process import OwnProcess, ProcessFailedError
+from tacauchy_rig.core.parallel import IsolatedWorker, ProcessFailedError
 from tacauchy_rig.core.study import Case, Result, Study, failures_table
 from tacauchy_rig.core.tables import Table
 
@@ -277,7 +277,7 @@ def _reference(stated: Mapping[str, Any]) -> dict[str, Any]:
     """Press a scene with the finest preset that comes to its end in time."""
     failure = ProcessFailedError("no preset was tried")
     for preset in _REFERENCES:
-        with OwnProcess() as process:
+        with IsolatedWorker() as process:
             press = partial(press_reference, stated, preset.value)
             try:
                 return asdict(process.call(press, limit_s=SCENE_LIMIT_S))

@@ -29,7 +29,7 @@ from sim.studies.hard_cases.pads import (
     round_mesh,
 )
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.own_process import OwnProcess
+from tacauchy_rig.core.parallel import IsolatedWorker
 
 _DEPTH_M = 0.3e-3
 # For a press in another process, its start and the loading of its kernels included.
@@ -98,7 +98,7 @@ def force_balance() -> Outcome:
 
 def repeatable() -> Outcome:
     """Case 19: the same press twice here and once in a process of its own."""
-    with OwnProcess() as process:
+    with IsolatedWorker() as process:
         there = process.call(fingerprint, limit_s=_OTHER_LIMIT_S)
     here, again = fingerprint(), fingerprint()
     force, *others = (float.fromhex(found.split()[0]) for found in (here, again, there))

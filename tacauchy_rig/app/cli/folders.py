@@ -50,7 +50,7 @@ def replay(
     from sim.error.tolerance import parse_tolerance
     from tacauchy_rig.app.cli.emulation import BackgroundCalibration
     from tacauchy_rig.app.replay.opening import open_run
-    from tacauchy_rig.core.side_by_side import worker_process
+    from tacauchy_rig.core.parallel import worker_process
     from tacauchy_rig.core.store.check.run import check_run
 
     run = open_run(folder)

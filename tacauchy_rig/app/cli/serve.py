@@ -30,7 +30,7 @@ def serve(
     from protocols.processes.page.access import AccessRule
     from protocols.processes.viewing import listen
     from tacauchy_rig.app.cli.watching import open_in_browser
-    from tacauchy_rig.app.results.found_runs import folder_of_runs
+    from tacauchy_rig.app.results.runs import folder_of_runs
     from tacauchy_rig.app.results.server import ResultsServer
 
     root, only = folder_of_runs(folder)

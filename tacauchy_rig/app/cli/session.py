@@ -258,7 +258,7 @@ def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> N
     from tacauchy_rig.app.cli.emulation import BackgroundCalibration
     from tacauchy_rig.app.cli.folders import replay_and_show, report_and_exit
     from tacauchy_rig.app.replay.opening import open_run
-    from tacauchy_rig.core.side_by_side import worker_process
+    from tacauchy_rig.core.parallel import worker_process
 
     if request.press_only:
         result = _press_confirmed(store, config, request)

@@ -36,8 +36,14 @@ from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import PoseSource
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.side_by_side import worker_process
-from tacauchy_rig.core.simulated import IMAGE_S, ForceInput, FoundValue, Replay, ResidualSplit
+from tacauchy_rig.core.parallel import worker_process
+from tacauchy_rig.core.simulated import (
+    IMAGE_S,
+    ForceInput,
+    FoundValue,
+    Replay,
+    ResidualSplit,
+)
 from tacauchy_rig.core.store.replay_files import ReplayFields
 
 Rendered = tuple[Replay, dict[int, ReplayFields]]

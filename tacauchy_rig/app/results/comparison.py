@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tacauchy_rig.app.gel_health.comparison import COVERAGE, Change
-from tacauchy_rig.app.results.found_runs import FoundRun, Judged
+from tacauchy_rig.app.results.runs import FoundRun, Judged
 
 # What a report says of all trials of a run: title, its place in the summary, factor and unit.
 _OF_ALL = (

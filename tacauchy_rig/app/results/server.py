@@ -17,7 +17,7 @@ from starlette.types import ASGIApp
 
 from protocols.processes.page.access import AccessRule
 from tacauchy_rig.app.results.comparison import charts_of, compare, in_words
-from tacauchy_rig.app.results.found_runs import FoundRun, Health, find_runs
+from tacauchy_rig.app.results.runs import FoundRun, Health, find_runs
 
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",

@@ -27,7 +27,7 @@ def budget_check(
     Example: python -m tests.studies budget --worlds 20 --jobs 2
     """
     from tacauchy_rig.core.config.load import load_config
-    from tacauchy_rig.core.side_by_side import side_by_side
+    from tacauchy_rig.core.parallel import parallel_map
     from tests.studies.budget.worlds import coverage_table, look_at, predict_stated
 
     config = load_config(config_file, overrides=overrides or ()).config
@@ -35,7 +35,9 @@ def budget_check(
     stated = predict_stated(config, preset=preset)
     look = partial(look_at, stated=stated, preset=truth)
     found = []
-    for number, world in side_by_side(look, range(seed, seed + worlds), jobs=jobs, afresh=False):
+    for number, world in parallel_map(
+        look, range(seed, seed + worlds), jobs=jobs, new_process_each=False
+    ):
         ratios = ", ".join(f"{ratio:+.2f}" for ratio in world.ratios)
         say(f"world {number}: error / u {ratios}")
         found.append(world)

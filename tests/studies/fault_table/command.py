@@ -47,7 +47,7 @@ def fault_table(
     a processor; times of stopping hold what waits for one.
     """
     from tacauchy_rig.core.config.load import load_config
-    from tacauchy_rig.core.side_by_side import side_by_side
+    from tacauchy_rig.core.parallel import parallel_map
     from tacauchy_rig.core.store.run_store import run_lock
     from tests.studies.fault_table.emulated_rig import write_case_config
     from tests.studies.fault_table.report import fault_page, summary_line
@@ -60,7 +60,7 @@ def fault_table(
     work.mkdir(parents=True, exist_ok=True)
     with run_lock(work / LOCK):
         observe = partial(_observe, work=work, again=again, jobs=jobs)
-        done = side_by_side(observe, chosen, jobs=jobs)
+        done = parallel_map(observe, chosen, jobs=jobs)
         unreached = [case.name for case, is_done in done if not is_done]
     seen = [found for case in all_cases() if (found := _load(case, work)) is not None]
     write_text(

@@ -28,7 +28,7 @@ def gel_check(
     Example: python -m tests.studies gel --gels 10 --jobs 2
     """
     from tacauchy_rig.app.calibration.material.fit import respond
-    from tacauchy_rig.core.side_by_side import side_by_side
+    from tacauchy_rig.core.parallel import parallel_map
     from tests.studies.gel.emulated_gels import BALL, PUNCH, WIDE, fitted_gel, gel_table, presses_of
 
     tools, seeds = (BALL, PUNCH, WIDE), range(seed, seed + gels)
@@ -37,7 +37,7 @@ def gel_check(
     tasks = [(number, tool) for number in seeds for tool in tools]
     presses: dict[int, dict[str, IndenterPresses]] = {}
     work = partial(_pressed, truth=truth)
-    for (number, tool), found in side_by_side(work, tasks, jobs=jobs, afresh=False):
+    for (number, tool), found in parallel_map(work, tasks, jobs=jobs, new_process_each=False):
         say(f"gel {number}: pressed with {tool}")
         presses.setdefault(number, {})[tool] = found
     fitted: list[Fitted] = []

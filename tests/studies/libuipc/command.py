@@ -23,8 +23,8 @@ from sim.studies.bench.scenes import (
 from sim.studies.bench.study import REFERENCE_FILE, SCENE_LIMIT_S
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import complain, say, show_table, write_json, write_text
-from tacauchy_rig.core.own_process import OwnProcess, ProcessFailedError
 from tacauchy_rig.core.page import criteria_page
+from tacauchy_rig.core.parallel import IsolatedWorker, ProcessFailedError
 from tacauchy_rig.core.versions import commit, machine, versions
 from tests.studies.libuipc.rows import (
     BESIDE_PEER,
@@ -93,7 +93,7 @@ def press_in_ours(
     """Press one scene after the other in every manner, each scene in a process of its own."""
     for scene in scenes:
         rows = []
-        with OwnProcess() as process:
+        with IsolatedWorker() as process:
             for manner in manners:
                 row = SceneRow(scene=scene.name, manner=manner, press=None)
                 try:

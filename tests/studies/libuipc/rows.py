@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from sim.studies.bench.press import stated_scene, within
 from sim.studies.bench.scenes import BenchScene, Manner, SceneRow
 from tacauchy_rig.core.errors import ConfigError, RigError
-from tacauchy_rig.core.own_process import OwnProcess, ProcessFailedError
+from tacauchy_rig.core.parallel import IsolatedWorker, ProcessFailedError
 from tests.studies.libuipc.libuipc import press_in_libuipc
 from tests.studies.libuipc.pad import PeerPad, peer_pad, peer_press, strayed
 from tests.studies.libuipc.task import AS_SHIPPED, STRICT, PeerFound, PeerTask, PeerTolerance
@@ -76,7 +76,7 @@ def press_in_peer(
     limit_s = min(limit_s, _LONGEST_S)
     allowed_s = limit_s + _COMPILE_S
     # Its kernels stay loaded from press to press.
-    with OwnProcess() as process, TemporaryDirectory(prefix="libuipc-") as folder:
+    with IsolatedWorker() as process, TemporaryDirectory(prefix="libuipc-") as folder:
         for scene in scenes:
             pad, rows = _pad(scene), []
             for tolerance, count in ways:
@@ -119,7 +119,7 @@ def _pressed(
     tolerance: PeerTolerance,
     *,
     run: Callable[[PeerTask], PeerFound],
-    process: OwnProcess,
+    process: IsolatedWorker,
     limit_s: float,
 ) -> PeerRow:
     task = pad.task(count=row.manner.environments or 1, tolerance=tolerance)

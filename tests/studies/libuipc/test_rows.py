@@ -53,7 +53,7 @@ def test_what_fails_is_a_row_and_the_next_goes_on() -> None:
 def test_rows_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -> None:
     """As many environments beside as many; a failure says why in its row; remarks are told."""
     monkeypatch.setattr(rows, "press_in_libuipc", _pressed)
-    monkeypatch.setattr(rows, "OwnProcess", _Here)
+    monkeypatch.setattr(rows, "IsolatedWorker", _Here)
     scenes = [BenchScene(name=name, stated=_BALL) for name in ("one", "two")]
     found = press_in_peer(scenes, (1, 2), limit_s=60.0, on_progress=lambda _row: None)
     peers = tuple(zip(*found, strict=True))

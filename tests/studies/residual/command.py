@@ -40,7 +40,7 @@ def residual_check(
     from tacauchy_rig.app.cli.emulation import emulated_calibration
     from tacauchy_rig.app.replay.opening import open_run
     from tacauchy_rig.core.page import page
-    from tacauchy_rig.core.side_by_side import side_by_side
+    from tacauchy_rig.core.parallel import parallel_map
     from tests.studies.verdict.bench import bench_of
     from tests.studies.verdict.planted import PLANTS, planted_table
 
@@ -51,7 +51,7 @@ def residual_check(
         bench = bench_of(run, preset=preset, calibrate=calibrate, on_progress=say)
         tasks: list[tuple[Cause | None, int]] = [(None, seed)]
         tasks += [(cause, seed + k) for k in range(draws) for cause in PLANTS]
-        done = side_by_side(partial(_looked, bench=bench), tasks, jobs=jobs)
+        done = parallel_map(partial(_looked, bench=bench), tasks, jobs=jobs)
         found += [ranked for _, ranked in done if ranked is not None]
     table = planted_table(found)
     show_table(table)

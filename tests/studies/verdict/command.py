@@ -45,7 +45,7 @@ def verdict_check(
     """Say which wrong models the verdict catches, and the smallest change of each that it does."""
     from tacauchy_rig.app.cli.emulation import emulated_calibration
     from tacauchy_rig.app.replay.opening import open_run
-    from tacauchy_rig.core.side_by_side import side_by_side
+    from tacauchy_rig.core.parallel import parallel_map
     from tests.studies.verdict.bench import bench_of
     from tests.studies.verdict.check import findings_of, tasks_of, true_reports
     from tests.studies.verdict.page import check_page, true_table, wrong_table
@@ -56,7 +56,7 @@ def verdict_check(
     bench = bench_of(runs[0], preset=preset, calibrate=calibrate, on_progress=say)
     tasks = tasks_of(selected(WRONG_MODELS, only or [], names=lambda m: (m.name,), kind="model"))
     say(f"{len(tasks)} sizes of wrong models, {jobs} at once")
-    findings = findings_of(side_by_side(partial(_looked, bench=bench), tasks, jobs=jobs))
+    findings = findings_of(parallel_map(partial(_looked, bench=bench), tasks, jobs=jobs))
     uncertainty = f"{100.0 * bench.inputs.sensor.young_uncertainty()[0]:.0f} %"
     true = true_table(true_reports(runs, bench))
     wrong = wrong_table(findings, uncertainty=uncertainty)

@@ -27,7 +27,7 @@ from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.side_by_side import side_by_side
+from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.simulated import ForceInput
 
 POISSON = (0.40, 0.43, 0.455, 0.475, 0.49)
@@ -85,7 +85,7 @@ def respond(presses: IndenterPresses, *, jobs: int = 1, correct: bool = True) ->
     depths_m = _BEYOND * float(presses.depth_m.max()) * np.array(_DEPTHS)
     nodes = list(product(POISSON, FRICTION))
     work = partial(_forces_at_node, inputs=inputs, depths_m=tuple(depths_m.tolist()))
-    forces = np.array([f for _, f in side_by_side(work, nodes, jobs=jobs, afresh=False)])
+    forces = np.array([f for _, f in parallel_map(work, nodes, jobs=jobs, new_process_each=False)])
     ratio, left = np.ones(len(depths_m)), _UNCORRECTED
     if correct:
         ratio, left = _too_stiff(inputs, depths_m)

@@ -15,7 +15,7 @@ import psutil
 import pytest
 
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.side_by_side import side_by_side, worker_process
+from tacauchy_rig.core.parallel import parallel_map, worker_process
 
 
 def _process_of(name: str) -> tuple[str, int]:
@@ -28,7 +28,7 @@ def _refuse(name: str) -> str:
 
 def test_results_keep_their_order_and_come_from_other_processes() -> None:
     """Three names by two jobs: in order, none from this process."""
-    found = list(side_by_side(_process_of, ["c", "a", "b"], jobs=2))
+    found = list(parallel_map(_process_of, ["c", "a", "b"], jobs=2))
     assert [name for name, _ in found] == ["c", "a", "b"]
     assert all(name == told for name, (told, _) in found)
     assert os.getpid() not in {process for _, (_, process) in found}
@@ -67,14 +67,14 @@ def test_a_process_beside_this_one_ends_with_an_error_here() -> None:
 
 def test_a_process_may_take_more_than_one_item() -> None:
     """What one has loaded, such as a calibration's libraries, the next finds."""
-    found = list(side_by_side(_process_of, ["c", "a", "b"], jobs=2, afresh=False))
+    found = list(parallel_map(_process_of, ["c", "a", "b"], jobs=2, new_process_each=False))
     assert [name for name, _ in found] == ["c", "a", "b"]
     assert len({process for _, (_, process) in found} - {os.getpid()}) in (1, 2)
 
 
 def test_one_job_stays_in_this_process() -> None:
     """One at a time needs no other process."""
-    found = list(side_by_side(_process_of, ["a", "b"], jobs=1))
+    found = list(parallel_map(_process_of, ["a", "b"], jobs=1))
     assert {process for _, (_, process) in found} == {os.getpid()}
 
 
@@ -82,19 +82,19 @@ def test_one_job_stays_in_this_process() -> None:
 def test_an_error_arrives_as_it_was_raised(jobs: int) -> None:
     """The error of a measurement keeps its text and its remedy on the way back."""
     with pytest.raises(ConfigError, match="a is refused") as caught:
-        list(side_by_side(_refuse, ["a", "b"], jobs=jobs))
+        list(parallel_map(_refuse, ["a", "b"], jobs=jobs))
     assert caught.value.remedy == "do not ask"
 
 
 _LONG = """
 import signal
-from tests.tacauchy_rig.core.test_side_by_side import _stay
-from tacauchy_rig.core.side_by_side import side_by_side
+from tests.tacauchy_rig.core.test_parallel import _stay
+from tacauchy_rig.core.parallel import parallel_map
 
 if __name__ == "__main__":
     # A shell's background process, and what it begins, are born deaf to Ctrl-C.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    list(side_by_side(_stay, {names!r}, jobs=2))
+    list(parallel_map(_stay, {names!r}, jobs=2))
 """
 
 
