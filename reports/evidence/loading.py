@@ -31,7 +31,7 @@ from tacauchy_rig.core.imported import Imported
 from tacauchy_rig.core.run import Criterion, JournalEvent, TrialRecord
 from tacauchy_rig.core.simulated import Replay, model_of
 from tacauchy_rig.core.store.check.attempt import RESULT_HASH, RESULT_WHOLE
-from tacauchy_rig.core.store.check.files import agreement
+from tacauchy_rig.core.store.check.files import consistency
 from tacauchy_rig.core.store.check.run import RunCheck, check_run
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.run_store import RunStore
@@ -241,7 +241,7 @@ def _simulated(
             kept = run.store.load_replay_fields(replay.name, trial.index)
         except RecordError as error:
             promise = f"what was simulated of trial {trial.index} is readable"
-            lost = agreement("replay_whole", promise, [error.message], remedy=error.remedy)
+            lost = consistency("replay_whole", promise, [error.message], remedy=error.remedy)
             damaged[trial.index] = (lost,)
         else:
             seen[trial.index] = {

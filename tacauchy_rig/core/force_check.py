@@ -146,9 +146,9 @@ def judge_weight(
     drift_n = compression_sign * (after.mean[FZ] - before.mean[FZ])
     # A weight that swings shows as noise: its mean is known no better than that.
     noise_n = 2.0 * max(tare.deviation[FZ] for tare in (before, loaded, after))
-    doubt_n = math.hypot(weight.uncertainty_kg * GRAVITY_M_S2, noise_n, 0.5 * drift_n)
+    uncertainty_n = math.hypot(weight.uncertainty_kg * GRAVITY_M_S2, noise_n, 0.5 * drift_n)
     weight_n, measured_n = weight.force_n, compression_sign * z
-    tolerance_n = SCALE_SHARE * weight_n + doubt_n
+    tolerance_n = SCALE_SHARE * weight_n + uncertainty_n
     check = ForceCheck(
         checked=checked,
         weight=weight,
@@ -167,10 +167,10 @@ def judge_weight(
             f"{-measured_n / weight_n:.3g} of that (raw Fx {x:+.3f}, Fy {y:+.3f}, Fz {z:+.3f} N)"
         ),
     )
-    return replace(check, remedy="; ".join(_causes(check, doubt_n=doubt_n)))
+    return replace(check, remedy="; ".join(_causes(check, uncertainty_n=uncertainty_n)))
 
 
-def _causes(check: ForceCheck, *, doubt_n: float) -> Iterator[str]:
+def _causes(check: ForceCheck, *, uncertainty_n: float) -> Iterator[str]:
     """Yield what is wrong, the likely cause first; nothing where all is right."""
     weight_n = check.weight.force_n
     tares = check.before, check.loaded, check.after
@@ -184,9 +184,9 @@ def _causes(check: ForceCheck, *, doubt_n: float) -> Iterator[str]:
             f"unloaded again the cell is {check.drift_n:+.3f} N off its first zero: hang the "
             "weight after the second line and take it off before the third"
         )
-    elif doubt_n > UNCERTAIN_SHARE * weight_n:
+    elif uncertainty_n > UNCERTAIN_SHARE * weight_n:
         yield (
-            f"drift and noise leave {doubt_n:.3f} N open: let the cell warm up and the "
+            f"drift and noise leave {uncertainty_n:.3f} N open: let the cell warm up and the "
             "weight come to rest, or hang a heavier one"
         )
     elif abs(check.measured_n) < check.sideways_n:
@@ -196,10 +196,10 @@ def _causes(check: ForceCheck, *, doubt_n: float) -> Iterator[str]:
             "axes"
         )
     else:
-        yield from _causes_along_the_axis(check, doubt_n=doubt_n)
+        yield from _causes_along_the_axis(check, uncertainty_n=uncertainty_n)
 
 
-def _causes_along_the_axis(check: ForceCheck, *, doubt_n: float) -> Iterator[str]:
+def _causes_along_the_axis(check: ForceCheck, *, uncertainty_n: float) -> Iterator[str]:
     weight_n = check.weight.force_n
     if check.measured_n > 0.0:
         yield (
@@ -208,7 +208,7 @@ def _causes_along_the_axis(check: ForceCheck, *, doubt_n: float) -> Iterator[str
         )
     if abs(abs(check.measured_n) - weight_n) > check.tolerance_n:
         yield _cause_of(abs(check.measured_n) / weight_n)
-    if check.sideways_n > SIDE_SHARE * weight_n + doubt_n:
+    if check.sideways_n > SIDE_SHARE * weight_n + uncertainty_n:
         yield (
             f"{check.sideways_n:.3f} N of it went sideways: point the tool straight down, and see "
             "how the cell is mounted and its decoupling matrix (AT+DCPM)"

@@ -46,17 +46,17 @@ def parallel_map(
             yield item, work(item)
         return
     with _processes(jobs, tasks_each=1 if new_process_each else None) as pool:
-        begun: deque[tuple[Item, Future[Result]]] = deque()
+        started: deque[tuple[Item, Future[Result]]] = deque()
         for item in items:
             # No more than there are processes: what waits in the pool would still begin after
             # Ctrl-C.
-            while len(running := [future for _, future in begun if not future.done()]) >= jobs:
+            while len(running := [future for _, future in started if not future.done()]) >= jobs:
                 wait_for(running, return_when=FIRST_COMPLETED)
-            begun.append((item, pool.submit(work, item)))
-            while begun and begun[0][1].done():
-                yield _taken(begun)
-        while begun:
-            yield _taken(begun)
+            started.append((item, pool.submit(work, item)))
+            while started and started[0][1].done():
+                yield _next_result(started)
+        while started:
+            yield _next_result(started)
 
 
 @contextmanager
@@ -90,8 +90,8 @@ def _processes(jobs: int, *, tasks_each: int | None) -> Iterator[ProcessPoolExec
     pool.shutdown()
 
 
-def _taken(begun: deque[tuple[Item, Future[Result]]]) -> tuple[Item, Result]:
-    item, future = begun.popleft()
+def _next_result(started: deque[tuple[Item, Future[Result]]]) -> tuple[Item, Result]:
+    item, future = started.popleft()
     return item, future.result()
 
 

@@ -127,10 +127,10 @@ def terminal_table(table: Table, *, width: int) -> RenderableType:
     """
     texts = [[text.replace("**", "") for text in row] for row in table.texts]
     all_columns = [[heading, *(row[k] for row in texts)] for k, heading in enumerate(table.columns)]
-    columns = [column for column in all_columns if not _says_one_thing(column)] or all_columns
-    said = [f"{column[0]}: {column[1]}" for column in all_columns if column not in columns]
+    columns = [column for column in all_columns if not _is_constant(column)] or all_columns
+    constants = [f"{column[0]}: {column[1]}" for column in all_columns if column not in columns]
     shown: list[RenderableType] = [
-        Text(line) for text in (table.title, *said) for line in textwrap.wrap(text, width)
+        Text(line) for text in (table.title, *constants) for line in textwrap.wrap(text, width)
     ]
     least = _least_widths(columns, width)
     for group in _parted(least, width):
@@ -157,7 +157,7 @@ def terminal_table(table: Table, *, width: int) -> RenderableType:
     return Group(*shown)
 
 
-def _says_one_thing(column: Sequence[str]) -> bool:
+def _is_constant(column: Sequence[str]) -> bool:
     """Return whether a column, heading first, has the same words in all of several rows."""
     _, *cells = column
     return len(cells) > 1 and len(set(cells)) == 1 and " " in cells[0]

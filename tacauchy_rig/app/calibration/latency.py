@@ -59,7 +59,7 @@ def find_delay(
     signal: tuple[FloatArray, FloatArray],
     *,
     name: str,
-    doubt_s: float = 0.0,
+    depth_time_uncertainty_s: float = 0.0,
     relaxation_s: Sequence[float] = (),
 ) -> Delay:
     """Return how much later than the depth a signal is.
@@ -100,7 +100,7 @@ def find_delay(
     scatter_s = float(np.std(parts, ddof=1)) / math.sqrt(BLOCKS)
     return Delay(
         delay_s=delay_s,
-        uncertainty_s=math.hypot(scatter_s, doubt_s),
+        uncertainty_s=math.hypot(scatter_s, depth_time_uncertainty_s),
         explained=explained,
         sample_count=len(time_s),
         stale_count=stale_count,
@@ -219,7 +219,7 @@ def find_latency(store: RunStore) -> Latency:
     Raises:
         RecordError: No press swayed, or the streams show too little of it.
     """
-    trial, attempt, start_ns, end_ns = _swayed(store)
+    trial, attempt, start_ns, end_ns = _last_sway(store)
     recording = Recording.open(store.paths.recording(trial, attempt))
     arm, force = recording.arm(), recording.force()
     swayed = slice(*np.searchsorted(arm.stamp_ns, (start_ns, end_ns)))
@@ -233,11 +233,20 @@ def find_latency(store: RunStore) -> Latency:
     )
     pressing = store.config.force_sensor.compression_sign * force.wrench[felt, FZ]
     # A state is as old as the controller's cycle at most when it is sent: a uniform distribution.
-    doubt_s = 1.0 / store.config.robot.model.rate_hz / math.sqrt(12.0)
+    depth_time_uncertainty_s = 1.0 / store.config.robot.model.rate_hz / math.sqrt(12.0)
     late = find_delay(
-        depth, (force_s, pressing), name="force", doubt_s=doubt_s, relaxation_s=RELAXATION_S
+        depth,
+        (force_s, pressing),
+        name="force",
+        depth_time_uncertainty_s=depth_time_uncertainty_s,
+        relaxation_s=RELAXATION_S,
     )
-    seen = find_delay(depth, _seen(recording, start_ns, end_ns), name="image", doubt_s=doubt_s)
+    seen = find_delay(
+        depth,
+        _image_signal(recording, start_ns, end_ns),
+        name="image",
+        depth_time_uncertainty_s=depth_time_uncertainty_s,
+    )
     return Latency(
         force=late,
         image=seen,
@@ -246,7 +255,7 @@ def find_latency(store: RunStore) -> Latency:
     )
 
 
-def _swayed(store: RunStore) -> tuple[int, int, int, int]:
+def _last_sway(store: RunStore) -> tuple[int, int, int, int]:
     """Return trial, attempt, start and end [ns] of the last sway that went to its end."""
     begun: tuple[int, int, int] | None = None
     whole: tuple[int, int, int, int] | None = None
@@ -267,7 +276,9 @@ def _swayed(store: RunStore) -> tuple[int, int, int, int]:
     return whole
 
 
-def _seen(recording: Recording, start_ns: int, end_ns: int) -> tuple[FloatArray, FloatArray]:
+def _image_signal(
+    recording: Recording, start_ns: int, end_ns: int
+) -> tuple[FloatArray, FloatArray]:
     """Return stamps [s] and how far the motion is seen in the frames, in grey levels.
 
     The first principal component of the frames is what changes most in them: the contact.

@@ -185,11 +185,11 @@ def _topic(
         return fitting[0]
     if not fitting and optional and name is None:
         return None
-    told = ", ".join(f"{topic} ({kind})" for topic, kind in list(there.items())[:20]) or "nothing"
+    topics = ", ".join(f"{topic} ({kind})" for topic, kind in list(there.items())[:20]) or "nothing"
     raise RecordError(
         f"{field}: {'no topic' if name is None else name} is the one of type {' or '.join(types)} "
         f"with at most {MESSAGES_MOST} messages; {len(fitting)} of that name and type",
-        remedy=f"name one of its topics: {told}",
+        remedy=f"name one of its topics: {topics}",
     )
 
 
@@ -198,8 +198,8 @@ def _messages(reader: Reader, topic: Connection) -> Iterator[tuple[int, Any]]:
     for _, logged_ns, raw in reader.messages([topic]):
         message: Any = TYPES.deserialize_cdr(raw, topic.msgtype)
         stamp = message.header.stamp
-        said_ns = int(stamp.sec) * S + int(stamp.nanosec)
-        yield said_ns or int(logged_ns), message
+        header_ns = int(stamp.sec) * S + int(stamp.nanosec)
+        yield header_ns or int(logged_ns), message
 
 
 def _samples(reader: Reader, topic: Connection, values: Any) -> Samples:
@@ -337,19 +337,19 @@ def _check_chunk(file: BinaryIO, length: int, *, at: int, name: str) -> None:
     head = file.read(min(length, _CHUNK_HEAD.size))
     if len(head) < _CHUNK_HEAD.size:
         raise _broken(name, f"{where} is cut off")
-    *_, said, _, letters = _CHUNK_HEAD.unpack(head)
-    if said > CHUNK_BYTES:
-        raise _broken(name, f"{where} unpacks to {said} bytes; at most {CHUNK_BYTES} are read")
+    *_, stated, _, letters = _CHUNK_HEAD.unpack(head)
+    if stated > CHUNK_BYTES:
+        raise _broken(name, f"{where} unpacks to {stated} bytes; at most {CHUNK_BYTES} are read")
     packing = file.read(min(letters, length))
     packed_length = _LENGTH.unpack(file.read(_LENGTH.size).ljust(_LENGTH.size, b"\0"))[0]
     if packed_length > length:
         raise _broken(name, f"{where} says to hold {packed_length} bytes of its {length}")
     unpacking = {b"lz4": LZ4FrameDecompressor, b"zstd": zstd.ZstdDecompressor}.get(packing)
-    if unpacking is not None and _is_longer(unpacking(), file, packed_length, said):
-        raise _broken(name, f"{where} says to unpack to {said} bytes and goes on")
+    if unpacking is not None and _is_longer(unpacking(), file, packed_length, stated):
+        raise _broken(name, f"{where} says to unpack to {stated} bytes and goes on")
 
 
-def _is_longer(unpacks: _Unpacks, file: BinaryIO, packed: int, said: int) -> bool:
+def _is_longer(unpacks: _Unpacks, file: BinaryIO, packed: int, stated: int) -> bool:
     """Return whether packed bytes give more than they say; never more than a piece is in memory."""
     found = 0
     while packed > 0 or not unpacks.needs_input:
@@ -363,7 +363,7 @@ def _is_longer(unpacks: _Unpacks, file: BinaryIO, packed: int, said: int) -> boo
             found += len(unpacks.decompress(data, max_length=_PIECE))
         except (RuntimeError, EOFError, zstd.ZstdError):
             return False  # the reader says that it is damaged
-        if found > said:
+        if found > stated:
             return True
         if unpacks.eof:
             return False

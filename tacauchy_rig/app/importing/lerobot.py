@@ -329,7 +329,7 @@ def _presses(
     pose = None
     if data.pose is not None:
         metres = unit_factor(data.pose.unit, Dimension.LENGTH, field="data.pose.unit")
-        placed = metres * _taken(rows.numbers(data.pose.feature), data.pose, 3)
+        placed = metres * _components(rows.numbers(data.pose.feature), data.pose, 3)
         padded = np.pad(placed, ((0, 0), (0, 3)), constant_values=np.nan)
         pose = Samples(stamp_ns=stamp_ns, value=padded)
     try:
@@ -368,7 +368,7 @@ def _stamps(rows: Rows, index: int) -> Int64Array:
     return np.asarray(np.rint((time_s - time_s[0] + 1.0) * S), dtype=np.int64)
 
 
-def _taken(values: FloatArray, feature: Feature, count: int) -> FloatArray:
+def _components(values: FloatArray, feature: Feature, count: int) -> FloatArray:
     """Return some numbers of a feature, shape [n, count]."""
     end = feature.first + count
     if values.shape[1] < end:
@@ -385,11 +385,11 @@ def _wrench(values: FloatArray, feature: Feature, newton: float, newton_metre: f
     wrench = np.full((len(values), 6), np.nan)
     left = values.shape[1] - feature.first
     if left == 1:
-        wrench[:, 2] = newton * _taken(values, feature, 1)[:, 0]
+        wrench[:, 2] = newton * _components(values, feature, 1)[:, 0]
         return wrench
-    wrench[:, :3] = newton * _taken(values, feature, 3)
+    wrench[:, :3] = newton * _components(values, feature, 3)
     if left >= 6:
-        wrench[:, 3:] = newton_metre * _taken(values, feature, 6)[:, 3:]
+        wrench[:, 3:] = newton_metre * _components(values, feature, 6)[:, 3:]
     return wrench
 
 

@@ -162,7 +162,7 @@ class Streams:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
+class PressSpan:
     """When a press was, in the clock of the force.
 
     Attributes:
@@ -180,7 +180,7 @@ class Found:
     touched_ns: int
 
 
-def find_presses(force: Samples, finding: PressFinding) -> list[Found]:
+def find_presses(force: Samples, finding: PressFinding) -> list[PressSpan]:
     """Find when a recording's presses were.
 
     Raises:
@@ -191,31 +191,31 @@ def find_presses(force: Samples, finding: PressFinding) -> list[Found]:
             f"the recording has {len(force.stamp_ns)} samples of force, which tell no press",
             remedy="check the name of the force's topic or column",
         )
-    felt = felt_along(force)
-    spans = list(_spans(force.stamp_ns, felt, finding.press_force))
+    force_n = axial_force(force)
+    spans = list(_loaded_windows(force.stamp_ns, force_n, finding.press_force))
     if not 0 < len(spans) < MAX_PRESSES:
         raise RecordError(
             f"the force is above data.presses.press_force ({finding.press_force:g} N) in "
-            f"{len(spans)} stretches; the largest is {felt.max():.3g} N",
+            f"{len(spans)} stretches; the largest is {force_n.max():.3g} N",
             remedy="set data.presses.press_force between the noise and the weakest press",
         )
     found, free_ns = [], int(force.stamp_ns[0])
     for number, pressed in enumerate(spans, start=1):
         name = f"press {number}, {(pressed[0] - int(force.stamp_ns[0])) / S:.2f} s from the start"
         rest = _rest(force, (free_ns, pressed[0] - APART_NS), finding, name)
-        found.append(_found(name, force, rest, pressed, finding))
+        found.append(_span(name, force, rest, pressed, finding))
         free_ns = pressed[1] + APART_NS
     return found
 
 
-def needed(stamp_ns: Int64Array, found: Sequence[Found]) -> BoolArray:
+def needed(stamp_ns: Int64Array, found: Sequence[PressSpan]) -> BoolArray:
     """Return at which stamps some press is held, or at rest before it."""
     windows = [window for each in found for window in (each.rest, each.held)]
     inside = [(stamp_ns >= start) & (stamp_ns <= end) for start, end in windows]
-    return np.logical_or.reduce(inside, axis=0)
+    return np.asarray(np.logical_or.reduce(inside, axis=0))
 
 
-def cut(streams: Streams, found: Sequence[Found]) -> tuple[Press, ...]:
+def cut(streams: Streams, found: Sequence[PressSpan]) -> tuple[Press, ...]:
     """Return the presses of a recording, each with its rest before it.
 
     Raises:
@@ -224,13 +224,13 @@ def cut(streams: Streams, found: Sequence[Found]) -> tuple[Press, ...]:
     return tuple(_press(streams, each) for each in found)
 
 
-def _spans(stamp_ns: np.ndarray, felt: FloatArray, above: float) -> Iterator[Window]:
+def _loaded_windows(stamp_ns: np.ndarray, force_n: FloatArray, above: float) -> Iterator[Window]:
     """Yield when a signal is above a level, from there until it falls below half of it."""
     inside, start = False, 0
-    for index in np.flatnonzero((felt > above) | (felt < RELEASED * above)).tolist():
-        if felt[index] > above and not inside:
+    for index in np.flatnonzero((force_n > above) | (force_n < RELEASED * above)).tolist():
+        if force_n[index] > above and not inside:
             inside, start = True, index
-        elif inside and felt[index] < RELEASED * above:
+        elif inside and force_n[index] < RELEASED * above:
             inside = False
             if stamp_ns[index] - stamp_ns[start] >= SHORTEST_NS:
                 yield int(stamp_ns[start]), int(stamp_ns[index])
@@ -238,7 +238,7 @@ def _spans(stamp_ns: np.ndarray, felt: FloatArray, above: float) -> Iterator[Win
         yield int(stamp_ns[start]), int(stamp_ns[-1])
 
 
-def felt_along(force: Samples, rest: Window | None = None) -> FloatArray:
+def axial_force(force: Samples, rest: Window | None = None) -> FloatArray:
     """Return how much is felt along the axis [N]; zero is that of a rest, or of the start."""
     axis, start_ns = force.value[:, FZ], force.stamp_ns[0]
     zero = rest or (start_ns, start_ns + REST_NS)
@@ -266,20 +266,20 @@ def _rest(force: Samples, free: Window, finding: PressFinding, name: str) -> Win
     return int(start), int(end)
 
 
-def _found(
+def _span(
     name: str, force: Samples, rest: Window, pressed: Window, finding: PressFinding
-) -> Found:
-    stamp_ns, felt = force.stamp_ns, felt_along(force, rest)
-    return Found(
+) -> PressSpan:
+    stamp_ns, force_n = force.stamp_ns, axial_force(force, rest)
+    return PressSpan(
         name=name,
         rest=rest,
         pressed=pressed,
-        held=_held(stamp_ns, felt, pressed, finding.held_share),
-        touched_ns=_touched(stamp_ns, felt, pressed, rest[1], finding.contact_force),
+        held=_held(stamp_ns, force_n, pressed, finding.held_share),
+        touched_ns=_touched(stamp_ns, force_n, pressed, rest[1], finding.contact_force),
     )
 
 
-def _press(streams: Streams, found: Found) -> Press:
+def _press(streams: Streams, found: PressSpan) -> Press:
     rest, whole = found.rest, (found.rest[0], found.pressed[1])
     frames = tuple(f for f in streams.frames if whole[0] <= f.stamp_ns <= whole[1])
     unloaded = [f.stamp_ns for f in frames if f.stamp_ns <= rest[1]]
@@ -301,10 +301,10 @@ def _press(streams: Streams, found: Found) -> Press:
     )
 
 
-def _held(stamp_ns: np.ndarray, felt: FloatArray, pressed: Window, share: float) -> Window:
+def _held(stamp_ns: np.ndarray, force_n: FloatArray, pressed: Window, share: float) -> Window:
     """Return the longest stretch of a press with nearly its largest force."""
     inside = np.flatnonzero((stamp_ns >= pressed[0]) & (stamp_ns <= pressed[1]))
-    smooth = _smooth(felt[inside])
+    smooth = _smooth(force_n[inside])
     high = np.flatnonzero(smooth >= share * smooth.max())
     pieces = np.split(high, np.flatnonzero(np.diff(high) > 1) + 1)
     longest = max(
@@ -319,11 +319,11 @@ def _smooth(values: FloatArray) -> FloatArray:
 
 
 def _touched(
-    stamp_ns: np.ndarray, felt: FloatArray, pressed: Window, after_ns: int, contact_n: float
+    stamp_ns: np.ndarray, force_n: FloatArray, pressed: Window, after_ns: int, contact_n: float
 ) -> int:
     """Return when the force passed that of contact for good, before it was a press."""
     before = (stamp_ns >= after_ns) & (stamp_ns <= pressed[0])
-    below = np.flatnonzero(before & (felt < contact_n))
+    below = np.flatnonzero(before & (force_n < contact_n))
     return int(stamp_ns[below[-1]]) if len(below) else pressed[0]
 
 

@@ -81,10 +81,10 @@ def read_records(source: Source, data: RecordsData) -> Recorded:
         columns=columns,
         rows=[[row.get(key, "") for key in columns] for row in rows],
     )
-    told = {"press": _PRESS, **({"indenter": _INDENTER} if data.indenters else {})}
+    own_columns = {"press": _PRESS, **({"indenter": _INDENTER} if data.indenters else {})}
     recorded = presses_of(
         table,
-        data.model_copy(update={"columns": data.columns.model_copy(update=told)}),
+        data.model_copy(update={"columns": data.columns.model_copy(update=own_columns)}),
         image=lambda name, field: _image(source, name, field, data),
         at_rest=lambda name, field: _at_rest(source, name, field, data),
     )

@@ -247,10 +247,10 @@ def read_npy(data: bytes, *, name: str) -> NDArray[Any]:
             f"{name}: an array of Python objects, which is a pickle; pickles are never loaded",
             remedy="save plain numbers or images: numpy.save(..., allow_pickle=False)",
         )
-    bytes_said = math.prod(shape) * dtype.itemsize
-    if min(shape, default=0) < 0 or bytes_said != len(data) - stream.tell():
+    stated_bytes = math.prod(shape) * dtype.itemsize
+    if min(shape, default=0) < 0 or stated_bytes != len(data) - stream.tell():
         raise RecordError(
-            f"{name}: says that it is {shape} of {dtype}, {bytes_said} bytes, and has "
+            f"{name}: says that it is {shape} of {dtype}, {stated_bytes} bytes, and has "
             f"{len(data) - stream.tell()}",
             remedy="the file was cut off or edited: copy it anew from its source",
         )

@@ -102,11 +102,13 @@ def read_taxim(source: Source, data: TaximData) -> Recorded:
     found = read_npz(packed, _WANTED, name=name)
     frame, images = found["f0"], found["imgs"]
     if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2:] != (3,):
-        raise _odd(f"{name}: f0 is {frame.shape} of {frame.dtype}")
+        raise _inconsistent(f"{name}: f0 is {frame.shape} of {frame.dtype}")
     if images.dtype != np.uint8 or images.shape[1:] != frame.shape:
-        raise _odd(f"{name}: imgs is {images.shape} of {images.dtype}, f0 is {frame.shape}")
+        raise _inconsistent(
+            f"{name}: imgs is {images.shape} of {images.dtype}, f0 is {frame.shape}"
+        )
     if not 0 < frame.shape[0] * frame.shape[1] <= IMAGE_PIXELS:
-        raise _odd(f"{name}: f0 is {frame.shape[1]} x {frame.shape[0]} px")
+        raise _inconsistent(f"{name}: f0 is {frame.shape[1]} x {frame.shape[0]} px")
     drawn = _circles(found, len(images), frame.shape, name)
     taken = data.set is not TaximSet.GELSIGHT_MINI if data.circles is None else data.circles
     return Recorded(
@@ -142,15 +144,15 @@ def _circles(
     """Return column, row and radius of each contact's edge [px]."""
     centres, radii = found["touch_center"], found["touch_radius"]
     if centres.shape != (count, 2) or radii.shape != (count,):
-        raise _odd(f"{name}: {centres.shape} and {radii.shape} circles for {count} images")
+        raise _inconsistent(f"{name}: {centres.shape} and {radii.shape} circles for {count} images")
     try:
         circles = np.column_stack([centres, radii]).astype(np.float64)
     except (TypeError, ValueError) as error:
-        raise _odd(f"{name}: circles of {centres.dtype} and {radii.dtype}") from error
+        raise _inconsistent(f"{name}: circles of {centres.dtype} and {radii.dtype}") from error
     height, width = shape[:2]
     inside = (circles >= 0.0) & (circles <= [width, height, width])
     for k in np.flatnonzero(~inside.all(axis=1) | ~(circles[:, 2] > 0.0)):
-        raise _odd(f"{name}: press {k + 1} has its circle at {circles[k].tolist()} px")
+        raise _inconsistent(f"{name}: press {k + 1} has its circle at {circles[k].tolist()} px")
     return [(x, y, radius) for x, y, radius in circles.tolist()]
 
 
@@ -180,7 +182,7 @@ def _png(bgr: NDArray[np.uint8]) -> bytes:
     return encode_png(np.ascontiguousarray(bgr[..., ::-1]))
 
 
-def _odd(what: str) -> RecordError:
+def _inconsistent(what: str) -> RecordError:
     return RecordError(
         what,
         remedy="f0 [height, width, 3] and imgs [n, height, width, 3] are uint8 of one size, "

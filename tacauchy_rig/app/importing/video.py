@@ -21,8 +21,8 @@ from tacauchy_rig.app.importing.presses import (
     S,
     Samples,
     Streams,
+    axial_force,
     cut,
-    felt_along,
     find_presses,
     needed,
 )
@@ -233,7 +233,7 @@ def read_video(source: Source, data: VideoData) -> Recorded:
     pose = None if data.columns.z is None else _samples(table, data.columns, POSE, stamp_ns)
     path = source.path(data.video, field="data.video", most_bytes=LARGE_BYTES)
     seen_s, change = _changes(path, data)
-    felt = Signal(time_s=force.stamp_ns / S, value=felt_along(force))
+    felt = Signal(time_s=force.stamp_ns / S, value=axial_force(force))
     log = Signal(time_s=felt.time_s, value=np.sqrt(felt.value))
     found = find_presses(force, data.presses)
     spans_s = [(start / S, end / S) for start, end in (each.pressed for each in found)]
@@ -249,7 +249,7 @@ def read_video(source: Source, data: VideoData) -> Recorded:
         has_clock=True,
         sync_mode="contact_onset",
         unknown=tuple(_unknown(data.columns)),
-        notes=(_told(offset, len(presses)),),
+        notes=(_offset_note(offset, len(presses)),),
         contact_force_n=data.presses.contact_force,
         name="video",
     )
@@ -268,7 +268,7 @@ def _unknown(columns: LogColumns) -> Iterator[str]:
     yield "Where on the pad was pressed is not known."
 
 
-def _told(offset: Offset, count: int) -> str:
+def _offset_note(offset: Offset, count: int) -> str:
     return (
         f"The video's clock is {offset.seconds - 1.0:+.4f} s from the log's, found by when contact "
         f"shows in both ({count} presses, correlation {offset.correlation:.2f}); standard "

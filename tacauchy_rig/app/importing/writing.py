@@ -79,7 +79,7 @@ def write_run(
         trials = []
         for index, press in enumerate(recorded.presses, start=1):
             _write_press(store, index, press)
-            trials.append(_told(index, press))
+            trials.append(_trial_entry(index, press))
         store.imported.save(
             Imported(
                 kind=kind,
@@ -120,7 +120,7 @@ def _check_counts(recorded: Recorded) -> None:
                 )
 
 
-def _told(index: int, press: Press) -> ImportedTrial:
+def _trial_entry(index: int, press: Press) -> ImportedTrial:
     there = {"force": press.force, "arm": press.pose, "image": press.frames}
     return ImportedTrial(
         index=index,

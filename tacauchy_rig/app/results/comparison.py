@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tacauchy_rig.app.gel_health.comparison import COVERAGE, Change
-from tacauchy_rig.app.results.runs import FoundRun, Judged
+from tacauchy_rig.app.results.runs import Judged, ListedRun
 
 # What a report says of all trials of a run: title, its place in the summary, factor and unit.
 _OF_ALL = (
@@ -52,7 +52,7 @@ class Row:
         return self.difference / squares**0.5 if squares > 0.0 else None
 
 
-def compare(one: FoundRun, other: FoundRun) -> list[Row]:
+def compare(one: ListedRun, other: ListedRun) -> list[Row]:
     """Return what the reports of two runs say, beside each other."""
     summaries = one.summary, other.summary
     rows = [

@@ -17,7 +17,7 @@ from starlette.types import ASGIApp
 
 from protocols.processes.page.access import AccessRule
 from tacauchy_rig.app.results.comparison import charts_of, compare, in_words
-from tacauchy_rig.app.results.runs import FoundRun, Health, find_runs
+from tacauchy_rig.app.results.runs import Health, ListedRun, find_runs
 
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -126,11 +126,11 @@ class ResultsServer:
             return PlainTextResponse("there is no such file of a report\n", 404)
         return FileResponse(found, media_type=MEDIA_TYPES[found.suffix], headers=_OF_RUNS)
 
-    def _runs(self) -> list[FoundRun]:
+    def _runs(self) -> list[ListedRun]:
         return find_runs(self._root, only=self._only)
 
     @staticmethod
-    def _named(runs: list[FoundRun], request: Request) -> FoundRun | None:
+    def _named(runs: list[ListedRun], request: Request) -> ListedRun | None:
         name = request.path_params["name"]
         return next((run for run in runs if run.name == name), None)
 

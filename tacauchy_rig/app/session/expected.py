@@ -21,7 +21,7 @@ from sim.scene.scene import Preset
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.settings import indenter_of, sensor_of
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.config.uncertainty import DEPTH_ERROR_M, LAG_S, LEAN_RAD
+from tacauchy_rig.core.config.uncertainty import DEPTH_ERROR_M, LAG_S, MOUNTING_TILT_RAD
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.store.run_store import RunStore
@@ -118,4 +118,4 @@ def _lean(indenter: Indenter) -> float:
     """Return how far the edge of a leaning face lies below its middle [m]."""
     if not isinstance(indenter, Cylinder):
         return 0.0
-    return (indenter.radius_m - indenter.fillet_m) * math.sin(LEAN_RAD)
+    return (indenter.radius_m - indenter.fillet_m) * math.sin(MOUNTING_TILT_RAD)

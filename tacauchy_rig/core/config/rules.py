@@ -236,14 +236,14 @@ def required_but_missing(config: RigConfig, defaulted: Set[str]) -> Iterator[Bro
                     field, f"is not given, and {because.format(device.driver)}", remedy
                 )
     if config.force_sensor.is_real:
-        yield from _left_as_in_the_example(config)
+        yield from _example_placeholders(config)
 
 
-def _left_as_in_the_example(config: RigConfig) -> Iterator[BrokenRule]:
+def _example_placeholders(config: RigConfig) -> Iterator[BrokenRule]:
     sensor = config.force_sensor
     if sensor.calibration_sheet.strip() == _EXAMPLE_SHEET:
         field = "force_sensor.calibration_sheet"
-        yield field, f'"{_EXAMPLE_SHEET}" is not filled in', CELL_REQUIRES[field]
+        yield BrokenRule(field, f'"{_EXAMPLE_SHEET}" is not filled in', CELL_REQUIRES[field])
     if _EXAMPLE_SERIAL in sensor.port:
         yield BrokenRule(
             "force_sensor.port",

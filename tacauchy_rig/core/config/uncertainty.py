@@ -19,7 +19,7 @@ LAG_S = 0.05
 """Between a height and the force that belongs to it; times the press's speed it is a depth."""
 REFINE_RATIO = 5.0
 """How many times slower than ``robot.search_speed`` the gel is met the second time."""
-LEAN_RAD = math.radians(2.0)
+MOUNTING_TILT_RAD = math.radians(2.0)
 """How far an indenter's face may lean against the gel: what is seen by eye while mounting it."""
 _UNIFORM = 1.0 / math.sqrt(3.0)
 _FINE_M = ((6e-3, 0.05e-3), (30e-3, 0.1e-3), (120e-3, 0.15e-3))
@@ -49,7 +49,7 @@ def stated_uncertainty(config: RigConfig, field: str) -> Stated:
         if fillet_m
         else (_UNIFORM * _SHARP_M, "default: an edge that is broken by up to 0.05 mm"),
         "friction": (_FRICTION, "default: silicone on metal or plastic, assumed"),
-        "tilt": (_UNIFORM * LEAN_RAD, "default: 2 deg are seen by eye while mounting"),
+        "tilt": (_UNIFORM * MOUNTING_TILT_RAD, "default: 2 deg are seen by eye while mounting"),
         "offset": (_PLACE_M, "default: a tool's centre and a gel's found by eye and ruler"),
         "depth": (
             DEPTH_ERROR_M[config.robot.model],

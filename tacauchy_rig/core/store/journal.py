@@ -160,7 +160,7 @@ def _lock(path: Path, descriptor: int) -> None:
             return
 
 
-class Seal(StrEnum):
+class StoreEvent(StrEnum):
     """Events that the store writes into the journal itself.
 
     Attributes:
@@ -178,7 +178,9 @@ class Seal(StrEnum):
     REPLAYED = "replayed"
 
 
-def seal(journal: Path, kind: Seal, *, trial: int = 0, attempt: int = 0, **detail: Any) -> None:
+def log_hashes(
+    journal: Path, kind: StoreEvent, *, trial: int = 0, attempt: int = 0, **detail: Any
+) -> None:
     """Write a line of the journal about a file of the run.
 
     Raises:
@@ -197,7 +199,7 @@ def seal(journal: Path, kind: Seal, *, trial: int = 0, attempt: int = 0, **detai
 T = TypeVar("T")
 
 
-class SealedFile(Generic[T]):
+class HashedFile(Generic[T]):
     """One such file.
 
     Args:
@@ -238,7 +240,9 @@ class SealedFile(Generic[T]):
         Raises:
             RecordError: The disk is full or gone.
         """
-        seal(self._journal, Seal.WRITTEN, file=self._path.name, sha256=bytes_sha256(content))
+        log_hashes(
+            self._journal, StoreEvent.WRITTEN, file=self._path.name, sha256=bytes_sha256(content)
+        )
         write_atomically(self._path, content)
 
 

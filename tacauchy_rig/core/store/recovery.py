@@ -18,7 +18,7 @@ from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.check.files import JournalReading
 from tacauchy_rig.core.store.check.run import RunCheck, check_run
 from tacauchy_rig.core.store.durable import file_sha256, read_error, sync_folder, write_error
-from tacauchy_rig.core.store.journal import Seal, seal
+from tacauchy_rig.core.store.journal import StoreEvent, log_hashes
 from tacauchy_rig.core.store.layout import RECORDING_NAME, SPILL_PATTERN, RunPaths
 from tacauchy_rig.core.store.recording.messages import RawMessage
 from tacauchy_rig.core.store.recording.reading import Recording
@@ -261,8 +261,8 @@ def recover_run(store: RunStore) -> RunRecovery:
         journal = JournalReading.of(store.paths.journal)
         if journal.is_open:
             for key in _unsealed(store, journal):
-                store.seal_result(*key)
-            seal(store.paths.journal, Seal.CUT_OFF, lines=len(journal.lines))
+                store.log_result_hashes(*key)
+            log_hashes(store.paths.journal, StoreEvent.CUT_OFF, lines=len(journal.lines))
     return RunRecovery(recordings=reports, was_cut_off=journal.is_open, check=check_run(store))
 
 
@@ -271,9 +271,9 @@ def _note(store: RunStore, report: RecoveryReport) -> None:
         key for key in store.paths.attempts() if store.paths.recording(*key) == report.path
     )
     original = report.original
-    seal(
+    log_hashes(
         store.paths.journal,
-        Seal.RECOVERED,
+        StoreEvent.RECOVERED,
         trial=trial,
         attempt=attempt,
         recording_sha256=file_sha256(report.path, what="the recording"),
@@ -287,5 +287,5 @@ def _note(store: RunStore, report: RecoveryReport) -> None:
 def _unsealed(store: RunStore, journal: JournalReading) -> Iterator[tuple[int, int]]:
     for trial, attempt in store.paths.attempts():
         has_result = store.paths.result(trial, attempt).exists()
-        if has_result and not journal.seals(Seal.SEALED, trial=trial, attempt=attempt):
+        if has_result and not journal.store_events(StoreEvent.SEALED, trial=trial, attempt=attempt):
             yield trial, attempt

@@ -25,7 +25,13 @@ from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.codec import dumps, loads, to_json
 from tacauchy_rig.core.store.durable import bytes_sha256, file_sha256, write_atomically, write_error
-from tacauchy_rig.core.store.journal import Seal, SealedFile, read_journal, read_json, seal
+from tacauchy_rig.core.store.journal import (
+    HashedFile,
+    StoreEvent,
+    log_hashes,
+    read_journal,
+    read_json,
+)
 from tacauchy_rig.core.store.layout import RunPaths, run_folder
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.replay_files import ReplayFields, read_fields, write_fields
@@ -59,21 +65,21 @@ class RunStore:
         self.config_hash: str = description["config_hash"]
         self.simulated: bool = description["simulated"]
         self._recordings: dict[Any, Recording] = {}
-        sealed = partial(SealedFile, journal=self.paths.journal)
-        self._run_json: SealedFile[Any] = sealed(self.paths.run_json, Any, what=_DESCRIPTION)
-        self.expected: SealedFile[ExpectedPress] = sealed(
+        sealed = partial(HashedFile, journal=self.paths.journal)
+        self._run_json: HashedFile[Any] = sealed(self.paths.run_json, Any, what=_DESCRIPTION)
+        self.expected: HashedFile[ExpectedPress] = sealed(
             self.paths.expected, ExpectedPress, what="the expectation"
         )
-        self.force_check: SealedFile[ForceCheck] = sealed(
+        self.force_check: HashedFile[ForceCheck] = sealed(
             self.paths.force_check, ForceCheck, what="the check of the cell"
         )
-        self.imported: SealedFile[Imported] = sealed(
+        self.imported: HashedFile[Imported] = sealed(
             self.paths.imported, Imported, what="the word on what was imported"
         )
-        self.optics: SealedFile[CalibratedOptics] = sealed(
+        self.optics: HashedFile[CalibratedOptics] = sealed(
             self.paths.optics_json, CalibratedOptics, what="the calibration of its optics"
         )
-        self.truth: SealedFile[dict[str, Any]] = sealed(
+        self.truth: HashedFile[dict[str, Any]] = sealed(
             self.paths.truth, dict[str, Any], what="the emulated world's truth"
         )
 
@@ -192,9 +198,9 @@ class RunStore:
                 f"{previous.outcome}",
                 remedy="results are never overwritten: start a new attempt",
             )
-        self.seal_result(record.index, record.attempt)
+        self.log_result_hashes(record.index, record.attempt)
 
-    def seal_result(self, trial: int, attempt: int) -> None:
+    def log_result_hashes(self, trial: int, attempt: int) -> None:
         """Write the hashes of a result and its recording into the journal, once.
 
         Raises:
@@ -202,12 +208,12 @@ class RunStore:
         """
         journal, path = self.paths.journal, self.paths.result(trial, attempt)
         known = read_journal(journal) if journal.exists() else []
-        if any((e.name, e.trial, e.attempt) == (Seal.SEALED, trial, attempt) for e in known):
+        if any((e.name, e.trial, e.attempt) == (StoreEvent.SEALED, trial, attempt) for e in known):
             return
         record: TrialRecord = read_json(TrialRecord, path, what="the result")
-        seal(
+        log_hashes(
             journal,
-            Seal.SEALED,
+            StoreEvent.SEALED,
             trial=trial,
             attempt=attempt,
             result_sha256=file_sha256(path, what="the result"),
@@ -280,9 +286,9 @@ class RunStore:
         sources = {"config": self.config_hash, **self._recorded_hashes(replay)}
         content = dumps(replace(replay, made_from=sources, files=files))
         write_atomically(self.paths.replay_json(replay.name), content)
-        seal(
+        log_hashes(
             self.paths.journal,
-            Seal.REPLAYED,
+            StoreEvent.REPLAYED,
             name=replay.name,
             replay_sha256=bytes_sha256(content),
         )

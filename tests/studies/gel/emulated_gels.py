@@ -15,7 +15,7 @@ from reports.evidence.loading import stated_of_run
 from sim.scene.scene import Preset
 from sim.sensitivity import forces_at
 from tacauchy_rig.app.calibration.material.fit import Response, fit_gel, gel_of
-from tacauchy_rig.app.calibration.material.prediction import held_count, predict_left_out
+from tacauchy_rig.app.calibration.material.prediction import held_count, predict_held_out
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.uncertainty import variations
@@ -137,9 +137,9 @@ def fitted_gel(
         yield Fitted(
             indenters=indenters,
             held=(young, poisson, friction),
-            told=(fit.young.is_told, fit.poisson.is_told, fit.friction.is_told),
+            told=(fit.young.is_bounded, fit.poisson.is_bounded, fit.friction.is_bounded),
             uncertainty=None if doubt is None else doubt / gel.young_pa,
-            left_out=held_count(list(predict_left_out(data, fit))),
+            left_out=held_count(list(predict_held_out(data, fit))),
         )
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from mcap.opcode import Opcode
 
 from tacauchy_rig.core.store.codec import dumps
-from tacauchy_rig.core.store.journal import Seal, line_hash
+from tacauchy_rig.core.store.journal import StoreEvent, line_hash
 from tacauchy_rig.core.store.layout import RunPaths
 from tacauchy_rig.core.store.recording.messages import RawMessage
 from tacauchy_rig.core.store.recording.reading import Recording
@@ -157,10 +157,10 @@ class RunCopy:
         """Return a line of the journal with the hashes of the files as they are now."""
         key, detail = (line["trial"], line["attempt"]), dict(line["detail"])
         for name, field, path in (
-            (Seal.SEALED, "result_sha256", self.paths.result(*key)),
-            (Seal.SEALED, "recording_sha256", self.paths.recording(*key)),
-            (Seal.WRITTEN, "sha256", self.root / str(detail.get("file"))),
-            (Seal.REPLAYED, "replay_sha256", self.paths.replay_json(str(detail.get("name")))),
+            (StoreEvent.SEALED, "result_sha256", self.paths.result(*key)),
+            (StoreEvent.SEALED, "recording_sha256", self.paths.recording(*key)),
+            (StoreEvent.WRITTEN, "sha256", self.root / str(detail.get("file"))),
+            (StoreEvent.REPLAYED, "replay_sha256", self.paths.replay_json(str(detail.get("name")))),
         ):
             if line["name"] == name and path.is_file():
                 detail[field] = _sha256(path)

@@ -156,7 +156,7 @@ class Interval:
     high: float | None
 
     @property
-    def is_told(self) -> bool:
+    def is_bounded(self) -> bool:
         """Whether the interval is closed."""
         return self.low is not None and self.high is not None
 

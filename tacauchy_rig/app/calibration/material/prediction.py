@@ -34,7 +34,7 @@ _BELIEVED = (0.0, 0.05, 0.5)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LeftOut:
+class HeldOutForce:
     """A force that the fit did not see [N]; ``expanded_n`` is half of its 95 % interval."""
 
     indenter: str
@@ -49,7 +49,7 @@ class LeftOut:
         return abs(self.predicted_n - self.force_n) <= self.expanded_n
 
 
-def predict_left_out(data: Data, fit: GelFit) -> Iterator[LeftOut]:
+def predict_held_out(data: Data, fit: GelFit) -> Iterator[HeldOutForce]:
     """Yield the points of each press as the presses beside it predict them.
 
     Where an indenter has one press alone, the other indenters do. Nothing where too few are left.
@@ -67,7 +67,7 @@ def predict_left_out(data: Data, fit: GelFit) -> Iterator[LeftOut]:
             mean, error = _predicted(fit_gel(others), fit.areas_m2[..., places])
             own = fit.covariance[places, places]
             for k, place in enumerate(np.flatnonzero(out)):
-                yield LeftOut(
+                yield HeldOutForce(
                     indenter=presses.name,
                     depth_m=float(presses.depth_m[place]),
                     force_n=float(presses.force_n[place]),
@@ -154,6 +154,6 @@ def _information(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(slopes.T @ np.linalg.solve(covariance, slopes) + believed)
 
 
-def held_count(left_out: Sequence[LeftOut]) -> tuple[int, int]:
+def held_count(left_out: Sequence[HeldOutForce]) -> tuple[int, int]:
     """Return how many forces lie within their interval, and how many there are."""
     return sum(each.held for each in left_out), len(left_out)

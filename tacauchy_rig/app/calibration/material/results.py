@@ -50,15 +50,15 @@ def with_gel(text: str, *, young: Interval, poisson: Interval, source: str) -> s
     Raises:
         ConfigError: It has no line ``young = `` in ``[material]``.
     """
-    for key, told, factor, unit in (
+    for key, found, factor, unit in (
         ("young", young, 1e-6, " MPa"),
         ("poisson", poisson, 1.0, ""),
     ):
-        if told.uncertainty is None:
+        if found.uncertainty is None:
             continue
         line = (
-            f'{key} = {{ value = "{told.best * factor:.5g}{unit}", uncertainty = '
-            f'"{told.uncertainty * factor:.2g}{unit}", source = "{source}" }}'
+            f'{key} = {{ value = "{found.best * factor:.5g}{unit}", uncertainty = '
+            f'"{found.uncertainty * factor:.2g}{unit}", source = "{source}" }}'
         )
         # A source may hold a backslash, which a replacement would read as its own.
         escaped = line.replace("\\", r"\\")
@@ -133,8 +133,8 @@ def fit_term(time_s: FloatArray, force: FloatArray) -> DwellTerm | None:
     except (RuntimeError, OptimizeWarning):
         return None
     (_, share, tau), (_, share_error, tau_error) = found, np.sqrt(np.diag(covariance))
-    is_told = share > _SURE * share_error and tau > _SURE * tau_error
-    if not is_told or tau > time_s.max():
+    is_bounded = share > _SURE * share_error and tau > _SURE * tau_error
+    if not is_bounded or tau > time_s.max():
         return None
     return DwellTerm(
         share=float(share),
@@ -198,11 +198,11 @@ def _draw_map(axes: Axes, fit: GelFit, stated: tuple[float, float]) -> None:
 _SHADES = ("#0072B2", "#6BAED6", "#C6DBEF")
 
 
-def _draw_profile(axes: Axes, values: FloatArray, profile: FloatArray, told: Interval) -> None:
+def _draw_profile(axes: Axes, values: FloatArray, profile: FloatArray, found: Interval) -> None:
     axes.plot(values, np.minimum(profile - profile.min(), 2.0 * _TOP), color=BLUE)
     axes.axhline(LEVEL, color=GREY, linestyle="--", linewidth=0.7)
-    low = values[0] if told.low is None else told.low
-    high = values[-1] if told.high is None else told.high
+    low = values[0] if found.low is None else found.low
+    high = values[-1] if found.high is None else found.high
     axes.axvspan(low, high, color="#D9D9D9", linewidth=0, zorder=0)
     axes.set_ylim(0.0, _TOP)
     axes.set_xlim(values[0], values[-1])

@@ -52,7 +52,7 @@ def material(
     from tacauchy_rig.app.calibration.material.prediction import (
         held_count,
         next_presses,
-        predict_left_out,
+        predict_held_out,
     )
     from tacauchy_rig.app.calibration.material.presses import read_presses
     from tacauchy_rig.app.calibration.material.results import relaxation_of
@@ -73,12 +73,12 @@ def material(
         say(f"{group.name}: {len(group.force_n)} forces; solving")
         data.append((group, respond(group, jobs=jobs)))
     fit = free = fit_gel(data)
-    if not free.poisson.is_told:
+    if not free.poisson.is_bounded:
         stated = groups[0].inputs.sensor.numbers["material.poisson"]
         say("Poisson's ratio is not told: for the modulus it is what the sensor's file says")
         fit = fit_gel(data, prior=(stated.value, stated.uncertainty))
     _show(free, fit)
-    left_out = list(predict_left_out(data, free))
+    left_out = list(predict_held_out(data, free))
     say("left out and predicted: {} of {} within their 95 % interval".format(*held_count(left_out)))
     terms = {str(path): relaxation_of(path) for path in presses if path.is_dir()}
     for path, term in terms.items():
@@ -123,23 +123,23 @@ def _write(out: Path, free: GelFit, fit: GelFit, groups: list[IndenterPresses]) 
 def _show(free: GelFit, fit: GelFit) -> None:
     least = float(free.misfit.min())
     say(f"chi^2 {least:.1f} of {free.point_count} forces")
-    for name, told, factor, unit in (
+    for name, found, factor, unit in (
         ("modulus E", fit.young, 1e-6, " MPa"),
         ("Poisson's ratio nu", free.poisson, 1.0, ""),
         ("friction mu", free.friction, 1.0, ""),
     ):
-        say(f"{name:19} {_written(told, factor, unit)}")
+        say(f"{name:19} {_written(found, factor, unit)}")
     if fit is not free:
         say(f"{'E, whatever nu is':19} {_written(free.young, 1e-6, ' MPa')}")
 
 
-def _written(told: Interval, factor: float, unit: str) -> str:
+def _written(found: Interval, factor: float, unit: str) -> str:
     low, high = (
-        None if end is None else f"{end * factor:.4g}{unit}" for end in (told.low, told.high)
+        None if end is None else f"{end * factor:.4g}{unit}" for end in (found.low, found.high)
     )
     if low is None and high is None:
         return "not told: any value does as well"
-    best = f"{told.best * factor:.4g}{unit}"
+    best = f"{found.best * factor:.4g}{unit}"
     if low is None or high is None:
         side = f"below {high}" if low is None else f"above {low}"
         return f"not told, only that it is {side} (95 %); best {best}"

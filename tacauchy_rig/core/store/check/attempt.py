@@ -13,9 +13,15 @@ import numpy as np
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import Criterion, JournalEvent, Outcome, TrialRecord
-from tacauchy_rig.core.store.check.files import SET_ASIDE, JournalReading, agreement, shown, unlike
+from tacauchy_rig.core.store.check.files import (
+    SET_ASIDE,
+    JournalReading,
+    consistency,
+    hash_mismatch,
+    short_hash,
+)
 from tacauchy_rig.core.store.codec import dumps, to_json
-from tacauchy_rig.core.store.journal import Seal
+from tacauchy_rig.core.store.journal import StoreEvent
 from tacauchy_rig.core.store.recording.reading import ArmArrays, ForceArrays, Recording
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -84,55 +90,55 @@ class Attempt:
         return self.recording
 
     @cached_property
-    def seal(self) -> JournalEvent | None:
+    def sealed_event(self) -> JournalEvent | None:
         """What the journal says that its files were when they were written."""
-        return next(iter(self.seals(Seal.SEALED)), None)
+        return next(iter(self.store_events(StoreEvent.SEALED)), None)
 
     @property
     def is_whole(self) -> bool:
         """True where the recording was closed in its time and never repacked since."""
         closed = self.record is not None and self.record.recording_sha256 is not None
-        return closed and not self.seals(Seal.RECOVERED)
+        return closed and not self.store_events(StoreEvent.RECOVERED)
 
-    def seals(self, name: Seal) -> list[JournalEvent]:
+    def store_events(self, name: StoreEvent) -> list[JournalEvent]:
         """Return what the store wrote into the journal about this attempt."""
-        return self.journal.seals(name, trial=self.trial, attempt=self.attempt)
+        return self.journal.store_events(name, trial=self.trial, attempt=self.attempt)
 
 
 def judge_files(attempt: Attempt) -> Iterator[Criterion]:
     """Yield whether the files are readable, in their place, and those that were sealed."""
-    yield agreement(
+    yield consistency(
         "recording_whole",
         f"every message of {attempt.name}/recording.mcap is readable",
         _damage(attempt),
         remedy=RECOVER,
     )
     if isinstance(attempt.recording, Recording):
-        yield agreement(
+        yield consistency(
             "recording_place",
             f"{attempt.name}/recording.mcap is of this run, trial and attempt",
             _misplaced(attempt, attempt.recording),
         )
-        yield agreement(
+        yield consistency(
             "recording_hash",
             f"{attempt.name}/recording.mcap is the file that was closed",
-            _exchanged_recording(attempt),
+            _recording_mismatch(attempt),
         )
-    yield agreement(
+    yield consistency(
         RESULT_WHOLE,
         f"{attempt.name}/result.json is readable",
         [attempt.result.message] if isinstance(attempt.result, RecordError) else [],
     )
-    yield agreement(
+    yield consistency(
         RESULT_HASH,
         f"{attempt.name}/result.json is the file that was written",
-        _exchanged_result(attempt),
+        _result_mismatch(attempt),
     )
     if attempt.record is not None:
-        yield agreement(
+        yield consistency(
             "recorded_result",
             f"{attempt.name}/result.json says what journal.jsonl and run.json say",
-            _told_otherwise(attempt, attempt.record),
+            _result_contradictions(attempt, attempt.record),
         )
 
 
@@ -162,36 +168,40 @@ def _misplaced(attempt: Attempt, recording: Recording) -> Iterator[str]:
             yield f"its {key} is {found!r}, the folder's is {value!r}"
 
 
-def _exchanged_recording(attempt: Attempt) -> Iterator[str]:
-    record, seal, repacked = attempt.record, attempt.seal, attempt.seals(Seal.RECOVERED)
+def _recording_mismatch(attempt: Attempt) -> Iterator[str]:
+    record, sealed_event, repacked = (
+        attempt.record,
+        attempt.sealed_event,
+        attempt.store_events(StoreEvent.RECOVERED),
+    )
     in_result = None if record is None else record.recording_sha256
-    in_journal = None if seal is None else seal.detail.get("recording_sha256")
-    if seal is not None and record is not None and in_result != in_journal:
+    in_journal = None if sealed_event is None else sealed_event.detail.get("recording_sha256")
+    if sealed_event is not None and record is not None and in_result != in_journal:
         yield (
-            f"result.json says that its sha256 was {shown(in_result)}, journal.jsonl "
-            f"{shown(in_journal)}"
+            f"result.json says that its sha256 was {short_hash(in_result)}, journal.jsonl "
+            f"{short_hash(in_journal)}"
         )
     known = repacked[-1].detail.get("recording_sha256") if repacked else in_result or in_journal
     if known is not None:
-        yield from unlike(attempt.path, known)
+        yield from hash_mismatch(attempt.path, known)
     originals = [event.detail.get("original_sha256") for event in repacked]
     if in_result is not None and repacked and in_result not in originals:
         yield (
-            f"it was closed with the sha256 {shown(in_result)}, then damaged, and what was "
-            f"readable of {shown(originals[0])} was repacked"
+            f"it was closed with the sha256 {short_hash(in_result)}, then damaged, and what was "
+            f"readable of {short_hash(originals[0])} was repacked"
         )
 
 
-def _exchanged_result(attempt: Attempt) -> Iterator[str]:
-    seal, journal = attempt.seal, attempt.journal
-    if seal is not None:
+def _result_mismatch(attempt: Attempt) -> Iterator[str]:
+    sealed_event, journal = attempt.sealed_event, attempt.journal
+    if sealed_event is not None:
         path = attempt.store.paths.result(*attempt.key)
-        yield from unlike(path, seal.detail.get("result_sha256"))
-    elif attempt.record is not None and journal.is_sealed and not journal.may_lack_a_seal:
+        yield from hash_mismatch(path, sealed_event.detail.get("result_sha256"))
+    elif attempt.record is not None and journal.has_hashes and not journal.may_lack_hashes:
         yield "journal.jsonl does not know of it"
 
 
-def _told_otherwise(attempt: Attempt, record: TrialRecord) -> Iterator[str]:
+def _result_contradictions(attempt: Attempt, record: TrialRecord) -> Iterator[str]:
     """Yield what the result says otherwise than journal and configuration do."""
     if (record.index, record.attempt) != attempt.key:
         yield f"it tells of attempt {record.attempt} at trial {record.index}"
@@ -205,25 +215,25 @@ def _told_otherwise(attempt: Attempt, record: TrialRecord) -> Iterator[str]:
     for event in attempt.journal.of_attempt(*attempt.key):
         if event.name != "attempt-end":
             continue
-        for field, told in event.detail.items():
-            said = to_json(getattr(record, field, told))
-            if said != told and not (field == "reason" and record.outcome is Outcome.FAULT):
-                yield f"its {field} is {said!r}, journal.jsonl says {told!r}"
+        for field, logged in event.detail.items():
+            stated = to_json(getattr(record, field, logged))
+            if stated != logged and not (field == "reason" and record.outcome is Outcome.FAULT):
+                yield f"its {field} is {stated!r}, journal.jsonl says {logged!r}"
 
 
 def judge_events(attempt: Attempt, recording: Recording) -> Criterion:
     """Say whether journal and recording tell the same of the attempt."""
-    return agreement(
+    return consistency(
         "recorded_events",
         f"journal.jsonl and {attempt.name}/recording.mcap hold the same events",
-        _other_events(attempt, recording),
+        _event_contradictions(attempt, recording),
     )
 
 
-def _other_events(attempt: Attempt, recording: Recording) -> Iterator[str]:
+def _event_contradictions(attempt: Attempt, recording: Recording) -> Iterator[str]:
     in_recording = {dumps(event, indent=None): event for event in recording.events()}
-    told = _until_its_end(attempt.journal.of_attempt(*attempt.key))
-    in_journal = {dumps(event, indent=None): event for event in told}
+    logged = _until_its_end(attempt.journal.of_attempt(*attempt.key))
+    in_journal = {dumps(event, indent=None): event for event in logged}
     if attempt.journal.exists:
         for key, event in in_recording.items():
             if key not in in_journal:
@@ -252,24 +262,24 @@ def judge_streams(
     attempt: Attempt, recording: Recording, record: TrialRecord
 ) -> Iterator[Criterion]:
     """Yield whether force, arm and images are there as they were counted."""
-    looks = {
+    checks = {
         "force": lambda: _force(attempt, record),
         "arm": lambda: _arm(attempt),
         "image": lambda: _frames(attempt, recording, record),
     }
     imported = attempt.store.imported_trials.get(attempt.trial)
-    there = list(looks) if imported is None else imported.streams
-    yield agreement(
+    there = list(checks) if imported is None else imported.streams
+    yield consistency(
         "recorded_streams",
         f"{', '.join(there)}: each is there, in order, each sample once",
-        [line for name in there for line in looks[name]()],
+        [line for name in there for line in checks[name]()],
     )
-    if _says_new(record):
+    if _claims_new_images(record):
         yield _images(recording, record)
 
 
 def _images(recording: Recording, record: TrialRecord) -> Criterion:
-    return agreement(
+    return consistency(
         "recorded_images",
         "no two images of dwell and no-contact window are the same to the byte",
         _repeated(recording, record),
@@ -307,12 +317,12 @@ def _arm(attempt: Attempt) -> Iterator[str]:
 def _frames(attempt: Attempt, recording: Recording, record: TrialRecord) -> Iterator[str]:
     stamps, counters = recording.frame_stamps()
     yield from _disorder("image", stamps, counters)
-    said = {criterion.name: criterion.measured for criterion in record.criteria}
+    stated = {criterion.name: criterion.measured for criterion in record.criteria}
     for name, start_ns, end_ns in (
         ("dwell_frames", record.dwell_start_ns, record.dwell_end_ns),
         ("reference_frames", record.reference_start_ns, record.reference_end_ns),
     ):
-        counted = said.get(name)
+        counted = stated.get(name)
         if counted is None or start_ns is None or end_ns is None or not attempt.is_whole:
             continue
         found = int(np.count_nonzero(within(stamps, start_ns, end_ns)))
@@ -336,7 +346,7 @@ def _disorder(name: str, stamps: Int64Array, counters: Int64Array | None) -> Ite
         )
 
 
-def _says_new(record: TrialRecord) -> bool:
+def _claims_new_images(record: TrialRecord) -> bool:
     """Return whether the result says that no image is an old one.
 
     One that passed says so. One that failed by old images, or that they stopped before it was

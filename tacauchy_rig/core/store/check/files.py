@@ -17,7 +17,7 @@ from tacauchy_rig.core.run import Criterion, JournalEvent
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.codec import to_json
 from tacauchy_rig.core.store.durable import file_sha256
-from tacauchy_rig.core.store.journal import JournalLine, Seal, line_hash, read_lines
+from tacauchy_rig.core.store.journal import JournalLine, StoreEvent, line_hash, read_lines
 from tacauchy_rig.core.store.run_store import RunStore
 
 TRIAL = "TRIAL"
@@ -27,14 +27,14 @@ SET_ASIDE = (
     "the file was edited, exchanged or damaged after it was written. "
     f"`tacauchy-rig resume RUN --again {TRIAL}` presses the trial once more"
 )
-_TOLD = 3
+_WRITTEN_OUT = 3
 """Contradictions that are written out; one edit often breaks many lines."""
 _SHOWN_HASH = 12
 """Digits of a hash that are written out: 48 bits, and the file has the rest."""
 
 
-def agreement(
-    name: str, promise: str, contradictions: Iterable[str], *, remedy: str = SET_ASIDE
+def consistency(
+    name: str, condition: str, contradictions: Iterable[str], *, remedy: str = SET_ASIDE
 ) -> Criterion:
     """Return a criterion that is met where nothing contradicts a promise.
 
@@ -45,19 +45,19 @@ def agreement(
         remedy: What to do where it does not hold.
     """
     found = list(contradictions)
-    told = "; ".join(found[:_TOLD])
-    more = f"; and {len(found) - _TOLD} more" if len(found) > _TOLD else ""
+    logged = "; ".join(found[:_WRITTEN_OUT])
+    more = f"; and {len(found) - _WRITTEN_OUT} more" if len(found) > _WRITTEN_OUT else ""
     return Criterion(
         name=name,
         passed=not found,
         measured=float(len(found)),
-        limit=f"{promise}; but {told}{more}" if found else promise,
+        limit=f"{condition}; but {logged}{more}" if found else condition,
         unit="wrong",
         remedy=remedy if found else "",
     )
 
 
-def unlike(path: Path, *known: object, name: str = "") -> Iterator[str]:
+def hash_mismatch(path: Path, *known: object, name: str = "") -> Iterator[str]:
     """Yield that a file is missing, or is none of those that are known.
 
     Args:
@@ -70,10 +70,11 @@ def unlike(path: Path, *known: object, name: str = "") -> Iterator[str]:
         return
     found = file_sha256(path, what="a file of the run")
     if found not in known:
-        yield f"{name or path.name} has the sha256 {shown(found)}, and had {shown(known[-1])}"
+        now, before = short_hash(found), short_hash(known[-1])
+        yield f"{name or path.name} has the sha256 {now}, and had {before}"
 
 
-def shown(sha256: object) -> str:
+def short_hash(sha256: object) -> str:
     """Return a hash as it is written out."""
     return str(sha256 or "none")[:_SHOWN_HASH]
 
@@ -113,7 +114,7 @@ class JournalReading:
         return [line.event for line in self.lines if line.event is not None]
 
     @property
-    def is_sealed(self) -> bool:
+    def has_hashes(self) -> bool:
         """False for a journal without numbers, as an earlier version of the program wrote it."""
         return any(line.number is not None for line in self.lines)
 
@@ -130,19 +131,21 @@ class JournalReading:
     @property
     def was_cut(self) -> bool:
         """True where a session was cut off, said or not."""
-        return Seal.CUT_OFF in self._ends or (START, START) in pairwise(self._ends)
+        return StoreEvent.CUT_OFF in self._ends or (START, START) in pairwise(self._ends)
 
     @property
-    def may_lack_a_seal(self) -> bool:
+    def may_lack_hashes(self) -> bool:
         """True where a crash may have come between a result and the line about it."""
         return self.is_open or self.was_cut
 
     @cached_property
     def _ends(self) -> list[str]:
         """Names of the events that begin or end a session."""
-        return [e.name for e in self.events if e.name in (START, END, Seal.CUT_OFF)]
+        return [e.name for e in self.events if e.name in (START, END, StoreEvent.CUT_OFF)]
 
-    def seals(self, name: Seal, *, trial: int = 0, attempt: int = 0) -> list[JournalEvent]:
+    def store_events(
+        self, name: StoreEvent, *, trial: int = 0, attempt: int = 0
+    ) -> list[JournalEvent]:
         """Return the events of a kind that tell of an attempt, or of the whole run."""
         wanted = (name, trial, attempt)
         return [e for e in self.events if (e.name, e.trial, e.attempt) == wanted]
@@ -150,7 +153,7 @@ class JournalReading:
     def of_attempt(self, trial: int, attempt: int) -> list[JournalEvent]:
         """Return what the protocol wrote of an attempt."""
         own = [e for e in self.events if (e.trial, e.attempt) == (trial, attempt)]
-        return [e for e in own if e.name not in set(Seal)]
+        return [e for e in own if e.name not in set(StoreEvent)]
 
 
 def judge_journal(journal: JournalReading, *, was_begun: bool) -> Iterator[Criterion]:
@@ -161,7 +164,7 @@ def judge_journal(journal: JournalReading, *, was_begun: bool) -> Iterator[Crite
         was_begun: The run has attempts.
     """
     gone = ["journal.jsonl is missing"] if was_begun and not journal.exists else []
-    yield agreement(
+    yield consistency(
         "journal_chain",
         "each line of journal.jsonl has its number and the hash of the line before it",
         [*gone, *_broken_links(journal.lines), *_doubles(journal.lines)],
@@ -172,7 +175,7 @@ def judge_journal(journal: JournalReading, *, was_begun: bool) -> Iterator[Crite
         if journal.is_open
         else []
     )
-    yield agreement(
+    yield consistency(
         "journal_end",
         "journal.jsonl tells how every session ended",
         ending,
@@ -194,7 +197,7 @@ def _broken_links(lines: Sequence[JournalLine]) -> Iterator[str]:
         elif line.previous != before:
             yield (
                 f"{where} ({line.event.name}) follows a line with the hash "
-                f"{shown(line.previous)}, the line before it has {shown(before)}"
+                f"{short_hash(line.previous)}, the line before it has {short_hash(before)}"
             )
         before = line_hash(line.raw)
 
@@ -217,7 +220,7 @@ _DESCRIPTION_REMEDY = (
 
 def judge_description(store: RunStore, journal: JournalReading) -> Criterion:
     """Say whether ``run.json`` still is what the run was recorded with."""
-    return agreement(
+    return consistency(
         "run_description",
         "run.json and what lies beside it are as they were when the run was recorded",
         _changed_description(store, journal),
@@ -226,11 +229,12 @@ def judge_description(store: RunStore, journal: JournalReading) -> Criterion:
 
 
 def _changed_description(store: RunStore, journal: JournalReading) -> Iterator[str]:
-    described, said = store.description, store.config_hash
+    described, stated = store.description, store.config_hash
     recorded = described.get("config")
     found = hashlib.sha256(json.dumps(recorded, sort_keys=True).encode()).hexdigest()
-    if found != said:
-        yield f"run.json: config has the hash {shown(found)}, config_hash says {shown(said)}"
+    if found != stated:
+        hashes = short_hash(found), short_hash(stated)
+        yield "run.json: config has the hash {}, config_hash says {}".format(*hashes)
     for field, kept, read in _differing(recorded, store.config.model_dump(mode="json")):
         yield f"run.json: config.{field} is {kept!r}, as written it reads {read!r}"
     answered = described["devices"].items()
@@ -254,16 +258,16 @@ def _changed_description(store: RunStore, journal: JournalReading) -> Iterator[s
 def _hashes(store: RunStore, journal: JournalReading) -> Iterator[str]:
     written = store.description.get("rig_toml_sha256")
     if written is not None:
-        yield from unlike(store.paths.rig_toml, written)
-    sealed = journal.seals(Seal.WRITTEN)
+        yield from hash_mismatch(store.paths.rig_toml, written)
+    sealed = journal.store_events(StoreEvent.WRITTEN)
     for name in dict.fromkeys(str(event.detail.get("file")) for event in sealed):
-        told = [event for event in sealed if event.detail.get("file") == name]
-        known = [event.detail.get("sha256") for event in told]
+        logged = [event for event in sealed if event.detail.get("file") == name]
+        known = [event.detail.get("sha256") for event in logged]
         # The line goes out before the file: where it is the journal's last, a crash may have left
         # the file that the line before tells of, or none.
-        may_be_older = journal.events[-1] is told[-1]
-        if not may_be_older or len(told) > 1:
-            yield from unlike(store.paths.root / name, *known[-2 if may_be_older else -1 :])
+        may_be_older = journal.events[-1] is logged[-1]
+        if not may_be_older or len(logged) > 1:
+            yield from hash_mismatch(store.paths.root / name, *known[-2 if may_be_older else -1 :])
 
 
 def _differing(kept: Any, read: Any, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
@@ -285,10 +289,10 @@ _REPLAY_REMEDY = "`tacauchy-rig replay RUN` makes forces and images again from w
 def judge_replays(store: RunStore, journal: JournalReading) -> Iterator[Criterion]:
     """Yield, for a run that was replayed, whether its simulated forces and images are its own."""
     there = {path.name for path in store.paths.replays.glob("*") if path.is_dir()}
-    told = {str(event.detail.get("name")) for event in journal.seals(Seal.REPLAYED)}
-    names = sorted(there | told)
+    logged = {str(event.detail.get("name")) for event in journal.store_events(StoreEvent.REPLAYED)}
+    names = sorted(there | logged)
     if names:
-        yield agreement(
+        yield consistency(
             "replay_files",
             "simulated forces and images are those that were made from these recordings",
             [line for name in names for line in _changed_replay(store, name, journal)],
@@ -298,9 +302,9 @@ def judge_replays(store: RunStore, journal: JournalReading) -> Iterator[Criterio
 
 def _changed_replay(store: RunStore, name: str, journal: JournalReading) -> Iterator[str]:
     path = store.paths.replay_json(name)
-    told = [e for e in journal.seals(Seal.REPLAYED) if e.detail.get("name") == name]
+    logged = [e for e in journal.store_events(StoreEvent.REPLAYED) if e.detail.get("name") == name]
     if not path.exists():
-        if told:
+        if logged:
             yield f"replay/{name}/replay.json is missing; journal.jsonl says that it was made"
         return
     try:
@@ -308,38 +312,38 @@ def _changed_replay(store: RunStore, name: str, journal: JournalReading) -> Iter
     except RecordError as error:
         yield error.message
         return
-    if told:
-        known = told[-1].detail.get("replay_sha256")
-        yield from unlike(path, known, name=f"replay/{name}/replay.json")
+    if logged:
+        known = logged[-1].detail.get("replay_sha256")
+        yield from hash_mismatch(path, known, name=f"replay/{name}/replay.json")
     elif replay.made_from or "rig_toml_sha256" in store.description:
         yield f"replay/{name} is unknown to journal.jsonl"
-    yield from _other_sources(store, name, replay)
-    yield from _other_files(store, name, replay)
-    yield from _other_forces(store, name, replay)
+    yield from _source_mismatches(store, name, replay)
+    yield from _file_mismatches(store, name, replay)
+    yield from _force_mismatches(store, name, replay)
 
 
-def _other_sources(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
+def _source_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
     for file, known in replay.made_from.items():
         if file != "config":
-            yield from unlike(store.paths.root / file, known, name=file)
+            yield from hash_mismatch(store.paths.root / file, known, name=file)
         elif known != store.config_hash:
             yield (
-                f"replay/{name} was made with the configuration {shown(known)}, the run's is "
-                f"{shown(store.config_hash)}"
+                f"replay/{name} was made with the configuration {short_hash(known)}, the run's is "
+                f"{short_hash(store.config_hash)}"
             )
 
 
-def _other_files(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
+def _file_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
     folder = store.paths.replays / name
     for file, known in replay.files.items():
-        yield from unlike(folder / file, known, name=f"replay/{name}/{file}")
+        yield from hash_mismatch(folder / file, known, name=f"replay/{name}/{file}")
     for trial in replay.trials if replay.files else ():
         for path in sorted(store.paths.replay_trial(name, trial.index).glob("*")):
             if str(path.relative_to(folder)) not in replay.files:
                 yield f"replay/{name}: {path.relative_to(folder)} was not made by this replay"
 
 
-def _other_forces(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
+def _force_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
     """Yield trials that were replayed to another force than was measured."""
     for trial in replay.trials:
         record = store.counting(trial.index)

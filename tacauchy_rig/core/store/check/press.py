@@ -95,13 +95,13 @@ def _tare(attempt: Attempt, name: str, tare: Tare, found_n: FloatArray) -> Crite
     errors = [_standard_error(d, tare.sample_count) for d in tare.deviation[:3]]
     limits_n = [ROUNDING_N + STANDARD_ERRORS * (0.0 if attempt.is_whole else e) for e in errors]
     off = [
-        0.0 if math.isnan(again) and math.isnan(said) else abs(again - said) / limit_n
-        for again, said, limit_n in zip(found_n, tare.mean, limits_n, strict=False)
+        0.0 if math.isnan(again) and math.isnan(stated) else abs(again - stated) / limit_n
+        for again, stated, limit_n in zip(found_n, tare.mean, limits_n, strict=False)
     ]
     worst = max(range(3), key=lambda axis: math.inf if math.isnan(off[axis]) else off[axis])
-    said_n, limit_n = tare.mean[worst], limits_n[worst]
+    stated_n, limit_n = tare.mean[worst], limits_n[worst]
     axis = f", raw F{'xyz'[worst]}"
-    return _same(name, float(found_n[worst]), said_n, limit_n, "N", what=axis)
+    return _same(name, float(found_n[worst]), stated_n, limit_n, "N", what=axis)
 
 
 def _depth(attempt: Attempt, record: TrialRecord, contact_z_m: float, depth_m: float) -> Criterion:
@@ -112,7 +112,7 @@ def _depth(attempt: Attempt, record: TrialRecord, contact_z_m: float, depth_m: f
     return _same("recorded_depth", found_m * _MM, depth_m * _MM, limit_m * _MM, "mm")
 
 
-def _arm_force(attempt: Attempt, record: TrialRecord, said_n: float) -> Iterator[Criterion]:
+def _arm_force(attempt: Attempt, record: TrialRecord, stated_n: float) -> Iterator[Criterion]:
     """Judge the force that the arm felt in the dwell, less what it felt before the search.
 
     The protocol averages at its turns, the check at every state: on a busy computer the means of
@@ -130,7 +130,7 @@ def _arm_force(attempt: Attempt, record: TrialRecord, said_n: float) -> Iterator
         sign = begun.detail.get("force_sign", attempt.store.config.robot.force_sign)
         found_n = sign * float(dwell_n.mean() - zero_n[0])
         limit_n += STANDARD_ERRORS * math.sqrt(2.0) * float(dwell_n.std())
-    yield _same("recorded_arm_force", found_n, said_n, limit_n, "N")
+    yield _same("recorded_arm_force", found_n, stated_n, limit_n, "N")
 
 
 def _arm_means(attempt: Attempt) -> tuple[Int64Array, FloatArray]:
@@ -151,16 +151,16 @@ def judge_contact(attempt: Attempt, record: TrialRecord) -> Iterator[Criterion]:
     stamp_ns, arm = found.stamp_ns, attempt.arm
     before = np.flatnonzero(arm.stamp_ns <= stamp_ns)
     height_m = float(arm.pose[before[-1], Z]) if len(before) else math.nan
-    said_m = found.detail.get("contact_z_m", record.contact_z_m)
-    limit_m = ROUNDING_N if said_m != record.contact_z_m else CONTACT_DEPTH_M
-    said = record.contact_z_m * _MM
-    yield _same("recorded_contact", height_m * _MM, said, limit_m * _MM, "mm")
+    stated_m = found.detail.get("contact_z_m", record.contact_z_m)
+    limit_m = ROUNDING_N if stated_m != record.contact_z_m else CONTACT_DEPTH_M
+    stated = record.contact_z_m * _MM
+    yield _same("recorded_contact", height_m * _MM, stated, limit_m * _MM, "mm")
 
 
 def _entered(attempt: Attempt, record: TrialRecord, phase: str) -> JournalEvent | None:
     """Return the journal's last word of a phase of the attempt; None where it has none."""
-    told = attempt.journal.of_attempt(record.index, record.attempt)
-    found = [e for e in told if e.name == "phase" and e.detail.get("phase") == phase]
+    logged = attempt.journal.of_attempt(record.index, record.attempt)
+    found = [e for e in logged if e.name == "phase" and e.detail.get("phase") == phase]
     return found[-1] if found else None
 
 
@@ -195,13 +195,13 @@ def _standard_error(deviation: float, sample_count: int) -> float:
 
 
 def _same(
-    name: str, found: float, said: float, limit: float, unit: str, *, what: str = ""
+    name: str, found: float, stated: float, limit: float, unit: str, *, what: str = ""
 ) -> Criterion:
     return Criterion.judged(
         name,
         found,
-        passed=abs(found - said) <= limit,
-        limit=f"within {limit:.2g} {unit} of {said:.6g} {unit}, as result.json says{what}",
+        passed=abs(found - stated) <= limit,
+        limit=f"within {limit:.2g} {unit} of {stated:.6g} {unit}, as result.json says{what}",
         unit=unit,
         remedy=REMEDY,
     )

@@ -11,13 +11,13 @@ from tacauchy_rig.core.store.check.attempt import Attempt, judge_events, judge_f
 from tacauchy_rig.core.store.check.files import (
     TRIAL,
     JournalReading,
-    agreement,
+    consistency,
     judge_description,
     judge_journal,
     judge_replays,
 )
 from tacauchy_rig.core.store.check.press import judge_contact, judge_press
-from tacauchy_rig.core.store.journal import Seal
+from tacauchy_rig.core.store.journal import StoreEvent
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -48,7 +48,7 @@ class RunCheck:
 
     def missed(self) -> Iterator[str]:
         """Yield a line for each criterion that is not met: where, which, what, and what to do."""
-        return (f"{where}{_told(criterion)}" for where, criterion in self._missed())
+        return (f"{where}{_line(criterion)}" for where, criterion in self._missed())
 
     def missed_names(self) -> tuple[str, ...]:
         """Return the names of the criteria that are not met, each once."""
@@ -86,24 +86,26 @@ def _judge_run(
     store: RunStore, journal: JournalReading, attempts: Sequence[Attempt]
 ) -> Iterator[Criterion]:
     yield judge_description(store, journal)
-    if journal.is_sealed or "rig_toml_sha256" in store.description:
+    if journal.has_hashes or "rig_toml_sha256" in store.description:
         yield from judge_journal(journal, was_begun=bool(attempts))
-    yield agreement(
+    yield consistency(
         "journal_attempts",
         "every attempt that journal.jsonl tells of has its folder, and the other way round",
-        _strangers(journal, attempts),
+        _unmatched_attempts(journal, attempts),
     )
     yield from judge_replays(store, journal)
 
 
-def _strangers(journal: JournalReading, attempts: Sequence[Attempt]) -> Iterator[str]:
-    told = {
-        (e.trial, e.attempt) for e in journal.events if e.name in ("attempt-start", Seal.SEALED)
+def _unmatched_attempts(journal: JournalReading, attempts: Sequence[Attempt]) -> Iterator[str]:
+    logged = {
+        (e.trial, e.attempt)
+        for e in journal.events
+        if e.name in ("attempt-start", StoreEvent.SEALED)
     }
-    for trial, attempt in sorted(told - {each.key for each in attempts}):
+    for trial, attempt in sorted(logged - {each.key for each in attempts}):
         yield f"attempt {attempt} at trial {trial} is in journal.jsonl and has no folder"
     for each in attempts:
-        if each.result is not None and each.key not in told:
+        if each.result is not None and each.key not in logged:
             yield f"{each.name} is unknown to journal.jsonl"
 
 
@@ -119,7 +121,7 @@ def _judge_attempt(attempt: Attempt) -> Iterator[Criterion]:
             yield from judge_press(attempt, record)
             yield from judge_contact(attempt, record)
     except (RecordError, ValueError, TypeError) as error:  # a message that no longer decodes
-        yield agreement(
+        yield consistency(
             "recording_decodes",
             "every message of the recording decodes",
             [f"{attempt.name}/recording.mcap: {error}"],
@@ -127,7 +129,7 @@ def _judge_attempt(attempt: Attempt) -> Iterator[Criterion]:
 
 
 def _notes(journal: JournalReading, attempts: Sequence[Attempt]) -> Iterator[str]:
-    if not journal.is_sealed:
+    if not journal.has_hashes:
         yield (
             "This run was recorded without hashes, by an earlier version of the program: what was "
             "edited in it since can be found only where its files contradict each other."
@@ -136,7 +138,7 @@ def _notes(journal: JournalReading, attempts: Sequence[Attempt]) -> Iterator[str
         yield "A session of this run was cut off; what was on the disk then was kept."
     yield from _changed_settings(journal)
     for each in attempts:
-        for event in each.seals(Seal.RECOVERED):
+        for event in each.store_events(StoreEvent.RECOVERED):
             yield (
                 f"The recording of trial {each.trial}, attempt {each.attempt} was repacked by "
                 f"recover: it was {event.detail.get('before')}."
@@ -158,6 +160,6 @@ def _changed_settings(journal: JournalReading) -> Iterator[str]:
                 )
 
 
-def _told(criterion: Criterion) -> str:
+def _line(criterion: Criterion) -> str:
     measured = f"{criterion.measured:.6g} {criterion.unit}".rstrip()
     return f"{criterion.name}: {measured}, asked: {criterion.limit} -> {criterion.remedy}"

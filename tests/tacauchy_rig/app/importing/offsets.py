@@ -21,7 +21,7 @@ from tacauchy_rig.app.importing.presses import (
     PressFinding,
     S,
     Samples,
-    felt_along,
+    axial_force,
     find_presses,
 )
 from tacauchy_rig.app.importing.video import (
@@ -134,7 +134,7 @@ def _seen(plant: Plant, heights_m: FloatArray, random: np.random.Generator) -> I
 def offset_of(world: Recorded, *, with_height: bool) -> Offset:
     """Find the offset as an import does."""
     force = world.force
-    felt = Signal(time_s=force.stamp_ns / S, value=felt_along(force))
+    felt = Signal(time_s=force.stamp_ns / S, value=axial_force(force))
     spans = [each.pressed for each in find_presses(force, PressFinding())]
     seen = Signal(time_s=world.frame_s, value=image_change(world.frames, 1.0 / FRAME_S))
     return find_offset(

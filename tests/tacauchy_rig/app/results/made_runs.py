@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import uvicorn
-from tacauchy_rig.app.results.runs import Health
 
 from protocols.processes.page.access import AccessRule
 from tacauchy_rig.app.gel_health.comparison import GelState, PressMeasures, compare_presses
+from tacauchy_rig.app.results.runs import Health
 from tacauchy_rig.app.results.server import ResultsServer
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.run import Outcome, TrialRecord

@@ -70,7 +70,12 @@ def test_relaxation_is_no_delay():
 def test_a_stated_doubt_of_the_arm_counts():
     """The uncertainty is never below that of the arm's own times."""
     time_s = np.arange(0.0, 12.0, 0.01)
-    found = find_delay((ARM_S, _depth(ARM_S)), (time_s, _depth(time_s)), name="force", doubt_s=2e-3)
+    found = find_delay(
+        (ARM_S, _depth(ARM_S)),
+        (time_s, _depth(time_s)),
+        name="force",
+        depth_time_uncertainty_s=2e-3,
+    )
     assert found.uncertainty_s >= 2e-3
 
 

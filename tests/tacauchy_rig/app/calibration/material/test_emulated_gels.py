@@ -61,5 +61,5 @@ def test_one_ball_does_not_tell_poissons_ratio() -> None:
     """Neither end of its interval is closed; the modulus is known no better than the valley."""
     for seed in SEEDS:
         fit = fit_gel([(presses_of(seed, BALL), _response(BALL))])
-        assert not fit.poisson.is_told
+        assert not fit.poisson.is_bounded
         assert fit.young.holds(drawn_gel(seed).young_pa)

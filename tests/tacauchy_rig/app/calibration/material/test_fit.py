@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tacauchy_rig.app.calibration.material.fit import NU, Data, fit_gel, interval
-from tacauchy_rig.app.calibration.material.prediction import held_count, predict_left_out
+from tacauchy_rig.app.calibration.material.prediction import held_count, predict_held_out
 from tests.tacauchy_rig.app.calibration.material.made_up import made_presses, made_response
 
 GEL = {"young_pa": 5e5, "poisson": 0.465, "friction": 0.4}
@@ -30,8 +30,8 @@ OTHER = ("cylinder:diameter=8mm,fillet=0.5mm", PUNCH)
 def test_two_indenters_tell_a_gel() -> None:
     """All three within their intervals, the modulus to some per cent."""
     fit = fit_gel(_data(ONE, OTHER))
-    assert fit.young.is_told
-    assert fit.poisson.is_told
+    assert fit.young.is_bounded
+    assert fit.poisson.is_bounded
     assert fit.young.holds(GEL["young_pa"])
     assert fit.poisson.holds(GEL["poisson"])
     assert fit.friction.holds(GEL["friction"])
@@ -48,7 +48,7 @@ def test_one_indenter_tells_a_valley() -> None:
     ends = fit.young_pa[[0, -1], fit.best[1]]
     assert ends[0] / ends[1] == pytest.approx(np.exp(2.0 * (NU[-1] - NU[0])), rel=0.02)
     told = fit_gel(data, prior=(GEL["poisson"], 0.005))
-    assert told.poisson.is_told
+    assert told.poisson.is_bounded
     assert told.young.holds(GEL["young_pa"])
     assert (told.young.uncertainty or 1e9) < 0.5 * (fit.young.uncertainty or 1e9)
 
@@ -72,14 +72,14 @@ def test_depths_that_count_from_a_force_are_shifted_by_what_the_gel_gives() -> N
 def test_left_out_presses_lie_within_their_interval_and_a_wrong_one_does_not() -> None:
     """Of sixteen at least fourteen; a force that is a quarter too large is not believed."""
     data = _data(ONE, OTHER)
-    held, count = held_count(list(predict_left_out(data, fit_gel(data))))
+    held, count = held_count(list(predict_held_out(data, fit_gel(data))))
     assert count == 16
     assert held >= 14
     presses, response = data[1]
     force_n = presses.force_n.copy()
     force_n[4] *= 1.25
     spoiled = [data[0], (replace(presses, force_n=force_n), response)]
-    found = [each for each in predict_left_out(spoiled, fit_gel(spoiled)) if not each.held]
+    found = [each for each in predict_held_out(spoiled, fit_gel(spoiled)) if not each.held]
     assert force_n[4] in [each.force_n for each in found]
 
 

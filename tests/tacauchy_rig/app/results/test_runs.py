@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tacauchy_rig.app.results.runs import find_runs, folder_of_runs
 
+from tacauchy_rig.app.results.runs import find_runs, folder_of_runs
 from tacauchy_rig.core.errors import ConfigError
 from tests.tacauchy_rig.app.results.made_runs import NAMES
 

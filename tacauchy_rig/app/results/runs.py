@@ -26,7 +26,7 @@ _USED = (Outcome.PASSED, Outcome.IMPORTED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FoundRun:
+class ListedRun:
     """A run's folder at a glance.
 
     Attributes:
@@ -91,7 +91,7 @@ def folder_of_runs(path: Path) -> tuple[Path, str]:
     return path.resolve(), ""
 
 
-def find_runs(root: Path, *, only: str = "") -> list[FoundRun]:
+def find_runs(root: Path, *, only: str = "") -> list[ListedRun]:
     """Return the runs in a folder, the newest first."""
     folders = [folder for folder in _folders(root) if not only or folder.name == only]
     found = [_found(folder) for folder in folders]
@@ -103,14 +103,14 @@ def _folders(root: Path) -> list[Path]:
     return [each for each in inside if (each / DESCRIPTION).is_file()]
 
 
-def _found(folder: Path) -> FoundRun:
+def _found(folder: Path) -> ListedRun:
     try:
         return _read(folder)
     except RigError as error:
-        return FoundRun(name=folder.name, folder=folder, fault=error.message)
+        return ListedRun(name=folder.name, folder=folder, fault=error.message)
 
 
-def _read(folder: Path) -> FoundRun:
+def _read(folder: Path) -> ListedRun:
     store = RunStore.open(folder)
     records = [store.counting(index) for index in store.trial_indices()]
     passed = [each for each in records if each is not None and each.outcome in _USED]
@@ -121,7 +121,7 @@ def _read(folder: Path) -> FoundRun:
     )
     summary = _summary(folder / SUMMARY)
     kind = "imported" if config.is_imported else "dry" if store.simulated else "live"
-    return FoundRun(
+    return ListedRun(
         name=folder.name,
         folder=folder,
         created=str(store.description["created"]),
@@ -180,7 +180,7 @@ class Judged:
         state: None where they cannot be compared; ``fault`` says why.
     """
 
-    run: FoundRun
+    run: ListedRun
     state: GelState | None
     fault: str = ""
 
@@ -201,14 +201,14 @@ class Health:
     judge: Judge = judge_folders
     _known: dict[tuple[object, ...], Judged] = field(default_factory=dict)
 
-    def of(self, before: FoundRun, now: FoundRun) -> Judged:
+    def of(self, before: ListedRun, now: ListedRun) -> Judged:
         """Return a run beside an earlier one."""
         key = (before.name, _age(before), now.name, _age(now))
         if key not in self._known:
             self._known[key] = self._judged(before, now)
         return self._known[key]
 
-    def trend(self, runs: Sequence[FoundRun], like: FoundRun) -> tuple[FoundRun, list[Judged]]:
+    def trend(self, runs: Sequence[ListedRun], like: ListedRun) -> tuple[ListedRun, list[Judged]]:
         """Return the earliest run like one, and every later one beside that, in their order."""
         alike = sorted(
             (run for run in runs if run.passed_count and run.alike == like.alike),
@@ -217,13 +217,13 @@ class Health:
         first = alike[0] if alike else like
         return first, [self.of(first, run) for run in alike[1:]]
 
-    def _judged(self, before: FoundRun, now: FoundRun) -> Judged:
+    def _judged(self, before: ListedRun, now: ListedRun) -> Judged:
         try:
             return Judged(run=now, state=self.judge(before.folder, now.folder))
         except RigError as error:
             return Judged(run=now, state=None, fault=error.message)
 
 
-def _age(run: FoundRun) -> int:
+def _age(run: ListedRun) -> int:
     journal = run.folder / "journal.jsonl"
     return journal.stat().st_mtime_ns if journal.is_file() else 0
