@@ -72,13 +72,13 @@ def test_a_lean_that_changes_nothing_asked_for_is_left_out() -> None:
 @pytest.mark.parametrize(
     ("overrides", "kept", "why"),
     [
-        (('indenter.kind="sphere"',), slice(None), "alike from all sides"),
+        (('indenter.kind="sphere"',), slice(None), "does not change a ball"),
         ((), slice(2), "2 presses carry moments"),
         ((), slice(0), "0 presses carry moments"),
         (('workspace.max_tilt="0.5 deg"',), slice(None), "more than workspace.max_tilt"),
     ],
 )
-def test_what_tells_no_lean_says_why(overrides: tuple[str, ...], kept: slice, why: str) -> None:
+def test_what_tells_no_tilt_says_why(overrides: tuple[str, ...], kept: slice, why: str) -> None:
     """Nothing is taken, and what was stated stays."""
     dwells = drawn_dwells(3, (DEGREE, 0.0), configured())[kept]
     config = configured(*overrides, 'replay.tilt=["0.5 deg", "0 deg"]')
