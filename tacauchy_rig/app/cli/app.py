@@ -62,9 +62,9 @@ GROUPS = {
     "emulate": (
         "Start emulated devices, make them fail, and write what an emulated sensor shows.",
         {
-            "start": f"{_CLI}.emulate.start:start",
-            "presses": f"{_CLI}.emulate.presses:presses",
-            "fault": f"{_CLI}.emulate.fault:fault",
+            "start": f"{_CLI}.emulate:start",
+            "presses": f"{_CLI}.emulate:presses",
+            "fault": f"{_CLI}.emulate:fault",
         },
     ),
     "config": (

@@ -10,7 +10,7 @@ import typer
 from typer.testing import CliRunner
 
 from tacauchy_rig.app.cli.app import app
-from tacauchy_rig.app.cli.emulate.fault import fault
+from tacauchy_rig.app.cli.emulate import fault
 from tacauchy_rig.app.cli.lazy import lazy_group
 
 # Each takes a tenth of a second or more, and no help is made with one.

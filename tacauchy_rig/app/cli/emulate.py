@@ -1,4 +1,4 @@
-"""``tacauchy-rig emulate start``."""
+"""``tacauchy-rig emulate``: emulated devices for a ``run`` elsewhere, and their faults."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.emulators.faults import Device
+from drivers.emulators.faults import Device, parse_fault, written_faults
 from tacauchy_rig.app.cli.options import ConfigFile, JsonFile, Overrides
-from tacauchy_rig.app.cli.output import say, write_json
+from tacauchy_rig.app.cli.output import say, writable_folder, write_json
 from tacauchy_rig.core.errors import DeviceError
 
 if TYPE_CHECKING:
@@ -81,3 +81,71 @@ def _serve(emulation: Emulation, stop: threading.Event) -> None:
                 say(f"emulated {name} ended with status {process.process.returncode}")
         if len(gone) == len(emulation.processes):
             raise DeviceError("every emulated device has ended", remedy="start them again")
+
+
+def presses(
+    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where the images go.")],
+    sensor: Annotated[str, typer.Option("--sensor", help="Name or file.")] = "gelsight-mini",
+    count: Annotated[int, typer.Option("--count", min=5, help="How many presses.")] = 40,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Draws the emulated world.")] = 7,
+    first: Annotated[
+        int, typer.Option("--first", min=1, help="Number of the first press: 41 is unseen by 40.")
+    ] = 1,
+    noise_free: Annotated[
+        bool, typer.Option("--noise-free", help="Without noise and JPEG, and say what they are.")
+    ] = False,
+    json_file: JsonFile = None,
+) -> None:
+    """Write the ball presses of an emulated sensor, to rehearse its calibration with.
+
+    Example: tacauchy-rig emulate presses --out presses --count 40
+    """
+    from drivers.emulators.plant.ball_presses import (
+        BALL_DIAMETER_M,
+        frame_noise,
+        write_ball_presses,
+    )
+    from drivers.emulators.plant.truth import draw_truth
+    from sim.sensor.sensor import load_sensor
+    from tacauchy_rig.app.cli.emulation import emulated_unit
+
+    known = load_sensor(sensor)
+    writable_folder(out)
+    truth = draw_truth(seed, unit=emulated_unit(known))
+    write_ball_presses(truth, out, count=count, first=first, noise_free=noise_free)
+    x, y = known.camera.scale_x_m, known.camera.scale_y_m
+    say(f"{count} presses of a {BALL_DIAMETER_M * 1e3:.2f} mm ball on an emulated {known.title}")
+    say(f"--ball-diameter {BALL_DIAMETER_M * 1e3:.2f}mm --scale {1e-3 / x:.2f},{1e-3 / y:.2f}px/mm")
+    found = None
+    if noise_free:
+        found = frame_noise(truth, count=count, first=first)
+        say(
+            f"left out, inside the contacts: noise of {found.noise:.2f} grey levels on average, "
+            f"{found.recorded:.2f} with the stream's JPEG"
+        )
+    say(f"folder {out}")
+    write_json(json_file, {"folder": out, "presses": count, "first": first, "left_out": found})
+
+
+def fault(
+    folder: Annotated[Path, typer.Argument(help="The folder that `emulate start` printed.")],
+    text: Annotated[
+        str,
+        typer.Argument(
+            metavar="FAULT",
+            help="device:kind=amount@start+duration, for example force_sensor:scale=0.1@1s+2s; "
+            "all but device and kind may be left out, the amounts below are the usual ones. "
+            + " ".join(f"{device}: {written_faults(device)}." for device in Device),
+        ),
+    ],
+    json_file: JsonFile = None,
+) -> None:
+    """Tell a running emulated device to fail.
+
+    Example: tacauchy-rig emulate fault FOLDER force_sensor:scale=0.1@1s+2s
+    """
+    from drivers.emulators.process import post_fault
+
+    post_fault(folder, parse_fault(text))
+    say(f"told {folder}: {text}")
+    write_json(json_file, {"folder": folder, "fault": text})

@@ -1,1 +1,0 @@
-"""Emulated devices by themselves, for a ``run`` in another terminal."""
