@@ -20,7 +20,7 @@ IMAGE_S = "image_s"
 
 
 class Driven(StrEnum):
-    """What a simulator was told of a press: the other one of force and depth is its answer."""
+    """The input of a simulated press; the other one of force and depth is the output."""
 
     DEPTH = "depth"
     FORCE = "force"
@@ -35,7 +35,7 @@ class Simulator:
         milliseconds_an_image: From the press's depth or force to the image [ms]; None: not stated.
         machine: That this was measured on.
         fitted_to_these: Something of it was fitted to the very presses that are judged.
-        driven_by: What it was told; None where it gives no force.
+        driven_by: Its input; None where it gives no force.
         note: What a reader has to know, in a sentence.
     """
 
@@ -81,7 +81,7 @@ class Outputs:
     """All presses of a simulator, by the run's trial.
 
     Attributes:
-        left_out: Trials that it says it did not simulate.
+        left_out: Trials that it did not simulate, by its own statement.
     """
 
     simulator: Simulator
@@ -91,13 +91,13 @@ class Outputs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayTrial:
-    """One trial as the simulator replayed it; fields and image lie beside it on disk.
+    """One replayed trial; its fields and image are files of their own.
 
     Attributes:
         force_simulated_n: Simulated pressing force at the accepted depth [N].
         force_history: (depth [m], force [N]) of every evaluation of the displacement search.
-        force_error_estimate: Believed relative error of the simulated force, None where nothing
-            is known; ``force_error_basis`` says how it is known.
+        force_error_estimate: Estimated relative error of the simulated force, None if unknown;
+            ``force_error_basis`` states how it was estimated.
     """
 
     index: int
@@ -117,12 +117,12 @@ class ReplayTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alternative:
-    """Settings beside those that were used.
+    """Settings next to those that were used.
 
     Attributes:
         role: ``cheaper`` or ``better``.
         setting: A preset, or a mesh between two.
-        error_relative: Believed relative error of F_z; None where nothing is known.
+        error_relative: Estimated relative error of F_z; None if unknown.
         time_ratio: Its time over that of the settings used.
         wall_s: The time it would have taken here [s]; None where nothing was pressed.
     """
@@ -184,13 +184,12 @@ class MarkerMotion:
 
 @pydantic_dataclass(frozen=True, slots=True, kw_only=True)
 class FoundValue:
-    """What a run tells of how its indenter hangs on the arm.
+    """A component of the indenter's tilt or place, found from a run.
 
     Attributes:
-        value: In ``unit``; None where nothing tells it.
+        value: In ``unit``; None if unknown.
         uncertainty: Standard uncertainty, likewise.
-        taken: It is beyond what is uncertain of it, and so is simulated if the plan says so; zero
-            is taken in place of what is not.
+        taken: It is significant, and is simulated if the plan says so; otherwise zero is taken.
         basis: How it is known, or why it is not.
     """
 
@@ -221,7 +220,7 @@ class ForceInput:
 
 @pydantic_dataclass(frozen=True, slots=True, kw_only=True)
 class FoundCause:
-    """What something is off by, as images tell; the replay was made without it.
+    """By how much an input is off, found from images; the replay was made without it.
 
     Attributes:
         cause: Which of ``ResidualSplit``'s causes it belongs to.
@@ -264,7 +263,7 @@ class ResidualSplit:
 
 @pydantic_dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayModel:
-    """What a run was replayed with, what that is worth, and what it cost.
+    """What a run was replayed with, its accuracy and its cost.
 
     Attributes:
         centre_x_m: Where the indenter's tip came down, in the pad's frame [m].
@@ -273,22 +272,22 @@ class ReplayModel:
         barrier_m: Distance at which contact begins to push [m].
         setup_s: Time of meshing and assembling [s].
         tolerance: What chose the preset, in words; None where nothing did.
-        force_error_largest_relative: Of the trials' believed errors; None where one is not known.
+        force_error_largest_relative: Of the trials' estimated errors; None if one is unknown.
         wall_s: Time of the whole replay [s].
         effects: What was simulated and what was left out, with reasons.
-        young_uncertainty_relative: Of the stated modulus; ``young_source`` says who states it.
+        young_uncertainty_relative: Of the stated modulus; ``young_source`` is its source.
         optics: Where the optics are from.
         scale_x_m_px: Gel surface per pixel of the rendered image [m/px].
         image_centre_m: Place that the image's middle sees, in the pad's frame [m].
-        modulus_factor: What the stated modulus was multiplied by, as the run's depths say; this
-            and its company is None where it was taken as stated.
+        modulus_factor: What the stated modulus was multiplied by, fitted to the run's depths; it
+            and the fields that belong to it are None where the stated modulus was used.
         modulus_factor_deviation: Standard deviation of the trials' own factors.
         stated_force_history: (depth [m], force [N]) of the gel with the stated modulus.
         markers: Of each trial of a sensor with markers.
         friction: Coulomb coefficient; None for a contact without.
         tilt_rad: Rotations of the indenter about x and y [rad].
-        found: What the run tells of tilt and place of the indenter, where that was asked for.
-        found_offset_m: What was added to the stated place on account of the images [m].
+        found: Tilt and place of the indenter found from the run, where that was asked for.
+        found_offset_m: What was added to the stated place because of the images [m].
         force_inputs: What the force at a depth depends on besides the modulus.
         residual: What the images' residual is made of; None where that was not tried.
         trials: That were pressed with it; empty is all of the run's.
@@ -346,7 +345,7 @@ class ReplayModel:
 
     @property
     def found_offset_mm(self) -> float:
-        """How far it was moved on account of the images [mm]."""
+        """How far it was moved because of the images [mm]."""
         return 1e3 * math.hypot(*self.found_offset_m)
 
 

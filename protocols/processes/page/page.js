@@ -6,11 +6,11 @@ const $ = (id) => document.getElementById(id);
 const SPAN_S = 30, SILENT_S = 0.9, GAIN = 4, STOP_TIMEOUT_MS = 1500, DIFFERENCE_MS = 250;
 const PHASES = {
   "preflight": "checking that everything answers", "air-press": "pressing the air above the gel",
-  "home": "going home", "tare": "weighing nothing, to find zero",
+  "home": "going home", "tare": "measuring the zero of the force sensor",
   "reference": "taking the picture without contact", "approach": "coming down to the gel",
   "search": "searching for contact", "press": "pressing to the target",
   "dwell": "holding the force, taking pictures", "retract": "letting go",
-  "drift-check": "weighing nothing again", "verdict": "judging", "fault": "making the arm safe",
+  "drift-check": "measuring the zero again", "verdict": "judging", "fault": "making the arm safe",
   "ended": "the run has ended", "": "waiting for the run",
 };
 let setup = null, run = null, live = null, heardMs = performance.now(), stopped = false;

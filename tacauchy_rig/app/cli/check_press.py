@@ -1,4 +1,4 @@
-"""``tacauchy-rig check-press``: one press, beside one of before: keep, recalibrate or replace?"""
+"""``tacauchy-rig check-press``: compare a press with an earlier one: keep, recalibrate, replace."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tacauchy_rig.app.cli.options import JsonFile, Overrides
 from tacauchy_rig.app.cli.output import say, write_json
 
 USUAL_N = 2.0
-"""A press that tells modulus and image, and no gel minds."""
+"""Enough to measure modulus and image, and harmless to any gel."""
 
 
 def check_press(

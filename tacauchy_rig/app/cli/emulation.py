@@ -1,4 +1,4 @@
-"""An emulated sensor as its file says, and its calibration from ball presses on it."""
+"""The emulated sensor of a sensor's file, and its calibration from ball presses."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
     really like is drawn from the seed, and what they look like is the emulator's own.
 
     Args:
-        sensor: As its file says.
+        sensor: From its file.
         markers: Whether this unit has the markers that the file names.
 
     Raises:

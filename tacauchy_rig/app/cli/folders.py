@@ -55,7 +55,7 @@ def replay(
 
     run = open_run(folder)
     kept = None if tolerance is None else parse_tolerance(tolerance, field="--tolerance")
-    with run.store.lock():  # told before the simulation, not after it
+    with run.store.lock():  # refuses a busy or read-only run before the simulation
         pass
     complain_of(check_run(run.store))
     if watch:
@@ -160,7 +160,7 @@ def _say_mended(report: RecoveryReport) -> None:
 def replay_and_show(
     run: RunReading, calibration: BackgroundCalibration, *, tolerance: Tolerance | None = None
 ) -> None:
-    """Replay a run and say what its forces are worth.
+    """Replay a run, and print the stated error of its forces.
 
     Raises:
         AbortedError: Ctrl-C; what was recorded stays, and can be replayed.
@@ -193,7 +193,7 @@ def report_and_exit(run: RunReading, json_file: Path | None) -> None:
 
 
 def _say_cost(replay: Replay) -> None:
-    """Say what the forces are worth, what that cost, and what its neighbours would have cost."""
+    """Print the stated error of the forces, the cost, and that of neighbouring settings."""
     from tacauchy_rig.app.cli.press import cost_lines
 
     model = replay.model

@@ -130,7 +130,8 @@ def read_folders(folders: Sequence[Path], evidence: RunEvidence) -> list[Outputs
 
     if not folders:
         raise ConfigError(
-            "nobody is to be judged", remedy="name a FOLDER, or ask for --baseline rigid or --task"
+            "there is nothing to judge",
+            remedy="name a FOLDER, or ask for --baseline rigid or --task",
         )
     asked = Asked(
         trials=tuple(t.index for t in evidence.trials),

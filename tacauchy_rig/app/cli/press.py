@@ -25,7 +25,7 @@ EstimateErrorOption = Annotated[
     bool,
     typer.Option(
         "--estimate-error/--no-estimate-error",
-        help="Press again on longer edges to say what the outputs are worth.",
+        help="Press again on a coarser mesh to estimate the error of the outputs.",
     ),
 ]
 
@@ -114,7 +114,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
     worth = WORTH.get(setting_of(scene))
     ratio = None if worth is None else worth.time_ratio
     cost = "not known" if ratio is None else f"about {ratio:.2g} times the time of preset fast"
-    say(f"cost       {cost}; `press` says what its force is worth")
+    say(f"cost       {cost}; `press` estimates the error of its force")
     for other in others:
         say(f"{other.role:10} {other}")
     write_json(
@@ -185,7 +185,7 @@ def _show(scene: Scene, result: PressResult) -> None:
         )
     say(f"mesh       {result.element}, {result.tet_count} tetrahedra, {result.node_count} nodes")
     off = [row["name"] for row in result.effects if not row["on"]]
-    say(f"left out   {', '.join(off)}; `tacauchy-rig plan` with the same options says why")
+    say(f"left out   {', '.join(off)}; `tacauchy-rig plan` with the same options explains why")
     cost = f"{sum(result.wall_s.values()):.2f} s, {result.newton_iterations} iterations"
     error, basis = result.estimated_force_error_relative, result.estimated_force_error_basis
     for line in cost_lines(error, basis, cost, result.alternatives):

@@ -26,15 +26,15 @@ PHASES = {
     "preflight": "checking that everything answers",
     "air-press": "pressing the air above the gel first",
     "home": "going home",
-    "tare": "weighing nothing, to find zero",
+    "tare": "measuring the zero of the force sensor",
     "reference": "taking the picture without contact",
     "approach": "coming down to the gel",
     "search": "searching for contact",
     "press": "pressing to the target",
     "dwell": "holding the force, taking pictures",
-    "sway": "going up and down a little, which tells delays",
+    "sway": "going up and down a little to measure delays",
     "retract": "letting go",
-    "drift-check": "weighing nothing again",
+    "drift-check": "measuring the zero again",
     "verdict": "judging",
     "fault": "making the arm safe",
 }
@@ -50,7 +50,7 @@ class SessionProgress:
     Args:
         config: Targets, limits and speeds.
         plan: What is left to do.
-        expected: What a press should give; None where nobody knows.
+        expected: Expected force against depth; None if unknown.
         open_page: Whether a browser is opened on the operator's page.
     """
 
@@ -125,7 +125,7 @@ class SessionProgress:
         if not console.is_terminal:
             return
         detail = event.detail
-        # An event of another kind says neither; what was said last still stands.
+        # Other events carry neither force nor height; the last ones stay shown.
         self._force_n = detail.get("force_n", self._force_n)
         self._height_m = detail.get("height_m", self._height_m)
         lines = live_lines(
@@ -205,6 +205,6 @@ def force_bar(force_n: float | None, target_n: float | None, *, limit_n: float, 
 
 
 def clock(seconds: float) -> str:
-    """Return a time as one says it."""
+    """Return a time in words."""
     whole = round(seconds)
     return f"{whole} s" if whole < 60 else f"{whole // 60} min {whole % 60:02d} s"

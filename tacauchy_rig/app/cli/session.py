@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from tacauchy_rig.core.store.run_store import RunStore
 
 EMULATED_WEIGHT = "200g"
-"""Hung on an emulated cell where the arm calls for a check: about as much as a press of 2 N."""
+"""Hung on an emulated cell if the arm requires a check; it weighs about 2 N."""
 LOWEST_PRIORITY = 19
 """Niceness of what is computed while devices are served."""
 
@@ -142,7 +142,7 @@ def resume(
     store = RunStore.open(folder)
     config, changes = resumed_config(store.description["written"], overrides or ())
     _check_before(config, press_only=press_only)
-    with store.lock():  # nobody is asked for a word on a run that cannot be written, or is busy
+    with store.lock():  # refuses a run that is busy or read-only before anybody is asked
         pass
     trials = _trials(config, again)
     recovery = recover_run(store)

@@ -78,7 +78,7 @@ def watched_by(page: str, open_page: bool, twin: str, foxglove: str) -> Watched:
 
 
 def viewers_of(watched: Watched) -> list[ViewerOptions]:
-    """Return the viewers besides the page; a port that is taken is told here.
+    """Return the viewers besides the page; a port that is taken is refused here.
 
     Raises:
         ConfigError: A port cannot be had, or a package is missing.
@@ -120,7 +120,7 @@ def page_options(config: RigConfig, *, port: int | None) -> PageOptions | None:
 def contact_outline(config: RigConfig) -> ContactOutline | None:
     """Return where the contact should be seen in the camera's frames; None of a tool of triangles.
 
-    The sensor's file says which part of a frame is scored, and how large its pixels are.
+    The sensor's file states which part of a frame is scored, and the size of its pixels.
     """
     import numpy as np
 

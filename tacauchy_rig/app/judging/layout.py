@@ -70,10 +70,10 @@ DIMENSIONS = {
 
 
 class Description(Section):
-    """All of ``simulator.toml``; what is not said here is as ``Simulator`` has it.
+    """All of ``simulator.toml``; the rest is as in ``Simulator``.
 
     Attributes:
-        colour_order: Of ``image.png``; has to be said where there is one.
+        colour_order: Of ``image.png``; required if there is one.
         left_out: Presses that were not simulated, by their numbers.
     """
 
@@ -90,16 +90,16 @@ class Description(Section):
 
     @property
     def simulator(self) -> Simulator:
-        """What it says of the simulator."""
+        """The simulator that it describes."""
         return Simulator(**{each.name: getattr(self, each.name) for each in fields(Simulator)})
 
 
 def read_description(source: Source) -> Description:
-    """Read what a folder says of itself.
+    """Read the description of a folder.
 
     Raises:
         RecordError: It has no ``simulator.toml``.
-        ConfigError: That is damaged, or says what it may not.
+        ConfigError: It is damaged, or has a value that is not allowed.
     """
     data = source.read(DESCRIPTION, field="the simulator's description", most_bytes=MIB)
     try:
@@ -158,12 +158,12 @@ def write_outputs(folder: Path, outputs: Outputs) -> None:
 
 def _description(outputs: Outputs) -> str:
     """Return ``simulator.toml``; a string, number or list is in TOML what it is in JSON."""
-    said: dict[str, Any] = {
+    keys: dict[str, Any] = {
         **asdict(outputs.simulator),
         "colour_order": ColourOrder.RGB.value,
         "left_out": list(outputs.left_out),
     }
-    lines = [f"{key} = {_toml(value)}" for key, value in said.items() if value is not None]
+    lines = [f"{key} = {_toml(value)}" for key, value in keys.items() if value is not None]
     units = [f"{key} = {_toml(value)}" for key, value in WRITTEN_UNITS.items()]
     return "\n".join([*lines, "", "[units]", *units, ""])
 

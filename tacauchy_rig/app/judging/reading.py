@@ -72,12 +72,12 @@ def read_outputs(folder: Path, asked: Asked) -> Outputs:
 
 
 def _read(source: Source, asked: Asked) -> Outputs:
-    told = read_description(source)
-    folders = _folders(source, asked, told)
-    forces = _forces(source, asked, told)
+    about = read_description(source)
+    folders = _folders(source, asked, about)
+    forces = _forces(source, asked, about)
     presses: dict[int, PressOutput] = {}
     for trial in asked.trials:
-        if trial in told.left_out:
+        if trial in about.left_out:
             continue
         if trial not in folders and trial not in forces:
             raise RecordError(
@@ -85,14 +85,16 @@ def _read(source: Source, asked: Asked) -> Outputs:
                 remedy=f"simulate it, or admit it: left_out = [{trial}] in {DESCRIPTION}",
             )
         force, depth = forces.get(trial, (None, None))
-        shown = _shown(source, folders[trial], asked, told) if trial in folders else {}
+        shown = _shown(source, folders[trial], asked, about) if trial in folders else {}
         presses[trial] = PressOutput(force_n=force, depth_m=depth, **shown)
     _check_all_or_none(presses)
-    _check_colours(presses, asked, told)
-    return Outputs(simulator=told.simulator, presses=presses, left_out=tuple(sorted(told.left_out)))
+    _check_colours(presses, asked, about)
+    return Outputs(
+        simulator=about.simulator, presses=presses, left_out=tuple(sorted(about.left_out))
+    )
 
 
-def _folders(source: Source, asked: Asked, told: Description) -> dict[int, str]:
+def _folders(source: Source, asked: Asked, about: Description) -> dict[int, str]:
     """Return the folders of presses by trial; files and other folders are no business of ours."""
     found: dict[int, str] = {}
     for path in sorted(source.root.iterdir()):
@@ -105,9 +107,9 @@ def _folders(source: Source, asked: Asked, told: Description) -> dict[int, str]:
                 f" (presses {asked.trials[0]} to {asked.trials[-1]})",
                 remedy="one folder a press, named by its number: 01, 02, ...",
             )
-        if trial in told.left_out:
+        if trial in about.left_out:
             raise RecordError(
-                f"{path.name}: {DESCRIPTION} says that this press was left out",
+                f"{path.name}: {DESCRIPTION} lists this press as left out",
                 remedy="take its number off left_out, or its folder away",
             )
         found[trial] = path.name
@@ -115,13 +117,13 @@ def _folders(source: Source, asked: Asked, told: Description) -> dict[int, str]:
 
 
 def _forces(
-    source: Source, asked: Asked, told: Description
+    source: Source, asked: Asked, about: Description
 ) -> dict[int, tuple[float | None, float | None]]:
     """Return force [N] and depth [m] by trial, as ``forces.csv`` has them."""
     if not (source.root / FORCES).exists():
         return {}
     table = read_table(source, FORCES, field="the forces")
-    if told.driven_by is None:
+    if about.driven_by is None:
         raise ConfigError(
             f"{DESCRIPTION}: driven_by is not stated, and {FORCES} has forces",
             remedy='write driven_by = "depth" (its forces are at the measured depths) or "force" '
@@ -130,7 +132,7 @@ def _forces(
     columns = {}
     for name in ("force", "depth"):
         there = name in table.columns
-        column = told.units.column(name, file=FORCES) if there else None
+        column = about.units.column(name, file=FORCES) if there else None
         columns[name] = table.numbers(column, DIMENSIONS[name], field=FORCES)
     found: dict[int, tuple[float | None, float | None]] = {}
     names = table.text("press", field=FORCES)
@@ -139,7 +141,7 @@ def _forces(
     ):
         is_number = name.isascii() and name.isdecimal()
         trial = int(name[:9]) if is_number else -1
-        if trial not in asked.trials or trial in found or trial in told.left_out:
+        if trial not in asked.trials or trial in found or trial in about.left_out:
             raise RecordError(
                 f'{FORCES} line {line}: press "{name[:40]}" is none of the run, stands twice, or '
                 "was left out",
@@ -149,21 +151,21 @@ def _forces(
     return found
 
 
-def _shown(source: Source, folder: str, asked: Asked, told: Description) -> dict[str, Any]:
+def _shown(source: Source, folder: str, asked: Asked, about: Description) -> dict[str, Any]:
     """Return image, heights, pressure and shear of a press, as far as they are there."""
     found: dict[str, Any] = {}
     width, height = asked.size_px
     root = source.root / folder
     if (root / IMAGE).exists():
-        found["image"] = _image(source, f"{folder}/{IMAGE}", asked, told)
+        found["image"] = _image(source, f"{folder}/{IMAGE}", asked, about)
     if (root / HEIGHT).exists():
         name = f"{folder}/{HEIGHT}"
-        unit = told.units.column("height", file=name)
+        unit = about.units.column("height", file=name)
         factor = unit.factor(DIMENSIONS["height"], field=DESCRIPTION)
         found["height_m"] = factor * _read_pixels(source, name, (height, width))
     if (root / FIELDS).exists():
         name = f"{folder}/{FIELDS}"
-        unit = told.units.column(PRESSURE, file=name)
+        unit = about.units.column(PRESSURE, file=name)
         factor = unit.factor(DIMENSIONS[PRESSURE], field=DESCRIPTION)
         arrays = _read_fields(source, name, (height, width), known=(PRESSURE, *SHEAR))
         if PRESSURE in arrays:
@@ -183,7 +185,7 @@ def _shown(source: Source, folder: str, asked: Asked, told: Description) -> dict
     return found
 
 
-def _image(source: Source, name: str, asked: Asked, told: Description) -> ImageArray:
+def _image(source: Source, name: str, asked: Asked, about: Description) -> ImageArray:
     data = source.read(name, field="an image", most_bytes=IMAGE_BYTES)
     size = image_size(data, name=name)
     if size != asked.size_px:
@@ -192,7 +194,7 @@ def _image(source: Source, name: str, asked: Asked, told: Description) -> ImageA
             f"{asked.size_px[0]} x {asked.size_px[1]} px",
             remedy="crop and resize as the run's sensor does: `judge --task` writes a frame of it",
         )
-    if told.colour_order is None:
+    if about.colour_order is None:
         raise ConfigError(
             f"{DESCRIPTION}: colour_order is not stated, and there are images",
             remedy='write "RGB" if a viewer shows red as red, "BGR" if it shows red as blue',
@@ -200,7 +202,9 @@ def _image(source: Source, name: str, asked: Asked, told: Description) -> ImageA
     image = decode_rgb(data)
     if image is None:
         raise RecordError(f"{name}: no readable image", remedy="write it as PNG with 8 bits")
-    return np.ascontiguousarray(image[..., ::-1] if told.colour_order is ColourOrder.BGR else image)
+    return np.ascontiguousarray(
+        image[..., ::-1] if about.colour_order is ColourOrder.BGR else image
+    )
 
 
 def _check_all_or_none(presses: Mapping[int, PressOutput]) -> None:
@@ -223,22 +227,22 @@ def _check_all_or_none(presses: Mapping[int, PressOutput]) -> None:
             )
 
 
-def _check_colours(presses: Mapping[int, PressOutput], asked: Asked, told: Description) -> None:
+def _check_colours(presses: Mapping[int, PressOutput], asked: Asked, about: Description) -> None:
     """Refuse images that look like the sensor only with red and blue exchanged."""
     pairs = [
         (press.image.astype(np.float64), asked.references[trial].astype(np.float64))
         for trial, press in presses.items()
         if press.image is not None and trial in asked.references
     ]
-    if not pairs or told.colour_order is None:
+    if not pairs or about.colour_order is None:
         return
-    as_said = float(np.median([np.abs(a - b).mean() for a, b in pairs]))
+    as_stated = float(np.median([np.abs(a - b).mean() for a, b in pairs]))
     swapped = float(np.median([np.abs(a[..., ::-1] - b).mean() for a, b in pairs]))
-    if swapped < SWAPPED_SHARE * as_said and as_said - swapped > SWAPPED_LEVELS:
-        other = ColourOrder.RGB if told.colour_order is ColourOrder.BGR else ColourOrder.BGR
+    if swapped < SWAPPED_SHARE * as_stated and as_stated - swapped > SWAPPED_LEVELS:
+        other = ColourOrder.RGB if about.colour_order is ColourOrder.BGR else ColourOrder.BGR
         raise RecordError(
-            f'colour_order = "{told.colour_order.value}": so read, images are {as_said:.1f} grey '
-            f"levels from the no-contact frames; with red and blue exchanged {swapped:.1f}",
+            f'colour_order = "{about.colour_order.value}": so read, images are {as_stated:.1f} '
+            f"grey levels from the no-contact frames; with red and blue exchanged {swapped:.1f}",
             remedy=f'write colour_order = "{other.value}", or exchange the channels',
         )
 

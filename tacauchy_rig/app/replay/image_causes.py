@@ -60,7 +60,7 @@ class SplitPart:
 
     Attributes:
         inputs: Of the replay, with the modulus that it was pressed with.
-        forces_n: What was simulated of trials whose force nobody measured [N].
+        forces_n: Simulated forces, used for trials without a measured one [N].
     """
 
     attempts: Sequence[AttemptReading]

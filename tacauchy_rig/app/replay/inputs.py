@@ -41,7 +41,7 @@ class ReplayInputs:
         friction: Coulomb coefficient between indenter and gel.
         tilt_rad: How far the indenter's axis is tilted towards x and y of the pad, from the tip
             upwards [rad]; a scene states the same tilt as rotations (-y, x) about x and y.
-        offset_m: Where its tip comes down beside the pad's centre, along x and y [m].
+        offset_m: Where its tip comes down, from the pad's centre along x and y [m].
         duration_s: Time from touch to dwell [s], for a gel that relaxes.
     """
 
@@ -121,7 +121,7 @@ class ReplayInputs:
 
 
 def inputs_of(config: RigConfig) -> ReplayInputs:
-    """Return what a configuration says of its replay.
+    """Return what a configuration is replayed with.
 
     Raises:
         ConfigError: It names something that does not exist.

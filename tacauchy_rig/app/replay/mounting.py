@@ -52,11 +52,11 @@ class FoundMounting:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dwell:
-    """A held press, as the cell felt it.
+    """The wrench of a held press.
 
     Attributes:
         wrench: Mean and standard error in the cell's frame [N, N m], shape [6] each; None where
-            the recording does not tell.
+            it is unknown.
     """
 
     record: TrialRecord
@@ -64,14 +64,14 @@ class Dwell:
 
 
 def dwells_of(attempts: Sequence[AttemptReading]) -> list[Dwell]:
-    """Return what the cell felt in each trial."""
+    """Return the wrench of each trial's dwell."""
     return [Dwell(record=each.record, wrench=each.dwell_wrench) for each in attempts]
 
 
 def with_found_tilt(
     dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
 ) -> FoundMounting:
-    """Return how a run is replayed with the tilt that its moments tell, where that is asked for."""
+    """Return the inputs with the tilt found from the moments, if the configuration asks for it."""
     if config.replay.pose is not PoseSource.FOUND:
         return FoundMounting(inputs=inputs)
     fit, why = tilt_of(dwells, inputs, config)
@@ -93,7 +93,7 @@ def with_found_tilt(
 def tilt_of(
     dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
 ) -> tuple[LeanFit | None, str]:
-    """Return the tilt that moments tell and how; None and the reason where they tell nothing."""
+    """Fit the tilt to the moments; return it and its basis, or None and the reason."""
     known = sorted(
         ((d.record, d.wrench) for d in dwells if d.wrench and (d.record.force_measured_n or 0) > 0),
         key=lambda pair: pair[0].force_measured_n or 0.0,
@@ -116,19 +116,19 @@ def tilt_of(
     except RigError as error:
         return None, f"a coarse press with a tilt failed: {error.message}"
     factor = 1.0
-    if tells_modulus(config):
+    if fits_modulus(config):
         curve = merge_histories([pressed.history])
         contact_n = config.protocol.contact_force
-        told = fit_modulus([([r for r, _ in known], curve)], contact_force_n=contact_n)
-        factor = 1.0 if told is None else told.factor
+        fitted = fit_modulus([([r for r, _ in known], curve)], contact_force_n=contact_n)
+        factor = 1.0 if fitted is None else fitted.factor
     moments, errors = _about_tip(np.array([w for _, w in known]), config)
     against = np.interp(forces_n / factor, tried_n, resisting_nm)
     fit = fit_lean(forces_n, moments, errors, factor * against)
     size, most = float(np.linalg.norm(fit.lean_rad)), config.workspace.max_tilt
     if size > most:
         return None, (
-            f"moments tell {_degrees(size)}, more than workspace.max_tilt, {_degrees(most)}: check "
-            "force_sensor.to_tip and how the cell is turned"
+            f"moments give a tilt of {_degrees(size)}, more than workspace.max_tilt, "
+            f"{_degrees(most)}: check force_sensor.to_tip and how the cell is turned"
         )
     return fit, f"the moments of {len(known)} trials"
 
@@ -140,8 +140,8 @@ def _tried_forces(config: RigConfig) -> list[float]:
     return sorted(force_n for force_n in {*targets_n, *ends_n} if force_n > 0.0)
 
 
-def tells_modulus(config: RigConfig) -> bool:
-    """Return whether a run's depths tell the gel's modulus."""
+def fits_modulus(config: RigConfig) -> bool:
+    """Return whether the gel's modulus is fitted to the run's depths."""
     return config.replay.modulus is ModulusSource.DEPTHS and config.replay.young is None
 
 
@@ -224,7 +224,7 @@ def find_offset(
     geometry: CameraGeometry,
     config: RigConfig,
 ) -> tuple[FoundValue, ...]:
-    """Return how far beside its simulated place the contact is seen, along x and y."""
+    """Return how far images show the contact from its simulated place, along x and y."""
     scale_m = np.array([geometry.scale_x_m, geometry.scale_y_m])
     shifts = []
     for attempt in attempts:

@@ -1,4 +1,4 @@
-"""How a run's images are rendered: optics and scale, and where they are from."""
+"""The optics and scale that a run's images are rendered with, and their source."""
 
 from __future__ import annotations
 
@@ -132,13 +132,12 @@ def optics_of(
 ) -> OpticalCalibration:
     """Return how a sensor's images are rendered.
 
-    A calibration file wins; without one the sensor is calibrated if there is a way to and its
-    renderer can be, or else its file's nominal optics have to do, and the model's provenance says
-    so.
+    A calibration file comes first, then ``calibrate`` if the sensor's renderer can be calibrated,
+    then the nominal optics of the sensor's file. The model's provenance records which.
 
     Args:
         given: The calibration file, or nothing.
-        sensor: Its camera looks where its file says.
+        sensor: Its file states where the camera looks.
         calibrate: How the sensor is calibrated without a file.
         on_progress: Told of what is done.
 
@@ -167,7 +166,7 @@ def nominal_optics(sensor: Sensor) -> OpticalCalibration:
 
 
 def calibrated_optics(given: str, sensor: Sensor) -> OpticalCalibration:
-    """Return what a calibration file holds, for images that look where a sensor's file says.
+    """Return the optics of a calibration file, with the view that the sensor's file states.
 
     Raises:
         ConfigError: The file is missing or damaged, or is of images of another size or scale, or

@@ -19,7 +19,7 @@ from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.mounting import (
     FoundMounting,
     dwells_of,
-    tells_modulus,
+    fits_modulus,
     tilted_curve,
     with_found_tilt,
 )
@@ -35,14 +35,14 @@ Pressed = tuple[Replay, dict[int, TrialFields]]
 
 
 def measured_depths(run: RunReading) -> list[float]:
-    """Return the measured depths of a run's trials [m]; empty where nobody measured any."""
+    """Return the measured depths of a run's trials [m], of those that have one."""
     return [each.depth_measured_m for each in measured_records(run) if each.depth_measured_m]
 
 
 def mounted(
     run: RunReading, inputs: ReplayInputs, *, on_progress: Say = say_nothing
 ) -> FoundMounting:
-    """Return the inputs of a run in its own time, and with the tilt that its moments tell.
+    """Return the inputs of a run with its measured duration and the tilt found from moments.
 
     Raises:
         RecordError: No trial has a measured force.
@@ -75,7 +75,7 @@ def press_parts(parts: Sequence[Part], *, on_progress: Say = say_nothing) -> lis
     at = f" at {len(parts)} places or with as many indenters" if len(parts) > 1 else ""
     on_progress(f"replaying {sum(counts)} trials{at}")
     fit, loaded = None, list[Walk | None]([None] * len(parts))
-    if tells_modulus(parts[0].run.store.config):
+    if fits_modulus(parts[0].run.store.config):
         fit, loaded = _fitted(parts, on_progress)
     return [
         _pressed(part, fit, path, on_progress) for part, path in zip(parts, loaded, strict=True)

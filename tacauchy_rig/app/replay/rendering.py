@@ -244,7 +244,7 @@ class _Maps:
         return self._heights[id(state)]
 
     def pressure_pa(self, state: PassedState) -> FloatArray:
-        """Return what presses on the gel that lies where a pixel looks [Pa], made small."""
+        """Return the pressure map of a state at the camera's pixels [Pa], averaged down."""
         if id(state) not in self._pressures:
             self._pressures[id(state)] = _small(self._pressed(state))
         return self._pressures[id(state)]

@@ -90,7 +90,7 @@ def replay_run(
         place = _found_place(parts, rendered, optics)
         offset_m = offset_of(place)
         if offset_m is not None:
-            on_progress("  images show the contact beside its stated place: pressing again there")
+            on_progress("  images show the contact at another place: pressing again there")
             parts = [replace(part, inputs=part.inputs.moved(offset_m)) for part in parts]
             pressed = press_parts(parts, on_progress=on_progress)
             rendered = _rendered(parts, pressed, optics, found_offset_m=offset_m)
@@ -128,7 +128,7 @@ def replay_run(
 def _read_frames(run: RunReading) -> None:
     """Read the frames that images are rendered over and held against."""
     for attempt in measured_attempts(run):
-        with suppress(RecordError):  # asked for again, it says so
+        with suppress(RecordError):  # raised again when the frames are used
             _ = attempt.reference, attempt.images
 
 
@@ -159,7 +159,7 @@ def _images(rendered: Sequence[Rendered]) -> dict[int, ImageArray]:
 def _found_place(
     parts: Sequence[Part], rendered: Sequence[Rendered], optics: OpticalCalibration
 ) -> tuple[FoundValue, ...]:
-    """Return how far beside its place the images show the contact.
+    """Return how far from its place the images show the contact.
 
     All stated places share one shift, that of the pad. Places that are not stated say nothing of
     others.

@@ -12,7 +12,7 @@ from tacauchy_rig.core.simulated import REPLAY_NAME
 
 
 def evidence_of(run: RunReading) -> RunEvidence:
-    """Return forces, depths and images of a run, each beside what its replay made of it.
+    """Return recorded and simulated forces, depths and images of a run.
 
     Raises:
         RecordError: Nothing is left to report.

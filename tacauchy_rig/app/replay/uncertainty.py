@@ -279,7 +279,7 @@ def _of_mounting(
 def _of_found(found: dict[str, FoundValue], name: str, default: Stated) -> Stated:
     """Return how uncertain both components of what was found are together.
 
-    What was found and is not simulated is missed by as much.
+    A value that was found but is not simulated adds to the uncertainty.
     """
     parts, basis = [], default.source
     for axis in "xy":

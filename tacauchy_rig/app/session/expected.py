@@ -1,7 +1,7 @@
-"""What a run's presses should give: the stated gel's force against depth, from the simulator.
+"""The expected force against depth of a run's presses, simulated with the stated gel.
 
-Made before a session, with preset fast, and kept in the run's folder. The control loop gets it as
-plain numbers and holds the force sensor against them.
+It is made before a session with preset fast and kept in the run's folder. The control loop compares
+the force sensor with it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ UNKNOWN_ERROR = 0.1
 """Relative error of the simulated force where nothing is known of it; preset fast, largest of the
 presses in docs/results/accuracy.md at nu 0.48 or below, doubled."""
 BEYOND = 1.6
-"""The curve goes to this many times the largest target, so that the softest gel lies on it."""
+"""The curve goes to this many times the largest target, so that it includes the softest gel."""
 _POINTS = 12
 _FIRST_SHARES = (0.01, 0.03)
 """Of the largest force: the first points of the curve, where a gel is softest."""
@@ -73,7 +73,7 @@ def expected_press(config: RigConfig) -> ExpectedPress:
         # A conforming mesh is too stiff, never too soft.
         low=1.0 / (spread * (1.0 + error)),
         high=spread,
-        lean_m=_lean(indenter),
+        lean_m=_tilted_edge_m(indenter),
         depth_error_m=DEPTH_ERROR_M[config.robot.model] + overrun_m,
         gel_height_m=sensor.pad.height_m,
     )
@@ -84,7 +84,7 @@ def kept_expectation(store: RunStore) -> ExpectedPress | None:
 
     Returns:
         None where there is no such sensor or the simulator does not get there; the run goes on
-        with the other witnesses, and its journal says so.
+        with the other checks of the force, and its journal records that.
 
     Raises:
         RecordError: Another program works on the run, the disk is full or gone, or the file is
@@ -114,8 +114,8 @@ def _stiffness_uncertainty(sensor: Sensor) -> float:
     return math.hypot(*parts)
 
 
-def _lean(indenter: Indenter) -> float:
-    """Return how far the edge of a leaning face lies below its middle [m]."""
+def _tilted_edge_m(indenter: Indenter) -> float:
+    """Return how far the edge of a tilted face is below its middle [m]."""
     if not isinstance(indenter, Cylinder):
         return 0.0
     return (indenter.radius_m - indenter.fillet_m) * math.sin(MOUNTING_TILT_RAD)

@@ -24,7 +24,7 @@ MISSED = "missed: "
 
 
 def create_run(loaded: LoadedConfig, config_text: str) -> RunStore:
-    """Make a run's folder where its configuration says.
+    """Make a run's folder in the configured output directory.
 
     Args:
         loaded: The configuration.

@@ -1,4 +1,4 @@
-"""The twin's process: follows a run at the lowest priority; nobody waits for it."""
+"""The twin's process: it follows a run at the lowest priority, and no process waits for it."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class TwinLine:
         stamp_ns: Of the force or depth that was followed, by ``time.monotonic_ns``.
         asked_n: The force that was followed; None where it was a depth.
         force_n: The twin's F_z [N].
-        force_error_n: What that is worth [N].
+        force_error_n: Stated error of that [N].
         residual: Of the images inside the contact; None where it was not looked at.
         lag_ms: From that stamp to the picture.
         processor_ms: Processor time of all of it; what others take is not in it.
@@ -57,7 +57,7 @@ class TwinLine:
 
 
 class LatestValue:
-    """Keeps the latest goal and camera frames of a run; older goals that nobody took are dropped.
+    """Keeps the latest goal and camera frames of a run; older goals are dropped.
 
     A depth counts from the height at which the press begins, plus the depth that the force has
     reached by then.

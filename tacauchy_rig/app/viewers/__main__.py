@@ -1,4 +1,4 @@
-"""The process that publishes a run; nobody waits for it, and nobody can ask anything of it."""
+"""The process that publishes a run: no other process waits for it, and it takes no requests."""
 
 from __future__ import annotations
 

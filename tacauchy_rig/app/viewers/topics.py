@@ -71,8 +71,8 @@ class Topics:
         elif shown.stream == "arm":
             self._tip(shown)
         elif shown.stream == "twin":
-            told = {name: value for name, value in shown.numbers.items() if name != "note"}
-            self._log("/twin", told, shown.stamp_ns)
+            message = {name: value for name, value in shown.numbers.items() if name != "note"}
+            self._log("/twin", message, shown.stamp_ns)
         if shown.picture is not None and shown.stream in self._images:
             self._picture(shown)
 
@@ -81,14 +81,16 @@ class Topics:
         self._trial = event.trial or self._trial
         if event.name == "phase":
             self._phase = str(event.detail.get("phase", ""))
-        told = {"trial": self._trial, "phase": self._phase, "event": event.name}
-        self._run.log(told, log_time=self._at_ns(time.monotonic_ns()))
+        message = {"trial": self._trial, "phase": self._phase, "event": event.name}
+        self._run.log(message, log_time=self._at_ns(time.monotonic_ns()))
 
     def _force(self, numbers: dict[str, Any]) -> None:
         target = self._targets.get(self._trial)
         for stamp_ns, force_n in zip(numbers["stamp_ns"], numbers["force_n"], strict=True):
-            told = {"pressing_n": force_n}
-            self._log("/force", told if target is None else {**told, "target_n": target}, stamp_ns)
+            message = {"pressing_n": force_n}
+            self._log(
+                "/force", message if target is None else {**message, "target_n": target}, stamp_ns
+            )
         wrench = numbers["wrench"]
         values = [*wrench.force, *wrench.torque] if hasattr(wrench, "force") else list(wrench)
         self._log("/wrench", dict(zip(AXES, values, strict=True)), numbers["stamp_ns"][-1])
@@ -104,10 +106,10 @@ class Topics:
     def _picture(self, shown: Shown) -> None:
         data, at_ns = shown.picture or b"", self._at_ns(shown.stamp_ns)
         kind = "png" if data.startswith(b"\x89PNG") else "jpeg"
-        message = CompressedImage(
+        picture = CompressedImage(
             timestamp=_stamp(at_ns), frame_id=CAMERA_FRAME, data=data, format=kind
         )
-        self._images[shown.stream].log(message, log_time=at_ns)
+        self._images[shown.stream].log(picture, log_time=at_ns)
 
     def _log(self, topic: str, numbers: dict[str, Any], stamp_ns: int) -> None:
         self._numbers[topic].log(numbers, log_time=self._at_ns(stamp_ns))
