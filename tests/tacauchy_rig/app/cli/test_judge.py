@@ -103,9 +103,9 @@ def test_outputs_can_stand_for_ours(run: Path, task: Path, tmp_path: Path) -> No
     assert np.allclose([each["difference"]["mean"] for each in found["contests"]], 0.0)
 
 
-def test_nobody_and_the_same_one_twice_are_refused(run: Path, task: Path, tmp_path: Path) -> None:
+def test_no_folder_and_one_twice_are_refused(run: Path, task: Path, tmp_path: Path) -> None:
     """Without a folder, or with two of one name, nothing is judged."""
-    with pytest.raises(ConfigError, match="nobody"):
+    with pytest.raises(ConfigError, match="nothing to judge"):
         judge(run=run, out=tmp_path / "judged")
     theirs = _theirs(task, tmp_path / "theirs")
     with pytest.raises(ConfigError, match="both of Other 3"):
