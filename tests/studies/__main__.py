@@ -20,6 +20,7 @@ STUDIES = {
     "twin-bench": "tests.studies.twin_bench.command:twin_bench",
     "libuipc": "tests.studies.libuipc.command:libuipc",
     "compare": "tests.studies.compare.command:compare",
+    "paper-mesh": "tests.studies.paper_mesh.command:paper_mesh",
     "judge-page": "tests.studies.judge_page.command:judge_page",
 }
 """Where each study's command is."""

@@ -10,6 +10,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from sim.optics.render.nominal import nominal_renderer
 from sim.press_command import scene_of
 from sim.scene.scene import Preset, SceneTerms
 from sim.sensor.sensor import load_sensor
@@ -24,26 +25,21 @@ from sim.studies.accuracy.judging import (
 )
 from sim.studies.accuracy.press import FULL, REFERENCE, SHIFTED, SHORT, Configuration, Row, reseeded
 from sim.studies.accuracy.tolerance import (
-    COST_WANTED,
     HELD_OUT,
     SEEN_BEFORE,
-    HeldOut,
-    ToleranceOutcome,
     check_tolerance,
+    tolerance_table,
 )
-from sim.studies.nominal_renderer import nominal_renderer
 from tacauchy_rig.core.page import table_prose
 from tacauchy_rig.core.study import Case, Result, Study, failures_table
-from tacauchy_rig.core.tables import Cell, Table, table_of
+from tacauchy_rig.core.tables import Table, table_of
 
 ROWS_WANTED, FRONT_WANTED = 12, 4
-KEPT_WANTED = 0.9
 # Two runs are compared, and either may be off by its bar.
 _RUNS = 2.0
 _TOLERANCE = "tolerance: "
 _prose = partial(table_prose, "sim.studies.accuracy", "tables.md.jinja")
 _row: Callable[[Any], Row] = TypeAdapter(Row).validate_python
-_outcome: Callable[[Any], ToleranceOutcome] = TypeAdapter(ToleranceOutcome).validate_python
 
 
 class Accuracy(Study):
@@ -90,7 +86,7 @@ class Accuracy(Study):
             Case(
                 name=f"{_TOLERANCE}{each.name}",
                 shows=f"within {each.tolerance}",
-                measure=partial(_checked, each),
+                measure=partial(check_tolerance, each),
                 on_request=not self._tolerances,
             )
             for each in (*HELD_OUT, *SEEN_BEFORE)
@@ -115,7 +111,7 @@ class Accuracy(Study):
         if result.failure:
             return result.failure
         if result.name.startswith(_TOLERANCE):
-            return "kept" if _outcome(result.found).is_kept else "not kept"
+            return f"kept: {result.found['kept']}"
         row = _row(result.found["row"])
         return f"F_z {row.errors['force']:+.2%} in {row.time_s:.2f} s"
 
@@ -146,7 +142,7 @@ class Accuracy(Study):
             ),
         ):
             names = [f"{_TOLERANCE}{each.name}" for each in scenes]
-            if outcomes := [_outcome(known[name]) for name in names if name in known]:
+            if outcomes := [known[name] for name in names if name in known]:
                 tables.append(tolerance_table(outcomes, title=title, note=note))
         return [*tables, *failures_table(results, kind=self.kind)]
 
@@ -194,10 +190,6 @@ def _measured(judge: Callable[[], Judge], each: Configuration, seed: int) -> dic
         "bars": judge().bars,
         "reference": {"name": reference.configuration.name, "wall_s": reference.wall_s},
     }
-
-
-def _checked(asked: HeldOut) -> dict[str, Any]:
-    return asdict(check_tolerance(asked))
 
 
 def study_table(
@@ -279,50 +271,4 @@ def seed_table(
         },
         passed=missed == 0,
         **_prose("seeds", seed=seed, within=total - missed, total=total, shift=f"{EDGE_SHIFT:.0%}"),
-    )
-
-
-def tolerance_table(found: Sequence[ToleranceOutcome], *, title: str, note: str = "") -> Table:
-    """Return what a tolerance chose for each scene, and what that was worth.
-
-    Args:
-        note: What else is to be said of the scenes.
-    """
-    kept = sum(each.is_kept for each in found)
-    thrifty = sum(each.is_thrifty for each in found)
-    columns: dict[str, Callable[[ToleranceOutcome], Cell]] = {
-        "F_z [N]": lambda each: each.force_n,
-        "allowed [%]": lambda each: 1e2 * each.allowed,
-        "settings chosen": lambda each: each.setting,
-        "error believed [%]": lambda each: 1e2 * each.believed,
-        "true error [%]": lambda each: 1e2 * each.true_error,
-        "doubt of it [%]": lambda each: 1e2 * each.doubt,
-        "kept": lambda each: "yes" if each.is_kept else "no",
-        "cheapest that would have kept it": lambda each: each.cheapest,
-        "time over its time": lambda each: each.cost_ratio,
-        "of it for choosing": lambda each: each.choice_ratio,
-    }
-    refused = {"settings chosen": "refused", "kept": "no"}
-
-    def unless_refused(each: ToleranceOutcome, name: str) -> Cell:
-        return refused.get(name) if each.setting is None else columns[name](each)
-
-    return table_of(
-        found,
-        {
-            "scene": lambda each: each.name,
-            "tolerance": lambda each: each.tolerance,
-            **{name: partial(unless_refused, name=name) for name in columns},
-        },
-        passed=kept >= KEPT_WANTED * len(found) and thrifty == len(found),
-        **_prose(
-            "tolerances",
-            title=title,
-            kept=kept,
-            count=len(found),
-            cost=f"{COST_WANTED:g}",
-            thrifty=thrifty,
-            plain=sum(each.is_thrifty_once_chosen for each in found),
-            more=note,
-        ),
     )

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import time
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
+from typing import Any
 
 from sim.effects.coarse import coarse_press
 from sim.effects.plan import plan_effects
@@ -25,8 +27,22 @@ from sim.scene.scene import Preset, Scene, Target
 from sim.studies.accuracy.judging import ForceLimit, error_order, extrapolated
 from sim.studies.accuracy.press import COARSENING
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.page import table_prose
+from tacauchy_rig.core.tables import Table, table_of_rows
 
-COST_WANTED = 2.0
+COST_WANTED, KEPT_WANTED = 2.0, 0.9
+CHEAPEST, COST = "cheapest that would have kept it", "time over its time"
+CHOICE = "of it for choosing"
+COLUMNS: tuple[str, ...] = (
+    "scene",
+    "tolerance",
+    "F_z [N]",
+    "allowed [%]",
+    "settings chosen",
+    "error believed [%]",
+)
+COLUMNS += ("true error [%]", "doubt of it [%]", "kept", CHEAPEST, COST, CHOICE)
+Row = dict[str, Any]
 _EVERYTHING_ON = 2e-4
 
 
@@ -100,72 +116,28 @@ def warm_up() -> None:
         pressed(Setting(preset, 0.5).applied(HELD_OUT[0].scene), 1e-5)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ToleranceOutcome:
-    """What a tolerance chose for a scene, and what that was worth.
-
-    Attributes:
-        allowed: The tolerance relative to the force that was found.
-        setting: The one that was chosen; None where none was promised, and then there are no
-            numbers.
-        believed: Relative error that was stated.
-        true_error: Relative to the limit of finer meshes, with its sign.
-        doubt: Relative error that the limit may have.
-        cheapest: The cheapest setting whose true error is within the tolerance; None if none is.
-        cost_ratio: Processor time of the choice and of the chosen setting over that of the
-            cheapest.
-        choice_ratio: Of the choice alone.
-    """
-
-    name: str
-    tolerance: str
-    refusal: str = ""
-    allowed: float = 0.0
-    setting: str | None = None
-    force_n: float = 0.0
-    depth_m: float = 0.0
-    believed: float = 0.0
-    true_error: float = 0.0
-    doubt: float = 0.0
-    cheapest: str | None = None
-    cost_ratio: float | None = None
-    choice_ratio: float | None = None
-
-    @property
-    def is_kept(self) -> bool:
-        """The true error is within the tolerance."""
-        return self.setting is not None and abs(self.true_error) <= self.allowed
-
-    @property
-    def is_thrifty(self) -> bool:
-        """It cost no more than twice what the cheapest would have."""
-        return self.cost_ratio is not None and self.cost_ratio <= COST_WANTED
-
-    @property
-    def is_thrifty_once_chosen(self) -> bool:
-        """The same without the time that the choice took."""
-        if self.cost_ratio is None or self.choice_ratio is None:
-            return False
-        return self.cost_ratio - self.choice_ratio <= COST_WANTED
-
-
-def check_tolerance(asked: HeldOut) -> ToleranceOutcome:
-    """Choose settings for a scene, press with them, and find out what they were worth.
+def check_tolerance(asked: HeldOut) -> Row:
+    """Choose settings for a scene, press with them, and find out how far off they are.
 
     All presses go to one depth, for a force that at which preset fast reaches it, so that times
     are alike and another choice needs few other presses.
+
+    Returns:
+        A row of the table: errors are relative to the limit of finer meshes, and times are the
+        processor's, of the choice and of the chosen setting over that of the cheapest setting
+        that would have kept the tolerance.
 
     Raises:
         RigError: A press does not go through.
     """
     warm_up()
+    row: Row = dict.fromkeys(COLUMNS)
+    row |= {"scene": asked.name, "tolerance": str(asked.tolerance)}
     started = time.process_time()
     try:
         scene = keeping(asked.scene, asked.tolerance)
     except ConfigError as refused:
-        return ToleranceOutcome(
-            name=asked.name, tolerance=str(asked.tolerance), refusal=refused.message
-        )
+        return row | {"settings chosen": "refused", "kept": "no", "refusal": refused.message}
     choosing = time.process_time() - started
     depth = judged_depth(asked.scene)
     # The limit is that of the mesh that the scene's own target asks for.
@@ -183,24 +155,48 @@ def check_tolerance(asked: HeldOut) -> ToleranceOutcome:
     setting, error, spent = trial(setting_of(scene))
     # Preset paper is left out: its error is 70 % or more.
     trials = (trial(other) for other in WORTH if other.preset is not Preset.PAPER)
-    cheapest, _, least = next(
-        (found for found in trials if abs(found[1]) <= allowed), (None, 0.0, 0.0)
+    cheapest = next((found for found in trials if abs(found[1]) <= allowed), None)
+    if cheapest is not None:
+        row |= {
+            CHEAPEST: str(cheapest[0]),
+            COST: (choosing + spent) / cheapest[2],
+            CHOICE: choosing / cheapest[2],
+        }
+    return row | {
+        "F_z [N]": limit.force_n,
+        "allowed [%]": 1e2 * allowed,
+        "settings chosen": str(setting),
+        "error believed [%]": 1e2 * _believed(scene, depth),
+        "true error [%]": 1e2 * error,
+        "doubt of it [%]": 1e2 * limit.doubt,
+        "kept": "yes" if abs(error) <= allowed else "no",
+    }
+
+
+def tolerance_table(rows: Sequence[Row], *, title: str, note: str = "") -> Table:
+    """Return what a tolerance chose for each scene, and how near that came.
+
+    Args:
+        note: What else is to be said of the scenes.
+    """
+    kept = sum(row["kept"] == "yes" for row in rows)
+    costs = [(row[COST], row[CHOICE]) for row in rows if row[COST] is not None]
+    thrifty = sum(cost <= COST_WANTED for cost, _ in costs)
+    prose = table_prose(
+        "sim.studies.accuracy",
+        "tables.md.jinja",
+        "tolerances",
+        title=title,
+        kept=kept,
+        count=len(rows),
+        cost=f"{COST_WANTED:g}",
+        thrifty=thrifty,
+        plain=sum(cost - choice <= COST_WANTED for cost, choice in costs),
+        more=note,
     )
-    believed = _believed(scene, depth)
-    return ToleranceOutcome(
-        name=asked.name,
-        tolerance=str(asked.tolerance),
-        allowed=allowed,
-        setting=str(setting),
-        force_n=limit.force_n,
-        depth_m=depth,
-        believed=believed,
-        true_error=error,
-        doubt=limit.doubt,
-        cheapest=None if cheapest is None else str(cheapest),
-        cost_ratio=None if cheapest is None else (choosing + spent) / least,
-        choice_ratio=None if cheapest is None else choosing / least,
-    )
+    shown = [{name: row[name] for name in COLUMNS} for row in rows]
+    passed = kept >= KEPT_WANTED * len(rows) and thrifty == len(rows)
+    return table_of_rows(shown, passed=passed, **prose)
 
 
 def _believed(scene: Scene, depth_m: float) -> float:

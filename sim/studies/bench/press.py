@@ -26,7 +26,7 @@ from tacauchy_rig.core.errors import ConfigError
 _REPEATS, _ENOUGH_S = 3, 6.0
 # Of the way, for what compiles or loads the kernels.
 _WARM_SHARE = 0.1
-# The preset where none promises a tolerance: the first whose usual error is within it.
+# The preset where no setting states a tolerance: the first whose usual error is within it.
 _UNPROMISED = ((0.03, Preset.FAST), (0.01, Preset.BALANCED), (0.0, Preset.ACCURATE))
 
 
@@ -36,9 +36,9 @@ def press_scene(stated: Mapping[str, Any], manner: Manner) -> ScenePress:
     Raises:
         RigError: The scene cannot be built or pressed so.
     """
-    scene, promised = within(stated_scene(stated), manner.tolerance)
+    scene, is_stated = within(stated_scene(stated), manner.tolerance)
     if manner.environments is None:
-        return press_in_frames(scene, promised=promised, device=manner.device)
+        return press_in_frames(scene, promised=is_stated, device=manner.device)
     return press_batch(scene, json.dumps(dict(stated)), manner)
 
 
@@ -66,7 +66,7 @@ def stated_scene(stated: Mapping[str, Any]) -> Scene:
 
 
 def within(scene: Scene, tolerance: str) -> tuple[Scene, bool]:
-    """Return a scene with the cheapest setting for a tolerance, and whether that promises it.
+    """Return a scene with the cheapest setting for a tolerance, and whether that states to keep it.
 
     Raises:
         ConfigError: The text is no tolerance.
@@ -87,7 +87,7 @@ def press_in_frames(
     """Press a scene in equal frames from the untouched gel on.
 
     Args:
-        promised: What the result says of its setting.
+        promised: Whether the setting states to keep the tolerance.
         device: Warp's.
         is_timed: Compile the kernels before, and press several times.
 

@@ -43,7 +43,7 @@ _prose = partial(table_prose, "sim.studies.bench", "scenes.md.jinja")
 
 def scene_tables(rows: Sequence[SceneRow], references: Mapping[str, Reference]) -> list[Table]:
     """Return the tables of scenes that were pressed in one manner."""
-    tables = [_speed(rows), _worth(rows, references), _work(rows)]
+    tables = [_speed(rows), _forces(rows, references), _work(rows)]
     if any(row.press and row.press.parts_s for row in rows):
         tables.append(_launches(rows))
     return tables
@@ -82,7 +82,7 @@ def _speed(rows: Sequence[SceneRow]) -> Table:
     )
 
 
-def _worth(rows: Sequence[SceneRow], references: Mapping[str, Reference]) -> Table:
+def _forces(rows: Sequence[SceneRow], references: Mapping[str, Reference]) -> Table:
     text = rows[0].manner.tolerance if any(row.scene in references for row in rows) else ""
     allowed = parse_tolerance(text, field="--tolerance") if text else None
 
@@ -113,7 +113,7 @@ def _worth(rows: Sequence[SceneRow], references: Mapping[str, Reference]) -> Tab
             for off, row in zip(errors, rows, strict=True)
         ),
         **_prose(
-            "worth",
+            "forces",
             way=rows[0].manner.text,
             allowed=text,
             unknown=[row.scene for row in rows if row.scene not in references],

@@ -124,12 +124,12 @@ class Manner:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScenePress:
-    """What a scene's frames took, and what the last of them is worth.
+    """What a scene's frames took, and the forces of the last of them.
 
     Attributes:
         preset: That it was pressed with; ``batch`` in a batch.
         edges: How many times as long as the preset's the edges were.
-        promised: The setting was chosen since it promises the tolerance.
+        promised: The setting states to keep the tolerance.
         setup_s: Mesh, upload and symbolic factorisation [s].
         wall_s: All frames of all environments [s].
         cpu_s: Processor time of the same [s].
@@ -173,7 +173,7 @@ class SceneRow:
 
     @property
     def setting(self) -> str:
-        """Preset and length of edges; * where it does not promise the tolerance asked for."""
+        """Preset and length of edges; * where it does not state the tolerance asked for."""
         if self.press is None:
             return "failed"
         edges = "" if self.press.edges == 1.0 else f" {self.press.edges:.2f}"

@@ -19,18 +19,20 @@ from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.bench import Part
 from sim.studies.bench.parts import (
     FORCE_ERROR_MAX,
-    GrowthRow,
     ImageOf,
-    ReplayRow,
-    StartRow,
-    ThreadsRow,
-    growth,
+    Row,
+    draw_growth,
+    growth_table,
+    measure_growth,
     measure_replay,
     measure_start,
     measure_threads,
+    replay_table,
+    start_table,
+    threads_table,
 )
 from sim.studies.bench.press import press_reference, press_scene
-from sim.studies.bench.rendering import RenderingRow, measure_rendering
+from sim.studies.bench.rendering import measure_rendering, rendering_table
 from sim.studies.bench.scene_tables import draw_scenes, scene_tables
 from sim.studies.bench.scenes import (
     BenchScene,
@@ -42,7 +44,6 @@ from sim.studies.bench.scenes import (
     drawn_scenes,
     read_references,
 )
-from sim.studies.bench.tables import draw_growth, part_table
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.parallel import IsolatedWorker, ProcessFailedError
 from tacauchy_rig.core.study import Case, Result, Study, failures_table
@@ -51,12 +52,12 @@ from tacauchy_rig.core.tables import Table
 REFERENCE_FILE = Path("docs/results/benchmarks/scenes_reference.json")
 SCENE_LIMIT_S = 1800.0
 _GROWTH_DEPTH_M, _WARM_M = 0.5e-3, 0.02e-3
-_ROWS: dict[Part, Any] = {
-    Part.REPLAY: TypeAdapter(list[ReplayRow]),
-    Part.GROWTH: TypeAdapter(list[GrowthRow]),
-    Part.START: TypeAdapter(list[StartRow]),
-    Part.THREADS: TypeAdapter(list[ThreadsRow]),
-    Part.RENDERING: TypeAdapter(list[RenderingRow]),
+_TABLES: dict[Part, Callable[[Sequence[Row]], Table]] = {
+    Part.REPLAY: replay_table,
+    Part.GROWTH: growth_table,
+    Part.START: start_table,
+    Part.THREADS: threads_table,
+    Part.RENDERING: rendering_table,
 }
 _press: Callable[[Any], ScenePress] = TypeAdapter(ScenePress).validate_python
 # Presets of references; the next is taken where one does not come to its end.
@@ -182,24 +183,24 @@ class Bench(Study):
                 found[scene.name] = Reference(stated=scene.stated, press=_press(result.found))
         return found
 
-    def rows(self, results: Sequence[Result], part: Part) -> list[Any]:
+    def rows(self, results: Sequence[Result], part: Part) -> list[Row]:
         """Return the rows of a part; none where it was not measured."""
         found = [each.found for each in results if each.name == part and not each.failure]
-        return list(_ROWS[part].validate_python(found[0])) if found else []
+        return found[0] if found else []
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return a table for each part, and several for the scenes in each manner."""
-        tables = [part_table(p, rows) for p in _ROWS if (rows := self.rows(results, p))]
+        tables = [table(rows) for p, table in _TABLES.items() if (rows := self.rows(results, p))]
         references = self.references(results)
-        for rows in self.groups(results):
-            tables += scene_tables(rows, references)
+        for group in self.groups(results):
+            tables += scene_tables(group, references)
         return [*tables, *failures_table(results, kind=self.kind)]
 
     def facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
         """Return the parts' rows, the scenes' groups and references, and one row a press."""
         references, groups = self.references(results), self.groups(results)
         return {
-            **{part.value: rows for part in _ROWS if (rows := self.rows(results, part))},
+            **{part.value: rows for part in _TABLES if (rows := self.rows(results, part))},
             "groups": [[row.as_json() for row in rows] for rows in groups],
             "references": references,
             "rows": list(_speed_rows((row for rows in groups for row in rows), references)),
@@ -240,26 +241,24 @@ def _speed_rows(
         }
 
 
-def _measured(part: Part, options: BenchOptions) -> list[dict[str, Any]]:
+def _measured(part: Part, options: BenchOptions) -> list[Row]:
     scene = scene_of(options.terms)
     _warm_up(scene)
-    measures: dict[Part, Callable[[], Iterable[Any]]] = {
+    measures: dict[Part, Callable[[], Iterable[Row]]] = {
         Part.REPLAY: lambda: _replays(scene, options),
-        Part.GROWTH: lambda: growth(scene, depth_m=_GROWTH_DEPTH_M),
+        Part.GROWTH: lambda: measure_growth(scene, depth_m=_GROWTH_DEPTH_M),
         Part.START: measure_start,
         Part.THREADS: lambda: measure_threads(scene),
         Part.RENDERING: lambda: measure_rendering(scene),
     }
-    return [asdict(row) for row in measures[part]()]
+    return list(measures[part]())
 
 
-def _replays(scene: Scene, options: BenchOptions) -> list[ReplayRow]:
-    image_of = options.make_images(load_sensor(scene.sensor))
-    within = Tolerance(relative=FORCE_ERROR_MAX)
-    return [
-        measure_replay(scene, options.forces_n, image_of),
-        measure_replay(scene, options.forces_n, image_of, tolerance=within),
-    ]
+def _replays(scene: Scene, options: BenchOptions) -> list[Row]:
+    replayed = partial(
+        measure_replay, scene, options.forces_n, options.make_images(load_sensor(scene.sensor))
+    )
+    return [replayed(), replayed(tolerance=Tolerance(relative=FORCE_ERROR_MAX))]
 
 
 @cache

@@ -134,7 +134,7 @@ def check_effects(case: EffectCase, *, errors: bool = False) -> EffectCheck:
     full_s = time.process_time() - started
     found, true = planned.differences(full), {}
     if errors:
-        # What inertia changes is told by the press with everything on, at a fraction of the time.
+        # What inertia changes follows from the press with everything on, at a fraction of the time.
         inertia = (Effect.INERTIA, plan.is_on(Effect.INERTIA))
         shorter = replace(
             scene, refinement=_FINER * scene.refinement, effects=(*scene.effects, inertia)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -82,17 +83,19 @@ def force_balance() -> Outcome:
             gap = min(gap, contact_measures(path, point).gap_min_m)
             count += 1
     slide = slide_and_return()
-    worst, gap = max(worst, slide.balance_relative), min(gap, slide.gap_min_m)
+    worst, gap = max(worst, slide["balance_relative"]), min(gap, slide["gap_min_m"])
     measured: Measured = {
-        "equilibria": count + slide.equilibria,
+        "equilibria": count + len(_SLIDE_SIGNS),
         "force_balance_max_relative": worst,
         "gap_min_m": gap,
-        "slide_dissipated_min_of_a_point_j": slide.point_min_j,
-        "slide_dissipated_j": slide.dissipated_j,
-        "slide_work_less_stored_j": slide.work_less_stored_j,
+        "slide_dissipated_min_of_a_point_j": slide["point_min_j"],
+        "slide_dissipated_j": slide["dissipated_j"],
+        "slide_work_less_stored_j": slide["work_less_stored_j"],
     }
     passed = worst <= 1e-6 and gap > 0.0
-    passed &= slide.gives_nothing_back and min(slide.dissipated_j, slide.work_less_stored_j) > 0.0
+    passed &= (
+        gives_nothing_back(slide) and min(slide["dissipated_j"], slide["work_less_stored_j"]) > 0.0
+    )
     return Outcome(passed=passed, measured=measured)
 
 
@@ -113,31 +116,14 @@ def repeatable() -> Outcome:
     return Outcome(passed=max(same, other) <= FORCE_ROUNDING, measured=measured)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Slide:
-    """A slide there and back.
+def slide_and_return() -> dict[str, float]:
+    """Press a ball in, slide it by 0.2 mm and back at the same depth.
 
-    Attributes:
-        point_min_j: Least dissipation of a contact point in an increment [J].
-        dissipated_j: Sum over points and increments: friction's force times slip [J].
-        work_less_stored_j: The indenter's work by the trapezoidal rule less what is stored [J].
+    Returns:
+        The largest imbalance, relative; the smallest gap [m]; the least dissipation of a contact
+        point in an increment, and the sum of friction's force times slip [J]; the indenter's work
+        by the trapezoidal rule less what is stored [J].
     """
-
-    equilibria: int
-    balance_relative: float
-    gap_min_m: float
-    point_min_j: float
-    dissipated_j: float
-    work_less_stored_j: float
-
-    @property
-    def gives_nothing_back(self) -> bool:
-        """Whether every point dissipates at every increment, to rounding."""
-        return self.point_min_j >= -_DISSIPATION_ROUNDING * self.dissipated_j
-
-
-def slide_and_return() -> Slide:
-    """Press a ball in, slide it by 0.2 mm and back at the same depth."""
     options = ContactOptions(distance_m=BARRIER_M, friction=0.4)
     mesh = round_mesh(symmetric=False)
     model = pad_model(mesh, order=ElementOrder.P1, contact_options=options)
@@ -154,14 +140,18 @@ def slide_and_return() -> Slide:
         lost.append(_dissipation(before, point))
         balances.append(balance_relative(model, point))
         gaps.append(contact_measures(path, point).gap_min_m)
-    return Slide(
-        equilibria=len(_SLIDE_SIGNS),
-        balance_relative=max(balances),
-        gap_min_m=min(gaps),
-        point_min_j=min(least for least, _ in lost),
-        dissipated_j=sum(total for _, total in lost),
-        work_less_stored_j=work - (_stored(path, point) - stored),
-    )
+    return {
+        "balance_relative": max(balances),
+        "gap_min_m": min(gaps),
+        "point_min_j": min(least for least, _ in lost),
+        "dissipated_j": sum(total for _, total in lost),
+        "work_less_stored_j": work - (_stored(path, point) - stored),
+    }
+
+
+def gives_nothing_back(slide: Mapping[str, float]) -> bool:
+    """Return whether every point dissipates at every increment, to rounding."""
+    return slide["point_min_j"] >= -_DISSIPATION_ROUNDING * slide["dissipated_j"]
 
 
 def _dissipation(before: PathPoint, after: PathPoint) -> tuple[float, float]:

@@ -146,7 +146,7 @@ def _pressed_at(scene: Scene) -> Measured:
 
 
 def _refused(scene: Scene) -> str:
-    """Return what a press beside the pad is told, or nothing."""
+    """Return the message of a press next to the pad, or nothing."""
     try:
         press(scene)
     except ConfigError as error:

@@ -16,9 +16,9 @@ import os
 import re
 import subprocess
 import sys
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import sim
 import tacauchy_rig
@@ -41,24 +41,26 @@ def single_precision() -> Outcome:
     """Press in both precisions and compare."""
     double, single = presses(), _single_presses()
     measured: Measured = {
-        "kernel_rounding_float64": double[0].kernel_epsilon,
-        "kernel_rounding_float32": single[0].kernel_epsilon,
+        "kernel_rounding_float64": double[0]["kernel_epsilon"],
+        "kernel_rounding_float32": single[0]["kernel_epsilon"],
     }
     worst = dict.fromkeys(BARRIERS_M, 0.0)
     for exact, rounded in zip(double, single, strict=True):
-        deviation = rounded.force_n / exact.force_n - 1.0
-        worst[exact.barrier_m] = max(worst[exact.barrier_m], abs(deviation))
-        measured[f"{exact.name}, barrier {exact.barrier_m * 1e6:g} um"] = (
-            f"force {deviation:+.1e}, residual {rounded.residual_n / rounded.force_n:.1e} of it, "
-            f"{rounded.iterations} iterations instead of {exact.iterations}"
+        deviation = rounded["force_n"] / exact["force_n"] - 1.0
+        barrier = exact["barrier_m"]
+        worst[barrier] = max(worst[barrier], abs(deviation))
+        off = rounded["residual_n"] / rounded["force_n"]
+        measured[f"{exact['name']}, barrier {barrier * 1e6:g} um"] = (
+            f"force {deviation:+.1e}, residual {off:.1e} of it, "
+            f"{rounded['iterations']} iterations instead of {exact['iterations']}"
         )
-    for barrier_m, deviation in worst.items():
-        measured[f"force_deviation_max_at_{barrier_m * 1e6:g}_um"] = deviation
-    flagged, mistaken = (sum(press.stalled for press in found) for found in (single, double))
+    for barrier, deviation in worst.items():
+        measured[f"force_deviation_max_at_{barrier * 1e6:g}_um"] = deviation
+    flagged, mistaken = (sum(press["stalled"] for press in found) for found in (single, double))
     measured["float32_stalls_flagged"] = f"{flagged} of {len(single)}"
     measured["float64_stalls_flagged"] = f"{mistaken} of {len(double)}"
     passed = worst[BARRIERS_M[0]] <= _TOLERANCE and flagged == len(single) and mistaken == 0
-    return Outcome(passed=passed and single[0].kernel_epsilon > 1e-8, measured=measured)
+    return Outcome(passed=passed and single[0]["kernel_epsilon"] > 1e-8, measured=measured)
 
 
 def in_single_precision(source: str) -> str:
@@ -67,7 +69,7 @@ def in_single_precision(source: str) -> str:
     return _COMPOSED.sub(r"wp.\1f", halved)
 
 
-def _single_presses() -> list[Pressed]:
+def _single_presses() -> list[dict[str, Any]]:
     origin = Path(sim.__path__[0])
     with TemporaryDirectory() as folder:
         for path in origin.rglob("*"):
@@ -78,7 +80,7 @@ def _single_presses() -> list[Pressed]:
             copy.write_text(in_single_precision(path.read_text(encoding="utf-8")), encoding="utf-8")
         spine = str(Path(tacauchy_rig.__path__[0]).parent)
         known = [path for path in (folder, spine, os.environ.get("PYTHONPATH", "")) if path]
-        told = subprocess.run(
+        done = subprocess.run(
             [sys.executable, "-m", "sim.studies.hard_cases.precision"],
             check=True,
             capture_output=True,
@@ -86,32 +88,18 @@ def _single_presses() -> list[Pressed]:
             cwd=folder,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(known)},
         )
-    return [Pressed(**numbers) for numbers in json.loads(told.stdout)]
+    found: list[dict[str, Any]] = json.loads(done.stdout)
+    return found
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pressed:
-    """One press.
+def presses() -> list[dict[str, Any]]:
+    """Press a punch and a ball into linear and quadratic elements.
 
-    Attributes:
-        barrier_m: d_hat [m].
-        force_n: F_z [N].
-        residual_n: Norm of what is unbalanced at the end [N].
-        stalled: Newton said that rounding ended it.
-        kernel_epsilon: Relative rounding of the kernels that computed it.
+    Returns:
+        Of each press d_hat as ``barrier_m``, F_z as ``force_n``, the norm of what is unbalanced as
+        ``residual_n``, whether Newton said that rounding ended it as ``stalled``, and the kernels'
+        relative rounding as ``kernel_epsilon``.
     """
-
-    name: str
-    barrier_m: float
-    force_n: float
-    residual_n: float
-    stalled: bool
-    iterations: int
-    kernel_epsilon: float
-
-
-def presses() -> list[Pressed]:
-    """Press a punch and a ball into linear and quadratic elements."""
     return [
         _press(order, indenter, barrier_m)
         for barrier_m in BARRIERS_M
@@ -120,20 +108,20 @@ def presses() -> list[Pressed]:
     ]
 
 
-def _press(order: ElementOrder, indenter: Indenter, barrier_m: float) -> Pressed:
+def _press(order: ElementOrder, indenter: Indenter, barrier_m: float) -> dict[str, Any]:
     options = ContactOptions(distance_m=barrier_m)
     path = LoadingPath(pad_model(round_mesh(), order=order, contact_options=options), indenter)
     point = path.advance(_PRESS_DEPTH_M)
-    return Pressed(
-        name=f"{order.value} {describe(indenter)}",
-        barrier_m=barrier_m,
-        force_n=float(point.force_n[2]),
-        residual_n=point.equilibrium.residual_n,
-        stalled=point.equilibrium.stalled,
-        iterations=path.counts.newton_iterations,
-        kernel_epsilon=KERNEL_EPSILON,
-    )
+    return {
+        "name": f"{order.value} {describe(indenter)}",
+        "barrier_m": barrier_m,
+        "force_n": float(point.force_n[2]),
+        "residual_n": point.equilibrium.residual_n,
+        "stalled": point.equilibrium.stalled,
+        "iterations": path.counts.newton_iterations,
+        "kernel_epsilon": KERNEL_EPSILON,
+    }
 
 
 if __name__ == "__main__":
-    sys.stdout.write(json.dumps([asdict(press) for press in presses()]))
+    sys.stdout.write(json.dumps(presses()))

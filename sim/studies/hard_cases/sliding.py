@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
 from sim.contact.state import ContactOptions
+from sim.fields.contact_signature import contact_signature
 from sim.press import contact_measures
 from sim.scene.indenter import Plane, Sphere
 from sim.scene.pad import DiscPad
 from sim.solve.loading_path import LoadingPath
 from sim.solve.path_point import PathPoint
 from sim.studies.hard_cases.pads import DISC, HEIGHT_M, Outcome, grip_of, pad_model, round_mesh
-from sim.studies.modes.signatures import contact_signature
 from tacauchy_rig.core.arrays import FloatArray
 
 FRICTION = 0.5
@@ -37,13 +36,11 @@ def stick_slip(*, step_m: float = 40e-6, step_count: int = 10, hold_count: int =
     back_and_forth = ((1, 1), (0, hold_count), (1, step_count), (0, hold_count), (-1, step_count))
     moves = [sign * step_m for sign, count in back_and_forth for _ in range(count)]
     points = [path.advance(0.3e-3), *(path.carry(shift_m=(move, 0.0)) for move in moves)]
-    steps = [_drag_step(path, *pair) for pair in pairwise(points)]
-    dragged = [step for step, move in zip(steps, moves, strict=True) if move]
-    held = [step for step, move in zip(steps, moves, strict=True) if not move]
-    excess = max(step.excess for step in steps)
-    creep = max(step.creep_m for step in dragged)
-    creep_held = max(step.slip_m for step in held)
-    shares = [step.stuck_share for step in dragged]
+    steps = np.array([_drag_step(path, *pair) for pair in pairwise(points)])
+    dragged = np.array(moves) != 0.0
+    excess = float(steps[:, 0].max())
+    creep, creep_held = float(steps[dragged, 1].max()), float(steps[~dragged, 2].max())
+    shares = steps[dragged, 3].tolist()
     allowed = EPS_V_M_S * step_m / SPEED_M_S
     return Outcome(
         passed=excess <= LIMIT_EXCESS
@@ -63,32 +60,22 @@ def stick_slip(*, step_m: float = 40e-6, step_count: int = 10, hold_count: int =
     )
 
 
-class _DragStep(NamedTuple):
-    """One step of a drag.
+def _drag_step(path: LoadingPath, before: PathPoint, point: PathPoint) -> tuple[float, ...]:
+    """Return what one step of a drag did.
 
-    Attributes:
-        excess: Tangential over normal forces over mu, less one.
-        creep_m: Farthest that a point which sticks moved along the indenter [m].
-        slip_m: Farthest that a point which touches did [m].
-        stuck_share: Of the points that touch, those that stick.
+    Returns:
+        Tangential over normal forces over mu, less one; how far a point that sticks moved along
+        the indenter, and any that touches, at most [m]; the share of touching points that stick.
     """
-
-    excess: float
-    creep_m: float
-    slip_m: float
-    stuck_share: float
-
-
-def _drag_step(path: LoadingPath, before: PathPoint, point: PathPoint) -> _DragStep:
     old, new = grip_of(before), grip_of(point)
     touching = (old.held > 0.0) & (new.held > 0.0)
     stuck = touching & np.all(old.anchors == new.anchors, axis=2)
     slip = _along_indenter(path, before, point)
-    return _DragStep(
-        excess=contact_signature(path.model, point).sliding_friction / FRICTION - 1.0,
-        creep_m=float(slip[stuck].max(initial=0.0)),
-        slip_m=float(slip[touching].max(initial=0.0)),
-        stuck_share=float(stuck.sum() / max(touching.sum(), 1)),
+    return (
+        contact_signature(path.model, point).sliding_friction / FRICTION - 1.0,
+        float(slip[stuck].max(initial=0.0)),
+        float(slip[touching].max(initial=0.0)),
+        float(stuck.sum() / max(touching.sum(), 1)),
     )
 
 

@@ -19,10 +19,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.tri import Triangulation
 
+from sim.fields.contact_signature import SurfaceMaps, surface_maps, traction_arrows
 from sim.fields.stress_field import recovered_stress
 from sim.solve.model import Model
 from sim.studies.modes.runs import ModeRun
-from sim.studies.modes.signatures import SurfaceMaps, surface_maps, traction_arrows
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
+from sim.fields.contact_signature import ContactSignature, contact_signature
 from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.loading_path import Hold, LoadingPath
 from sim.solve.path_point import PathPoint
-from sim.studies.modes.signatures import ContactSignature, contact_signature
 from tacauchy_rig.core.errors import ConfigError
 
 FRICTION = 0.5
@@ -34,7 +34,7 @@ _TWIST_STEP_RAD, _TWIST_MAX_RAD = 0.1, 0.6
 _SLIDING_SHARE = 0.999
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ModeCriterion:
     """One number of a signature against its limit.
 
@@ -78,29 +78,16 @@ def slide_criteria(
     cosine = float(on_indenter[0] / np.linalg.norm(on_indenter))
     mobilised = signature.mobilised_friction / FRICTION
     settled = abs(growth) <= GROWTH_MAX
-    advance = signature.centre_m[0] - before.centre_m[0]
-    step = f"{SLIDE_STEP_M * 1e3:g} mm"
+    advance = 1e3 * (signature.centre_m[0] - before.centre_m[0])
+    step = f"growth of the tangential resultant in the last {SLIDE_STEP_M * 1e3:g} mm"
+    all_slides = "tangential resultant over mu F_n where all slides"
+    met = settled and abs(mobilised - 1.0) <= 0.02
+    leading = "centre of pressure moved towards the leading edge [mm]"
     return (
         _below("cosine of summed traction on the indenter and motion", cosine, -0.98),
-        ModeCriterion(
-            name=f"growth of the tangential resultant in the last {step}",
-            measured=growth,
-            limit=f"within {GROWTH_MAX:g}",
-            passed=settled,
-        ),
-        ModeCriterion(
-            name="tangential resultant over mu F_n where all slides",
-            measured=mobilised,
-            limit="1 within 0.02",
-            passed=settled and abs(mobilised - 1.0) <= 0.02,
-            judged=settled,
-        ),
-        ModeCriterion(
-            name="centre of pressure moved towards the leading edge [mm]",
-            measured=advance * 1e3,
-            limit="> 0",
-            passed=advance > 0.0,
-        ),
+        ModeCriterion(step, growth, f"within {GROWTH_MAX:g}", settled),
+        ModeCriterion(all_slides, mobilised, "1 within 0.02", met, judged=settled),
+        ModeCriterion(leading, advance, "> 0", advance > 0.0),
     )
 
 
@@ -111,15 +98,11 @@ def twist_criteria(signature: ContactSignature) -> tuple[ModeCriterion, ...]:
 
 
 def _at_least(name: str, measured: float, limit: float) -> ModeCriterion:
-    return ModeCriterion(
-        name=name, measured=measured, limit=f">= {limit:g}", passed=measured >= limit
-    )
+    return ModeCriterion(name, measured, f">= {limit:g}", measured >= limit)
 
 
 def _below(name: str, measured: float, limit: float) -> ModeCriterion:
-    return ModeCriterion(
-        name=name, measured=measured, limit=f"< {limit:g}", passed=measured < limit
-    )
+    return ModeCriterion(name, measured, f"< {limit:g}", measured < limit)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

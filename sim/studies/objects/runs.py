@@ -9,13 +9,13 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
 from sim.fields.press_fields import surface_state
 from sim.optics.height.height_map import HeightMaps, height_maps
+from sim.optics.render.nominal import nominal_renderer
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset, Target
 from sim.scene.triangle_surface import TriangleSurface
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from sim.solve.equilibrium import SolverOptions
-from sim.studies.nominal_renderer import nominal_renderer
 from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.core.arrays import ImageArray
 

@@ -75,32 +75,27 @@ def read_speeds(folder: Path) -> Speeds:
         RecordError: There is none of a GPU with one and 60 environments.
     """
     files = sorted(folder.glob(GPU_FILES))
-    gpu = tuple(speed for file in files for speed in _speeds(file))
+    gpu = tuple(_speed(row, file.name) for file in files for row in _rows(file))
     if not {1, ENVIRONMENTS} <= {each.environments for each in gpu}:
         raise RecordError(
             f"{folder}: no benchmark {GPU_FILES} with 1 and {ENVIRONMENTS} environments",
             remedy="give --benchmarks the folder docs/results/benchmarks of the repository",
         )
-    file = folder / CPU_FILE
-    kept: dict[str, Any] = {"groups": [], "machine": ""}
+    file, punch = folder / CPU_FILE, list[float]()
     if file.exists():
-        kept = json.loads(file.read_text("utf-8"))
-    spent = [
-        row["press"]["cpu_s"]
-        for group in kept["groups"]
-        for row in group
-        if row["scene"] == _PAPERS_PUNCH and row["press"] is not None
-    ]
+        rows = [row for row in _rows(file) if row["scene"] == _PAPERS_PUNCH]
+        punch = [FRAME_COUNT / row["press"]["cpu_s"] for row in rows]
     return Speeds(
         gpu=gpu,
-        cpu_frames_per_s=FRAME_COUNT / spent[0] if spent else None,
-        cpu_machine=kept["machine"],
+        cpu_frames_per_s=punch[0] if punch else None,
+        cpu_machine=json.loads(file.read_text("utf-8"))["machine"] if punch else "",
     )
 
 
-def _speeds(file: Path) -> list[SceneSpeed]:
-    rows = [row for group in json.loads(file.read_text("utf-8")).get("groups", []) for row in group]
-    return [_speed(row, file.name) for row in rows if row["press"] is not None]
+def _rows(file: Path) -> list[dict[str, Any]]:
+    """Return the scenes of a benchmark that were pressed."""
+    groups = json.loads(file.read_text("utf-8")).get("groups", [])
+    return [row for group in groups for row in group if row["press"] is not None]
 
 
 def _speed(row: dict[str, Any], file: str) -> SceneSpeed:

@@ -1,23 +1,20 @@
-"""The numbers of the paper's mesh table, and a search for the pad and l_r that would give them."""
+"""The numbers of the paper's mesh table, and what a search for its pad and l_r found."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from pydantic import TypeAdapter
 
-from sim.effects.footprint_presets import diagonal
 from sim.effects.presets import PAPER_SIZING, mesh_for
 from sim.mesh.elements import boundary_faces
 from sim.mesh.tet_mesh import TetMesh, mesh_key, smallest_dihedral_deg, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
-from sim.scene.pad import BoxPad, Pad, ParametricPad
+from sim.scene.pad import Pad
 from sim.scene.scene import Preset, Scene
-from sim.sensor.sensor import load_sensor
 from sim.studies.paper.claims import claims
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 
@@ -96,13 +93,6 @@ def _baseline_mesh(pad: Pad) -> TetMesh:
     )
 
 
-# Thicknesses of a flat pad of the GelSight Mini's outline [m]: its gel's, and two thinner ones,
-# since 661 tetrahedra with edges of 1.82 mm fill a quarter of the gel.
-_HEIGHTS_M = (4e-3, 3e-3, 2e-3)
-# l_r: l_g of 3.2 mm over the bounding box's diagonal, fTetWild's own 0.05, and between.
-_SHARES = (0.05, 0.065, 0.08, 0.0972)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
     """One pad and l_r, meshed with and without the fine region.
@@ -122,34 +112,6 @@ class Trial:
         """Root mean square of the logarithm of ours over the paper's, as a share."""
         logs = [math.log(value / claims()[name].value) for name, value in self.found.items()]
         return math.expm1(math.sqrt(sum(each**2 for each in logs) / len(logs)))
-
-
-def _meshed(pad: ParametricPad, sizing: WildSizing) -> TetMesh:
-    return wild_mesh(pad, sizing, name="search")
-
-
-def searched(*, make: Callable[[ParametricPad, WildSizing], TetMesh] = _meshed) -> Iterator[Trial]:
-    """Mesh every pad with every l_r; a run of minutes, and of other meshes each time."""
-    for name, pad in _pads().items():
-        for share in _SHARES:
-            coarse_m = share * diagonal(pad)
-            sizing = replace(PAPER_SIZING, coarse_m=coarse_m)
-            plain = mesh_statistics(make(pad, replace(sizing, fine_m=coarse_m)))
-            found = mesh_numbers(plain, mesh_statistics(make(pad, sizing)))
-            yield Trial(pad=name, share=share, found=found)
-
-
-def _pads() -> Mapping[str, ParametricPad]:
-    domed = load_sensor("gelsight-mini").pad
-    if not isinstance(domed, BoxPad):
-        return {}
-    flat = {
-        f"flat, {height * 1e3:g} mm": BoxPad(
-            size_x_m=domed.size_x_m, size_y_m=domed.size_y_m, height_m=height
-        )
-        for height in _HEIGHTS_M
-    }
-    return {"domed, of the sensor's file": domed, **flat}
 
 
 def read_trials(file: Path) -> list[Trial]:

@@ -24,9 +24,9 @@ from sim.press import press
 from sim.press_command import scene_from
 from sim.scene.scene import Scene
 from sim.solve.model import Model
-from sim.studies.verification import stated
+from sim.studies.verification import section
 from tacauchy_rig.core.arrays import FloatArray, IntArray
-from tacauchy_rig.core.tables import Table, table_of_rows
+from tacauchy_rig.core.tables import Table
 
 _LIMIT = 1e-6
 REFINEMENTS = (1.0, 1.5)
@@ -81,13 +81,10 @@ def measure() -> Table:
     """Press the scenes and compare."""
     found = {name: balanced_press(scene) for name, scene in _SCENES.items()}
     worst = [max(row[name] or 0.0 for row in found.values()) for name in TRACTION_GAPS]
-    return table_of_rows(
-        [{"press": name, **row} for name, row in found.items()],
-        passed=all(map(is_balanced, found.values())) and worst[-1] < worst[0],
-        command="tacauchy-rig press --pad box:20x24x4mm --young 0.4MPa --poisson 0.48 "
-        "--indenter cylinder:diameter=5mm --force 1N --preset fast",
-        **stated("balance", worst=worst),
-    )
+    rows = [{"press": name, **row} for name, row in found.items()]
+    passed = all(map(is_balanced, found.values())) and worst[-1] < worst[0]
+    words = f"{_GEL} {_PRESSES['sharp punch to a load']}"
+    return section("balance", rows, passed=passed, press=words, worst=worst)
 
 
 INTERFACE_REFINEMENTS = (1.0, 2.0, 3.0)
@@ -130,12 +127,9 @@ def measure_interface(*, refinements: tuple[float, ...] = INTERFACE_REFINEMENTS)
     rows = [interface_row(scene, refinement=factor) for factor in refinements]
     shrinks = all(fine[name] < coarse[name] for coarse, fine in pairwise(rows) for name in JUMPS)
     sums = max(abs(rows[-1][name]) for name in (BELOW, ABOVE))
-    return table_of_rows(
-        rows,
-        passed=max(row[NODAL] for row in rows) < NODAL_ALLOWED and sums < SUM_ALLOWED and shrinks,
-        command=f"tacauchy-rig press {PRESS}",
-        **stated("interface", nodal=NODAL_ALLOWED, sum=SUM_ALLOWED),
-    )
+    passed = max(row[NODAL] for row in rows) < NODAL_ALLOWED and sums < SUM_ALLOWED and shrinks
+    allowed = {"nodal": NODAL_ALLOWED, "sum": SUM_ALLOWED}
+    return section("interface", rows, passed=passed, press=PRESS, **allowed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

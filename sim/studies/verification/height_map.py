@@ -18,15 +18,15 @@ from sim.effects.scene_path import follow, path_for
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.optics.height.height_map import height_maps
+from sim.optics.height.underside import indenter_height
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.objects.shapes import chisel
-from sim.studies.underside import indenter_height
-from sim.studies.verification import stated
+from sim.studies.verification import Row, section
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.tables import Cell, Table, table_of_rows
+from tacauchy_rig.core.tables import Table
 
 LIMIT_M = 10e-6
 _JUDGED = (Preset.BALANCED, Preset.ACCURATE)
@@ -45,7 +45,7 @@ ABOVE_LIMIT, ABOVE_INDENTER = "pixels above 10 um", "pixels above the indenter"
 _UNIT_M = 1e-9
 
 
-def height_map_row(name: str, preset: Preset, *, reference: FloatArray) -> dict[str, Cell]:
+def height_map_row(name: str, preset: Preset, *, reference: FloatArray) -> Row:
     """Press a body 0.5 mm deep into a GelSight Mini and compare the heights pixel by pixel.
 
     Args:
@@ -67,7 +67,7 @@ def height_map_row(name: str, preset: Preset, *, reference: FloatArray) -> dict[
     }
 
 
-def is_kept(row: dict[str, Cell]) -> bool:
+def is_kept(row: Row) -> bool:
     """Every pixel is within the limit and none above the indenter."""
     return row[ABOVE_LIMIT] == row[ABOVE_INDENTER] == 0
 
@@ -87,11 +87,8 @@ def measure() -> Table:
         for name in BODIES
         for preset in _SHOWN
     ]
-    return table_of_rows(
-        rows,
-        passed=all(is_kept(row) for row in rows if row["preset"] in _JUDGED),
-        **stated("heights"),
-    )
+    passed = all(is_kept(row) for row in rows if row["preset"] in _JUDGED)
+    return section("heights", rows, passed=passed)
 
 
 def kept_heights(name: str) -> FloatArray:

@@ -14,11 +14,11 @@ from sim.fields.stress import surface_stress
 from sim.press import press
 from sim.press_command import scene_from
 from sim.scene.scene import Preset
-from sim.studies.bench.parts import times_of
+from sim.studies.bench.rendering import times_of
 from sim.studies.paper.claims import Claim, claims
 from sim.studies.paper.mesh import mesh_numbers, preset_statistics
-from sim.studies.verification import stated
-from tacauchy_rig.core.tables import Cell, Table, table_of_rows
+from sim.studies.verification import Row, section
+from tacauchy_rig.core.tables import Cell, Table
 
 # How often the stress is extracted, and what the paper states for it at most (section IV-A) [s].
 _REPEATS = 200
@@ -33,24 +33,21 @@ def measure_mesh() -> Table:
     pad, sizing = _SCENE.pad, PAPER_SIZING
     coarse, fine = preset_statistics(_SCENE)
     gap = press(replace(_SCENE, preset=Preset.PAPER)).surface_traction_gap_relative
-    table = tuple(
-        (_heading(claims()[name]), claims()[name].value, value)
+    found: dict[str, tuple[Cell, Cell]] = {
+        _heading(claims()[name]): (claims()[name].value, value)
         for name, value in mesh_numbers(coarse, fine).items()
-    )
-    return Table(
-        columns=("quantity", "paper", "here"),
-        rows=(
-            *table,
-            ("smallest dihedral angle [deg]", None, fine.dihedral_min_deg),
-            ("edge length l_c in the middle [mm]", 0.8, sizing.fine_m * 1e3),
-            ("edge length l_g elsewhere [mm]", 3.2, sizing.coarse_m * 1e3),
-            ("l_r = l_g over the bounding box's diagonal", None, sizing.coarse_m / diagonal(pad)),
-            ("envelope epsilon_r over the same", None, sizing.envelope_share),
-            ("AMIPS energy to stop at", None, sizing.stop_energy),
-            ("sigma n of its surface off the contact force [%]", None, 100.0 * gap),
-        ),
-        **stated("mesh"),
-    )
+    }
+    found |= {
+        "smallest dihedral angle [deg]": (None, fine.dihedral_min_deg),
+        "edge length l_c in the middle [mm]": (0.8, sizing.fine_m * 1e3),
+        "edge length l_g elsewhere [mm]": (3.2, sizing.coarse_m * 1e3),
+        "l_r = l_g over the bounding box's diagonal": (None, sizing.coarse_m / diagonal(pad)),
+        "envelope epsilon_r over the same": (None, sizing.envelope_share),
+        "AMIPS energy to stop at": (None, sizing.stop_energy),
+        "sigma n of its surface off the contact force [%]": (None, 100.0 * gap),
+    }
+    rows = [{"quantity": name, "paper": them, "here": us} for name, (them, us) in found.items()]
+    return section("mesh", rows)
 
 
 def _heading(claim: Claim) -> str:
@@ -59,7 +56,7 @@ def _heading(claim: Claim) -> str:
 
 def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.FAST)) -> Table:
     """Press once on each preset and time the extraction on what came out."""
-    rows: list[dict[str, Cell]] = []
+    rows = list[Row]()
     for preset in presets:
         result = press(replace(_SCENE, preset=preset))
         model = result.model
@@ -79,8 +76,5 @@ def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.F
                 "median below 1 ms": "yes" if middle < 1e3 * _PAPER_S else "no",
             }
         )
-    return table_of_rows(
-        rows,
-        **stated("stress_cost", repeats=_REPEATS, machine=platform.machine()),
-        command=f"tacauchy-rig press {_PRESS} --preset {presets[0].value}",
-    )
+    words, facts = f"{_PRESS} --preset {presets[0].value}", {"machine": platform.machine()}
+    return section("stress_cost", rows, press=words, repeats=_REPEATS, **facts)

@@ -13,8 +13,8 @@ from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.scene import ContactMode, Drive, Preset, Scene
 from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import LoadingPath
-from sim.studies.verification import stated
-from tacauchy_rig.core.tables import Cell, Table, table_of_rows
+from sim.studies.verification import Row, section
+from tacauchy_rig.core.tables import Table
 
 _SHARP, _ROUNDED = Cylinder(diameter_m=5e-3), Cylinder(diameter_m=5e-3, fillet_m=0.1e-3)
 _INDENTERS: tuple[Indenter, ...] = (_SHARP, _ROUNDED, Sphere(diameter_m=8e-3))
@@ -41,7 +41,7 @@ def limit_without_distance(whole_n: float, half_n: float, quarter_n: float) -> f
     return (whole_n - 6.0 * half_n + 8.0 * quarter_n) / 3.0
 
 
-def barrier_row(scene: Scene) -> dict[str, Cell]:
+def barrier_row(scene: Scene) -> Row:
     """Press a scene at its own d_hat, at half and at a quarter of it."""
     first, second, third = (
         press(replace(scene, barrier_m=share * scene.contact_distance_m)).force_n[2]
@@ -70,14 +70,14 @@ def measure_barrier() -> Table:
         rows += [
             {"preset": preset.value, **barrier_row(scene), "allowed": allowed} for scene in scenes
         ]
-    return table_of_rows(
-        rows,
-        passed=all(float(row["difference"] or 0.0) < float(row["allowed"] or 0.0) for row in rows),
-        **stated("barrier"),
-    )
+    return section("barrier", rows, passed=_is_below("difference", rows))
 
 
-def shift_row(scene: Scene) -> dict[str, Cell]:
+def _is_below(name: str, rows: Sequence[Row]) -> bool:
+    return all(float(row[name] or 0.0) < float(row["allowed"] or 0.0) for row in rows)
+
+
+def shift_row(scene: Scene) -> Row:
     """Press a centred indenter on a mesh made for one half an element to its side, and that one."""
     edge = finest_edge_m(scene)
     aside = (0.5 * edge, 0.0)
@@ -104,11 +104,7 @@ def measure_shift() -> Table:
         for preset, allowed in _SHIFT_ALLOWED.items()
         for indenter in _INDENTERS
     ]
-    return table_of_rows(
-        rows,
-        passed=all(float(row["change"] or 0.0) < float(row["allowed"] or 0.0) for row in rows),
-        **stated("shift"),
-    )
+    return section("shift", rows, passed=_is_below("change", rows))
 
 
 def measure_drives(
@@ -121,8 +117,7 @@ def measure_drives(
         replay_forces(replace(scene, drive=drive), forces_n)[0].trials
         for drive in (Drive.LOAD, Drive.SEARCH)
     )
-    rows: list[dict[str, Cell]] = []
-    worst = 0.0
+    rows, worst = list[Row](), 0.0
     for by_load, by_search in zip(load, search, strict=True):
         apart = by_search.depth_simulated_m / by_load.depth_simulated_m - 1.0
         rows.append(
@@ -139,10 +134,7 @@ def measure_drives(
             }
         )
         worst = max(worst, abs(apart))
-    return table_of_rows(
-        rows,
-        passed=worst <= _DRIVE_ALLOWED,
-        command=f"tacauchy-rig press --sensor {sensor.name} --indenter {body} "
-        f"--force {forces_n[0]:g}N --drive search --preset {preset.value}",
-        **stated("drives", preset=preset, sensor=sensor, body=body, tolerance=_TOLERANCE_N),
-    )
+    words = f"--sensor {sensor.name} --indenter {body} --force {forces_n[0]:g}N --drive search"
+    facts = {"preset": preset, "sensor": sensor, "body": body, "tolerance": _TOLERANCE_N}
+    passed, words = worst <= _DRIVE_ALLOWED, f"{words} --preset {preset.value}"
+    return section("drives", rows, passed=passed, press=words, **facts)

@@ -20,10 +20,10 @@ from sim.scene.scene import ContactMode, Effect, Preset, Scene
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
-from sim.studies.verification import exact, stated
+from sim.studies.verification import Row, exact, section
 from sim.studies.verification.exact import BondedLayers, Ply
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.tables import Cell, Table, table_of_rows
+from tacauchy_rig.core.tables import Table
 
 # What the L2 error over the contact may be, and what of a field may not be round, of its maximum.
 ALLOWED = {Preset.BALANCED: 0.05, Preset.ACCURATE: 0.02}
@@ -240,8 +240,7 @@ def measure_shear() -> Table:
 
 def _measured(cases: Sequence[Case], presets: Sequence[Preset], prose: str) -> Table:
     """Press every case on its presets, and on a coarser mesh of the first one for the order."""
-    rows: list[dict[str, Cell]] = []
-    passed = True
+    rows, passed = list[Row](), True
     for case in cases:
         for preset in (each for each in case.presets if each in presets):
             scene = replace(scene_from(case.words), preset=preset)
@@ -251,20 +250,17 @@ def _measured(cases: Sequence[Case], presets: Sequence[Preset], prose: str) -> T
                 row["order"] = math.log(coarse / (1e-2 * float(row["L2 error [%]"] or 0.0)), 2.0)
             rows.append({"field": case.name, "preset": preset.value, **row})
             passed &= met
-    return table_of_rows(
-        rows,
-        passed=passed,
-        command=f"tacauchy-rig press {cases[0].words} --preset {presets[0].value}",
-        **stated(prose, allowed=ALLOWED, round_allowed=ROUND_ALLOWED),
-    )
+    words = f"{cases[0].words} --preset {presets[0].value}"
+    allowed = {"allowed": ALLOWED, "round_allowed": ROUND_ALLOWED}
+    return section(prose, rows, passed=passed, press=words, **allowed)
 
 
-def row_of(case: Case, scene: Scene) -> tuple[dict[str, Cell], bool]:
+def row_of(case: Case, scene: Scene) -> tuple[Row, bool]:
     """Return the errors of a case's field as a row, and whether they are allowed."""
     error, uneven = _errors(case, scene)
     allowed, limit = ALLOWED[scene.preset], ROUND_ALLOWED.get(scene.preset)
     met = error <= allowed and (uneven is None or limit is None or uneven <= limit)
-    row: dict[str, Cell] = {
+    row: Row = {
         "L2 error [%]": 100.0 * error,
         "allowed [%]": 100.0 * allowed,
         "not round [% of the maximum]": None if uneven is None else 100.0 * uneven,

@@ -18,6 +18,7 @@ from sim.fields.surface import SurfaceState
 from sim.optics.height.height_map import height_maps
 from sim.optics.markers.material_points import surface_displacement
 from sim.optics.markers.printed_markers import marker_places
+from sim.optics.render.nominal import nominal_renderer
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.indenter import (
     Cylinder,
@@ -31,7 +32,6 @@ from sim.scene.indenter import (
 from sim.scene.scene import Effect, Preset, Target
 from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
-from sim.studies.nominal_renderer import nominal_renderer
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 

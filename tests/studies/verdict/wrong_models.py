@@ -12,10 +12,10 @@ from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import RunEvidence
 from sim.fields.surface import SurfaceState
 from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.height.underside import indenter_height
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset
-from sim.studies.underside import indenter_height
 from tacauchy_rig.app.replay.optics import nominal_optics
 from tacauchy_rig.core.errors import ConfigError
 from tests.studies.verdict.bench import Bench

@@ -30,9 +30,9 @@ def markers(
 
     Example: tacauchy-rig calibrate markers --sensor markers.toml --depth 0.5mm
     """
+    from sim.optics.markers.fots import compare_marker_fidelities
     from sim.scene.terms import parse_indenter
     from sim.sensor.sensor import load_sensor
-    from sim.studies.markers.fidelity import compare_marker_fidelities
 
     known = load_sensor(sensor)
     if known.markers is None:

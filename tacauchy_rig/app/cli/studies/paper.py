@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tacauchy_rig.app.cli.output import say, write_text
+from tacauchy_rig.app.cli.output import write_text
 from tacauchy_rig.app.cli.study_command import study_command
 from tacauchy_rig.core.study import Study
 
@@ -26,25 +26,15 @@ def paper(
             "may be repeated.",
         ),
     ] = None,
-    search: Annotated[
-        bool, typer.Option("--search", help="Search the paper's mesh anew first: five minutes.")
-    ] = False,
 ) -> Study:
     """Set every number of the paper beside ours: its model pressed here, benchmarks, reports.
 
     Example: tacauchy-rig study paper --out paper
     """
     from sim.studies.paper.kept import REPORTS_FILE, json_lines, of_run
-    from sim.studies.paper.mesh import searched
-    from sim.studies.paper.study import SEARCH_FILE, Paper
+    from sim.studies.paper.study import Paper
 
     if report:
         kept = json_lines([of_run(run) for run in report])
         write_text(benchmarks / REPORTS_FILE, kept, option="--benchmarks")
-    if search:
-        trials = []
-        for trial in searched():
-            trials.append(trial)
-            say(f"  {trial.pad}, l_r {trial.share:g}: {trial.miss:.0%} off the paper's table")
-        write_text(benchmarks / SEARCH_FILE, json_lines(trials), option="--benchmarks")
     return Paper(benchmarks)

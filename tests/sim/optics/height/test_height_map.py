@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from sim.mesh.elements import FACE_EDGES, quadratic_nodes
 from sim.optics.height.height_map import height_maps
+from sim.optics.height.underside import indenter_height
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.pad import BoxPad
-from sim.studies.underside import indenter_height
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import (
     APEX_M,

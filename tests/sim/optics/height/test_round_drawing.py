@@ -15,12 +15,12 @@ from sim.fields.surface import SurfaceState
 from sim.mesh.elements import linear_facets
 from sim.optics.height.height_map import height_maps
 from sim.optics.height.steep_faces import cut_face, cut_tables
+from sim.optics.height.underside import indenter_height
 from sim.scene.indenter import Cylinder
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.studies.underside import indenter_height
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 _DEPTH_M = 0.4e-3

@@ -27,7 +27,7 @@ from sim.studies.accuracy.judging import (
 )
 from sim.studies.accuracy.press import FULL, SHORT, Configuration, Row, reseeded
 from sim.studies.accuracy.study import Accuracy, seed_table
-from sim.studies.accuracy.tolerance import HELD_OUT, ToleranceOutcome
+from sim.studies.accuracy.tolerance import COLUMNS, HELD_OUT
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.study import About, Result
 
@@ -175,7 +175,7 @@ def test_a_page_holds_study_seeds_and_tolerances() -> None:
         "bars": dict.fromkeys(QUANTITIES, 0.001),
         "reference": {"name": "reference", "wall_s": 1.0},
     }
-    kept = asdict(ToleranceOutcome(name=HELD_OUT[0].name, tolerance="1%", refusal="none does"))
+    kept = dict.fromkeys(COLUMNS) | {"scene": HELD_OUT[0].name, "kept": "yes"}
     results = [
         Result(name="fast", found=found),
         Result(name="seed 1: fast", found=found),

@@ -9,6 +9,7 @@ import pytest
 
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
+from sim.fields.contact_signature import surface_maps, traction_arrows
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
@@ -24,7 +25,6 @@ from sim.studies.modes.runs import (
     slide_mode,
     twist_mode,
 )
-from sim.studies.modes.signatures import surface_maps, traction_arrows
 
 BALL = Sphere(diameter_m=10e-3)
 DEPTH_M = 0.3e-3

@@ -7,10 +7,10 @@ from typing import Any
 
 from typer.testing import CliRunner
 
+from sim.fields.contact_signature import ContactSignature
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from sim.studies.modes.runs import BALL, PUNCH, ModeCriterion, ModeRun
-from sim.studies.modes.signatures import ContactSignature
 from sim.studies.modes.study import Modes
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.core.study import About, Result

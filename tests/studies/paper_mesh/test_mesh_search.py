@@ -12,7 +12,8 @@ from sim.mesh.tetwild import WildSizing
 from sim.scene.pad import ParametricPad
 from sim.studies.paper.claims import claims
 from sim.studies.paper.kept import json_lines
-from sim.studies.paper.mesh import Trial, read_trials, searched
+from sim.studies.paper.mesh import Trial, read_trials
+from tests.studies.paper_mesh.command import searched
 
 EXACT = {name: claim.value for name, claim in claims().items() if name.startswith("mesh.")}
 

@@ -1,4 +1,4 @@
-"""Height of an indenter's underside where a height map is bounded by it, for studies."""
+"""Height of an indenter's underside where a height map is bounded by it."""
 
 from __future__ import annotations
 

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sim.optics.markers.fots import FotsMarkers, fit_fots
 from sim.optics.markers.printed_markers import marker_places
 from sim.scene.indenter import Plane
 from sim.scene.scene import Motion, Scene, Target
 from sim.sensor.sensor import MarkerGrid, load_sensor
-from sim.studies.markers.fidelity import FotsMarkers, fit_fots
 
 GRID = MarkerGrid(columns=5, rows=4, pitch_m=(2.4e-3, 2.2e-3), radius_m=3.5e-4)
 FOTS = FotsMarkers(

@@ -1,1 +1,0 @@
-"""Marker motion by the simulated surface beside cheaper ways of it."""

@@ -1,0 +1,1 @@
+"""A search for the pad and l_r that would give the paper's mesh table."""
