@@ -31,6 +31,6 @@ def section(
     return table_of_rows(rows, passed=passed, command=command, **prose)
 
 
-def data(file: str) -> str:
+def reference_text(file: str) -> str:
     """Return the text of a file of references."""
     return resources.files("sim.studies.verification.data").joinpath(file).read_text("utf-8")

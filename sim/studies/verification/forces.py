@@ -23,7 +23,7 @@ from sim.scene.pad import BoxPad
 from sim.scene.scene import ContactMode, Preset, Scene
 from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import LoadingPath
-from sim.studies.verification import Row, data, section
+from sim.studies.verification import Row, reference_text, section
 from sim.studies.verification.exact import BondedLayers, Ply, hertz_force
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.tables import Table
@@ -120,7 +120,9 @@ class DiscForce:
 
 def disc_forces() -> tuple[DiscForce, ...]:
     """Return the reference's forces, rising in depth for each law."""
-    lines = (x for x in data("disc_press_nu045.csv").splitlines() if not x.startswith("#"))
+    lines = (
+        x for x in reference_text("disc_press_nu045.csv").splitlines() if not x.startswith("#")
+    )
     return tuple(
         DiscForce(
             law=LawName(row["law"]),
@@ -192,7 +194,7 @@ class RealPress:
 
 def real_press() -> RealPress:
     """Return the measured press."""
-    return RealPress(**tomllib.loads(data("real_press.toml")))
+    return RealPress(**tomllib.loads(reference_text("real_press.toml")))
 
 
 def measure_real(*, preset: Preset = Preset.ACCURATE) -> Table:
@@ -306,7 +308,7 @@ BELIEVED = "estimated_force_error_relative"
 
 def _held_out() -> Iterator[tuple[str, Scene]]:
     """Read the scenes with their names; a dome is what no word says."""
-    for name, given in tomllib.loads(data("held_out.toml")).items():
+    for name, given in tomllib.loads(reference_text("held_out.toml")).items():
         scene = scene_from(given["press"])
         if "dome_radii_m" in given and isinstance(scene.pad, BoxPad):
             x_m, y_m = given["dome_radii_m"]

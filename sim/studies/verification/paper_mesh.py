@@ -76,5 +76,5 @@ def measure_stress_cost(*, presets: tuple[Preset, ...] = (Preset.PAPER, Preset.F
                 "median below 1 ms": "yes" if middle < 1e3 * _PAPER_S else "no",
             }
         )
-    words, facts = f"{_PRESS} --preset {presets[0].value}", {"machine": platform.machine()}
-    return section("stress_cost", rows, press=words, repeats=_REPEATS, **facts)
+    words, here = f"{_PRESS} --preset {presets[0].value}", platform.machine()
+    return section("stress_cost", rows, press=words, repeats=_REPEATS, machine=here)
