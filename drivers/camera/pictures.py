@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.interfaces import TouchMode
+from tacauchy_rig.core.rgb import decode_grey, reduction_to
 
 CLIPPED_LEVEL = 250
 
@@ -49,7 +50,7 @@ def clipped_ratio(jpeg: bytes) -> float | None:
     Returns:
         None where the bytes cannot be decoded.
     """
-    grey = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_8)
+    grey = decode_grey(jpeg, reduction=8)
     return None if grey is None else float(np.mean(grey >= CLIPPED_LEVEL))
 
 
@@ -60,11 +61,6 @@ _LEAST_LEVELS = 2.0  # of 255: what JPEG's rounding may change
 _LEAST_PX = 4  # of the reduced picture: 16 x 16 px of the frame
 _MOST_REFERENCES = 60
 _LEAST_WIDTH_PX = 40
-_REDUCED = (
-    (8, cv2.IMREAD_REDUCED_GRAYSCALE_8),
-    (4, cv2.IMREAD_REDUCED_GRAYSCALE_4),
-    (2, cv2.IMREAD_REDUCED_GRAYSCALE_2),
-)
 
 
 class TouchWatch:
@@ -108,8 +104,7 @@ def _small(jpeg: bytes) -> npt.NDArray[np.float32] | None:
     size = jpeg_size(jpeg)
     if size is None:
         return None
-    wide = [flag for reduction, flag in _REDUCED if size[0] >= reduction * _LEAST_WIDTH_PX]
-    grey = cv2.imdecode(np.frombuffer(jpeg, np.uint8), (wide or [cv2.IMREAD_GRAYSCALE])[0])
+    grey = decode_grey(jpeg, reduction=reduction_to(size[0] / _LEAST_WIDTH_PX))
     if grey is None:
         return None
     top, left = (round(_MIDDLE * side) for side in grey.shape)

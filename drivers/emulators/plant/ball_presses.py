@@ -24,6 +24,7 @@ from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import EmulatedUnit, PlantTruth
 from drivers.emulators.plant.view import view_of
 from tacauchy_rig.core.arrays import ImageArray
+from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg
 
 BALL_DIAMETER_M = 4.7e-3
 CLICK_ERROR_PX = 1.0
@@ -225,5 +226,5 @@ def _touched(
 
 def _sent(raw: ImageArray) -> ImageArray:
     """Return what is left of a raw frame after the camera's JPEG."""
-    _, data = cv2.imencode(".jpg", raw, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)
+    sent = decode_rgb(encode_jpeg(np.ascontiguousarray(raw[..., ::-1]), quality=_JPEG_QUALITY))
+    return raw if sent is None else np.ascontiguousarray(sent[..., ::-1])

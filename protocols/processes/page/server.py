@@ -11,8 +11,6 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from functools import lru_cache
 from importlib import resources
 
-import cv2
-import numpy as np
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -25,6 +23,7 @@ from protocols.processes.feed import FeedReader, feed_readers
 from protocols.processes.messages import AbortRequest, Channel, Job, Order
 from protocols.processes.page.access import AccessRule
 from protocols.processes.page.view import View
+from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg
 from tacauchy_rig.core.run import JournalEvent
 
 PERIOD_S = 0.1
@@ -150,11 +149,6 @@ def _event(name: str, content: object) -> str:
 
 WIDEST_PX = 1000
 _PNG = b"\x89PNG"
-_REDUCED = (
-    (8, cv2.IMREAD_REDUCED_COLOR_8),
-    (4, cv2.IMREAD_REDUCED_COLOR_4),
-    (2, cv2.IMREAD_REDUCED_COLOR_2),
-)
 
 
 def media_type(picture: bytes) -> str:
@@ -171,11 +165,9 @@ def reduced(picture: bytes) -> bytes:
     size = jpeg_size(picture)
     if size is None or size[0] <= WIDEST_PX:
         return picture
-    fitting = [flag for by, flag in reversed(_REDUCED) if size[0] <= by * WIDEST_PX]
-    colours = cv2.imdecode(np.frombuffer(picture, np.uint8), (fitting or [_REDUCED[0][1]])[0])
-    if colours is None:
-        return picture
-    return bytes(cv2.imencode(".jpg", colours)[1].tobytes())
+    reduction = next((by for by in (2, 4) if size[0] <= by * WIDEST_PX), 8)
+    colours = decode_rgb(picture, reduction=reduction)
+    return picture if colours is None else encode_jpeg(colours)
 
 
 def serve(job: Job, supervisor: Channel) -> None:

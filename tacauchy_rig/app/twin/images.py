@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import math
 
-import cv2
-import numpy as np
-
 from reports.evidence.attempt import crop_and_resize
 from reports.evidence.evidence import ImageGeometry
 from reports.scores.contact import (
@@ -18,14 +15,7 @@ from reports.scores.contact import (
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
-
-# Decoders leave out what a smaller picture does not need: a quarter of the time for a half.
-_REDUCED = {
-    8: cv2.IMREAD_REDUCED_COLOR_8,
-    4: cv2.IMREAD_REDUCED_COLOR_4,
-    2: cv2.IMREAD_REDUCED_COLOR_2,
-    1: cv2.IMREAD_COLOR,
-}
+from tacauchy_rig.core.rgb import decode_rgb, reduction_to
 
 _QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 85]
 
@@ -44,15 +34,14 @@ class CameraImages:
             crop_fraction=crop_fraction, width_px=view.width, height_px=view.height
         )
         room = (1.0 - 2.0 * crop_fraction) * frame_width_px / view.width
-        self._mode = next((mode for by, mode in _REDUCED.items() if by <= room), 1)
+        self._reduction = reduction_to(room)
 
     def of(self, jpeg: bytes) -> ImageArray | None:
         """Return the image of a frame, RGB; None where it is no whole image or too small."""
-        found = cv2.imdecode(np.frombuffer(jpeg, np.uint8), self._mode) if jpeg else None
-        if found is None:
+        image = decode_rgb(jpeg, reduction=self._reduction)
+        if image is None:
             return None
         try:
-            image = np.asarray(cv2.cvtColor(found, cv2.COLOR_BGR2RGB), dtype=np.uint8)
             return crop_and_resize(image, self._geometry)
         except RecordError:
             return None
