@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.effects.called_for import everything
+from sim.effects.effect_plan import everything
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.plan import output_tolerances, plan_effects
 from sim.effects.scene_path import path_for

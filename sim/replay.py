@@ -12,10 +12,8 @@ from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.error.estimate import ErrorEstimate, estimate_from, estimated, failed, rung
-from sim.error.settings import setting_of
-from sim.error.tolerance import Tolerance, alternatives
-from sim.fields.passed import PassedStates, passed_state
-from sim.fields.press_fields import TrialFields, trial_fields
+from sim.error.tolerance import Tolerance, alternatives, setting_of
+from sim.fields.press_fields import PassedStates, TrialFields, passed_state, trial_fields
 from sim.mesh.elements import ElementOrder
 from sim.press import measure
 from sim.scene.indenter import Indenter, describe

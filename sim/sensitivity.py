@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.effects.called_for import everything
+from sim.effects.effect_plan import everything
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.scene.scene import Effect, Preset, Scene, Target

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.error.settings import setting_of
+from sim.error.tolerance import setting_of
 from sim.scene.scene import Drive, Effect, Output, Scene
 from sim.solve.force_search import ForceMatch, push_to_force
 from sim.solve.loading_path import LoadingPath

@@ -10,8 +10,7 @@ import time
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from sim.effects.called_for import everything
-from sim.effects.effect_plan import EffectPlan
+from sim.effects.effect_plan import EffectPlan, everything
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.scene_path import follow, path_for
 from sim.scene.scene import Preset, Scene

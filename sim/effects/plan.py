@@ -16,9 +16,8 @@ from dataclasses import replace
 from functools import lru_cache
 
 from sim.effects import estimates
-from sim.effects.called_for import everything
 from sim.effects.coarse import RUNGS, coarse_press
-from sim.effects.effect_plan import EffectPlan
+from sim.effects.effect_plan import EffectPlan, everything
 from sim.scene.scene import Effect, Output, Preset, Scene
 from tacauchy_rig.core.errors import RigError
 

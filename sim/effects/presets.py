@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from sim.contact.state import ContactOptions
-from sim.effects.called_for import everything
-from sim.effects.effect_plan import EffectPlan
+from sim.effects.effect_plan import EffectPlan, everything
 from sim.effects.estimates import expected_depth
 from sim.effects.footprint_presets import diagonal, footprint_mesh
 from sim.effects.mesh_choice import MeshKind, contact_reach, mesh_choice, mirrors

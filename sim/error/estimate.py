@@ -22,9 +22,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from sim.effects.called_for import everything
 from sim.effects.coarse import RUNGS, CoarsePress, coarse_press
-from sim.effects.effect_plan import EffectPlan
+from sim.effects.effect_plan import EffectPlan, everything
 from sim.effects.outputs import PressOutputs
 from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sim.fields.stress_field import cauchy_stress, components
+from sim.fields.stress import cauchy_stress, components
 from sim.fields.surface import SurfaceState
 from sim.mesh.symmetry import WholeSurface
 from sim.scene.indenter import MeshIndenter, ring_walls

@@ -9,8 +9,8 @@ import warp as wp
 
 from sim.device import Device
 from sim.fields.press_fields import top_surface
+from sim.optics.colour.colour_model import ColourModel
 from sim.optics.colour.nominal import nominal_model
-from sim.optics.colour.pixel_colours import ColourModel
 from sim.optics.height.height_map import TOUCHING_M, SurfaceHeights, gap_left
 from sim.optics.markers.material_points import MaterialPoints
 from sim.optics.markers.point_kernel import see_points

@@ -56,7 +56,7 @@ class Renderer:
 
     Attributes:
         read: From ``[optics]``, the lamps and the file's name for messages to the colours before
-            any calibration, a ``sim.optics.colour.pixel_colours.ColourModel``; None where the file
+            any calibration, a ``sim.optics.colour.colour_model.ColourModel``; None where the file
             gives none.
         needed: Keys that ``[optics]`` must have, beside ``kind``.
         exponents: Of the terms that a calibration fits, shape [term_count, 5], see

@@ -3,25 +3,133 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse
 import warp as wp
+from scipy.spatial import Delaunay
 
 from sim.device import Device
+from sim.effects.coarse import CoarsePath
+from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.optics.colour.pixel_colours import ColourModel
+from sim.error.estimate import estimate_from, rung
+from sim.fields.contact_traction import surface_traction
+from sim.fields.press_fields import top_surface
+from sim.optics.colour.colour_model import ColourModel
 from sim.optics.surface_images import SurfaceImages
-from sim.scene.scene import Preset, Scene
+from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
+from sim.solve.loading_path import LoadingPath
+from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from sim.twin.frame import Goal, TwinFrame
-from sim.twin.surface_maps import SurfaceMaps
-from sim.twin.worth import ForceWorth, force_worth
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.errors import ConfigError, ConvergenceError
+from tacauchy_rig.core.errors import ConfigError, ConvergenceError, RigError
+
+# Of the largest force: between them the error goes evenly.
+_SHARES = (0.25, 0.5, 1.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceWorth:
+    """Relative error of F_z by force; nothing where nobody knows, and ``basis`` says why.
+
+    Attributes:
+        forces_n: Ascending [N].
+        relative: At these.
+    """
+
+    forces_n: Sequence[float]
+    relative: Sequence[float]
+    basis: str
+
+    def error_n(self, force_n: float) -> float | None:
+        """Return what a force is worth [N]."""
+        if not self.forces_n:
+            return None
+        return force_n * float(np.interp(force_n, self.forces_n, self.relative))
+
+
+def force_worth(scene: Scene, path: LoadingPath, force_max_n: float) -> ForceWorth:
+    """Press a path and preset fast's to some forces, and say what the former's are worth.
+
+    On edges longer than preset fast's nothing is known of what is left (a punch is off by more than
+    ``sim.error.estimate`` says there), so the difference to preset fast is measured, and what that
+    is worth is added. The path is left at the largest force.
+
+    Args:
+        scene: As the path presses it, with preset fast on other edges.
+        force_max_n: The largest force [N].
+    """
+    fast = replace(scene, refinement=1.0)
+    plan = plan_effects(fast)
+    forces, relative, basis = [share * force_max_n for share in _SHARES], [], ""
+    try:
+        finer, coarser = path_for(fast, plan), CoarsePath(*rung(fast, plan))
+        for force in forces:
+            aimed = replace(fast, target=Target(force_n=force))
+            own, found = (outputs_of(each, each.push(force)) for each in (path, finer))
+            worth = estimate_from(aimed, plan, found, coarser.push(force))
+            if worth.force is None:
+                return ForceWorth(forces_n=(), relative=(), basis=worth.basis)
+            share = max(1.0, found.stiffness_n_m * found.depth_m / force)
+            apart = share * abs(own.depth_m - found.depth_m) / found.depth_m
+            relative.append(apart + worth.force)
+            basis = f"{apart:.2%} off preset fast; of that {worth.basis}"
+    except RigError as error:
+        basis = f"the press on shorter edges failed: {error.message}"
+        return ForceWorth(forces_n=(), relative=(), basis=basis)
+    return ForceWorth(forces_n=forces, relative=relative, basis=basis)
+
+
+class SurfaceMaps:
+    """Tractions of a model's contact surface as maps.
+
+    What is laid out once: which nodes a pixel is between, and by which shares. It is so on the
+    undeformed surface: a map says what acts on the gel that lies at rest where a pixel looks.
+
+    Args:
+        model: A part of a pad is drawn whole.
+        geometry: Where the pixels of a map look.
+    """
+
+    def __init__(self, model: Model, geometry: CameraGeometry) -> None:
+        self._model, self._shape = model, (geometry.height, geometry.width)
+        top = top_surface(model)
+        self._sources = top.sources
+        x, y = geometry.pad_grid()
+        places = np.column_stack([x.ravel(), y.ravel()])
+        mesh = Delaunay(top.rest[:, :2])
+        found = mesh.find_simplex(places)
+        inside = np.flatnonzero(found >= 0)
+        simplex = found[inside]
+        to_shares = mesh.transform[simplex]
+        first = np.einsum("nij,nj->ni", to_shares[:, :2], places[inside] - to_shares[:, 2])
+        shares = np.column_stack([first, 1.0 - first.sum(axis=1)])
+        self._shares = scipy.sparse.csr_matrix(
+            (shares.ravel(), (np.repeat(inside, 3), mesh.simplices[simplex].ravel())),
+            shape=(len(places), len(top.rest)),
+        )
+
+    def of(self, point: PathPoint) -> tuple[FloatArray, FloatArray]:
+        """Return pressure and size of shear [Pa], each of shape [height, width]."""
+        found = surface_traction(self._model, point)
+        sizes = np.linalg.norm(found.tangential_pa, axis=1)
+        return self._drawn(found.pressure_pa), self._drawn(sizes)
+
+    @property
+    def none(self) -> FloatArray:
+        """The map of an untouched gel [Pa]."""
+        return np.zeros(self._shape)
+
+    def _drawn(self, values: FloatArray) -> FloatArray:
+        return np.asarray((self._shares @ values[self._sources]).reshape(self._shape))
+
 
 REFINEMENT, COARSER = 0.7, 0.5
 """Edges of a twin are 1 / 0.7 times as long as those of preset fast, for a third of its time, and

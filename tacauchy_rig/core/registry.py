@@ -75,7 +75,7 @@ _OWN: dict[Kind, dict[str, str]] = {
     },
     Kind.RENDERER: {
         "photometric": "sim.optics.colour.nominal:PHOTOMETRIC",
-        "grey-depth": "sim.optics.colour.grey_depth:GREY_DEPTH",
+        "grey-depth": "sim.optics.colour.nominal:GREY_DEPTH",
     },
 }
 

@@ -14,8 +14,7 @@ from sim.optics.calibrate.cross_validation import (
     held_out_errors,
 )
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.light import exposed
-from sim.optics.calibrate.presses.scene import PressScene
+from sim.optics.calibrate.presses.scene import PressScene, exposed
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import ConfigError

@@ -9,14 +9,28 @@ from itertools import product
 
 import numpy as np
 
-from sim.optics.calibrate.fit.lamp_fit import fit_terms
-from sim.optics.calibrate.fit.photometric_fit import REFERENCE, RIDGE, fit_photometric, fit_response
-from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints, joined
+from sim.optics.calibrate.fit import (
+    REFERENCE,
+    RIDGE,
+    PhotometricSamples,
+    SurfacePoints,
+    fit_photometric,
+    fit_response,
+    fit_terms,
+    joined,
+)
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_presses_fit
-from sim.optics.calibrate.presses.light import exposed, light_weights, seen_change
-from sim.optics.calibrate.presses.scene import BEYOND_RIM, PlacedPress, PredictedPixels, PressScene
+from sim.optics.calibrate.presses.scene import (
+    BEYOND_RIM,
+    PlacedPress,
+    PredictedPixels,
+    PressScene,
+    exposed,
+    light_weights,
+    seen_change,
+)
+from sim.optics.colour.colour_model import LINEAR, Response
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.colour.response import LINEAR, Response
 from sim.optics.colour.shading_terms import ShadingTerms
 from sim.sensor.optics import ShadowCaster
 from tacauchy_rig.core.arrays import FloatArray

@@ -21,9 +21,8 @@ import warp as wp
 from pydantic import TypeAdapter
 
 from sim.optics.colour.colour_kernel import Colours, colour_pixels
-from sim.optics.colour.pixel_colours import PixelColours
+from sim.optics.colour.colour_model import BRIGHTEST, LINEAR, PixelColours, Response
 from sim.optics.colour.polynomial import degrees_of_tilt, evaluate_polynomial, row_weights
-from sim.optics.colour.response import BRIGHTEST, LINEAR, Response
 from sim.optics.colour.shading_terms import ShadingTerms, lamp_planes, lamp_weights
 from sim.optics.pixels.pixel_blocks import PixelBlocks
 from tacauchy_rig.core.arrays import Float32Array, FloatArray, IntArray, RealArray

@@ -13,10 +13,9 @@ from sim.device import Device, filled
 from sim.fields.surface import SurfaceState, TopSurface
 from sim.mesh.elements import QUARTERS
 from sim.optics.height import node_kernel as kernels
+from sim.optics.height.drawn_nodes import cut_tables, round_rings
 from sim.optics.height.facet_kernel import BARE_M, View, bound_heights, draw_facets
-from sim.optics.height.rings import round_rings
 from sim.optics.height.slope_fit_kernel import fit_slopes, two_rings
-from sim.optics.height.steep_faces import cut_tables
 from sim.scene.indenter import Indenter, MeshIndenter, grown
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry

@@ -20,8 +20,7 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
 from sim.fields.press_fields import surface_state
 from sim.optics.markers.material_points import surface_displacement
-from sim.optics.markers.printed_markers import draw_markers, marker_places
-from sim.optics.markers.tracking import track_markers
+from sim.optics.markers.printed_markers import draw_markers, marker_places, track_markers
 from sim.scene.scene import Motion, Scene
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import MarkerGrid

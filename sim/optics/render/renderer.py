@@ -13,11 +13,17 @@ import numpy as np
 import warp as wp
 
 from sim.device import Device
-from sim.optics.colour.pixel_colours import ColourModel, PixelColours, SampleColours
+from sim.optics.colour.colour_model import ColourModel, PixelColours, SampleColours
 from sim.optics.pixels.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, PixelBlocks
-from sim.optics.pixels.pixel_kernel import continue_samples, lay_out_samples, tilt_samples
-from sim.optics.render.exposure_kernel import blur_columns, expose_pixels, mirror_ends
-from sim.optics.render.shadow_kernel import darken_pixels
+from sim.optics.pixels.pixel_kernel import (
+    blur_columns,
+    continue_samples,
+    darken_pixels,
+    expose_pixels,
+    lay_out_samples,
+    mirror_ends,
+    tilt_samples,
+)
 from sim.optics.render.shadows import HiddenLamp
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster

@@ -18,8 +18,15 @@ from sim.effects.coarse import coarse_press
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
 from sim.error.estimate import estimated
-from sim.error.settings import FAST, WORTH, Setting, setting_of
-from sim.error.tolerance import Tolerance, keeping, parse_tolerance
+from sim.error.tolerance import (
+    FAST,
+    WORTH,
+    Setting,
+    Tolerance,
+    keeping,
+    parse_tolerance,
+    setting_of,
+)
 from sim.press_command import scene_from
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.pad import BoxPad, DiscPad

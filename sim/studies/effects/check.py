@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
 
-from sim.effects.called_for import everything
 from sim.effects.coarse import forget
-from sim.effects.effect_plan import EffectPlan
+from sim.effects.effect_plan import EffectPlan, everything
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for

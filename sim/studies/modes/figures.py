@@ -20,7 +20,7 @@ from matplotlib.patches import Polygon
 from matplotlib.tri import Triangulation
 
 from sim.fields.contact_signature import SurfaceMaps, surface_maps, traction_arrows
-from sim.fields.stress_field import recovered_stress
+from sim.fields.stress import recovered_stress
 from sim.solve.model import Model
 from sim.studies.modes.runs import ModeRun
 from tacauchy_rig.core.arrays import FloatArray, IntArray

@@ -18,7 +18,7 @@ from sim.fields.interface import (
     nodal_forces,
     on_sides,
 )
-from sim.fields.stress_field import recovered_stress
+from sim.fields.stress import recovered_stress
 from sim.mesh.sparsity import assembled
 from sim.press import press
 from sim.press_command import scene_from

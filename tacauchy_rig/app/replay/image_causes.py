@@ -17,7 +17,7 @@ import numpy as np
 from reports.evidence.attempt import AttemptReading
 from reports.evidence.evidence import TrialImages
 from reports.scores.residual_split import Cause, Mode, split_residual
-from sim.effects.called_for import everything
+from sim.effects.effect_plan import everything
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState

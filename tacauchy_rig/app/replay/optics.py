@@ -12,11 +12,10 @@ from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.presses.ball_press import BallPress, read_ball_presses, read_rgb
 from sim.optics.calibrate.presses.scene import pressed_scene
 from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale, read_positions
-from sim.optics.calibrate.sensor_fit import BLUR_PX, calibrate_presses
-from sim.optics.calibrate.shadow_fit import SHADOWS, read_shadows
+from sim.optics.calibrate.sensor_fit import BLUR_PX, SHADOWS, calibrate_presses, read_shadows
+from sim.optics.colour.colour_model import ColourModel
 from sim.optics.colour.nominal import exponents_for, nominal_model
 from sim.optics.colour.photometric import load_photometric
-from sim.optics.colour.pixel_colours import ColourModel
 from sim.optics.height.rest_slope import rest_slopes, touching_places
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import ShadowCaster

@@ -10,7 +10,7 @@ from statistics import median
 from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
 from sim.effects.plan import plan_effects
-from sim.error.settings import setting_of
+from sim.error.tolerance import setting_of
 from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces
 from sim.sensitivity import forces_at

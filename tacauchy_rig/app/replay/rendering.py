@@ -16,8 +16,7 @@ from sim.fields.press_fields import TrialFields
 from sim.fields.surface import PassedState, SurfaceState
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.material_points import surface_displacement
-from sim.optics.markers.printed_markers import PrintedMarkers, printed_markers
-from sim.optics.markers.tracking import track_markers
+from sim.optics.markers.printed_markers import PrintedMarkers, printed_markers, track_markers
 from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.optics import OpticalCalibration, nominal_optics

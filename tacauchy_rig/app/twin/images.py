@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import cv2
+import numpy as np
+
 from reports.evidence.attempt import crop_and_resize
 from reports.evidence.evidence import ImageGeometry
 from reports.scores.contact import (
@@ -15,9 +18,9 @@ from reports.scores.contact import (
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.rgb import decode_rgb, reduction_to
+from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg, reduction_to
 
-_QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 85]
+_QUALITY = 85
 
 
 class CameraImages:
@@ -62,11 +65,11 @@ def contact_residual(real: ImageArray, simulated: ImageArray, unloaded: ImageArr
 
 def jpeg_of(image: ImageArray) -> bytes:
     """Return an RGB image as JPEG."""
-    return bytes(cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), _QUALITY)[1])
+    return encode_jpeg(image, quality=_QUALITY)
 
 
 def map_picture(values: FloatArray, *, highest: float) -> bytes:
     """Return a map as JPEG: black is nothing, light yellow ``highest``, both in its own unit."""
     share = np.clip(values / max(highest, 1e-300), 0.0, 1.0)
     drawn = cv2.applyColorMap(np.rint(255.0 * share).astype(np.uint8), cv2.COLORMAP_INFERNO)
-    return bytes(cv2.imencode(".jpg", drawn, _QUALITY)[1])
+    return jpeg_of(np.asarray(cv2.cvtColor(drawn, cv2.COLOR_BGR2RGB), np.uint8))

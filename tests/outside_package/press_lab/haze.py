@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.optics.colour.pixel_colours import PixelColours
+from sim.optics.colour.colour_model import PixelColours
 from sim.optics.pixels.pixel_blocks import PixelBlocks
 from sim.sensor.optics import Lamp, Renderer
 from tacauchy_rig.core.arrays import Float32Array, RealArray
@@ -27,7 +27,7 @@ _WINDOW = 20.0  # grey levels between a slope that faces the window and a level 
 
 @dataclass(frozen=True)
 class Haze:
-    """Obeys ``sim.optics.colour.pixel_colours.ColourModel``."""
+    """Obeys ``sim.optics.colour.colour_model.ColourModel``."""
 
     brightest: float
     depth_m: float

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.effects.called_for import everything
+from sim.effects.effect_plan import everything
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.scene_path import follow, path_for
 from sim.scene.indenter import Cylinder, Sphere

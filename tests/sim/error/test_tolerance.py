@@ -6,8 +6,15 @@ from dataclasses import replace
 
 import pytest
 
-from sim.error.settings import WORTH, Setting, setting_of
-from sim.error.tolerance import Tolerance, alternatives, keeping, parse_tolerance
+from sim.error.tolerance import (
+    WORTH,
+    Setting,
+    Tolerance,
+    alternatives,
+    keeping,
+    parse_tolerance,
+    setting_of,
+)
 from sim.press import press
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.scene import ContactMode, Preset, Scene, Target

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.effects.presets import build_model
-from sim.fields.stress_field import cauchy_stress, components
+from sim.fields.stress import cauchy_stress, components
 from sim.press_command import scene_from
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.optics.calibrate.image_table import read_image_table
+from sim.optics.calibrate.presses.ball_press import read_image_table
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError

@@ -37,8 +37,7 @@ from sim.optics.calibrate.presses.ball_press import (
 from sim.optics.calibrate.presses.find_circle import find_circle
 from sim.optics.calibrate.presses.gel_profile import DEPTHS_M
 from sim.optics.calibrate.presses.scene import PressScene, pressed_scene
-from sim.optics.calibrate.sensor_fit import BLUR_PX, calibrate_presses
-from sim.optics.calibrate.shadow_fit import SHADOWS
+from sim.optics.calibrate.sensor_fit import BLUR_PX, SHADOWS, calibrate_presses
 from sim.scene.scene import Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor

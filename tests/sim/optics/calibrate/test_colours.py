@@ -12,13 +12,12 @@ import pytest
 
 from sim.optics.calibrate.colours import Calibration, PressSamples, calibrate_optics
 from sim.optics.calibrate.cross_validation import check_scores, cross_validate, render_presses
-from sim.optics.calibrate.fit.photometric_fit import fit_photometric
-from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
+from sim.optics.calibrate.fit import PhotometricSamples, SurfacePoints, fit_photometric
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
+from sim.optics.colour.colour_model import LINEAR
 from sim.optics.colour.photometric import load_photometric
 from sim.optics.colour.polynomial import BALL_EXPONENTS
-from sim.optics.colour.response import LINEAR
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.exponential_skirt import ExponentialSkirt
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model

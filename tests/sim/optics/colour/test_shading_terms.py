@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.fit.lamp_fit import fit_terms
-from sim.optics.calibrate.fit.photometric_fit import fit_photometric
-from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
+from sim.optics.calibrate.fit import PhotometricSamples, SurfacePoints, fit_photometric, fit_terms
 from sim.optics.colour.photometric import PhotometricModel, load_photometric
 from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.colour.shading_terms import NearLamp, ShadingTerms

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from sim.optics.markers.material_points import surface_displacement
-from sim.optics.markers.printed_markers import draw_markers, marker_places
-from sim.optics.markers.tracking import track_markers
+from sim.optics.markers.printed_markers import draw_markers, marker_places, track_markers
 from sim.sensor.sensor import MarkerGrid
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, camera, pressed_surface

@@ -12,8 +12,8 @@ from sim.optics.markers.printed_markers import (
     draw_markers,
     marker_places,
     printed_markers,
+    track_markers,
 )
-from sim.optics.markers.tracking import track_markers
 from sim.sensor.sensor import MarkerGrid
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import camera

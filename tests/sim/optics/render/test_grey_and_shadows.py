@@ -10,11 +10,9 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.fit.photometric_fit import fit_photometric
-from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
-from sim.optics.colour.grey_depth import GREY_EXPONENTS, GreyDepthModel
-from sim.optics.colour.nominal import nominal_photometric
-from sim.optics.colour.pixel_colours import PixelColours, SampleColours
+from sim.optics.calibrate.fit import PhotometricSamples, SurfacePoints, fit_photometric
+from sim.optics.colour.colour_model import PixelColours, SampleColours
+from sim.optics.colour.nominal import GREY_EXPONENTS, GreyDepthModel, nominal_photometric
 from sim.optics.pixels.pixel_blocks import PixelBlocks
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.render.shadows import darkening

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 
-from sim.optics.calibrate.fit.lamp_fit import _Search
-from sim.optics.calibrate.fit.samples import PhotometricSamples, SurfacePoints
+from sim.optics.calibrate.fit import PhotometricSamples, SurfacePoints, _Search
 
 
 @pytest.mark.parametrize("blurred", [False, True])

@@ -1,0 +1,405 @@
+"""Least-squares fit of the photometric model to samples of tilt and colour.
+
+Two numbers are fitted beside the coefficients: where the camera's shoulder begins, and the weight
+of the ridge, judged by presses that the fit leaves out. An even light and clean frames bear finer
+terms than wrinkles, scratches and uneven light do.
+
+Near lamps: the model is linear in everything but their places, so each trial of those costs one
+linear least-squares fit (variable projection, Golub and Pereyra 1973). Every combination of
+directions is tried, then the best is refined. The sensor's file gives only the lamps' number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from sim.optics.colour.colour_model import BRIGHTEST, LINEAR, Response
+from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.polynomial import BALL_EXPONENTS, monomials, polynomial_exponents
+from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
+from tacauchy_rig.core.arrays import FloatArray, IntArray, RealArray
+from tacauchy_rig.core.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfacePoints:
+    """The gel's surface at n points.
+
+    Attributes:
+        tilt: Along +column and +row, shape [2, n].
+        indentation_m: Unloaded minus loaded height [m], shape [n].
+        curvature: Divergence of the tilt [1/m], shape [n].
+    """
+
+    tilt: FloatArray
+    indentation_m: FloatArray
+    curvature: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PhotometricSamples:
+    """Pixels with known surface and observed colour.
+
+    Attributes:
+        position: Normalised pixel position, shape [2, n].
+        change: Red, green and blue minus the no-contact colour [grey levels], shape [3, n].
+        weights: Of each colour in a fit, zero where it is not known, shape [3, n].
+        rest: The unloaded gel, whose colour is in the no-contact frame; None is level gel.
+        around: Points beside each pixel whose light the camera's blur mixes in its place, all
+            alike; none is a sharp camera.
+    """
+
+    gel: SurfacePoints
+    position: FloatArray
+    change: FloatArray
+    weights: FloatArray
+    rest: SurfacePoints | None = None
+    around: tuple[SurfacePoints, ...] = ()
+
+    def thinned(self, step: int) -> PhotometricSamples:
+        """Return every ``step``-th sample."""
+        thinned: PhotometricSamples = _each_array([self], lambda arrays: arrays[0][..., ::step])
+        return thinned
+
+    def polynomial(self, exponents: IntArray) -> FloatArray:
+        """Return the polynomial's monomials as the samples show them, shape [count, n]."""
+        return self.seen(lambda at: monomials(at.tilt, self.position, at.indentation_m, exponents))
+
+    def shading(self, terms: ShadingTerms | None) -> FloatArray:
+        """Return the values of lamps and creases as the samples show them, shape [count, n]."""
+        if terms is None:
+            return np.zeros((0, self.position.shape[1]))
+        return self.seen(lambda at: terms.values(at.tilt, self.position, at.curvature))
+
+    def seen(self, values: Callable[[SurfacePoints], RealArray]) -> FloatArray:
+        """Return the mean of what points give whose light is mixed, less what gel at rest gives.
+
+        Values are linear in light, shape [any, n].
+        """
+        first, *others = self.around or (self.gel,)
+        found = np.asarray(values(first), dtype=np.float64)
+        for points in others:
+            found += values(points)
+        found /= 1 + len(others)
+        if self.rest is not None:
+            found -= values(self.rest)
+        return found
+
+
+def joined(parts: Sequence[PhotometricSamples]) -> PhotometricSamples:
+    """Return the samples of several presses as one."""
+    whole: PhotometricSamples = _each_array(parts, partial(np.concatenate, axis=-1))
+    return whole
+
+
+def _each_array(parts: Sequence[Any], made_of: Callable[[Sequence[FloatArray]], FloatArray]) -> Any:
+    """Return what is like the parts, of arrays that are made of theirs."""
+    first = parts[0]
+    if first is None:
+        return None
+    if isinstance(first, np.ndarray):
+        return made_of(parts)
+    if isinstance(first, tuple):
+        return tuple(_each_array(each, made_of) for each in zip(*parts, strict=True))
+    names = [field.name for field in fields(first)]
+    found = {n: _each_array([getattr(part, n) for part in parts], made_of) for n in names}
+    return replace(first, **found)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NormalEquations:
+    """Linear least-squares fits of three colours, as sums over samples: those of presses add up.
+
+    Attributes:
+        normal: Matrix of each colour's fit, shape [3, n, n].
+        load: Its right side, shape [3, n].
+        squares: Sum of the squares of all weighted colours.
+        told_count: Colours that are known.
+    """
+
+    normal: FloatArray
+    load: FloatArray
+    squares: float
+    sample_count: int
+    told_count: int
+
+    @classmethod
+    def of(cls, features: FloatArray, samples: PhotometricSamples) -> NormalEquations:
+        """Sum up samples whose colours are to be linear in features, shape [n, sample_count]."""
+        normal, load, squares = [], [], 0.0
+        for change, weight in zip(samples.change, samples.weights, strict=True):
+            known, seen = features * weight, change * weight
+            normal.append(known @ known.T)
+            load.append(known @ seen)
+            squares += float(seen @ seen)
+        return cls(
+            normal=np.stack(normal),
+            load=np.stack(load),
+            squares=squares,
+            sample_count=samples.change.shape[1],
+            told_count=int(np.count_nonzero(samples.weights)),
+        )
+
+    @classmethod
+    def total(cls, parts: Sequence[NormalEquations]) -> NormalEquations:
+        """Return the equations of all samples together."""
+        names = [field.name for field in fields(cls)]
+        return cls(**{name: sum(getattr(part, name) for part in parts) for name in names})
+
+    def solved(self, ridge: float) -> FloatArray:
+        """Return each colour's coefficients, shape [3, n].
+
+        The ridge, a weight on their squares per sample, keeps those small that samples do not tell.
+        """
+        held = self.normal + ridge * self.sample_count * np.eye(self.normal.shape[-1])
+        return np.asarray(np.linalg.solve(held, self.load[..., None])[..., 0])
+
+    def misfit(self, coefficients: FloatArray) -> float:
+        """Return the squares that coefficients, shape [3, n], leave over [grey levels^2]."""
+        bent = np.einsum("ci,cij,cj->", coefficients, self.normal, coefficients)
+        return float(self.squares + bent - 2.0 * np.sum(coefficients * self.load))
+
+
+REFERENCE = 128.0
+RIDGE = 1e-5
+_RIDGES = (1e-6, 3e-6, RIDGE, 3e-5, 1e-4)
+_GROUPS = 6
+_KNEES = (195.0, 205.0, 215.0, 225.0, 235.0, 245.0, BRIGHTEST)
+_CLEARLY = 0.98  # of the misfit without a shoulder: noise alone is to bend no response
+
+
+def fit_photometric(
+    presses: Sequence[PhotometricSamples],
+    *,
+    exponents: IntArray = BALL_EXPONENTS,
+    features: Sequence[FloatArray] | None = None,
+    ridge: float | None = RIDGE,
+    terms: ShadingTerms | None = None,
+    response: Response = LINEAR,
+    reference: float | None = None,
+) -> PhotometricModel:
+    """Fit the coefficients; the limits of tilt and indentation are the samples' largest.
+
+    Args:
+        exponents: Terms of the model, shape [term_count, 5].
+        features: Values of polynomial and terms for each press, where they are known already.
+        ridge: Weight on the coefficients' squares, per sample; None lets presses choose it.
+        response: Of the camera, through which the samples' colours were taken back to light.
+        reference: Level of the no-contact frame that their changes were brought to, if they were.
+
+    Raises:
+        ConfigError: There are fewer samples than terms.
+    """
+    known = features or [
+        np.concatenate([press.polynomial(exponents), press.shading(terms)]) for press in presses
+    ]
+    parts = [NormalEquations.of(*pair) for pair in zip(known, presses, strict=True)]
+    total = NormalEquations.total(parts)
+    count, unknowns = total.sample_count, total.load.shape[1]
+    if count < unknowns:
+        raise ConfigError(
+            f"{count} pixels cannot fix the {unknowns} terms of the photometric model",
+            remedy="give more presses, or a model of lower degree",
+        )
+    chosen = fit_ridge(parts) if ridge is None else ridge
+    coefficients = total.solved(chosen).T
+    provenance = {"press_count": len(presses), "pixel_count": count, "ridge": chosen}
+    return PhotometricModel(
+        exponents=exponents,
+        coefficients=coefficients[: len(exponents)],
+        terms=terms,
+        term_coefficients=coefficients[len(exponents) :],
+        tilt_limit=max(float(np.hypot(*press.gel.tilt).max()) for press in presses),
+        indentation_limit_m=max(float(press.gel.indentation_m.max()) for press in presses),
+        response=response,
+        reference=reference,
+        provenance=provenance,
+    )
+
+
+def fit_ridge(presses: Sequence[NormalEquations]) -> float:
+    """Return the weight with which presses are predicted best by the others.
+
+    What a fit to some presses is made of is what that to all is made of, less what the rest are.
+    """
+    if len(presses) < _GROUPS:
+        return RIDGE
+    pairs = []
+    for first in range(_GROUPS):
+        rest = [press for i, press in enumerate(presses) if i % _GROUPS != first]
+        pairs.append((NormalEquations.total(rest), NormalEquations.total(presses[first::_GROUPS])))
+    return min(
+        _RIDGES, key=lambda ridge: sum(out.misfit(rest.solved(ridge)) for rest, out in pairs)
+    )
+
+
+def fit_response(
+    presses_of: Callable[[Response], Sequence[PhotometricSamples]], features: Sequence[FloatArray]
+) -> Response:
+    """Return the response through which one model explains the samples best.
+
+    Args:
+        presses_of: Gives the light of each press's samples as it is through a response.
+        features: What their colours are to be linear in, whatever the response.
+    """
+
+    def misfit(knee: float) -> float:
+        presses = presses_of(Response(knee=knee))
+        parts = [NormalEquations.of(*pair) for pair in zip(features, presses, strict=True)]
+        total = NormalEquations.total(parts)
+        return total.misfit(total.solved(RIDGE)) / total.told_count
+
+    found = np.array([misfit(knee) for knee in _KNEES])
+    best = int(np.argmin(found))
+    if found[best] > _CLEARLY * found[-1]:
+        return Response()
+    return Response(knee=lowest_place(_KNEES, found) if best > 0 else _KNEES[0])
+
+
+def lowest_place(places: Sequence[float] | FloatArray, misfit: FloatArray) -> float:
+    """Return where a parabola through the lowest misfit and its neighbours is lowest.
+
+    Places are evenly spaced; the lowest misfit is neither at the first nor at the last.
+    """
+    best = int(np.argmin(misfit))
+    left, middle, right = misfit[best - 1 : best + 2]
+    shift = 0.5 * (left - right) / (left - 2.0 * middle + right)
+    return float(places[best] + shift * (places[best] - places[best - 1]))
+
+
+_SAMPLES = 2500
+_AZIMUTHS = np.arange(12) * (np.pi / 6.0)
+_START = (0.2, 1.6, 0.08)  # elevation [rad], distance [half widths], softness
+_LOWEST = (0.03, 1.15, 0.02)
+_HIGHEST = (0.9, 6.0, 0.5)
+_INSIDE = 1e-6  # of these bounds, where a search starts
+_EVALUATIONS = 30
+_STEP = 1e-6  # of a lamp's numbers, whose slopes are found by differences
+# Beside a polynomial of high degree a lamp may stand anywhere: it would do the rest.
+_GENTLE = polynomial_exponents(tilt_degree=2, position_degree=1)
+_RIDGE = 1e-6
+
+
+def fit_terms(
+    samples: PhotometricSamples,
+    *,
+    lamp_count: int,
+    aspect: float,
+    pixel_m: float,
+    start: ShadingTerms | None = None,
+) -> ShadingTerms:
+    """Find the lamps that explain the samples best beside the polynomial.
+
+    Args:
+        aspect: Height of the image over its width.
+        pixel_m: Length of the gel that a pixel sees: a bend sharper than that is not seen [m].
+        start: Lamps to begin from; None searches all around.
+    """
+    few = samples.thinned(max(1, samples.change.shape[1] // _SAMPLES))
+    search = _Search(few, aspect=aspect, crease_limit=1.0 / pixel_m)
+    if start is None:
+        begin = search.all_around(lamp_count)
+    else:
+        lamps = [(lamp.azimuth_rad, lamp.elevation_rad, lamp.distance) for lamp in start.lamps]
+        begin = np.array([*np.ravel(lamps), start.softness])
+    low = np.array([-np.inf, *_LOWEST[:2]] * lamp_count + [_LOWEST[2]])
+    high = np.array([np.inf, *_HIGHEST[:2]] * lamp_count + [_HIGHEST[2]])
+    found = least_squares(
+        search.left_over,
+        np.clip(begin, low + _INSIDE, high - _INSIDE),
+        jac=search.slopes,
+        bounds=(low, high),
+        max_nfev=_EVALUATIONS,
+    )
+    return search.terms(found.x)
+
+
+class _Search:
+    """Lamps as numbers, and what the best coefficients beside them leave of samples' colours.
+
+    The numbers are azimuth, elevation and distance of one lamp after the other, and the softness.
+    """
+
+    def __init__(self, samples: PhotometricSamples, *, aspect: float, crease_limit: float) -> None:
+        self._samples, self._aspect, self._crease_limit = samples, aspect, crease_limit
+        self._polynomial = samples.polynomial(_GENTLE)
+        self._hold = float(np.sqrt(_RIDGE * samples.change.shape[1]))
+
+    def terms(self, numbers: FloatArray) -> ShadingTerms:
+        """Return the lamps that numbers stand for, and creases."""
+        lamps = tuple(
+            NearLamp(azimuth_rad=azimuth, elevation_rad=elevation, distance=distance)
+            for azimuth, elevation, distance in numbers[:-1].reshape(-1, 3).tolist()
+        )
+        return ShadingTerms(
+            lamps=lamps,
+            softness=float(numbers[-1]),
+            aspect=self._aspect,
+            crease_limit=self._crease_limit,
+        )
+
+    def all_around(self, lamp_count: int) -> FloatArray:
+        """Return the lamps, of some in every combination of directions, that leave least over.
+
+        The sums of a combination's fit are among those of a fit to lamps in all directions.
+        """
+        sums = NormalEquations.of(self._features(_around(_AZIMUTHS)), self._samples)
+        gentle, count = len(self._polynomial), sums.load.shape[1]
+        creases = np.arange(gentle + 3 * len(_AZIMUTHS), count)
+        chosen = np.array(list(combinations(range(len(_AZIMUTHS)), lamp_count)))
+        lamps = gentle + (3 * chosen[..., None] + np.arange(3)).reshape(len(chosen), -1)
+        others = np.tile(np.concatenate([np.arange(gentle), creases]), (len(chosen), 1))
+        rows = np.concatenate([others, lamps], axis=1)
+        held = sums.normal + self._hold**2 * np.eye(count)
+        load = sums.load[:, rows]
+        fits = np.linalg.solve(held[:, rows[:, :, None], rows[:, None, :]], load[..., None])
+        explained = np.sum(load * fits[..., 0], axis=(0, 2))
+        return _around(_AZIMUTHS[chosen[int(np.argmax(explained))]])
+
+    def left_over(self, numbers: FloatArray) -> FloatArray:
+        """Return what is left of the samples' colours, and the coefficients' own size."""
+        features = self._features(numbers)
+        coefficients = self._solved(features)
+        off = (self._samples.change - coefficients @ features) * self._samples.weights
+        return np.concatenate([off, -self._hold * coefficients], axis=1).ravel()
+
+    def slopes(self, numbers: FloatArray) -> FloatArray:
+        """Return how ``left_over`` changes with each number, after Kaufman (1975).
+
+        The coefficients follow: a change of features counts as far as no others can make it up.
+        """
+        features, gentle = self._features(numbers), len(self._polynomial)
+        coefficients = self._solved(features)
+        shaded = coefficients[:, gentle:].reshape(3, -1, 3)[:, :-1]  # without creases
+        moved = np.zeros((len(numbers), *self._samples.weights.shape))
+        for kind in range(4):
+            step = np.zeros_like(numbers)
+            step[slice(kind, -1, 3) if kind < 3 else -1] = _STEP
+            change = (self._features(numbers + step) - features)[gentle:-3] / _STEP
+            lit = np.einsum("cmp,mpn->mcn", shaded, change.reshape(-1, 3, change.shape[1]))
+            moved[slice(kind, -1, 3) if kind < 3 else -1] = lit if kind < 3 else lit.sum(axis=0)
+        found = []
+        for weights, own in zip(self._samples.weights, moved.transpose(1, 0, 2), strict=True):
+            known, change = features * weights, own * weights
+            held = known @ known.T + self._hold**2 * np.eye(len(known))
+            made_up = np.linalg.solve(held, known @ change.T)
+            found.append(np.concatenate([known.T @ made_up - change.T, self._hold * made_up]))
+        return np.concatenate(found)
+
+    def _features(self, numbers: FloatArray) -> FloatArray:
+        return np.concatenate([self._polynomial, self._samples.shading(self.terms(numbers))])
+
+    def _solved(self, features: FloatArray) -> FloatArray:
+        return NormalEquations.of(features, self._samples).solved(_RIDGE)
+
+
+def _around(azimuths: RealArray) -> FloatArray:
+    """Return lamps in these directions, as numbers, where a search starts."""
+    return np.array([*np.ravel([(azimuth, *_START[:2]) for azimuth in azimuths]), _START[2]])
