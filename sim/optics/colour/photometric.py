@@ -37,7 +37,7 @@ class PhotometricModel:
     """Polynomial in tilt (p, q), normalised pixel position (u, v) and indentation w [mm].
 
     colour change = sum_k coefficient_k p^a_k q^b_k u^c_k v^d_k w^e_k, with a + b + e >= 1.
-    It is a change of light, in grey levels below the camera's knee; see ``response``.
+    It is a change of light, in grey levels below the camera's knee; see ``Response``.
 
     Attributes:
         exponents: a, b, c, d, e of each term, shape [term_count, 5].

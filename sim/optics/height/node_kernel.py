@@ -28,8 +28,8 @@ FREE, AT_RIM = wp.constant(8), wp.constant(16)
 class Gel:
     """How the drawn nodes follow a model's, and which of them make faces and parts.
 
-    What a mesh does not call for is empty: steep faces that are cut (``steep_faces``), rings that
-    are drawn round (``rings``), neighbours of nodes of linear faces.
+    What a mesh does not call for is empty: steep faces that are cut (``drawn_nodes``), rings that
+    are drawn round, neighbours of nodes of linear faces.
 
     Attributes:
         sources: Node of the model that each drawn one is, or mirrors, shape [node_count].
@@ -192,7 +192,7 @@ def _is_added(gel: Gel, canvas: Canvas, env: int, i: int):
 
 @wp.kernel(enable_backward=False)
 def add_nodes(gel: Gel, canvas: Canvas):
-    """Put nodes where steep faces are cut, see ``steep_faces``."""
+    """Put nodes where steep faces are cut, see ``drawn_nodes``."""
     env, i = wp.tid()
     if not _is_added(gel, canvas, env, i):
         return

@@ -362,7 +362,7 @@ def mirror_ends(
 
 @wp.func
 def _compressed(levels: Any, knee: wp.float32):
-    """Return light as the camera shows it, see ``response``."""
+    """Return light as the camera shows it, see ``Response``."""
     shown = type(levels)()
     room = wp.float32(255.0) - knee
     for n in range(len(levels)):
