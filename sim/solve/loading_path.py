@@ -21,7 +21,7 @@ from sim.solve.equilibrium import EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Inertia, Potential
 from sim.solve.overlap import OVERLAP_SHARE
-from sim.solve.path_point import PathCounts, PathPoint, Settling
+from sim.solve.path_point import PathCounts, PathPoint
 from sim.solve.stepping import CarryPhase, DepthPhase, ForcePhase, Phase, Stepping
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
@@ -125,7 +125,7 @@ class LoadingPath:
         potentials: Further energies of the nodes, such as weight.
         inertia: Mass of the nodes, for a path in time.
         reuse: What the solver keeps from step to step; None is what the size calls for.
-        keeps_all: Keep every equilibrium on the way, for ``taken_over``.
+        keeps_all: Keep every equilibrium, for ``taken_over``.
 
     Attributes:
         unloaded: Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's
@@ -147,7 +147,6 @@ class LoadingPath:
     unloaded: FloatArray = field(init=False)
     touch_m: float = field(init=False)
     setup_s: float = field(init=False)
-    _settling: Settling = field(init=False)
     _stepping: Stepping = field(init=False)
 
     def __post_init__(self) -> None:
@@ -171,9 +170,10 @@ class LoadingPath:
             centre_m=self.centre_m,
             rotation=self.rotation,
         )
-        self._settling = Settling(solver=self.solver, touch_m=self.touch_m, counts=self.counts)
         self._stepping = Stepping(
-            settling=self._settling,
+            solver=self.solver,
+            touch_m=self.touch_m,
+            counts=self.counts,
             potentials=self.potentials,
             inertia=self.inertia,
             keeps_all=self.keeps_all,
@@ -187,16 +187,16 @@ class LoadingPath:
 
     @property
     def history(self) -> Sequence[tuple[float, float]]:
-        """(depth [m], F_z [N]) of every equilibrium on the way, those in passing within 0.1 %."""
+        """(depth [m], F_z [N]) of every equilibrium so far, intermediate ones to 0.1 %."""
         return self._stepping.history
 
     @property
     def points(self) -> Sequence[PathPoint]:
-        """The equilibria on the way: all, or the last ones."""
+        """The equilibria so far: all, or the last ones."""
         return tuple(self._stepping.known)
 
     def stiffer(self, factor: float) -> LoadingPath:
-        """Return the same path, at its start, through a gel that is so many times as stiff.
+        """Return the same path, at its start, in a gel that is so many times as stiff.
 
         Raises:
             ConfigError: Weight, mass or relaxation is modelled: they do not scale with stiffness.
@@ -220,7 +220,7 @@ class LoadingPath:
         state = point.state.copy()
         if state.grip is not None:
             state.grip.loads = stiffer * state.grip.loads
-        found = self._settle(state, passing=True)
+        found = self._settle(state, intermediate=True)
         return replace(found, stiffness_n_m=stiffer * point.stiffness_n_m)
 
     def advance(
@@ -289,7 +289,7 @@ class LoadingPath:
         """
         point = self._pressed("dwells")
         self._stepping.begin(duration_s)
-        return self._stepping.accept(self._settle(point.state.copy(), passing=False))
+        return self._stepping.accept(self._settle(point.state.copy(), intermediate=False))
 
     def carry(
         self,
@@ -351,18 +351,20 @@ class LoadingPath:
     def _go(self, point: PathPoint, phase: Phase, duration_s: float | None) -> PathPoint:
         return self._stepping.go(point, phase, duration_s=duration_s, options=self.options)
 
-    def _settle(self, state: State, *, passing: bool) -> PathPoint:
-        return self._settling.settle(state, load_n=None, passing=passing, options=self.options)
+    def _settle(self, state: State, *, intermediate: bool) -> PathPoint:
+        return self._stepping.settle(
+            state, load_n=None, intermediate=intermediate, options=self.options
+        )
 
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
         depth = min(depth_m, self._first_step_m)
         if depth_m > 0.0:
             depth = min(depth, depth_m * self._stepping.longest_share(duration_s))
         self._stepping.begin(_part(depth / depth_m, duration_s) if depth_m > 0.0 else duration_s)
-        # What takes hold or flies in passing is remembered as it is found, less than exactly even.
+        # Points that take hold, or have mass, remember an intermediate state as it is found.
         remembers = self.model.contact_options.is_tangential or self.inertia is not None
-        passing = depth < depth_m and not remembers
-        return self._stepping.accept(self._settle(self.untouched(depth), passing=passing))
+        intermediate = depth < depth_m and not remembers
+        return self._stepping.accept(self._settle(self.untouched(depth), intermediate=intermediate))
 
     @property
     def _first_step_m(self) -> float:
@@ -388,7 +390,7 @@ class LoadingPath:
         for _ in range(_TOUCHING_TRIES):
             self._stepping.begin(_part(math.exp(at), duration_s))
             start = self.untouched(OVERLAP_SHARE * self.model.height_m)
-            carried = float(self._settle(start, passing=True).force_n[2])
+            carried = float(self._settle(start, intermediate=True).force_n[2])
             missed = math.log(carried / force_n) - at
             if known is not None and at != known[0]:
                 slope = min(slope, (missed - known[1]) / (at - known[0]))

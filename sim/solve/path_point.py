@@ -1,20 +1,24 @@
-"""One pose of the indenter settled, and the response of its stiffness to a motion."""
+"""Equilibria on a loading path, and the state that they predict for the next one."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from sim.contact.state import State
-from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, SolverOptions
+from sim.solve.equilibrium import Equilibrium
 from tacauchy_rig.core.arrays import FloatArray
 
-# Residual over the contact force that will do on the way to another point, which is extrapolated
-# from points in passing and the better the closer they are.
-_PASSING = 1e-4
-# Of F_z: what it changes by less tells no stiffness; in passing it is met to a tenth of that.
-_TELLS_STIFFNESS = 1e-3
+# Points that a prediction uses, at most.
+_USED = 3
+# A parabola that leaves the line by more than this share of the line's motion tells that the path
+# is not smooth, and the line counts. It is 0.05 to 0.25 where gel flows evenly, 0.5 to 4 where a
+# frictionless rim gathers it in folds: there a parabola led to another branch with half the force.
+_BENT = 0.5
+# Points nearer to each other than this share of the step say too little.
+_APART = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,87 +56,40 @@ class PathCounts:
     wall_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Settling:
-    """Settles one indenter against one pad.
+def predicted_state(
+    points: Sequence[PathPoint], places: Sequence[float], *, at: float, step: float
+) -> State:
+    """Return the state that polynomials through the nearest points give.
 
-    Attributes:
-        touch_m: Tip height from which depth counts [m].
+    Args:
+        points: Equilibria, the last one to go on from.
+        places: Their depths [m] or loads [N]; of the last one it need not be the largest.
+        at: Where the state is wanted, in the same unit.
+        step: From the last point to there, likewise.
     """
+    chosen: list[int] = []
+    for k in sorted(range(len(points)), key=lambda k: abs(places[k] - at)):
+        apart = [abs(places[k] - places[j]) for j in chosen]
+        if min(apart, default=np.inf) > _APART * abs(step) and len(chosen) < _USED:
+            chosen.append(k)
+    state = points[chosen[0]].state.copy()
+    last, found = state.positions, _interpolated(points, places, chosen[:2], at)
+    if len(chosen) > 2:
+        bent = _interpolated(points, places, chosen, at)
+        motion, off = (float(np.abs(each).max()) for each in (found[0] - last, bent[0] - found[0]))
+        found = bent if off <= _BENT * motion else found
+    state.positions, state.tip = found
+    return state
 
-    solver: EquilibriumSolver
-    touch_m: float
-    counts: PathCounts
 
-    def settle(
-        self,
-        state: State,
-        *,
-        load_n: float | None,
-        passing: bool,
-        options: SolverOptions,
-        before: PathPoint | None = None,
-    ) -> PathPoint:
-        """Find the equilibrium, friction's lagged pressure included.
-
-        Args:
-            state: Where to start from; it becomes the point's.
-            load_n: Force that the indenter is pushed with [N]; None holds it where it is.
-            passing: To 0.01 % will do.
-            before: The point that was gone on from.
-
-        Raises:
-            ConvergenceError: There is none.
-        """
-        model, wanted = self.solver.model, options.residual_relative
-        if load_n is not None:
-            load_n = load_n / model.mesh.symmetry.copies
-            wanted = min(wanted, options.load_relative)
-        options = replace(options, residual_relative=_PASSING if passing else wanted)
-        found = self.solver.settle(state, load_n=load_n, options=options)
-        if model.contact_options.bonded:
-            model.surface.refresh_grip(self.solver.indenter, state)
-        model.surface.drag_anchors(self.solver.indenter, state)
-        self.counts.newton_iterations += found.iterations
-        self.counts.increments += 1
-        return self._point(state, found, before)
-
-    def _point(self, state: State, found: Equilibrium, before: PathPoint | None) -> PathPoint:
-        force, depth = (
-            self.solver.model.mesh.symmetry.whole_force(found.push_n),
-            self.touch_m - float(state.tip[2]),
-        )
-        rise, travel, last = float(force[2]), depth, 0.0
-        if before is not None:
-            rise, travel = rise - float(before.force_n[2]), depth - before.depth_m
-            last = before.stiffness_n_m
-        is_pressed = rise * travel > 0.0 and abs(rise) > _TELLS_STIFFNESS * abs(float(force[2]))
-        return PathPoint(
-            depth_m=depth,
-            force_n=force,
-            stiffness_n_m=rise / travel if is_pressed else last,
-            state=state,
-            equilibrium=found,
-        )
-
-    def response(
-        self, state: State, found: Equilibrium, velocity: FloatArray, spin: FloatArray
-    ) -> tuple[FloatArray, float]:
-        """Return the answer to a motion of the indenter, by the stiffness that was factored last.
-
-        Args:
-            velocity: Of the tip [m/unit], shape [3].
-            spin: About the tip [rad/unit], shape [3].
-
-        Returns:
-            Motion of the nodes [m/unit], shape [node_count, 3], and of F_z [N/unit].
-        """
-        model, contact = self.solver.model, found.contact
-        carried = velocity + np.cross(spin, contact.points - state.tip)
-        change = np.cross(spin, contact.forces)
-        change -= np.einsum("fpij,fpj->fpi", contact.stiffness, carried)
-        pulled = model.pattern.unknowns(model.surface.scatter(change))
-        motion = -model.pattern.nodal(self.solver.factor.solve(pulled))
-        lifted = float(np.sum(model.surface.scatter(contact.stiffness[..., 2]) * motion))
-        rate = model.mesh.symmetry.copies * (float(change[..., 2].sum()) + lifted)
-        return motion, rate
+def _interpolated(
+    points: Sequence[PathPoint], places: Sequence[float], chosen: Sequence[int], at: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return positions and tip of Lagrange's polynomial through the chosen points [m]."""
+    shares = [
+        float(np.prod([(at - places[j]) / (places[k] - places[j]) for j in chosen if j != k]))
+        for k in chosen
+    ]
+    pairs = list(zip(shares, (points[k].state for k in chosen), strict=True))
+    positions = np.sum([share * known.positions for share, known in pairs], axis=0)
+    return positions, np.sum([share * known.tip for share, known in pairs], axis=0)

@@ -12,25 +12,44 @@ import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from sim.contact.state import State
 from sim.material.relaxation import Relaxation
-from sim.solve.equilibrium import SolverOptions
+from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, SolverOptions
 from sim.solve.nodal_energies import Inertia, Potential
 from sim.solve.overlap import OVERLAP_SHARE, overlap_fraction
-from sim.solve.path_point import PathPoint, Settling
+from sim.solve.path_point import PathCounts, PathPoint, predicted_state
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 
-DOWN = np.array([0.0, 0.0, -1.0])
-STILL = np.zeros(3)
-# What is as good as no stiffness [N/m], or no travel [m]: it keeps quotients finite.
+logger = logging.getLogger(__name__)
+
+_DOWN = np.array([0.0, 0.0, -1.0])
+_STILL = np.zeros(3)
+# No stiffness [N/m], or no travel [m]: it keeps quotients finite.
 _NOTHING = 1e-30
 # A push's steps are at least this share of its force, also where the gel hardly resists.
 _FORCE_STEP_MIN_SHARE = 1e-3
+# Of the longest step: a press that fails in shorter ones stops.
+_STEP_MIN_SHARE = 2e-5
+# Of the longest step: what overlap leaves of a step must be more, or the step is refused.
+_OVERLAP_LEFT_MIN_SHARE = 1e-6
+# Steps are cut by this where they fail, and may grow by the other where they do not.
+_CUT, _GROWTH = 4.0, 2.0
+# Of a phase, where a gel relaxes: its stress is taken to change evenly in a step.
+_EVEN_SHARE = 0.1
+# A step may be longer by this share, so that rounding takes no step of its own.
+_LONGER = 1e-3
+# Points of the path that the next one may be predicted from.
+_REMEMBERED = 24
+# Residual over the contact force of an intermediate state. The next one is extrapolated from these,
+# and the better the more exact they are.
+_INTERMEDIATE = 1e-4
+# Of F_z: a smaller change tells no stiffness; intermediate states meet it to a tenth of that.
+_TELLS_STIFFNESS = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,8 +59,8 @@ class Phase(ABC):
     Attributes:
         goal: What is to be reached, for messages.
         exact: Difference from the end that counts as none.
-        step_max_m: Longest way of a point of the indenter in one step [m].
-        load_n: F_z to keep, while the depth answers [N]; None keeps or changes the depth.
+        step_max_m: Longest travel of a point of the indenter in one step [m].
+        load_n: F_z to keep, while the depth follows [N]; None keeps or changes the depth.
         twist_rad: Turn about z through the tip for one of the parameter [rad].
     """
 
@@ -55,7 +74,7 @@ class Phase(ABC):
 
     @property
     def direction(self) -> tuple[object, ...]:
-        """Where it leads: phases alike in it go on from one another."""
+        """Phases of equal direction continue one another."""
         return type(self), self.end > self.start
 
     def is_short_of(self, at: float) -> bool:
@@ -84,13 +103,13 @@ class Phase(ABC):
 class DepthPhase(Phase):
     """Straight down to a depth [m]."""
 
-    def longest(self, stiffness_n_m: float) -> float:  # noqa: ARG002 - a depth is a depth
+    def longest(self, stiffness_n_m: float) -> float:  # noqa: ARG002
         """Return the longest step [m]."""
         return self.step_max_m
 
     def rate(self, stiffness_n_m: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
-        """Return velocity and spin a metre of depth."""
-        return DOWN, STILL
+        """Return velocity and spin for a metre of depth."""
+        return _DOWN, _STILL
 
 
 class ForcePhase(Phase):
@@ -101,8 +120,8 @@ class ForcePhase(Phase):
         return max(stiffness_n_m * self.step_max_m, _FORCE_STEP_MIN_SHARE * self.end)
 
     def rate(self, stiffness_n_m: float) -> tuple[FloatArray, FloatArray]:
-        """Return velocity and spin a newton."""
-        return DOWN / max(stiffness_n_m, _NOTHING), STILL
+        """Return velocity and spin for a newton."""
+        return _DOWN / max(stiffness_n_m, _NOTHING), _STILL
 
     def load_at(self, at: float) -> float | None:
         """Return the force itself."""
@@ -126,11 +145,11 @@ class CarryPhase(Phase):
 
     @property
     def direction(self) -> tuple[object, ...]:
-        """Where it leads: phases alike in it go on from one another."""
+        """Phases of equal direction continue one another."""
         return type(self), *self.shift_m.tolist(), self.twist_rad, self.load_n is None
 
     def longest(self, stiffness_n_m: float) -> float:  # noqa: ARG002
-        """Return the longest step: the one in which a point of the rim goes ``step_max_m``."""
+        """Return the longest step: the one in which a point of the rim travels ``step_max_m``."""
         travel = float(np.linalg.norm(self.shift_m)) + abs(self.twist_rad) * self.radius_m
         return min(1.0, self.step_max_m / max(travel, _NOTHING))
 
@@ -139,52 +158,29 @@ class CarryPhase(Phase):
         return self.shift_m, np.array([0.0, 0.0, self.twist_rad])
 
 
-logger = logging.getLogger(__name__)
-
-# Of the longest step: a press that fails in shorter ones stops.
-_STEP_MIN_SHARE = 2e-5
-# Of the longest step: what overlap leaves of a step must be more, or the step is refused.
-_OVERLAP_LEFT_MIN_SHARE = 1e-6
-# Steps are cut by this where they fail, and may grow by the other where they do not.
-_CUT, _GROWTH = 4.0, 2.0
-# Of a phase, where a gel relaxes: its stress is taken to change evenly in a step.
-_EVEN_SHARE = 0.1
-# A step may be longer by this share, so that rounding takes no step of its own.
-_LONGER = 1e-3
-# Points of the path that the next one may be predicted from.
-_REMEMBERED = 24
-# Points that a prediction goes by, at most.
-_GONE_BY = 3
-# A parabola that leaves the line by more than this share of the line's way tells that the path is
-# not smooth, and the line counts. It is 0.05 to 0.25 where gel flows evenly, 0.5 to 4 where a
-# frictionless rim gathers it in folds: there a parabola led to another branch with half the force.
-_BENT = 0.5
-# A stiffness that is none [N/m]; it keeps a quotient finite.
-_NOTHING_N_M = 1e-30
-# Points nearer to each other than this share of the way ahead say too little.
-_APART = 0.05
-
-
 @dataclass(slots=True, kw_only=True)
 class Stepping:
     """Steps through equilibria, and has a gel that relaxes or has mass remember them.
 
     Attributes:
+        touch_m: Tip height from which depth counts [m].
         potentials: Further energies of the nodes besides inertia, such as weight.
         last: The equilibrium that was reached last, also when a phase ended in an error.
-        history: (depth [m], F_z [N]) of every equilibrium on the way.
+        history: (depth [m], F_z [N]) of every equilibrium so far.
         known: The last of these; all of them if ``keeps_all``.
     """
 
-    settling: Settling
+    solver: EquilibriumSolver
+    touch_m: float
+    counts: PathCounts
     potentials: Sequence[Potential] = ()
     inertia: Inertia | None = None
     keeps_all: bool = False
     last: PathPoint | None = None
     history: list[tuple[float, float]] = field(default_factory=list)
     known: deque[PathPoint] = field(init=False)
-    # Points of the phases that led the same way, with their places along it.
-    _trail: deque[tuple[float, PathPoint]] = field(
+    # Points of the phases of one direction, with their places along it.
+    _alike: deque[tuple[float, PathPoint]] = field(
         default_factory=lambda: deque(maxlen=_REMEMBERED)
     )
     _direction: tuple[object, ...] = ()
@@ -192,13 +188,18 @@ class Stepping:
     def __post_init__(self) -> None:
         self.known = deque(maxlen=None if self.keeps_all else _REMEMBERED)
 
+    @property
+    def _memories(self) -> tuple[Inertia | Relaxation, ...]:
+        """What goes on from where a step ended, and not from any point of the path."""
+        both = (self.solver.model.relaxation, self.inertia)
+        return tuple(each for each in both if each is not None)
+
     def begin(self, duration_s: float | None) -> None:
         """Begin a step of a time [s]; None is for ever."""
         for memory in self._memories:
             memory.begin_step(math.inf if duration_s is None else duration_s)
         if self.inertia is not None:
-            flight = self.inertia.flight
-            self.settling.solver.replace_potentials((*self.potentials, *flight))
+            self.solver.replace_potentials((*self.potentials, *self.inertia.flight))
 
     def accept(self, point: PathPoint) -> PathPoint:
         """Remember a point that is gone on from."""
@@ -209,29 +210,14 @@ class Stepping:
             memory.commit(point.state.positions)
         return point
 
-    def _advance(self, left: float, step: float) -> float:
-        """Return how far the next step goes; of a gel with mass what is left is parted evenly.
-
-        A sliver of time at a phase's end would turn rounding into speed.
-        """
-        if self.inertia is None:
-            return float(np.clip(left, -step, step))
-        return left / max(1, math.ceil(abs(left) / step - _LONGER))
-
     def longest_share(self, duration_s: float | None) -> float:
         """Return the largest part of what takes a time [s] that may be one step."""
         if duration_s is None or not math.isfinite(duration_s):
             return 1.0
-        share = 1.0 if self.settling.solver.model.relaxation is None else _EVEN_SHARE
+        share = 1.0 if self.solver.model.relaxation is None else _EVEN_SHARE
         if self.inertia is not None:
             share = min(share, self.inertia.step_max_s / duration_s)
         return share
-
-    @property
-    def _memories(self) -> tuple[Inertia | Relaxation, ...]:
-        """What goes on from where a step ended, and not from any point of the path."""
-        both = (self.settling.solver.model.relaxation, self.inertia)
-        return tuple(each for each in both if each is not None)
 
     def go(
         self, point: PathPoint, phase: Phase, *, duration_s: float | None, options: SolverOptions
@@ -244,13 +230,18 @@ class Stepping:
             ConfigError: A gel that relaxes or has mass would have to go back.
         """
         started = time.perf_counter()
-        point = self._resume(point)
+        if point is not self.last and self._memories:
+            raise ConfigError(
+                "a gel that relaxes or has mass cannot go back to an earlier point of its path",
+                remedy="drive it by load or by depth, not by the displacement search",
+            )
+        self.last = point
         whole = abs(phase.end - phase.start)
         pace = None if duration_s is None else duration_s / max(whole, 1e-300)
         even = whole * self.longest_share(duration_s)
-        if phase.direction != self._direction or self._trail[-1][1] is not point:
-            self._trail.clear()
-            self._trail.append((phase.start, point))
+        if phase.direction != self._direction or self._alike[-1][1] is not point:
+            self._alike.clear()
+            self._alike.append((phase.start, point))
             self._direction = phase.direction
         at, step = phase.start, min(phase.longest(point.stiffness_n_m), even)
         while phase.is_short_of(at):
@@ -261,25 +252,27 @@ class Stepping:
                 step = abs(advance) / _CUT
                 logger.debug("increment of %.3g failed: %s", advance, error.message)
                 if step < phase.longest(point.stiffness_n_m) * _STEP_MIN_SHARE:
-                    raise _stopped(point, phase, error) from error
+                    raise ConvergenceError(
+                        f"the press stopped at {point.depth_m * 1e3:.4f} mm and "
+                        f"{point.force_n[2]:.4f} N on the way to {phase.goal}: {error.message}",
+                        remedy=error.remedy,
+                    ) from error
                 continue
             point = self.accept(found)
-            self._trail.append((self._trail[-1][0] + taken, point))
+            self._alike.append((self._alike[-1][0] + taken, point))
             at = phase.end if abs(phase.end - at - taken) <= phase.exact else at + taken
             step = min(phase.longest(point.stiffness_n_m), _GROWTH * max(step, abs(taken)), even)
-        self.settling.counts.wall_s += time.perf_counter() - started
+        self.counts.wall_s += time.perf_counter() - started
         return point
 
-    def _resume(self, point: PathPoint) -> PathPoint:
-        if point is self.last:
-            return point
-        if self._memories:
-            raise ConfigError(
-                "a gel that relaxes or has mass cannot go back to an earlier point of its path",
-                remedy="drive it by load or by depth, not by the displacement search",
-            )
-        self.last = point
-        return point
+    def _advance(self, left: float, step: float) -> float:
+        """Return the next step's length; of a gel with mass what is left is parted evenly.
+
+        A sliver of time at a phase's end would turn rounding into speed.
+        """
+        if self.inertia is None:
+            return float(np.clip(left, -step, step))
+        return left / max(1, math.ceil(abs(left) / step - _LONGER))
 
     def _increment(
         self,
@@ -291,57 +284,75 @@ class Stepping:
         options: SolverOptions,
     ) -> tuple[PathPoint, float]:
         """Go one step; return where that led and how much of the phase was done."""
-        ahead = self._predicted(point, phase, at, advance)
-        if ahead is not None:
-            self.begin(None if pace is None else pace * abs(advance))
-            return self._settled(ahead, point, phase, at + advance, options), advance
-        settling, found, state = self.settling, point.equilibrium, point.state.copy()
-        # That of a state before would answer to other contact.
-        settling.solver.take_factor(state)
+        state, fraction = self._predicted(point, phase, at, advance), 1.0
+        if state is None:
+            state, fraction = self._along_tangent(point, phase, advance)
+        self.begin(None if pace is None else pace * fraction * abs(advance))
+        taken = fraction * advance
+        found = self.settle(
+            state,
+            load_n=phase.load_at(at + taken),
+            intermediate=self.inertia is None and phase.is_short_of(at + taken),
+            options=options,
+            before=point,
+        )
+        return found, taken
+
+    def _along_tangent(self, point: PathPoint, phase: Phase, advance: float) -> tuple[State, float]:
+        """Return where the tangent leads, and the fraction of the step that overlap allows.
+
+        Raises:
+            ConvergenceError: It allows none.
+        """
+        state = point.state.copy()
+        # The stiffness of a state before would be that of another contact.
+        self.solver.take_factor(state)
         velocity, spin = phase.rate(point.stiffness_n_m)
-        motion, lift = settling.response(point.state, found, velocity, spin)
+        motion, lift = self._response(point, velocity, spin)
         if phase.load_n is not None:
-            sunk, resists = settling.response(point.state, found, DOWN, STILL)
-            sink = -lift / max(resists, _NOTHING_N_M)
+            sunk, resists = self._response(point, _DOWN, _STILL)
+            sink = -lift / max(resists, _NOTHING)
             motion = motion + sink * sunk
-            velocity = velocity + sink * DOWN
+            velocity = velocity + sink * _DOWN
         turned = phase.turned(state.rotation, advance)
         tip = state.tip + advance * velocity
         state.rotation = turned
-        solver = settling.solver
-        fraction = overlap_fraction(solver.model, solver.indenter, state, tip, advance * motion)
+        model = self.solver.model
+        fraction = overlap_fraction(model, self.solver.indenter, state, tip, advance * motion)
         if np.any(spin) and fraction < 1.0:
             raise ConvergenceError("the next turn would overlap the indenter")
         if fraction * abs(advance) < phase.longest(point.stiffness_n_m) * _OVERLAP_LEFT_MIN_SHARE:
             raise ConvergenceError("the next step would overlap the indenter")
         state.positions = state.positions + fraction * advance * motion
         state.tip = state.tip + fraction * (tip - state.tip)
-        reached = at + fraction * advance
-        self.begin(None if pace is None else pace * fraction * abs(advance))
-        return self._settled(state, point, phase, reached, options), fraction * advance
+        return state, fraction
 
-    def _alike(
-        self, point: PathPoint, phase: Phase, at: float
-    ) -> tuple[list[tuple[float, PathPoint]], float]:
-        """Return the points that the next may be predicted from, with their places, and the last's.
+    def _response(
+        self, point: PathPoint, velocity: FloatArray, spin: FloatArray
+    ) -> tuple[FloatArray, float]:
+        """Return the response to a motion of the indenter, by the stiffness factored last.
 
-        Where an equilibrium depends on the indenter's place alone, those of any phase serve.
+        Args:
+            velocity: Of the tip [m/unit], shape [3].
+            spin: About the tip [rad/unit], shape [3].
+
+        Returns:
+            Motion of the nodes [m/unit], shape [node_count, 3], and of F_z [N/unit].
         """
-        model = self.settling.solver.model
-        if self._memories or model.contact_options.is_tangential or isinstance(phase, CarryPhase):
-            return list(self._trail), self._trail[-1][0]
-        held = phase.load_at(phase.end) is None
-        known = [
-            (each.depth_m if held else float(each.force_n[2]), each)
-            for each in self.known
-            if np.array_equal(each.state.tip[:2], point.state.tip[:2])
-            and np.array_equal(each.state.rotation, point.state.rotation)
-        ]
-        return known, at
+        model, contact = self.solver.model, point.equilibrium.contact
+        carried = velocity + np.cross(spin, contact.points - point.state.tip)
+        change = np.cross(spin, contact.forces)
+        change -= np.einsum("fpij,fpj->fpi", contact.stiffness, carried)
+        pulled = model.pattern.unknowns(model.surface.scatter(change))
+        motion = -model.pattern.nodal(self.solver.factor.solve(pulled))
+        lifted = float(np.sum(model.surface.scatter(contact.stiffness[..., 2]) * motion))
+        rate = model.mesh.symmetry.copies * (float(change[..., 2].sum()) + lifted)
+        return motion, rate
 
     def _predicted(self, point: PathPoint, phase: Phase, at: float, advance: float) -> State | None:
         """Return the state to which the points so far lead; None where they do not tell enough."""
-        known, place = self._alike(point, phase, at)
+        known, place = self._basis(point, phase, at)
+        model = self.solver.model
         if not point.force_n.any():
             state = point.state.copy()
         elif len(known) > 1:
@@ -349,7 +360,6 @@ class Stepping:
             state = predicted_state(points, places, at=place + advance, step=advance)
             state.grip = point.state.copy().grip
             # Nothing brings these back from what a sum of many states rounds.
-            model = self.settling.solver.model
             state.positions[model.clamped] = model.nodes[model.clamped]
         else:
             return None
@@ -359,81 +369,77 @@ class Stepping:
             if phase.load_n is None:
                 state.tip[2] = point.state.tip[2]
         elif phase.load_at(at) is None:
-            state.tip[2] = self.settling.touch_m - (at + advance)
-        return state if self._may_start(state) else None
+            state.tip[2] = self.touch_m - (at + advance)
+        if model.contact_options.extension < 1.0:  # a parabola throughout forgives any overlap
+            gaps = model.surface.gaps(state.positions, self.solver.indenter, state)
+            if not gaps.min() >= -OVERLAP_SHARE * model.height_m:
+                return None
+        return state
 
-    def _may_start(self, state: State) -> bool:
-        """Return whether a state overlaps no more than its barrier forgives."""
-        solver = self.settling.solver
-        model = solver.model
-        if model.contact_options.extension >= 1.0:
-            return True
-        gaps = model.surface.gaps(state.positions, solver.indenter, state)
-        return bool(gaps.min() >= -OVERLAP_SHARE * model.height_m)
+    def _basis(
+        self, point: PathPoint, phase: Phase, at: float
+    ) -> tuple[list[tuple[float, PathPoint]], float]:
+        """Return the points that the next may be predicted from, with their places, and the last's.
 
-    def _settled(
-        self, state: State, point: PathPoint, phase: Phase, at: float, options: SolverOptions
+        Where an equilibrium depends on the indenter's place alone, those of any phase serve.
+        """
+        tangential = self.solver.model.contact_options.is_tangential
+        if self._memories or tangential or isinstance(phase, CarryPhase):
+            return list(self._alike), self._alike[-1][0]
+        held = phase.load_at(phase.end) is None
+        known = [
+            (each.depth_m if held else float(each.force_n[2]), each)
+            for each in self.known
+            if np.array_equal(each.state.tip[:2], point.state.tip[:2])
+            and np.array_equal(each.state.rotation, point.state.rotation)
+        ]
+        return known, at
+
+    def settle(
+        self,
+        state: State,
+        *,
+        load_n: float | None,
+        intermediate: bool,
+        options: SolverOptions,
+        before: PathPoint | None = None,
     ) -> PathPoint:
-        return self.settling.settle(
-            state,
-            load_n=phase.load_at(at),
-            passing=self.inertia is None and phase.is_short_of(at),
-            options=options,
-            before=point,
+        """Find the equilibrium, friction's lagged pressure included.
+
+        Args:
+            state: Where to start from; it becomes the point's.
+            load_n: Force that the indenter is pushed with [N]; None holds it where it is.
+            intermediate: To 0.01 % will do.
+            before: The point that was gone on from.
+
+        Raises:
+            ConvergenceError: There is none.
+        """
+        solver, model, wanted = self.solver, self.solver.model, options.residual_relative
+        if load_n is not None:
+            load_n = load_n / model.mesh.symmetry.copies
+            wanted = min(wanted, options.load_relative)
+        options = replace(options, residual_relative=_INTERMEDIATE if intermediate else wanted)
+        found = solver.settle(state, load_n=load_n, options=options)
+        if model.contact_options.bonded:
+            model.surface.refresh_grip(solver.indenter, state)
+        model.surface.drag_anchors(solver.indenter, state)
+        self.counts.newton_iterations += found.iterations
+        self.counts.increments += 1
+        return self._point(state, found, before)
+
+    def _point(self, state: State, found: Equilibrium, before: PathPoint | None) -> PathPoint:
+        force = self.solver.model.mesh.symmetry.whole_force(found.push_n)
+        depth = self.touch_m - float(state.tip[2])
+        rise, travel, last = float(force[2]), depth, 0.0
+        if before is not None:
+            rise, travel = rise - float(before.force_n[2]), depth - before.depth_m
+            last = before.stiffness_n_m
+        is_pressed = rise * travel > 0.0 and abs(rise) > _TELLS_STIFFNESS * abs(float(force[2]))
+        return PathPoint(
+            depth_m=depth,
+            force_n=force,
+            stiffness_n_m=rise / travel if is_pressed else last,
+            state=state,
+            equilibrium=found,
         )
-
-
-def _stopped(point: PathPoint, phase: Phase, error: ConvergenceError) -> ConvergenceError:
-    return ConvergenceError(
-        f"the press stopped at {point.depth_m * 1e3:.4f} mm and "
-        f"{point.force_n[2]:.4f} N on the way to {phase.goal}: {error.message}",
-        remedy=error.remedy,
-    )
-
-
-def predicted_state(
-    points: Sequence[PathPoint],
-    places: Sequence[float],
-    *,
-    at: float,
-    step: float,
-) -> State:
-    """Return the state that polynomials through the nearest points give.
-
-    Args:
-        points: Equilibria, the last one to go on from.
-        places: Their depths [m] or loads [N]; of the last one it need not be the largest.
-        at: Where the state is wanted, in the same unit.
-        step: Way from the last point to there, likewise.
-    """
-    chosen: list[int] = []
-    for k in sorted(range(len(points)), key=lambda k: abs(places[k] - at)):
-        apart = [abs(places[k] - places[j]) for j in chosen]
-        if min(apart, default=np.inf) > _APART * abs(step) and len(chosen) < _GONE_BY:
-            chosen.append(k)
-    state = points[chosen[0]].state.copy()
-    last, found = state.positions, _at(points, places, chosen[:2], at)
-    if len(chosen) > 2:
-        bent = _at(points, places, chosen, at)
-        way, off = (float(np.abs(each).max()) for each in (found[0] - last, bent[0] - found[0]))
-        found = bent if off <= _BENT * way else found
-    state.positions, state.tip = found
-    return state
-
-
-def _at(
-    points: Sequence[PathPoint], places: Sequence[float], chosen: Sequence[int], at: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return positions and tip that the polynomial through the chosen points has at a place [m]."""
-    shares = _lagrange([places[k] for k in chosen], at)
-    pairs = list(zip(shares, (points[k].state for k in chosen), strict=True))
-    positions = np.sum([share * known.positions for share, known in pairs], axis=0)
-    return positions, np.sum([share * known.tip for share, known in pairs], axis=0)
-
-
-def _lagrange(places: Sequence[float], at: float) -> list[float]:
-    """Return the share of every place's value in the value at another."""
-    return [
-        float(np.prod([(at - other) / (place - other) for other in places if other != place]))
-        for place in places
-    ]
