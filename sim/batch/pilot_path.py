@@ -18,36 +18,24 @@ _FAR = wp.constant(wp.float64(1e3))
 
 @wp.struct
 class PilotPath:
-    """The points of the pilot's path, the untouched gel first, shape [point_count + 1, ...].
+    """The points of the pilot's path, the untouched gel first, shape [point_count + 1, ...]."""
 
-    Attributes:
-        coordinates: Along x and y, depth or load, turn; each in metres.
-        motions: Of the nodes from the untouched gel [m], shape [..., node_count].
-        depths: Of the indenter [m].
-        states: The one that is kept there, or -1.
-        before: Point that the path comes from.
-        frames: Of the kept states, their numbers among the trajectory's, shape [state_count].
-    """
-
-    coordinates: wp.array(dtype=wp.vec4d)
+    coordinates: wp.array(dtype=wp.vec4d)  # along x and y, depth or load, turn; each in metres
+    # of the nodes from the untouched gel [m], shape [..., node_count]
     motions: wp.array2d(dtype=wp.vec3d)
-    depths: wp.array(dtype=wp.float64)
-    states: wp.array(dtype=wp.int32)
-    before: wp.array(dtype=wp.int32)
+    depths: wp.array(dtype=wp.float64)  # of the indenter [m]
+    states: wp.array(dtype=wp.int32)  # the one that is kept there, or -1
+    before: wp.array(dtype=wp.int32)  # point that the path comes from
+    # of the kept states, their numbers among the trajectory's, shape [state_count]
     frames: wp.array(dtype=wp.int32)
 
 
 @wp.struct
 class PathPosition:
-    """A position on the pilot's path: a share of the segment to a point from the one before it.
+    """A position on the pilot's path: a share of the segment to a point from the one before it."""
 
-    Attributes:
-        point: Where the segment leads, at least 1.
-        share: Of the segment.
-    """
-
-    point: wp.int32
-    share: wp.float64
+    point: wp.int32  # where the segment leads, at least 1
+    share: wp.float64  # of the segment
 
 
 @wp.func

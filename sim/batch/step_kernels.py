@@ -42,61 +42,42 @@ UNDER_WAY = wp.constant(3)
 
 @wp.struct
 class Trajectories:
-    """Where the environments begin and go, frame by frame.
+    """Where the environments begin and go, frame by frame."""
 
-    Attributes:
-        tips: Of the indenter at first touch [m], shape [environment_count].
-        rotations: Indenter frame to pad frame, there.
-        goals: Depth [m] or force that pushes the whole pad [N], shift along x and y [m], turn about
-            z [rad]; shape [frame_count, environment_count].
-        until: The frame to go to at most, shape [1].
-        metres: Depth for a newton [m/N], distance for a radian [m].
-        copies: Of the modelled part in the whole pad.
-        pushed: The force is given, and counts times
-        shares: E of the pilot's gel over their own, shape [environment_count].
-        guided: 1 where the indenter comes down where the pilot's did, shape [environment_count].
-        starts: Where on the pilot's path a frame begins, as ``goals`` has its shape, and
-        ends: where it ends.
-        nearest: The kept state of the pilot that is nearest to its end.
-    """
-
-    tips: wp.array(dtype=wp.vec3d)
-    rotations: wp.array(dtype=wp.mat33d)
+    tips: wp.array(dtype=wp.vec3d)  # of the indenter at first touch [m], shape [environment_count]
+    rotations: wp.array(dtype=wp.mat33d)  # indenter frame to pad frame, there
+    # depth [m] or force on the whole pad [N], shift along x and y [m], turn about z [rad], of shape
+    # frame_count by environment_count
     goals: wp.array2d(dtype=wp.vec4d)
-    until: wp.array(dtype=wp.int32)
-    metres: wp.vec2d
-    copies: wp.float64
-    pushed: wp.bool
+    until: wp.array(dtype=wp.int32)  # the frame to go to at most, shape [1]
+    metres: wp.vec2d  # depth for a newton [m/N], distance for a radian [m]
+    copies: wp.float64  # of the modelled part in the whole pad
+    pushed: wp.bool  # the force is given, and counts times ``shares``
+    # E of the pilot's gel over their own, shape [environment_count]
     shares: wp.array(dtype=wp.float64)
+    # 1 where the indenter comes down where the pilot's did, shape [environment_count]
     guided: wp.array(dtype=wp.int32)
+    # where on the pilot's path a frame begins, and where it ends; of the shape of ``goals``
     starts: wp.array2d(dtype=PathPosition)
     ends: wp.array2d(dtype=PathPosition)
-    nearest: wp.array2d(dtype=wp.int32)
+    nearest: wp.array2d(dtype=wp.int32)  # the kept state of the pilot that is nearest to its end
 
 
 @wp.struct
 class History:
-    """The last states, shape [environment_count, ...] each.
+    """The last states, shape [environment_count, ...] each."""
 
-    Attributes:
-        active: 1 where an environment takes part in the step.
-        stage: Where it is between two frames.
-        frame: Frames that it has behind it.
-        share: Of the last step: so far the next one's start is beyond the last state.
-        follows: 1 where the step follows the pilot's path.
-        coordinates: Of the last two states, latest first, shape [..., 2]: along x and y, depth or
-            load, turn; each in metres.
-        heights: Of the indenter's tip in them [m], shape [..., 2].
-        last: Nodes of the last state [m], shape [..., node_count]; ``older`` of the one before.
-    """
-
-    active: wp.array(dtype=wp.int32)
-    stage: wp.array(dtype=wp.int32)
-    frame: wp.array(dtype=wp.int32)
+    active: wp.array(dtype=wp.int32)  # 1 where an environment takes part in the step
+    stage: wp.array(dtype=wp.int32)  # where it is between two frames
+    frame: wp.array(dtype=wp.int32)  # frames that it has behind it
+    # of the last step: so far the next one's start is beyond the last state
     share: wp.array(dtype=wp.float64)
-    follows: wp.array(dtype=wp.int32)
+    follows: wp.array(dtype=wp.int32)  # 1 where the step follows the pilot's path
+    # of the last two states, latest first, shape [..., 2]: along x and y, depth or load, turn; each
+    # in metres
     coordinates: wp.array2d(dtype=wp.vec4d)
-    heights: wp.array2d(dtype=wp.float64)
+    heights: wp.array2d(dtype=wp.float64)  # of the indenter's tip in them [m], shape [..., 2]
+    # nodes of the last state [m], shape [..., node_count]; ``older`` of the one before
     last: wp.array2d(dtype=wp.vec3d)
     older: wp.array2d(dtype=wp.vec3d)
 
@@ -107,45 +88,30 @@ class InverseSharing:
 
     An inverse multiplies some vectors at once: those whose environments it serves lie in columns
     beside each other, in blocks of a width.
-
-    Attributes:
-        which: Inverse that serves an environment, shape [environment_count].
-        rank: Of the environment among those that it serves, likewise.
-        counts: Environments that an inverse serves, shape [state_count].
-        first: Their first column, likewise.
-        blocks: Inverse of every block of columns, -1 for none, shape [block_count].
-        width: Columns of a block; 0 where every environment keeps its own column.
-        ahead: Who is not the slowest needs an inverse that is so many frames after it at most.
     """
 
-    which: wp.array(dtype=wp.int32)
-    rank: wp.array(dtype=wp.int32)
-    counts: wp.array(dtype=wp.int32)
-    first: wp.array(dtype=wp.int32)
+    which: wp.array(dtype=wp.int32)  # inverse that serves an environment, shape [environment_count]
+    rank: wp.array(dtype=wp.int32)  # of the environment among those that it serves, likewise
+    counts: wp.array(dtype=wp.int32)  # environments that an inverse serves, shape [state_count]
+    first: wp.array(dtype=wp.int32)  # their first column, likewise
+    # inverse of every block of columns, -1 for none, shape [block_count]
     blocks: wp.array(dtype=wp.int32)
-    width: wp.int32
+    width: wp.int32  # columns of a block; 0 where every environment keeps its own column
+    # who is not the slowest needs an inverse that is so many frames after it at most
     ahead: wp.int32
 
 
 @wp.struct
 class StepResults:
-    """What a step gives, shape [frame_count, environment_count] each.
+    """What a step gives, shape [frame_count, environment_count] each."""
 
-    Attributes:
-        push: Force on the indenter, modelled part [N].
-        tips: Of the indenter [m].
-        residual: Norm of the unbalanced force over the contact force.
-        imbalance: Base reaction against the indenter's force, over the latter.
-        gap: The smallest [m].
-        status: How the descent ended.
-    """
-
-    push: wp.array2d(dtype=wp.vec3d)
-    tips: wp.array2d(dtype=wp.vec3d)
-    residual: wp.array2d(dtype=wp.float64)
+    push: wp.array2d(dtype=wp.vec3d)  # force on the indenter, modelled part [N]
+    tips: wp.array2d(dtype=wp.vec3d)  # of the indenter [m]
+    residual: wp.array2d(dtype=wp.float64)  # norm of the unbalanced force over the contact force
+    # base reaction against the indenter's force, over the latter
     imbalance: wp.array2d(dtype=wp.float64)
-    gap: wp.array2d(dtype=wp.float64)
-    status: wp.array2d(dtype=wp.int32)
+    gap: wp.array2d(dtype=wp.float64)  # the smallest [m]
+    status: wp.array2d(dtype=wp.int32)  # how the descent ended
 
 
 @wp.func

@@ -55,29 +55,20 @@ _STIFFNESS_FACTOR = wp.constant(wp.float64(8.0))  # kappa over E d_hat
 
 @wp.struct
 class TouchedSurface:
-    """The faces that may be touched, and the numbers of the contact model.
+    """The faces that may be touched, and the numbers of the contact model."""
 
-    Attributes:
-        faces: Nodes of every face, shape [face_count, face_node_count].
-        values: Of the shape functions, shape [point_count, face_node_count].
-        areas: At rest, of every contact point [m^2], shape [face_count, point_count].
-        young: E of what is touched [Pa], shape [environment_count].
-        extensions: Share of d_hat below which the barrier goes on as a parabola, the same shape.
-        friction: mu, the same shape.
-        distance: d_hat [m].
-        slip: s [m], the offset at which sticking has become sliding.
-        bonded: Points that touch stick, with k = E / d_hat.
-    """
-
-    faces: wp.array2d(dtype=wp.int32)
+    faces: wp.array2d(dtype=wp.int32)  # nodes of every face, shape [face_count, face_node_count]
+    # of the shape functions, shape [point_count, face_node_count]
     values: wp.array2d(dtype=wp.float64)
+    # at rest, of every contact point [m^2], shape [face_count, point_count]
     areas: wp.array2d(dtype=wp.float64)
-    young: wp.array(dtype=wp.float64)
+    young: wp.array(dtype=wp.float64)  # E of what is touched [Pa], shape [environment_count]
+    # share of d_hat below which the barrier goes on as a parabola, the same shape
     extensions: wp.array(dtype=wp.float64)
-    friction: wp.array(dtype=wp.float64)
-    distance: wp.float64
-    slip: wp.float64
-    bonded: wp.bool
+    friction: wp.array(dtype=wp.float64)  # mu, the same shape
+    distance: wp.float64  # d_hat [m]
+    slip: wp.float64  # s [m], the offset at which sticking has become sliding
+    bonded: wp.bool  # points that touch stick, with k = E / d_hat
 
 
 @wp.func

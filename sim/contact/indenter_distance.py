@@ -35,18 +35,12 @@ def uploaded_surface(indenter: MeshIndenter, device: str) -> tuple[Any, Any]:
 
 @wp.struct
 class Nearest:
-    """The nearest point of a face.
+    """The nearest point of a face."""
 
-    Attributes:
-        squared: Squared distance [m^2].
-        point: The nearest point [m].
-        feature: Face, edge k or vertex k of the face.
-    """
-
-    squared: wp.float64
-    point: wp.vec3d
+    squared: wp.float64  # squared distance [m^2]
+    point: wp.vec3d  # the nearest point [m]
     face: wp.int32
-    feature: wp.int32
+    feature: wp.int32  # face, edge k or vertex k of the face
 
 
 @wp.func
@@ -172,15 +166,10 @@ class MeshBody:
 
 @wp.struct
 class Poses:
-    """The indenter's pose in every environment, shape [environment_count] each.
+    """The indenter's pose in every environment, shape [environment_count] each."""
 
-    Attributes:
-        tips: In the pad's frame [m].
-        rotations: Indenter frame to pad frame.
-    """
-
-    tips: wp.array(dtype=wp.vec3d)
-    rotations: wp.array(dtype=wp.mat33d)
+    tips: wp.array(dtype=wp.vec3d)  # in the pad's frame [m]
+    rotations: wp.array(dtype=wp.mat33d)  # indenter frame to pad frame
 
 
 @wp.func

@@ -26,24 +26,19 @@ _ZERO = 1e-14
 
 @wp.struct
 class GelArrays:
-    """A gel's elements on a device.
+    """A gel's elements on a device."""
 
-    Attributes:
-        nodes: Of every element, shape [element_count, node_count].
-        reference_gradients: Of the shape functions, shape [point_count, node_count].
-        inverse_jacobians: At rest [1/m], shape [element_count].
-        weights: Rest volume of every quadrature point [m^3], shape [element_count, point_count].
-        parameters: The law's numbers, shape [environment_count, element_count].
-        stiffening: c of every element, by which relaxation stiffens a step; one where nothing does.
-        history: H of every quadrature point [Pa], what it remembers; empty where it does not.
-    """
-
-    nodes: wp.array2d(dtype=wp.int32)
+    nodes: wp.array2d(dtype=wp.int32)  # of every element, shape [element_count, node_count]
+    # of the shape functions, shape [point_count, node_count]
     reference_gradients: wp.array2d(dtype=wp.vec3d)
-    inverse_jacobians: wp.array(dtype=wp.mat33d)
+    inverse_jacobians: wp.array(dtype=wp.mat33d)  # at rest [1/m], shape [element_count]
+    # rest volume of every quadrature point [m^3], shape [element_count, point_count]
     weights: wp.array2d(dtype=wp.float64)
+    # the law's numbers, shape [environment_count, element_count]
     parameters: wp.array2d(dtype=wp.vec4d)
+    # c of every element, by which relaxation stiffens a step; one where nothing does
     stiffening: wp.array(dtype=wp.float64)
+    # H of every quadrature point [Pa], what it remembers; empty where it does not
     history: wp.array2d(dtype=wp.mat33d)
 
 

@@ -24,18 +24,14 @@ BESIDE = wp.constant(wp.float64(1.0e9))
 
 @wp.struct
 class DeviceSurface:
-    """A ``TriangleSurface`` [m] and the tree that finds its faces; empty for analytic bodies.
+    """A ``TriangleSurface`` [m] and the tree that finds its faces; empty for analytic bodies."""
 
-    Attributes:
-        tree: Identifier of the ``wp.Mesh``, whose coordinates are (x - centre) * per_size: near
-            one, where single precision and Warp's own thresholds are at home.
-        half: Half the extents of its box.
-    """
-
+    # identifier of the ``wp.Mesh``, whose coordinates are (x - centre) * per_size: near one, where
+    # single precision and Warp's own thresholds are at home
     tree: wp.uint64
     centre: wp.vec3d
     per_size: wp.float64
-    half: wp.vec3d
+    half: wp.vec3d  # half the extents of its box
     vertices: wp.array(dtype=wp.vec3d)
     faces: wp.array2d(dtype=wp.int32)
     neighbours: wp.array2d(dtype=wp.int32)

@@ -45,145 +45,92 @@ class Act(IntEnum):
 
 @wp.struct
 class Limits:
-    """What all environments share.
+    """What all environments share."""
 
-    Attributes:
-        overlap: That a step may end with [m].
-        tip_step: Longest step of an indenter that is pushed [m].
-        energy_scale: E times the volume [J].
-        lags: Points hold on with a lagged pressure.
-        keeps: There is no other factor: one that asks for it forgets what it learnt, and goes on.
-        patience_steps: With a factor, after which it is renewed where the residual is still
-        patience_shares: more than this share of the contact force.
-    """
-
-    overlap: wp.float64
-    tip_step: wp.float64
-    energy_scale: wp.float64
-    lags: wp.bool
+    overlap: wp.float64  # that a step may end with [m]
+    tip_step: wp.float64  # longest step of an indenter that is pushed [m]
+    energy_scale: wp.float64  # E times the volume [J]
+    lags: wp.bool  # points hold on with a lagged pressure
+    # there is no other factor: one that asks for it forgets what it learnt, and goes on
     keeps: wp.bool
+    # after so many steps a factor is renewed where the residual is still more than this share of
+    # the contact force
     patience_steps: wp.vec3i
     patience_shares: wp.vec3d
 
 
 @wp.struct
 class Descent:
-    """Where every environment is, shape [environment_count] each.
+    """Where every environment is, shape [environment_count] each."""
 
-    Attributes:
-        status: It runs, is done or asks.
-        mode: What is evaluated.
-        act: What is done next.
-        wanted: 1 where the forces are to be evaluated.
-        holding: 1 where points are held anew, with the mean of before and now where it is 2.
-        learns: 1 where the step that was accepted is remembered; ``takes`` where any is accepted.
-        pushed: 1 where the indenter is pushed with ``load`` [N], and its height is an unknown.
-        touches: 1 where the factored gel holds the indenter.
-        attempt: Of the factor: 0 exact, above ever safer.
-        checked: 1 where the start was looked at.
-        rough: 1 until the residual is small enough to tell whether gaps will do.
-        steps: Taken; ``steps_max`` at most, ``since`` the last factor.
-        tries: Of the step under way.
-        evaluations: Of the forces.
-        slot: Where the inverse finds what it is asked for.
-        push: Force on the indenter [N].
-        recorded: Residuals, the last of which are ``residuals`` [N], shape [..., 6].
-        relative: Residual that is enough, over the contact force; ``floor`` is always enough [N].
-        gap_least: Smallest gap that a state may end with [m].
-        rounding: What rounding leaves of a residual [N]; negative where it is not known.
-        energy: [J].
-        slope: Gradient . direction where the step began [J].
-        length: Of the direction, squared [m^2].
-        fraction: Of the direction that is tried.
-        residual: Norm of the gradient [N].
-        vertical: The gradient's sum along z [N].
-        scale: Contact force [N].
-        gripped_at: Residual where lagged pressure was taken over last [N].
-        grip_change: Of the friction limit when it was taken over last, over itself.
-        ratio_min: Smallest volume ratio.
-        gap_min: Smallest gap [m].
-    """
-
-    status: wp.array(dtype=wp.int32)
-    mode: wp.array(dtype=wp.int32)
-    act: wp.array(dtype=wp.int32)
-    wanted: wp.array(dtype=wp.int32)
+    status: wp.array(dtype=wp.int32)  # it runs, is done or asks
+    mode: wp.array(dtype=wp.int32)  # what is evaluated
+    act: wp.array(dtype=wp.int32)  # what is done next
+    wanted: wp.array(dtype=wp.int32)  # 1 where the forces are to be evaluated
+    # 1 where points are held anew, with the mean of before and now where it is 2
     holding: wp.array(dtype=wp.int32)
     takes: wp.array(dtype=wp.int32)
+    # 1 where the step that was accepted is remembered; ``takes`` where any is accepted
     learns: wp.array(dtype=wp.int32)
+    # 1 where the indenter is pushed with ``load`` [N], and its height is an unknown
     pushed: wp.array(dtype=wp.int32)
-    touches: wp.array(dtype=wp.int32)
-    attempt: wp.array(dtype=wp.int32)
-    checked: wp.array(dtype=wp.int32)
+    touches: wp.array(dtype=wp.int32)  # 1 where the factored gel holds the indenter
+    attempt: wp.array(dtype=wp.int32)  # of the factor: 0 exact, above ever safer
+    checked: wp.array(dtype=wp.int32)  # 1 where the start was looked at
+    # 1 until the residual is small enough to tell whether gaps will do
     rough: wp.array(dtype=wp.int32)
-    steps: wp.array(dtype=wp.int32)
+    steps: wp.array(dtype=wp.int32)  # taken; ``steps_max`` at most, ``since`` the last factor
     steps_max: wp.array(dtype=wp.int32)
     since: wp.array(dtype=wp.int32)
-    tries: wp.array(dtype=wp.int32)
-    evaluations: wp.array(dtype=wp.int32)
-    slot: wp.array(dtype=wp.int32)
+    tries: wp.array(dtype=wp.int32)  # of the step under way
+    evaluations: wp.array(dtype=wp.int32)  # of the forces
+    slot: wp.array(dtype=wp.int32)  # where the inverse finds what it is asked for
+    # residuals, the last of which are ``residuals`` [N], shape [..., 6]
     recorded: wp.array(dtype=wp.int32)
     residuals: wp.array2d(dtype=wp.float64)
     load: wp.array(dtype=wp.float64)
-    push: wp.array(dtype=wp.vec3d)
+    push: wp.array(dtype=wp.vec3d)  # force on the indenter [N]
+    # residual that is enough, over the contact force; ``floor`` is always enough [N]
     relative: wp.array(dtype=wp.float64)
     floor: wp.array(dtype=wp.float64)
-    gap_least: wp.array(dtype=wp.float64)
+    gap_least: wp.array(dtype=wp.float64)  # smallest gap that a state may end with [m]
+    # what rounding leaves of a residual [N]; negative where it is not known
     rounding: wp.array(dtype=wp.float64)
-    energy: wp.array(dtype=wp.float64)
-    slope: wp.array(dtype=wp.float64)
-    length: wp.array(dtype=wp.float64)
-    fraction: wp.array(dtype=wp.float64)
-    residual: wp.array(dtype=wp.float64)
-    vertical: wp.array(dtype=wp.float64)
-    scale: wp.array(dtype=wp.float64)
-    gripped_at: wp.array(dtype=wp.float64)
+    energy: wp.array(dtype=wp.float64)  # [J]
+    slope: wp.array(dtype=wp.float64)  # gradient . direction where the step began [J].
+    length: wp.array(dtype=wp.float64)  # of the direction, squared [m^2]
+    fraction: wp.array(dtype=wp.float64)  # of the direction that is tried
+    residual: wp.array(dtype=wp.float64)  # norm of the gradient [N]
+    vertical: wp.array(dtype=wp.float64)  # the gradient's sum along z [N]
+    scale: wp.array(dtype=wp.float64)  # contact force [N]
+    gripped_at: wp.array(dtype=wp.float64)  # residual where lagged pressure was taken over last [N]
+    # of the friction limit when it was taken over last, over itself
     grip_change: wp.array(dtype=wp.float64)
-    ratio_min: wp.array(dtype=wp.float64)
-    gap_min: wp.array(dtype=wp.float64)
+    ratio_min: wp.array(dtype=wp.float64)  # smallest volume ratio
+    gap_min: wp.array(dtype=wp.float64)  # smallest gap [m]
 
 
 @wp.struct
 class Evaluated:
-    """What an evaluation reads and gives, shape [environment_count, ...] each, nodal vectors flat.
+    """What an evaluation reads and gives, [environment_count, ...] each, nodal vectors flat."""
 
-    Attributes:
-        positions: Of the nodes [m].
-        tips: Of the indenter [m].
-        elastic: Gradient of the gel's energy [N].
-        contact: Contact's part of the gradient [N].
-        energies: Of the elements [J].
-        ratios: Their smallest volume ratios.
-        touched: Energies of the contact points [J].
-        gaps: Of the contact points [m].
-        grip_change: Of the points' friction limits [N].
-        grip_limit: The limits [N].
-    """
-
-    positions: wp.array2d(dtype=wp.float64)
-    tips: wp.array(dtype=wp.vec3d)
-    elastic: wp.array2d(dtype=wp.float64)
-    contact: wp.array2d(dtype=wp.float64)
-    energies: wp.array2d(dtype=wp.float64)
-    ratios: wp.array2d(dtype=wp.float64)
-    touched: wp.array2d(dtype=wp.float64)
-    gaps: wp.array2d(dtype=wp.float64)
-    grip_change: wp.array2d(dtype=wp.float64)
-    grip_limit: wp.array2d(dtype=wp.float64)
+    positions: wp.array2d(dtype=wp.float64)  # of the nodes [m]
+    tips: wp.array(dtype=wp.vec3d)  # of the indenter [m]
+    elastic: wp.array2d(dtype=wp.float64)  # gradient of the gel's energy [N]
+    contact: wp.array2d(dtype=wp.float64)  # contact's part of the gradient [N]
+    energies: wp.array2d(dtype=wp.float64)  # of the elements [J]
+    ratios: wp.array2d(dtype=wp.float64)  # their smallest volume ratios
+    touched: wp.array2d(dtype=wp.float64)  # energies of the contact points [J]
+    gaps: wp.array2d(dtype=wp.float64)  # of the contact points [m]
+    grip_change: wp.array2d(dtype=wp.float64)  # of the points' friction limits [N]
+    grip_limit: wp.array2d(dtype=wp.float64)  # the limits [N]
 
 
 @wp.struct
 class Pull:
-    """Further energy k (x - x0)^2 / 2 - F . (x - X) of every nodal coordinate, flat.
+    """Further energy k (x - x0)^2 / 2 - F . (x - X) of every nodal coordinate, flat."""
 
-    Attributes:
-        stiffness: k [N/m].
-        towards: x0 [m].
-        force: F [N].
-        rest: X [m].
-    """
-
-    stiffness: wp.array(dtype=wp.float64)
-    towards: wp.array(dtype=wp.float64)
-    force: wp.array(dtype=wp.float64)
-    rest: wp.array(dtype=wp.float64)
+    stiffness: wp.array(dtype=wp.float64)  # k [N/m]
+    towards: wp.array(dtype=wp.float64)  # x0 [m]
+    force: wp.array(dtype=wp.float64)  # F [N]
+    rest: wp.array(dtype=wp.float64)  # X [m]

@@ -118,42 +118,26 @@ class Memory:
 
     Of the one under way, shape [environment_count, row_count] over the unknowns, nodes first and
     the tip's height last; of the last ones, shape [environment_count, length, ...] each.
-
-    Attributes:
-        start: Where the step began: coordinates [m].
-        gradient: There [N].
-        trial: Gradient where the step is tried [N].
-        renewed: Gradient there once points are held anew [N].
-        direction: Of the step [m].
-        gaps: Of every contact point where the step began [m].
-        steps: s [m], shape [..., row_count].
-        changes: y [N], likewise.
-        table: s of the row times y of the column [J], shape [..., length].
-        on_gradient: s times the gradient that the last direction began from [J].
-        along: y times that direction [J].
-        products: Of the pass under way.
-        shares: Of the pass under way.
-        left: Shares of the first loop.
-        counts: How many are remembered, shape [environment_count].
-        next: Where the next goes, likewise.
     """
 
-    start: wp.array2d(dtype=wp.float64)
-    gradient: wp.array2d(dtype=wp.float64)
-    trial: wp.array2d(dtype=wp.float64)
-    renewed: wp.array2d(dtype=wp.float64)
-    direction: wp.array2d(dtype=wp.float64)
-    gaps: wp.array2d(dtype=wp.float64)
-    steps: wp.array3d(dtype=wp.float32)
-    changes: wp.array3d(dtype=wp.float32)
+    start: wp.array2d(dtype=wp.float64)  # where the step began: coordinates [m]
+    gradient: wp.array2d(dtype=wp.float64)  # there [N]
+    trial: wp.array2d(dtype=wp.float64)  # gradient where the step is tried [N]
+    renewed: wp.array2d(dtype=wp.float64)  # gradient there once points are held anew [N]
+    direction: wp.array2d(dtype=wp.float64)  # of the step [m]
+    gaps: wp.array2d(dtype=wp.float64)  # of every contact point where the step began [m]
+    steps: wp.array3d(dtype=wp.float32)  # s [m], shape [..., row_count]
+    changes: wp.array3d(dtype=wp.float32)  # y [N], likewise
+    # s of the row times y of the column [J], shape [..., length]
     table: wp.array3d(dtype=wp.float64)
+    # s times the gradient that the last direction began from [J]
     on_gradient: wp.array2d(dtype=wp.float64)
-    along: wp.array2d(dtype=wp.float64)
-    products: wp.array2d(dtype=wp.float64)
-    shares: wp.array2d(dtype=wp.float64)
-    left: wp.array2d(dtype=wp.float64)
-    counts: wp.array(dtype=wp.int32)
-    next: wp.array(dtype=wp.int32)
+    along: wp.array2d(dtype=wp.float64)  # y times that direction [J]
+    products: wp.array2d(dtype=wp.float64)  # of the pass under way
+    shares: wp.array2d(dtype=wp.float64)  # of the pass under way
+    left: wp.array2d(dtype=wp.float64)  # shares of the first loop
+    counts: wp.array(dtype=wp.int32)  # how many are remembered, shape [environment_count]
+    next: wp.array(dtype=wp.int32)  # where the next goes, likewise
 
 
 # On a GPU a lane of the first warp has one of the pairs: a loop over them is a triangular solution,
