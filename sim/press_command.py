@@ -10,7 +10,17 @@ from sim.effects.estimates import expected_force
 from sim.error.tolerance import Tolerance, keeping, parse_tolerance
 from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import Pad
-from sim.scene.scene import Drive, Motion, Output, Preset, Scene, SceneTerms, Target
+from sim.scene.scene import (
+    Drive,
+    Motion,
+    Output,
+    Preset,
+    Scene,
+    SceneTerms,
+    Target,
+    TetWildOptions,
+    parse_tetwild_options,
+)
 from sim.scene.terms import (
     parse_contact,
     parse_indenter,
@@ -19,7 +29,6 @@ from sim.scene.terms import (
     parse_pair,
     parse_switch,
 )
-from sim.scene.tetwild_options import TetWildOptions, parse_tetwild_options
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sim.batch.dense_kernel import Tiling, product_kernel
 from sim.batch.pilot import Pilot, PilotState
 from sim.device import Device
-from sim.mesh.sparsity import SparsePattern
+from sim.mesh.discretisation import SparsePattern
 from sim.solve.linear_solver import BorderedSolver, linear_solver
 from tacauchy_rig.core.errors import ConfigError
 

@@ -17,8 +17,8 @@ import warp as wp
 
 from sim.device import Device, on_host
 from sim.fields.projection_kernel import projection_kernel
+from sim.mesh.discretisation import assembled
 from sim.mesh.elements import EDGES
-from sim.mesh.sparsity import assembled
 from sim.mesh.tet_mesh import tet_volumes
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import BoolArray, FloatArray

@@ -1,10 +1,17 @@
-"""A clamped pad's nodes, elements and touched faces, as one element type sees its mesh."""
+"""A clamped pad's nodes, elements and touched faces, and the sparsity of its Newton matrix.
+
+The sparsity is built once, filled by the kernels and read by the solver. Fixed degrees of freedom
+are left out. Kernels add 3 x 3 blocks of the upper triangle; one gather turns them into the scalar
+CSR data that solvers take.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import scipy.sparse
 from numpy.typing import NDArray
 
 from sim.mesh.elements import (
@@ -14,10 +21,119 @@ from sim.mesh.elements import (
     quadratic_nodes,
     reference_element,
 )
-from sim.mesh.sparsity import SparsePattern, sparse_pattern
 from sim.mesh.tet_mesh import TetMesh
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
+
+AnyIntArray = NDArray[np.integer[Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SparsePattern:
+    """Upper triangle of a symmetric matrix over the free degrees of freedom.
+
+    Attributes:
+        free_dofs: Position of each unknown in the flat nodal vector, shape [dof_count].
+        block_row: Block row of each node, -1 where it is fixed, shape [node_count].
+        block_keys: Sorted row * row_count + column of each block, shape [block_count].
+        indptr: CSR row starts, shape [dof_count + 1].
+        indices: CSR columns, sorted, diagonal included.
+        gather: Position of each CSR value in the flat blocks, shape [nnz].
+    """
+
+    free_dofs: NDArray[np.int64]
+    block_row: IntArray
+    block_keys: NDArray[np.int64]
+    indptr: IntArray
+    indices: IntArray
+    gather: NDArray[np.int64]
+
+    @property
+    def dof_count(self) -> int:
+        """Scalar unknowns."""
+        return len(self.free_dofs)
+
+    @property
+    def block_count(self) -> int:
+        """Blocks that the kernels fill."""
+        return len(self.block_keys)
+
+    def slots(self, elements: IntArray) -> IntArray:
+        """Return 2 * block index + transposed for each node pair, shape [n, k, k]; -1 for none."""
+        rows, columns = _pairs(self.block_row[elements])
+        index = np.searchsorted(self.block_keys, _keys(rows, columns, len(self.block_row)))
+        slots = 2 * index + (rows > columns)
+        return np.where((rows < 0) | (columns < 0), -1, slots).astype(np.int32)
+
+    def upper(self, data: FloatArray) -> scipy.sparse.csr_matrix:
+        """Return the upper triangle with CSR values."""
+        return scipy.sparse.csr_matrix((data, self.indices, self.indptr), (self.dof_count,) * 2)
+
+    def unknowns(self, nodal: FloatArray) -> FloatArray:
+        """Return the free entries of a nodal vector [node_count, 3]."""
+        return np.asarray(nodal.reshape(-1)[self.free_dofs])
+
+    def nodal(self, unknowns: FloatArray) -> FloatArray:
+        """Return unknowns as a nodal vector [node_count, 3], zero where fixed."""
+        flat = np.zeros(3 * len(self.block_row))
+        flat[self.free_dofs] = unknowns
+        return flat.reshape(-1, 3)
+
+
+def sparse_pattern(elements: IntArray, fixed: NDArray[np.bool_]) -> SparsePattern:
+    """Build the pattern of a mesh.
+
+    Args:
+        elements: Shape [element_count, element_node_count].
+        fixed: True for degrees of freedom that cannot move, shape [node_count, 3].
+    """
+    moving = np.flatnonzero(~fixed.all(axis=1))
+    block_row = np.full(len(fixed), -1, dtype=np.int32)
+    block_row[moving] = np.arange(len(moving), dtype=np.int32)
+    rows, columns = _pairs(block_row[elements])
+    kept = (rows >= 0) & (rows <= columns)
+    block_keys = np.unique(_keys(rows[kept], columns[kept], len(fixed)))
+    free_dofs = np.flatnonzero(~fixed.reshape(-1))
+    unknown = np.full((len(fixed), 3), -1, dtype=np.int64)
+    unknown.reshape(-1)[free_dofs] = np.arange(len(free_dofs))
+    block_rows, block_columns = np.divmod(block_keys, len(fixed))
+    row, column = np.broadcast_arrays(
+        unknown[moving[block_rows]][:, :, None], unknown[moving[block_columns]][:, None, :]
+    )
+    flat_row, flat_column = row.reshape(-1), column.reshape(-1)
+    upper = np.flatnonzero((flat_row >= 0) & (flat_row <= flat_column))
+    gather = upper[np.lexsort((flat_column[upper], flat_row[upper]))]
+    counts = np.bincount(flat_row[gather], minlength=len(free_dofs))
+    return SparsePattern(
+        free_dofs=free_dofs,
+        block_row=block_row,
+        block_keys=block_keys,
+        indptr=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
+        indices=flat_column[gather].astype(np.int32),
+        gather=gather,
+    )
+
+
+def assembled(blocks: FloatArray, elements: AnyIntArray, size: int) -> scipy.sparse.csr_matrix:
+    """Return the sum of the elements' blocks, shape [size, size].
+
+    Args:
+        blocks: Shape [element_count, k, k].
+        elements: Rows of each block, shape [element_count, k].
+    """
+    rows, columns = (each.reshape(-1) for each in _pairs(elements))
+    return scipy.sparse.csr_matrix((blocks.reshape(-1), (rows, columns)), shape=(size, size))
+
+
+def _pairs(nodes: AnyIntArray) -> tuple[AnyIntArray, AnyIntArray]:
+    rows = np.broadcast_to(nodes[:, :, None], (*nodes.shape, nodes.shape[1]))
+    return rows, np.swapaxes(rows, 1, 2)
+
+
+def _keys(rows: AnyIntArray, columns: AnyIntArray, stride: int) -> NDArray[np.int64]:
+    low, high = np.minimum(rows, columns), np.maximum(rows, columns)
+    return low.astype(np.int64) * stride + high
+
 
 # Of the pad's height: what lies lower is on the clamped base.
 _ON_BASE = 1e-6

@@ -11,8 +11,7 @@ from typing import Any
 from sim.scene.indenter import Indenter
 from sim.scene.material import Layer, Material, RelaxationTerm, interface_shares
 from sim.scene.pad import BoxPad, Pad, SurfacePad, read_surface_pad
-from sim.scene.scene import Scene, Target
-from sim.scene.tetwild_options import TetWildOptions, tetwild_options_of
+from sim.scene.scene import Scene, Target, TetWildOptions, tetwild_options_of
 from sim.scene.triangle_surface import MeshUnit
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import SensorOptics, parse_optics

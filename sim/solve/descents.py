@@ -24,7 +24,7 @@ from sim.solve.descent_state import Act, Mode, Status
 from sim.solve.memory_kernels import LONGEST, Memory
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Potential, pull_of
-from sim.solve.overlap import OVERLAP_SHARE
+from sim.solve.starts import OVERLAP_SHARE
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 

@@ -36,11 +36,10 @@ from sim.device import on_host
 from sim.scene.indenter import Indenter
 from sim.solve.descent_state import Mode, Status
 from sim.solve.descents import Descents
+from sim.solve.linear_solver import StiffnessFactor
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Potential
-from sim.solve.overlap import refuse_deep_overlap
-from sim.solve.stiffness_factor import StiffnessFactor
-from sim.solve.untangle import TANGLED_SHARE, inverted_share, untangle
+from sim.solve.starts import TANGLED_SHARE, inverted_share, refuse_deep_overlap, untangle
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 

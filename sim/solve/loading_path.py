@@ -20,8 +20,8 @@ from sim.scene.indenter import Indenter, Plane
 from sim.solve.equilibrium import EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Inertia, Potential
-from sim.solve.overlap import OVERLAP_SHARE
 from sim.solve.path_point import PathCounts, PathPoint
+from sim.solve.starts import OVERLAP_SHARE
 from sim.solve.stepping import CarryPhase, DepthPhase, ForcePhase, Phase, Stepping
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError

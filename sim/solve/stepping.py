@@ -20,8 +20,8 @@ from sim.contact.state import State
 from sim.material.relaxation import Relaxation
 from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, SolverOptions
 from sim.solve.nodal_energies import Inertia, Potential
-from sim.solve.overlap import OVERLAP_SHARE, overlap_fraction
 from sim.solve.path_point import PathCounts, PathPoint, predicted_state
+from sim.solve.starts import OVERLAP_SHARE, overlap_fraction
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 

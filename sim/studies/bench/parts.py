@@ -25,7 +25,7 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.error.tolerance import Tolerance, keeping, setting_of
 from sim.fields.surface import SurfaceState
-from sim.mesh.sparsity import SparsePattern
+from sim.mesh.discretisation import SparsePattern
 from sim.replay import replay_forces, replay_scene
 from sim.scene.scene import Preset, Scene
 from sim.sensor.sensor import load_sensor

@@ -19,7 +19,7 @@ from sim.fields.interface import (
     on_sides,
 )
 from sim.fields.stress import recovered_stress
-from sim.mesh.sparsity import assembled
+from sim.mesh.discretisation import assembled
 from sim.press import press
 from sim.press_command import scene_from
 from sim.scene.scene import Scene

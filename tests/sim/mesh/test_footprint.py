@@ -33,8 +33,7 @@ from sim.scene.indenter import (
 )
 from sim.scene.material import Layer, Material
 from sim.scene.pad import BoxPad
-from sim.scene.scene import Effect, Motion, Preset, Scene, Target
-from sim.scene.tetwild_options import TetWildOptions
+from sim.scene.scene import Effect, Motion, Preset, Scene, Target, TetWildOptions
 from sim.scene.triangle_surface import closed_surface
 from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import LoadingPath

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sim.scene.tetwild_options import parse_tetwild_options
+from sim.scene.scene import parse_tetwild_options
 from tacauchy_rig.core.errors import ConfigError
 
 

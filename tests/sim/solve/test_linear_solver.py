@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from sim.mesh.sparsity import SparsePattern, sparse_pattern
+from sim.mesh.discretisation import SparsePattern, sparse_pattern
 from sim.solve.linear_solver import (
     LinearSolver,
     NotPositiveDefiniteError,

@@ -10,7 +10,7 @@ from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Sphere
 from sim.solve.loading_path import touch_height
 from sim.solve.model import Model
-from sim.solve.overlap import OVERLAP_SHARE, overlap_fraction, refuse_deep_overlap
+from sim.solve.starts import OVERLAP_SHARE, overlap_fraction, refuse_deep_overlap
 from sim.studies.hard_cases.pads import pad_model, quarter_brick_mesh
 from tacauchy_rig.core.errors import ConvergenceError
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.mesh.sparsity import sparse_pattern
+from sim.mesh.discretisation import sparse_pattern
 from sim.solve import linear_solver as solvers
 from sim.solve.linear_solver import LinearSolver, linear_solver
 

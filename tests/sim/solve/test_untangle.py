@@ -7,7 +7,7 @@ import pytest
 
 from sim.mesh.elements import ElementOrder
 from sim.solve.model import Model
-from sim.solve.untangle import inverted_share, untangle
+from sim.solve.starts import inverted_share, untangle
 from sim.studies.hard_cases.pads import brick_mesh, pad_model
 
 
