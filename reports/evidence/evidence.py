@@ -17,6 +17,7 @@ from tacauchy_rig.core.calibrated import CalibratedOptics
 from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.figure_style import IMPORTED_MARK, SIMULATED_MARK
 from tacauchy_rig.core.force_check import ForceCheck
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.imported import Imported
 from tacauchy_rig.core.run import Criterion, TrialRecord
 from tacauchy_rig.core.simulated import ReplayModel, ReplayTrial, model_of
@@ -175,8 +176,7 @@ class TrialEvidence:
         depth_curve: Travel below the height of first contact [m].
         dwell_s: Start and end of the window that counts, on the curves' time axis [s].
         checks: What files, hashes and raw samples of the attempt say of ``record``.
-        force_depth_simulated: (depth [m], force [N]) of the simulator with the modulus that is
-            stated, shape [n, 2], sorted.
+        force_depth_simulated: Of the simulator with the modulus that is stated.
         pressure: Simulated contact pressure.
         passing: On the way to its force and there, ascending; empty where no replay kept it.
         place_known: It is known where on the pad was pressed; not so of many that are imported.
@@ -194,7 +194,7 @@ class TrialEvidence:
     depth_curve: Curve | None = None
     dwell_s: tuple[float, float] | None = None
     checks: tuple[Criterion, ...] = ()
-    force_depth_simulated: FloatArray | None = None
+    force_depth_simulated: ForceDepthCurve | None = None
     streams: tuple[StreamTiming, ...] = ()
     place_known: bool = True
     pressure: PressureProfile | None = None

@@ -19,14 +19,14 @@ from reports.evidence.evidence import (
     TrialEvidence,
     TrueDwell,
 )
-from reports.evidence.force_depth import merge_histories
 from reports.evidence.passing import passing_states
 from reports.evidence.pressure import pressure_profile
-from tacauchy_rig.core.arrays import FloatArray, ImageArray
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import ReportSection, RigConfig
 from tacauchy_rig.core.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.force_check import ForceCheck
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.imported import Imported
 from tacauchy_rig.core.run import Criterion, JournalEvent, TrialRecord
 from tacauchy_rig.core.simulated import Replay, model_of
@@ -215,13 +215,13 @@ def _recorded(attempt: AttemptReading | None) -> dict[str, Any]:
     }
 
 
-def stated_curve(replay: Replay, trial: int) -> FloatArray | None:
-    """Return what a trial's model gives with the modulus that is stated: (depth, force)."""
+def stated_curve(replay: Replay, trial: int) -> ForceDepthCurve | None:
+    """Return what a trial's model gives with the modulus that is stated."""
     model = model_of(replay.models, trial)
     stiffer = model.modulus_factor or 1.0
     alike = [t for t in replay.trials if model_of(replay.models, t.index) is model]
     fitted = [[(d, f / stiffer) for d, f in each.force_history] for each in alike]
-    return merge_histories([model.stated_force_history or (), *fitted])
+    return ForceDepthCurve.merged([model.stated_force_history or (), *fitted])
 
 
 def _kind(replay: Replay, trial: int) -> int:

@@ -125,16 +125,16 @@ def _draw_simulated(axes: Axes, report: ValidationReport) -> None:
         factor = None if model is None else model.modulus_factor
         named = f"{model.indenter}: " if model is not None and len(by_kind) > 1 else ""
         axes.plot(
-            curve[:, 0] * 1e3,
-            curve[:, 1],
+            curve.depth_m * 1e3,
+            curve.force_n,
             color=colour,
-            marker="." if len(curve) < FEW_POINTS else None,
+            marker="." if len(curve.depth_m) < FEW_POINTS else None,
             markersize=3,
             label=f"{named}simulated" if factor is None else f"{named}simulated, stated modulus",
         )
         if factor is not None:
             label = f"{factor:.3f} times that" if kind == min(by_kind) else None
-            axes.plot(curve[:, 0] * 1e3, factor * curve[:, 1], "--", color=colour, label=label)
+            axes.plot(curve.depth_m * 1e3, factor * curve.force_n, "--", color=colour, label=label)
 
 
 def _draw_dwell_points(axes: Axes, trials: Sequence[TrialResult]) -> None:

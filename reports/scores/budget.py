@@ -15,8 +15,8 @@ import numpy as np
 from scipy.stats import t as student
 
 from reports.evidence.evidence import TrialEvidence
-from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.uncertainty import Stated
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import FZ
 from tacauchy_rig.core.simulated import ForceInput, ReplayModel
 
@@ -293,10 +293,11 @@ def _height(
     )
 
 
-def _stiffness(curve: FloatArray, depth_m: float) -> float:
+def _stiffness(curve: ForceDepthCurve, depth_m: float) -> float:
     """Return the slope of force over depth there [N/m], over a quarter of the depth."""
-    deep_m = min(depth_m, float(curve[-1, 0]))
-    deep_n, shallow_n = np.interp([deep_m, (1.0 - _CHORD) * deep_m], curve[:, 0], curve[:, 1])
+    deep_m = min(depth_m, float(curve.depth_m[-1]))
+    at_m = [deep_m, (1.0 - _CHORD) * deep_m]
+    deep_n, shallow_n = np.interp(at_m, curve.depth_m, curve.force_n)
     return float(deep_n - shallow_n) / (_CHORD * deep_m)
 
 

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from reports.evidence.evidence import TrialEvidence
-from reports.evidence.force_depth import depth_at_force, force_at_depth
 from reports.scores.budget import (
     Combined,
     Scatter,
@@ -122,10 +121,10 @@ def predict(trial: TrialEvidence, contact_force_n: float) -> tuple[float | None,
     """Return the simulated force at the measured depth [N], and how deep contact was there [m]."""
     curve = trial.force_depth_simulated
     depth = None if trial.record is None else trial.record.depth_measured_m
-    touched = None if curve is None else depth_at_force(curve, contact_force_n)
+    touched = None if curve is None else curve.depth_at(contact_force_n)
     if curve is None or depth is None or touched is None:
         return None, None
-    return force_at_depth(curve, depth + touched), touched
+    return curve.force_at(depth + touched), touched
 
 
 def _difference(first: float | None, second: float | None) -> float | None:

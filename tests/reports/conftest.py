@@ -28,6 +28,7 @@ from reports.evidence.evidence import (
 from reports.page import writing
 from reports.page.writing import ReportPaths, write_report
 from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import (
     ArmSample,
     Criterion,
@@ -175,7 +176,9 @@ def trial_evidence(index: int, force_n: float, rng: np.random.Generator) -> Tria
         force_curve=force,
         depth_curve=depth,
         dwell_s=(0.0, 1.2),
-        force_depth_simulated=np.stack([depths, 1.01 * STIFFNESS_N_M * depths], axis=1),
+        force_depth_simulated=ForceDepthCurve(
+            depth_m=depths, force_n=1.01 * STIFFNESS_N_M * depths
+        ),
         streams=(
             StreamTiming(
                 name="force",

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from reports.evidence.attempt import AttemptReading
-from reports.evidence.force_depth import fit_modulus, merge_histories
+from reports.evidence.force_depth import fit_modulus
 from reports.evidence.leaning import TRIALS_MIN, LeanFit, fit_lean
 from reports.scores.contact import contact_footprint, contact_region, image_change
 from reports.scores.correction import register_changes
@@ -22,6 +22,7 @@ from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.model import ModulusSource, PoseSource, RigConfig, RobotModel
 from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import FoundValue
 
@@ -117,7 +118,7 @@ def tilt_of(
         return None, f"a coarse press with a tilt failed: {error.message}"
     factor = 1.0
     if fits_modulus(config):
-        curve = merge_histories([pressed.history])
+        curve = ForceDepthCurve.merged([pressed.history])
         contact_n = config.protocol.contact_force
         fitted = fit_modulus([([r for r, _ in known], curve)], contact_force_n=contact_n)
         factor = 1.0 if fitted is None else fitted.factor
@@ -145,8 +146,8 @@ def fits_modulus(config: RigConfig) -> bool:
     return config.replay.modulus is ModulusSource.DEPTHS and config.replay.young is None
 
 
-def tilted_curve(curve: FloatArray | None, inputs: ReplayInputs) -> FloatArray | None:
-    """Return the (depth [m], force [N]) of an upright press, shifted as the tilt shifts it.
+def tilted_curve(curve: ForceDepthCurve | None, inputs: ReplayInputs) -> ForceDepthCurve | None:
+    """Return the curve of an upright press, its depths shifted as the tilt shifts them.
 
     The shift is taken from coarse presses: a tilted face first touches off its middle.
 
@@ -155,13 +156,12 @@ def tilted_curve(curve: FloatArray | None, inputs: ReplayInputs) -> FloatArray |
     """
     if curve is None:
         return None
-    forces_n = np.unique(curve[curve[:, 1] > 0.0, 1]).tolist()
+    forces_n = np.unique(curve.force_n[curve.force_n > 0.0]).tolist()
     scene, lean_rad = inputs.scene(forces_n), math.hypot(*inputs.tilt_rad)
     even, leaning = (np.array(press_leaning(scene, forces_n, by).history) for by in (0.0, lean_rad))
     extra_m = np.concatenate([[0.0], leaning[:, 0] - even[:, 0]])
-    shifted = curve.copy()
-    shifted[:, 0] += np.interp(curve[:, 1], [0.0, *forces_n], extra_m)
-    return shifted
+    shift_m = np.interp(curve.force_n, [0.0, *forces_n], extra_m)
+    return replace(curve, depth_m=curve.depth_m + shift_m)
 
 
 def _about_tip(wrenches: FloatArray, config: RigConfig) -> tuple[FloatArray, FloatArray]:

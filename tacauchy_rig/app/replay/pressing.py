@@ -8,7 +8,7 @@ from dataclasses import replace
 from statistics import median
 
 from reports.evidence.attempt import AttemptReading, RunReading
-from reports.evidence.force_depth import ModulusFit, fit_modulus, merge_histories
+from reports.evidence.force_depth import ModulusFit, fit_modulus
 from sim.effects.plan import plan_effects
 from sim.error.tolerance import setting_of
 from sim.fields.press_fields import TrialFields
@@ -27,6 +27,7 @@ from tacauchy_rig.app.replay.optics import Say, say_nothing
 from tacauchy_rig.app.replay.parts import Part
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import REPLAY_NAME, Replay, ReplayModel
 
@@ -172,7 +173,7 @@ def _fitted(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None,
             path = walked(inputs.upright.scene(forces_n), forces_n, to_go_on=False)
         elif forces_n:
             path = _loading_path(inputs, part.config, forces_n)
-        curve = merge_histories([() if path is None else path.history])
+        curve = ForceDepthCurve.merged([() if path is None else path.history])
         simulated.append((records, tilted_curve(curve, inputs) if is_tilted else curve))
         loaded.append(None if is_tilted else path)
     fit = fit_modulus(simulated, contact_force_n=contact_force_n)

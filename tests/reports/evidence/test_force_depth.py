@@ -10,25 +10,21 @@ import pytest
 from reports.comparison.results import ValidationReport
 from reports.comparison.sentences import limits_of
 from reports.evidence.evidence import RunEvidence
-from reports.evidence.force_depth import (
-    depth_at_force,
-    fit_modulus,
-    force_at_depth,
-    merge_histories,
-)
+from reports.evidence.force_depth import fit_modulus
 from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tests.made_model import made_model
 
 _STIFFNESS_N_M = 6e3
 _CONTACT_N = 0.05
-CURVE = np.array([[0.0, 0.0], [1e-4, 1.0], [2e-4, 3.0]])
+CURVE = ForceDepthCurve(depth_m=np.array([0.0, 1e-4, 2e-4]), force_n=np.array([0.0, 1.0, 3.0]))
 
 
-def _curve() -> FloatArray:
+def _curve() -> ForceDepthCurve:
     """Return a stiffening press: F = k d (1 + 400 d)."""
     depth = np.linspace(0.0, 1.2e-3, 200)
-    return np.stack([depth, _force(depth)], axis=1)
+    return ForceDepthCurve(depth_m=depth, force_n=_force(depth))
 
 
 def _force(depth_m: FloatArray) -> FloatArray:
@@ -38,7 +34,7 @@ def _force(depth_m: FloatArray) -> FloatArray:
 def _records(depths_m: FloatArray, *, stiffer: float) -> list[TrialRecord]:
     """Return trials on a gel so many times as stiff, their depths from the contact force on."""
     curve = _curve()
-    touched = float(np.interp(_CONTACT_N / stiffer, curve[:, 1], curve[:, 0]))
+    touched = float(np.interp(_CONTACT_N / stiffer, curve.force_n, curve.depth_m))
     return [
         TrialRecord(
             index=index,
@@ -100,31 +96,33 @@ def test_the_report_says_that_the_gel_was_fitted(
 
 def test_force_goes_on_by_a_quarter_of_the_depth() -> None:
     """Between two depths linear, so a little below the last; further off nothing is said."""
-    assert force_at_depth(CURVE, 1.5e-4) == pytest.approx(2.0)
-    assert force_at_depth(CURVE, 2.1e-4) == pytest.approx(3.2)
-    assert force_at_depth(CURVE, 2.5e-4) == pytest.approx(4.0)
-    assert force_at_depth(CURVE, 2.6e-4) is None
-    assert force_at_depth(CURVE, -1e-6) is None
-    assert force_at_depth(CURVE[:1], 0.0) is None
+    assert CURVE.force_at(1.5e-4) == pytest.approx(2.0)
+    assert CURVE.force_at(2.1e-4) == pytest.approx(3.2)
+    assert CURVE.force_at(2.5e-4) == pytest.approx(4.0)
+    assert CURVE.force_at(2.6e-4) is None
+    assert CURVE.force_at(-1e-6) is None
+    start = ForceDepthCurve(depth_m=np.zeros(1), force_n=np.zeros(1))
+    assert start.force_at(0.0) is None
 
 
 def test_depth_is_where_a_force_is_first_reached() -> None:
     """Between two depths linear; no depth above the forces that were simulated."""
-    assert depth_at_force(CURVE, 2.0) == pytest.approx(1.5e-4)
-    assert depth_at_force(CURVE, 3.1) is None
+    assert CURVE.depth_at(2.0) == pytest.approx(1.5e-4)
+    assert CURVE.depth_at(3.1) is None
 
 
 def test_histories_of_all_trials_are_one_curve() -> None:
     """Evaluations are sorted by depth, start at rest, and repeated ones count once."""
-    merged = merge_histories([((2e-4, 3.0), (1e-4, 1.0)), ((1e-4, 1.0),)])
+    merged = ForceDepthCurve.merged([((2e-4, 3.0), (1e-4, 1.0)), ((1e-4, 1.0),)])
     assert merged is not None
-    assert np.array_equal(merged, CURVE)
-    assert merge_histories([(), ()]) is None
+    assert np.array_equal(merged.depth_m, CURVE.depth_m)
+    assert np.array_equal(merged.force_n, CURVE.force_n)
+    assert ForceDepthCurve.merged([(), ()]) is None
 
 
 def test_one_depth_counts_once() -> None:
     """Trials that pass one depth, the solver's tolerance apart, leave a curve with a slope."""
-    merged = merge_histories([((1e-4, 1.0), (2e-4, 3.0)), ((1e-4, 1.0 + 1e-9), (2e-4, 3.0))])
+    merged = ForceDepthCurve.merged([((1e-4, 1.0), (2e-4, 3.0)), ((1e-4, 1.0 + 1e-9), (2e-4, 3.0))])
     assert merged is not None
-    assert np.array_equal(merged[:, 0], [0.0, 1e-4, 2e-4])
-    assert np.isfinite(np.gradient(merged[:, 1], merged[:, 0])).all()
+    assert np.array_equal(merged.depth_m, [0.0, 1e-4, 2e-4])
+    assert np.isfinite(np.gradient(merged.force_n, merged.depth_m)).all()

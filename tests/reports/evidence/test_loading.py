@@ -92,13 +92,14 @@ def test_forces_are_predicted_with_the_stated_modulus(
     found = evidence_of(store, stiffer).trials[0].force_depth_simulated
     assert stated is not None
     assert found is not None
-    assert found[:, 0] == pytest.approx(stated[:, 0])
-    assert found[:, 1] == pytest.approx(0.5 * stated[:, 1])
+    assert found.depth_m == pytest.approx(stated.depth_m)
+    assert found.force_n == pytest.approx(0.5 * stated.force_n)
     deeper = replace(stiffer.model, stated_force_history=((3e-4, 1.1),))
     whole = evidence_of(store, replace(stiffer, model=deeper)).trials[0].force_depth_simulated
     assert whole is not None
-    assert whole[-1] == pytest.approx([3e-4, 1.1])
-    assert whole[:-1] == pytest.approx(found)
+    assert (whole.depth_m[-1], whole.force_n[-1]) == pytest.approx((3e-4, 1.1))
+    assert whole.depth_m[:-1] == pytest.approx(found.depth_m)
+    assert whole.force_n[:-1] == pytest.approx(found.force_n)
 
 
 def test_scored_size_follows_the_sensor(store: RunStore) -> None:

@@ -12,6 +12,7 @@ from reports.evidence.evidence import RunEvidence
 from reports.scores.budget import TermGroup
 from reports.scores.force_agreement import compare_force
 from tacauchy_rig.core.config.uncertainty import Stated
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tests.made_model import made_model
 
 
@@ -30,12 +31,14 @@ def test_depth_counts_from_the_contact_force(evidence: RunEvidence) -> None:
     assert height.value_n == pytest.approx(0.5 * 0.0707, rel=1e-6)
 
 
-def test_contact_height_ignores_evaluations_that_lie_side_by_side(evidence: RunEvidence) -> None:
+def test_contact_height_ignores_evaluations_at_nearly_one_depth(evidence: RunEvidence) -> None:
     """Two trials that evaluate almost one depth, 0.1 mN apart, leave the uncertainty as it was."""
     trial = evidence.trials[2]
     curve, depth = trial.force_depth_simulated, trial.record.depth_measured_m
-    beside = np.array([[depth, 7070.0 * depth], [depth + 2e-9, 7070.0 * depth + 1e-4]])
-    doubled = np.array(sorted(np.concatenate([curve, beside]).tolist()))
+    near = [(depth, 7070.0 * depth), (depth + 2e-9, 7070.0 * depth + 1e-4)]
+    points = sorted([*zip(curve.depth_m, curve.force_n, strict=True), *near])
+    depths_m, forces_n = np.array(points).T
+    doubled = ForceDepthCurve(depth_m=depths_m, force_n=forces_n)
     found = [
         next(t for t in force.budget if t.name == "height of first contact").value_n
         for force in (

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from reports.evidence.evidence import TrialEvidence
-from reports.evidence.force_depth import depth_at_force, merge_histories
 from reports.evidence.loading import stated_of_run
 from reports.scores.force_agreement import ForceAgreement, compare_force, scatter_between
 from sim.replay import replay_forces
@@ -24,6 +23,7 @@ from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.uncertainty import force_inputs, variations
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import Outcome, Tare, TrialRecord
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.tables import Table
@@ -76,8 +76,8 @@ def predict_stated(config: RigConfig, *, preset: Preset = Preset.FAST) -> Stated
     inputs = replace(inputs_of(config), preset=preset, tolerance=None)
     forces_n = config.protocol.force_targets
     replay, _ = replay_forces(inputs.scene(forces_n), forces_n)
-    curve = merge_histories([trial.force_history for trial in replay.trials])
-    touched_m = 0.0 if curve is None else depth_at_force(curve, config.protocol.contact_force)
+    curve = ForceDepthCurve.merged([trial.force_history for trial in replay.trials])
+    touched_m = 0.0 if curve is None else curve.depth_at(config.protocol.contact_force)
     depths_m = tuple(trial.depth_simulated_m - (touched_m or 0.0) for trial in replay.trials)
     uncertainty, source = inputs.sensor.young_uncertainty()
     model = replace(
@@ -162,7 +162,7 @@ def _record(
 
 def _asked(records: Sequence[TrialRecord], stated: Stated) -> tuple[ForceAgreement, ...]:
     config, replay = stated.config, stated.replay
-    curve = merge_histories([trial.force_history for trial in replay.trials])
+    curve = ForceDepthCurve.merged([trial.force_history for trial in replay.trials])
     trials = [
         TrialEvidence(
             index=record.index,

@@ -113,7 +113,7 @@ def with_measured_gel(evidence: RunEvidence, bench: Bench) -> RunEvidence:
     )
     curves = [trial.force_depth_simulated for trial in evidence.trials]
     trials = tuple(
-        replace(trial, force_depth_simulated=None if curve is None else curve * (1.0, stated))
+        replace(trial, force_depth_simulated=None if curve is None else curve.scaled(stated))
         for trial, curve in zip(evidence.trials, curves, strict=True)
     )
     return replace(evidence, trials=trials, model=model)

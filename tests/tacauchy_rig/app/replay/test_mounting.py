@@ -20,6 +20,7 @@ from tacauchy_rig.app.replay.mounting import (
 )
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tests.studies.mounting.drawn_tools import drawn_dwells
 
 DEGREE = math.radians(1.0)
@@ -123,13 +124,13 @@ def test_a_stated_pose_is_taken_as_it_is() -> None:
 def test_a_lean_begins_deeper() -> None:
     """Depth counts from the first touch, which a leaning face has off the middle of the dome."""
     config = configured('replay.tilt=["1 deg", "0 deg"]')
-    curve = np.array([[0.0, 0.0], [2e-4, 1.2], [4e-4, 2.5]])
+    curve = ForceDepthCurve(depth_m=np.array([0.0, 2e-4, 4e-4]), force_n=np.array([0.0, 1.2, 2.5]))
     shifted = tilted_curve(curve, inputs_of(config))
     assert shifted is not None
-    extra = shifted[1:, 0] - curve[1:, 0]
+    extra = shifted.depth_m[1:] - curve.depth_m[1:]
     # The dome's radius along x is 185 mm: touched R l^2 / 2 = 28 um earlier.
     assert np.all((extra > 1.5e-5) & (extra < 3.5e-5))
-    assert shifted[0, 0] == 0.0
+    assert shifted.depth_m[0] == 0.0
 
 
 def _attempts(shift_px: float) -> list[SimpleNamespace]:
