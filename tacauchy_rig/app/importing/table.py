@@ -416,7 +416,7 @@ def _press(data: RowsData, rows: _Rows, own: np.ndarray, *, image: Image, at_res
             remedy=f'name one as data.no_contact, or add rows whose state is "{UNLOADED}"',
         )
     has_force = np.asarray(~np.isnan(rows.wrench[:, FZ]))
-    has_place = ~np.isnan(rows.place).any(axis=1)
+    has_place = np.asarray(~np.isnan(rows.place).any(axis=1))
     pose = np.pad(rows.place, ((0, 0), (0, 3)), constant_values=math.nan)
     x, y, _ = _mean(rows.place[pressed])
     return Press(
