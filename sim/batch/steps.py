@@ -29,7 +29,7 @@ class StepArrays:
     """What all steps of a batch have in common, on its device.
 
     Args:
-        inverse: The pilot's inverses; it is told here which of them serves an environment.
+        inverse: The pilot's inverses; their ``which`` becomes that of ``sharing``.
         young_shares: E of the pilot's gel over the environments' own, shape [environment_count].
 
     Attributes:
@@ -187,7 +187,7 @@ class Steps:
         begun = [options.friction > 0.0, *shared, arrays.straight, history, descents.poses]
         begun += [state, descents.memory, descents.busy]
         put = [history, state.slot, descents.positions]
-        put += [descents.gel_room[0], descents.contact_room[0]]
+        put += [descents.gel_buffers[0], descents.contact_buffers[0]]
         starts = [
             record(kernels.begin, (1, threads), begun, threads),
             record(kernels.predict, nodes, [*shared, *put]),
@@ -208,13 +208,13 @@ class Steps:
         """Let what touches hold on, where it is bonded, or anchors follow what slid."""
         descents = self._arrays.descents
         made = descents.model.surface.kernels(self._arrays.pilot.indenter)
-        shape = tuple(descents.contact_room[1].shape)
+        shape = tuple(descents.contact_buffers[1].shape)
         # The stage of one that has arrived is 1, as what is wanted has.
         at = [descents.surface, descents.body, self._arrays.history.stage, descents.poses]
         at.append(descents.positions)
         if descents.model.contact_options.bonded:
             held = [descents.grip_start, descents.grip]
-            held += [*descents.contact_room[:2], *descents.hold_room]
+            held += [*descents.contact_buffers[:2], *descents.grip_buffers]
             return self._device.record(made.hold, shape, [*at, *held])
         return self._device.record(made.drag, shape, [*at, descents.grip])
 

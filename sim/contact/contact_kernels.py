@@ -130,7 +130,7 @@ def hessian(
                 wp.atomic_add(values_out, slot // 2, total)
 
 
-# Of its way, what a point has at least been held for that touches.
+# Least share of its path for which a point that touches has been held.
 _LEAST_SHARE = wp.constant(wp.float64(1.0e-6))
 
 
@@ -157,7 +157,7 @@ def grip_offset(
 
 @wp.func
 def share_held(body: Any, free: wp.vec3d, distance: wp.float64, reach: wp.float64) -> wp.float64:
-    """Return the share of a straight way after its gap fell to ``reach``.
+    """Return the share of a straight path after its gap fell to ``reach``.
 
     Args:
         free: Where the point was last free, in the indenter's frame [m].

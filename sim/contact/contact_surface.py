@@ -94,11 +94,11 @@ class ContactSurface:
 
     def energy(self, positions: FloatArray, indenter: Indenter, state: State) -> float:
         """Return the contact energy [J]."""
-        room, (poses, at) = self.room(1), self._at(positions, state)
+        buffers, (poses, at) = self.buffers(1), self._at(positions, state)
         inputs = [*self._model(indenter, state), self._device.array([1], wp.int32), poses]
         inputs += [self.grip_arrays(state.grip), at]
-        self._device.launch(self.kernels(indenter).touch, (1, *self._shape), inputs, list(room))
-        return float(on_host(room[1]).sum())
+        self._device.launch(self.kernels(indenter).touch, (1, *self._shape), inputs, list(buffers))
+        return float(on_host(buffers[1]).sum())
 
     def forces(
         self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
@@ -112,8 +112,8 @@ class ContactSurface:
         points, gaps, forces, stiffness = (on_host(array)[0] for array in out)
         return ContactForces(points=points, gaps=gaps, forces=forces, stiffness=stiffness)
 
-    def room(self, count: int) -> tuple[Any, ...]:
-        """Return room for so many environments' nodal forces [N], energies [J] and gaps [m]."""
+    def buffers(self, count: int) -> tuple[Any, ...]:
+        """Return buffers for so many environments' nodal forces [N], energies [J] and gaps [m]."""
         nodal = self._device.zeros((count, len(self._pad.nodes)), wp.vec3d)
         return nodal, *(self._points(wp.float64, count) for _ in range(2))
 
@@ -140,8 +140,8 @@ class ContactSurface:
     def refresh_grip(self, indenter: Indenter, state: State) -> None:
         """Hold the points that touch, free the others, and take over pressure and normal."""
         if state.grip is not None:
-            room = [*self.room(1)[:2], *(self._points(wp.float64) for _ in range(2))]
-            lists = [self.grip_arrays(state.grip)], room
+            buffers = [*self.buffers(1)[:2], *(self._points(wp.float64) for _ in range(2))]
+            lists = [self.grip_arrays(state.grip)], buffers
             self._regrip(self.kernels(indenter).hold, indenter, state, *lists)
 
     def drag_anchors(self, indenter: Indenter, state: State) -> None:

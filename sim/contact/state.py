@@ -16,7 +16,7 @@ class ContactOptions:
     """Settings of contact.
 
     Attributes:
-        distance_m: d_hat [m]: the gel feels the indenter from here on.
+        distance_m: d_hat [m]: the barrier acts from here on.
         friction: Coulomb coefficient mu; zero without friction.
         slip_m: Tangential offset at which sticking has become sliding [m].
         extension: Share of d_hat below which the barrier is a parabola, at most. At 1 it is one
@@ -51,7 +51,7 @@ class Grip:
 
     Attributes:
         held: 1 where a point touches, or, while a step is under way in which it came to, the share
-            of its way that it has touched for; 0 where it is free.
+            of its path that it has touched for; 0 where it is free.
         anchors: Where on the indenter it holds on, in the indenter's frame [m], shape [..., 3];
             where it was last, for one that is free.
         loads: Lagged contact pressure along the indenter's normal, in its frame [Pa], shape

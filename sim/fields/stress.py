@@ -65,7 +65,7 @@ class StressProjection:
         self._model, self._positions, self._gel = model, positions, gel
         device, count = Device(model.device), positions.shape[0]
         self.found = device.zeros((count, len(model.faces), 11), wp.float64)
-        self._stress = model.gel.stress_room(count)
+        self._stress = model.gel.stress_buffer(count)
         weights = device.array(model.reference.weights, wp.float64)
         faces = device.array(model.faces, wp.int32), device.array(model.face_parents, wp.int32)
         kernel, shape = projection_kernel(model.reference.order), self.found.shape[:2]

@@ -125,13 +125,15 @@ class ElasticBody:
             GelArrays, self._arrays, parameters=self._device.array(parameters, wp.vec4d)
         )
 
-    def room(self, count: int) -> tuple[Any, Any, Any]:
-        """Return room for so many environments' gradients [N], energies [J] and volume ratios."""
+    def buffers(self, count: int) -> tuple[Any, Any, Any]:
+        """Return buffers for environments' gradients [N], energies [J] and volume ratios."""
         device, shape = self._device, (count, self._shape[0])
         energies, ratios = (device.empty(shape, wp.float64) for _ in range(2))
         return device.zeros((count, self._node_count), wp.vec3d), energies, ratios
 
-    def recorded(self, wanted: Any, positions: Any, room: Sequence[Any], *, gel: Any = None) -> Any:
+    def recorded(
+        self, wanted: Any, positions: Any, buffers: Sequence[Any], *, gel: Any = None
+    ) -> Any:
         """Return a launch that adds to the gradient and sets energies and volume ratios.
 
         Args:
@@ -142,16 +144,16 @@ class ElasticBody:
         kernel = element_kernel(self._law, self._reference.order, remembers=self._remembers)
         shape = (positions.shape[0], self._shape[0])
         inputs = [gel or self._arrays, wanted, positions]
-        return self._device.record(kernel, shape, [*inputs, *room])
+        return self._device.record(kernel, shape, [*inputs, *buffers])
 
     def _evaluated(self, positions: FloatArray) -> tuple[Any, Any, Any]:
-        room, wanted = self.room(1), self._device.array([1], wp.int32)
-        self.recorded(wanted, self._device.array(positions[None], wp.vec3d), room).launch()
-        return room
+        buffers, wanted = self.buffers(1), self._device.array([1], wp.int32)
+        self.recorded(wanted, self._device.array(positions[None], wp.vec3d), buffers).launch()
+        return buffers
 
     def add_hessian(self, positions: FloatArray, values: Any, *, projected: bool) -> None:
         """Add the second derivative [N/m] to the matrix's blocks, if asked made semidefinite."""
-        tangents, *vectors = self._tangent_room
+        tangents, *vectors = self._tangent_buffers
         inputs = [self._arrays, self._device.array(positions, wp.vec3d), projected]
         kernel = tangent_kernel(self._law, remembers=self._remembers)
         self._device.launch(kernel, self._shape, inputs, [tangents, *vectors])
@@ -164,11 +166,11 @@ class ElasticBody:
 
     def cauchy_stress(self, positions: FloatArray) -> FloatArray:
         """Return the Cauchy stress [Pa], shape [element_count, point_count, 3, 3] (Eq. 3)."""
-        at, out = self._device.array(positions[None], wp.vec3d), self.stress_room(1)
+        at, out = self._device.array(positions[None], wp.vec3d), self.stress_buffer(1)
         self.find_stress(at, out)
         return np.asarray(on_host(out)[0])
 
-    def stress_room(self, count: int) -> Any:
+    def stress_buffer(self, count: int) -> Any:
         """Return what ``find_stress`` fills for so many environments."""
         return self._device.empty((count, *self._shape), wp.mat33d)
 
@@ -206,7 +208,7 @@ class ElasticBody:
         return on_host(out)[0, :, 0]
 
     @cached_property
-    def _tangent_room(self) -> list[Any]:
+    def _tangent_buffers(self) -> list[Any]:
         """Tangents and shape gradients at the points: arrays that are kept, to be filled anew."""
         shape = (*self._shape, self._reference.node_count)
         shapes = [shape, shape, shape, shape if self._remembers else (0, 0, 0)]

@@ -15,7 +15,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.solve.descent_rules import CUT, FAR, NOTHING_AT_ALL, Sum, Sums, decide, finds_no_way
+from sim.solve.descent_rules import CUT, FAR, NOTHING_AT_ALL, Sum, Sums, decide, finds_no_descent
 from sim.solve.descent_state import Act, Descent, Evaluated, Limits, Mode, Pull, Status
 from sim.solve.memory_kernels import (
     Memory,
@@ -38,7 +38,7 @@ def with_gradient(
     else:
         memory.trial[b, row] = g
     change = g - memory.gradient[b, row]
-    sums[Sum.AHEAD] += g * memory.direction[b, row]
+    sums[Sum.SLOPE] += g * memory.direction[b, row]
     sums[Sum.SQUARE] += g * g
     sums[Sum.CHANGE] += change * change
     return sums
@@ -273,7 +273,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
                 d.mode[b] = Mode.TRY
                 if not falls:
                     d.wanted[b] = 0
-                    finds_no_way(d, memory, b)
+                    finds_no_descent(d, memory, b)
         if act == Act.BACK:
             fraction = wp.float64(0.0)
         if act != Act.NOTHING:

@@ -60,7 +60,7 @@ class Sum(IntEnum):
     """Sums over an environment."""
 
     ENERGY = 0  # [J]
-    AHEAD = 1  # gradient . direction [J]
+    SLOPE = 1  # gradient . direction [J]
     SQUARE = 2  # gradient . gradient [N^2]
     CHANGE = 3  # of the gradient, squared [N^2]
     VERTICAL = 4  # of the gradient along z [N]
@@ -86,7 +86,7 @@ def note_residual(residuals: wp.array(dtype=wp.float64), residual: wp.float64):
 
 
 @wp.func
-def stands_still(residuals: wp.array(dtype=wp.float64), recorded: wp.int32) -> wp.bool:
+def stagnates(residuals: wp.array(dtype=wp.float64), recorded: wp.int32) -> wp.bool:
     """Return whether the last steps took less than a tenth off the residual before them."""
     least = residuals[0]
     for k in range(1, _WINDOW):
@@ -95,18 +95,18 @@ def stands_still(residuals: wp.array(dtype=wp.float64), recorded: wp.int32) -> w
 
 
 @wp.func
-def finds_no_way(d: Descent, memory: Memory, b: wp.int32):
+def finds_no_descent(d: Descent, memory: Memory, b: wp.int32):
     """Ask for another factor after a direction along which the energy does not fall."""
     if memory.counts[b] > 0 or d.since[b] > 0:
         d.status[b] = Status.ASKS_FACTOR
     elif d.attempt[b] == 0:
         d.status[b] = Status.ASKS_SAFER_FACTOR
     else:
-        d.status[b] = Status.NOWHERE_DOWN
+        d.status[b] = Status.NO_DESCENT
 
 
 @wp.func
-def _goes_on(d: Descent, b: wp.int32, push: wp.vec3d):
+def _take_direction(d: Descent, b: wp.int32, push: wp.vec3d):
     """Take a direction by the factor as it is."""
     d.act[b] = Act.SOLVE
     if d.pushed[b] == 1 and d.touches[b] == 0:
@@ -119,7 +119,7 @@ def _goes_on(d: Descent, b: wp.int32, push: wp.vec3d):
 
 
 @wp.func
-def _ends(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d):
+def _check_convergence(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d):
     """Apply the rule for the end of the steps, and go on where it does not hold."""
     last = d.residual[b]
     asked = _asked(d, b)
@@ -128,11 +128,11 @@ def _ends(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d):
     settled = d.grip_change[b] <= wp.max(_GRIP_CHANGE, _GRIP_PER_RESIDUAL * d.relative[b])
     if scale == wp.float64(0.0):
         settled = wp.bool(True)  # what touches nothing has no pressure to take over
-    # Parts that lean the same way add up to more along z than their norm says.
+    # Small parts of one sign add up to more along z than their norm says.
     if last <= asked and wp.abs(d.vertical[b]) <= asked and settled:
         d.status[b] = Status.DONE
         return
-    still = stands_still(d.residuals[b], d.recorded[b])
+    still = stagnates(d.residuals[b], d.recorded[b])
     if is_last or still or last <= _SMALL_SHARE * scale:
         rounding = d.rounding[b]
         if rounding < wp.float64(0.0):
@@ -157,11 +157,11 @@ def _ends(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d):
         if late and last > limits.patience_shares[k] * scale:
             d.status[b] = Status.ASKS_FACTOR
             return
-    _goes_on(d, b, push)
+    _take_direction(d, b, push)
 
 
 @wp.func
-def _looks(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.float64):
+def _assess(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.float64):
     """Look at a state that was accepted: hold on anew, end or go on."""
     residual = d.residual[b]
     if limits.lags:
@@ -187,13 +187,13 @@ def _looks(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.flo
         if d.gap_min[b] < d.gap_least[b]:
             d.status[b] = Status.TOO_NEAR
             return
-    _ends(d, b, limits, push)
+    _check_convergence(d, b, limits, push)
     if d.status[b] == Status.DONE and d.gap_min[b] < d.gap_least[b]:
         d.status[b] = Status.TOO_NEAR
 
 
 @wp.func
-def _tries(
+def _line_search(
     d: Descent, memory: Memory, b: wp.int32, limits: Limits, sums: Sums, allowed: wp.float64
 ) -> wp.bool:
     """Return whether a step is accepted; shorten it where it is not."""
@@ -201,7 +201,7 @@ def _tries(
     fraction = d.fraction[b]
     slope = d.slope[b]
     size = wp.abs(slope)
-    ahead = sums[Sum.AHEAD]
+    ahead = sums[Sum.SLOPE]
     if allowed < wp.float64(1.0):
         fraction = fraction * allowed
     else:
@@ -229,7 +229,7 @@ def _tries(
     d.act[b] = Act.SHORTEN
     if d.tries[b] >= _TRIES:
         d.act[b] = Act.BACK
-        finds_no_way(d, memory, b)
+        finds_no_descent(d, memory, b)
     return wp.bool(False)
 
 
@@ -251,9 +251,9 @@ def decide(
     """
     mode = d.mode[b]
     if mode == Mode.GO:
-        _goes_on(d, b, push)
+        _take_direction(d, b, push)
     elif mode == Mode.RECHECK:
-        _ends(d, b, limits, push)
+        _check_convergence(d, b, limits, push)
         if d.status[b] == Status.DONE and d.gap_min[b] < d.gap_least[b]:
             d.status[b] = Status.TOO_NEAR
     else:
@@ -261,7 +261,7 @@ def decide(
         if mode != Mode.HELD:
             d.evaluations[b] = d.evaluations[b] + 1
         if mode == Mode.TRY:
-            accepted = _tries(d, memory, b, limits, sums, mins[2])
+            accepted = _line_search(d, memory, b, limits, sums, mins[2])
         else:
             d.takes[b] = 1
         if accepted:
@@ -276,6 +276,6 @@ def decide(
                 d.status[b] = Status.ASKS_START
             else:
                 grip = sums[Sum.GRIP] / wp.max(sums[Sum.LIMIT], NOTHING_AT_ALL)
-                _looks(d, b, limits, push, grip)
+                _assess(d, b, limits, push, grip)
     if d.status[b] == Status.RUNNING and d.act[b] != Act.NOTHING:
         d.wanted[b] = 1

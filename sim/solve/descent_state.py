@@ -17,7 +17,7 @@ class Status(IntEnum):
     ASKS_SAFER_FACTOR = 4
     ASKS_ROUNDING = 5
     TOO_NEAR = 6  # the barrier has to be extended less
-    NOWHERE_DOWN = 7
+    NO_DESCENT = 7
     OUT_OF_STEPS = 8
     NOT_FINITE = 9
     IDLE = 10

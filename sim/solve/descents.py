@@ -127,8 +127,13 @@ class Descents:
         self.positions = device.zeros((count, nodes), wp.vec3d)
         self.poses = poses_at(np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), device)
         self.grip, self.grip_start = (model.surface.grip_arrays(None, count) for _ in range(2))
-        self.gel_room, self.contact_room = model.gel.room(count), model.surface.room(count)
-        self.hold_room = [device.zeros(self.contact_room[1].shape, wp.float64) for _ in range(2)]
+        self.gel_buffers, self.contact_buffers = (
+            model.gel.buffers(count),
+            model.surface.buffers(count),
+        )
+        self.grip_buffers = [
+            device.zeros(self.contact_buffers[1].shape, wp.float64) for _ in range(2)
+        ]
         self.busy = device.zeros(1, wp.int32)
         shares = np.ones(count) if young_share is None else young_share
         self._units = device.array(inverse.unit * shares, wp.float64)
@@ -154,7 +159,7 @@ class Descents:
     def renew_gel(self) -> None:
         """Take over what a relaxing gel remembers from now on."""
         self._strain = self.model.gel.recorded(
-            self.state.wanted, self.positions, self.gel_room, gel=self._gel
+            self.state.wanted, self.positions, self.gel_buffers, gel=self._gel
         )
 
     def evaluate(self) -> None:
@@ -232,7 +237,7 @@ class Descents:
 
     def clear(self) -> None:
         """Set the sums of the forces to zero, for an evaluation that begins anew."""
-        for array in (self.gel_room[0], self.contact_room[0]):
+        for array in (self.gel_buffers[0], self.contact_buffers[0]):
             array.zero_()
 
     def _invert(self) -> None:
@@ -286,21 +291,21 @@ class Descents:
     def _contact_launches(self, surface: ContactSurface) -> tuple[Any, Any]:
         made, device = surface.kernels(self._indenter), self._device
         body = self.body
-        shape = tuple(self.contact_room[1].shape)
+        shape = tuple(self.contact_buffers[1].shape)
         at = [self.surface, body, self.state.wanted, self.poses, self.grip, self.positions]
-        touch = device.record(made.touch, shape, [*at, *self.contact_room])
+        touch = device.record(made.touch, shape, [*at, *self.contact_buffers])
         if not self._limits.lags:
             return touch, None
         held = [self.state.holding, self.poses, self.positions, self.grip_start, self.grip]
-        room = [*self.contact_room[:2], *self.hold_room]
+        room = [*self.contact_buffers[:2], *self.grip_buffers]
         return touch, device.record(made.hold, shape, [self.surface, body, *held, *room])
 
     def _evaluated(self) -> Any:
         """Name what an evaluation gives, nodal vectors as flat ones."""
-        elastic, energies, ratios = self.gel_room
-        contact, touched, gaps = self.contact_room
+        elastic, energies, ratios = self.gel_buffers
+        contact, touched, gaps = self.contact_buffers
         points = (self.count, touched.shape[1] * touched.shape[2])
-        change, limit = (each.reshape(points) for each in self.hold_room)
+        change, limit = (each.reshape(points) for each in self.grip_buffers)
         return filled(
             kernels.Evaluated,
             positions=_flat(self.positions),

@@ -270,7 +270,7 @@ class EquilibriumSolver:
                 f"the residual is not finite after {found['steps']:.0f} steps",
                 remedy="press in smaller steps or use the stable-neo-hookean law",
             )
-        if status == Status.NOWHERE_DOWN:
+        if status == Status.NO_DESCENT:
             return ConvergenceError(
                 "the line search found no descent along a direction of slope "
                 f"{found['slope']:.3g} J",
@@ -307,7 +307,7 @@ class EquilibriumSolver:
             iterations=iterations,
             push_n=descents.get("push")[0].copy(),
             touch=partial(self._contact, replace(state)),
-            elastic_gradient=on_host(descents.gel_room[0])[0].copy(),
+            elastic_gradient=on_host(descents.gel_buffers[0])[0].copy(),
             residual_n=found["residual"],
             min_jacobian=found["ratio_min"],
             stalled=found["residual"] > max(found["relative"] * found["scale"], found["floor"]),

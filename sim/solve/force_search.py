@@ -1,4 +1,4 @@
-"""Two ways to the depth at which the simulated F_z agrees with a given one.
+"""Two searches of the depth at which the simulated F_z agrees with a given one.
 
 ``push_to_force`` makes the depth an unknown of the solve. ``find_force`` is the paper's
 displacement search (section IV-C): move the indenter until the force agrees. Each guess is a
@@ -16,7 +16,7 @@ from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.errors import ConvergenceError
 
 _EVALUATIONS_MAX = 40
-# Longest way to a guess, in the path's longest steps.
+# Longest step to a guess, in the path's longest steps.
 _GUESS_MAX_STEPS = 5.0
 # Every so many evaluations the bracket is halved, so that it shrinks for sure.
 _HALVED_EVERY = 4
@@ -30,7 +30,7 @@ class ForceMatch:
 
     Attributes:
         point: The accepted equilibrium.
-        history: (depth [m], F_z [N]) of every evaluation, in order; of a push, on the way.
+        history: (depth [m], F_z [N]) of every evaluation, in order; of a push, of its load steps.
         newton_iterations: Factorisations spent.
     """
 
@@ -55,11 +55,11 @@ def push_to_force(
     Raises:
         ConvergenceError: The force was not reached.
     """
-    before, passed = path.counts.newton_iterations, len(path.history)
+    before, known = path.counts.newton_iterations, len(path.history)
     point = path.push(force_n, start=start, duration_s=duration_s)
     return ForceMatch(
         point=point,
-        history=tuple(path.history[passed:]),
+        history=tuple(path.history[known:]),
         newton_iterations=path.counts.newton_iterations - before,
     )
 

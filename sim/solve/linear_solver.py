@@ -44,7 +44,7 @@ _LIBRARY = "PYPARDISO_MKL_RT"
 
 
 def pardiso_module() -> Any:
-    """Return pypardiso, told where MKL is: it would search every folder of the installation.
+    """Return pypardiso with MKL's place set: it would search every folder of the installation.
 
     Raises:
         ImportError: It, or MKL, is not installed.

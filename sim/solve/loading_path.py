@@ -62,7 +62,7 @@ def touch_height(
     centre_m: tuple[float, float],
     rotation: FloatArray,
 ) -> float:
-    """Return the tip height at which the unloaded pad is first felt [m]: a gap of d_hat.
+    """Return the tip height of first touch of the unloaded pad [m]: a gap of d_hat.
 
     Counted from there, a press depends on d_hat ten times less than counted from gap zero: the
     gel then stays d_hat (1 - s) off, s near 1, instead of d_hat s.
@@ -212,7 +212,7 @@ class LoadingPath:
     def taken_over(self, point: PathPoint, *, stiffer: float) -> PathPoint:
         """Return a point of another path in the same gel, so many times less stiff, as one of this.
 
-        At forces as many times larger, a stiffer gel stands where the other did.
+        At forces as many times larger, a stiffer gel is deformed as the other was.
 
         Raises:
             ConvergenceError: It does not.

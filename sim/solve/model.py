@@ -25,7 +25,7 @@ class Model:
         prony: How the gel relaxes, if it does; E is then that of slow loading.
 
     Attributes:
-        discretisation: Nodes, elements and surface that all this stands on.
+        discretisation: Nodes, elements and surface.
         young_pa: E of the layer that is touched [Pa], the scale of the contact's stiffness: a
             softer one would leave the barrier's pressure on a stiff skin short of what it needs.
         height_m: Of the highest node at rest [m].

@@ -68,20 +68,20 @@ def refuse_deep_overlap(model: Model, indenter: Indenter, state: State) -> None:
     deepest = -float(found.gaps.min())
     if deepest <= 2.0 * OVERLAP_SHARE * model.height_m:
         return
-    told = f"the gel starts {deepest * 1e3:.3g} mm inside the indenter"
+    message = f"the gel starts {deepest * 1e3:.3g} mm inside the indenter"
     remedy = "start with the indenter above the gel and press it in"
     if deepest >= _PENETRATION_SHARE * model.height_m:
-        raise ConvergenceError(told, remedy=remedy)
+        raise ConvergenceError(message, remedy=remedy)
     at = np.unravel_index(np.argmin(found.gaps), found.gaps.shape)
     push, outward = found.forces[at], model.surface.area_vectors(state.positions)[at]
     if push @ outward < _FACING * np.linalg.norm(push) * np.linalg.norm(outward):
         raise ConvergenceError(
-            f"{told}, where its nearest side does not face the gel", remedy=remedy
+            f"{message}, where its nearest side does not face the gel", remedy=remedy
         )
 
 
 logger = logging.getLogger(__name__)
-# Shares of the rest volume that are inverted: worth untangling, and little enough to end.
+# Shares of the rest volume that are inverted: where untangling begins, and where it ends.
 TANGLED_SHARE = 0.1
 _ENOUGH_SHARE = 1e-3
 _PASSES_MAX = 10

@@ -120,7 +120,7 @@ def test_half_of_a_change_is_taken_over_where_points_cycle(model: Model) -> None
     device = Device("cpu")
     grip, start = surface.grip_arrays(lagged), surface.grip_arrays(lagged)
     inputs = [*surface._model(indenter, state), device.array([2], wp.int32)]
-    room = [*surface.room(1)[:2], *(surface._points(wp.float64) for _ in range(2))]
+    room = [*surface.buffers(1)[:2], *(surface._points(wp.float64) for _ in range(2))]
     places = [*inputs, *surface._at(state.positions, state), start, grip]
     device.launch(surface.kernels(indenter).hold, (1, *surface.areas.shape), places, room)
     halved = surface.grip_of(grip)
@@ -145,7 +145,7 @@ def test_points_held_anew_leave_what_an_evaluation_would_find(model: Model) -> N
     poses, at = surface._at(state.positions, state)
 
     def touched(grip: Any) -> tuple[Any, ...]:
-        room = surface.room(1)
+        room = surface.buffers(1)
         device.launch(
             surface.kernels(indenter).touch, shape, [*inputs, poses, grip, at], list(room)
         )

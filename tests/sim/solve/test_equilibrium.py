@@ -8,7 +8,7 @@ import warp as wp
 
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Sphere
-from sim.solve.descent_rules import note_residual, stands_still
+from sim.solve.descent_rules import note_residual, stagnates
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.loading_path import LoadingPath
 from sim.studies.hard_cases.pads import pad_model, quarter_brick_mesh
@@ -23,7 +23,7 @@ def _noted(
 ):
     for k in range(history.shape[0]):
         note_residual(last, history[k])
-        still_out[k] = stands_still(last, k + 1)
+        still_out[k] = stagnates(last, k + 1)
 
 
 def _stand_still(residuals: list[float]) -> list[bool]:

@@ -142,8 +142,8 @@ def _evaluated(
     solver._upload(state, state.grip)
     descents.set(wanted=1)
     descents.evaluate()
-    elastic, energies, _ratios = (on_host(each)[0] for each in descents.gel_room)
-    contact, touched, gaps = (on_host(each)[0] for each in descents.contact_room)
+    elastic, energies, _ratios = (on_host(each)[0] for each in descents.gel_buffers)
+    contact, touched, gaps = (on_host(each)[0] for each in descents.contact_buffers)
     return elastic, contact, float(energies.sum() + touched.sum()), gaps
 
 

@@ -233,7 +233,7 @@ def _elastic(
 ) -> FloatArray:
     """Return the gradient of the elastic energy [N], shape [count, node_count, 3]."""
     device, gel = Device(pad.model.device), pad.model.gel
-    room = gel.room(len(environments))
+    room = gel.buffers(len(environments))
     gel.recorded(
         device.array(np.ones(len(environments)), wp.int32),
         device.array(positions, wp.vec3d),
