@@ -144,8 +144,8 @@ def _observer(
     def heard(event: JournalEvent) -> None:
         if silent_fault is None or event.detail.get("phase") != silent_fault[0]:
             return
-        if not world.silent_faults:
-            world.silent_faults.append(parse_fault(silent_fault[1]))
+        if not world.faults:
+            world.begin(parse_fault(silent_fault[1]))
 
     return heard
 

@@ -6,11 +6,11 @@ import math
 from collections import deque
 from typing import Self
 
-from drivers.emulators.faults import Device
+from drivers.emulators.faults import STOPS, Device, Fault, FaultKind
 from drivers.emulators.force_estimate import ForceEstimate
 from drivers.emulators.silent_faults import SilentArmFaults
 from drivers.interfaces import DeviceIdentity, HostClock
-from drivers.mock.world import MockWorld, Still, mock_without_mock, plan_faults
+from drivers.mock.world import MockWorld, Still, mock_without_mock
 from tacauchy_rig.core.config.model import MOCK, RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ArmSample, Pose, Vector6, vector6
@@ -23,18 +23,19 @@ PROTECTIVE_STOPPED = 1 << 2
 class MockArm:
     """Obeys ``drivers.interfaces.Arm`` without a wire.
 
-    Faults it knows (in ``world.faults``): ``arm-frozen`` (states stop coming),
-    ``arm-stalled`` (it stands still whatever it is told), ``arm-refuses-pose``,
-    ``arm-ignores-moves``. Silent
-    faults are those of ``world.silent_faults``.
+    Faults it shows: freeze (states stop coming), stall (it stands still whatever it is told), the
+    stops, and the silent ones of an arm.
 
     Attributes:
+        refuses_poses: Whether its controller admits no pose.
+        ignores_moves: Whether it takes moves and does not begin them.
         fastest_m_s: Highest tool speed so far.
         watchdog_stops: How often the watchdog had to stop the arm.
     """
 
     def __init__(self, world: MockWorld) -> None:
         self.world = world
+        self.refuses_poses = self.ignores_moves = False
         self.watchdog_stops = 0
         self.fastest_m_s = 0.0
         self._target: Pose | None = None
@@ -56,6 +57,7 @@ class MockArm:
         self._next_ns = world.now_ns
         world.drive(self._velocity_after)
         world.on_step(self._report)
+        world.on_fault.append(self._stop_or_unlock)
 
     @classmethod
     def from_config(cls, config: RigConfig) -> Self:
@@ -68,9 +70,7 @@ class MockArm:
             raise mock_without_mock(config)
         world = MockWorld(HostClock(), config)
         arm = cls(world)
-        plan_faults(
-            world, config.emulation.faults, lock_arm=arm.protective_stop, unlock_arm=arm.unlock
-        )
+        world.plan(config.emulation.faults)
         return arm
 
     def connect(self) -> DeviceIdentity:
@@ -93,7 +93,7 @@ class MockArm:
         """
         self.world.catch_up()
         age_s = (self.world.now_ns - self._newest.stamp_ns) * 1e-9
-        if "arm-frozen" in self.world.faults and age_s > 0.05:
+        if FaultKind.FREEZE in self.world.faults_of(Device.ROBOT) and age_s > 0.05:
             raise DeviceError(f"robot: its time stamp has not moved for {age_s * 1e3:.0f} ms")
         if self._locked:
             raise DeviceError(
@@ -110,7 +110,7 @@ class MockArm:
 
     def is_pose_allowed(self, pose: Pose) -> bool:
         """Admit every pose unless told to refuse."""
-        return "arm-refuses-pose" not in self.world.faults and math.isfinite(pose.position[2])
+        return not self.refuses_poses and math.isfinite(pose.position[2])
 
     def start_move(self, target: Pose, *, speed: float, acceleration: float) -> None:
         """Start a straight move.
@@ -119,7 +119,7 @@ class MockArm:
             DeviceError: The arm is locked.
         """
         self.state()
-        if "arm-ignores-moves" not in self.world.faults:
+        if not self.ignores_moves:
             self._target = target.shifted(z=-self._silent.height_m)
             self._speed, self._acceleration = speed, acceleration
 
@@ -160,6 +160,12 @@ class MockArm:
         """Do what a person does at the pendant after a stop."""
         self._locked = False
 
+    def _stop_or_unlock(self, fault: Fault, begins: bool) -> None:
+        if fault.kind in STOPS and begins:
+            self.protective_stop()
+        elif fault.kind in STOPS or (fault.kind is FaultKind.UNLOCK and begins):
+            self.unlock()
+
     def close(self) -> None:
         """Stop."""
         self.stop()
@@ -168,7 +174,7 @@ class MockArm:
         now_ns = self.world.now_ns
         while self._commands and self._commands[0][0] <= now_ns:
             self._wanted = self._commands.popleft()[1]
-        if self._locked or "arm-stalled" in self.world.faults:
+        if self._locked or FaultKind.STALL in self.world.faults_of(Device.ROBOT):
             return Still
         wanted = self._wanted if self._target is None else self._towards_target(step_s)
         if wanted != Still and now_ns - self._kicked_ns > self._watchdog_ns:
@@ -205,7 +211,7 @@ class MockArm:
     def _sample(self, stamp_ns: int) -> ArmSample:
         world, silent = self.world, self._silent
         pose, velocity, duration_s = world.pose, world.velocity, self._period_ns * 1e-9
-        silent.advance(world.silent_faults_of(Device.ROBOT), velocity, duration_s=duration_s)
+        silent.advance(world.faults_of(Device.ROBOT).values(), velocity, duration_s=duration_s)
         return ArmSample(
             stamp_ns=stamp_ns,
             controller_time_s=(stamp_ns - world.start_ns) * 1e-9 + silent.clock_s,
@@ -220,7 +226,7 @@ class MockArm:
         )
 
     def _report(self, now_ns: int) -> None:
-        if now_ns < self._next_ns or "arm-frozen" in self.world.faults:
+        if now_ns < self._next_ns or FaultKind.FREEZE in self.world.faults_of(Device.ROBOT):
             return
         self._next_ns = now_ns + self._period_ns
         self._newest = self._sample(now_ns)

@@ -11,14 +11,14 @@ from typing import ClassVar, Generic, Self, TypeVar
 import cv2
 import numpy as np
 
-from drivers.emulators.faults import Device
+from drivers.emulators.faults import Device, FaultKind
 from drivers.emulators.silent_faults import SilentImageFaults, SilentWrenchFaults
 from drivers.interfaces import DeviceIdentity, HostClock, StreamHealth
-from drivers.mock.world import STEP_S, MockWorld, mock_without_mock, plan_faults
+from drivers.mock.world import STEP_S, MockWorld, mock_without_mock
 from drivers.stream_buffer import StreamBuffer
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError
-from tacauchy_rig.core.run import ForceSample, ImageFrame, Vector6, Wrench
+from tacauchy_rig.core.run import ForceSample, ImageFrame, Wrench
 
 SampleT = TypeVar("SampleT")
 
@@ -30,7 +30,7 @@ class _MockStream(ABC, Generic[SampleT]):
 
     place: ClassVar[str]
     model: ClassVar[str]
-    unplugged: ClassVar[str]
+    device: ClassVar[Device]
     first_s: ClassVar[float]
     settings: ClassVar[dict[str, str]] = {}
 
@@ -62,7 +62,7 @@ class _MockStream(ABC, Generic[SampleT]):
             DeviceError: It was unplugged.
         """
         self.world.catch_up()
-        if self.unplugged in self.world.faults:
+        if FaultKind.UNPLUG in self.world.faults_of(self.device):
             raise DeviceError(f"{self.place} is gone", remedy="plug it in again")
         return self._buffer.drain()
 
@@ -87,19 +87,17 @@ class _MockStream(ABC, Generic[SampleT]):
 class MockForceSensor(_MockStream[ForceSample]):
     """Obeys ``drivers.interfaces.ForceTorqueSensor``.
 
-    Faults it knows (in ``world.faults``): ``force-silent``, ``force-stuck``, ``force-nan``,
-    ``force-saturated``, ``force-lossy`` (every tenth frame is lost), ``force-unplugged``. Silent
-    faults are those of ``world.silent_faults``.
+    Faults it shows: stall, drop and garble (every tenth frame is lost), unplug, and the silent ones
+    of a force sensor.
     """
 
     place = "force sensor: the port"
     model = "mock M3733C"
-    unplugged = "force-unplugged"
+    device = Device.FORCE_SENSOR
     first_s = 0.02
 
     def __init__(self, world: MockWorld) -> None:
         super().__init__(world, rate_hz=world.config.force_sensor.rate)
-        self._held: Vector6 | None = None
         self._silent = SilentWrenchFaults(
             seed=world.config.emulation.seed, full_scale_n=world.config.force_sensor.capacity
         )
@@ -118,42 +116,28 @@ class MockForceSensor(_MockStream[ForceSample]):
 
     def _make(self, now_ns: int) -> None:
         self._counter += 1
-        faults = self.world.faults
-        if faults & {"force-silent", "force-unplugged"}:
+        faults = self.world.faults_of(self.device)
+        if faults.keys() & {FaultKind.STALL, FaultKind.UNPLUG}:
             return
-        if "force-lossy" in faults and self._counter % 10 == 0:
+        if faults.keys() & {FaultKind.DROP, FaultKind.GARBLE} and self._counter % 10 == 0:
             self._lost_count += 1
             self._corrupt_count += 1
             return
-        silent = self.world.silent_faults_of(Device.FORCE_SENSOR)
-        self._held = self._wrench()
-        wrench = self._silent.reading(self._held, silent, stamp_ns=now_ns)
+        wrench = self._silent.reading(self.world.raw_wrench(), faults.values(), stamp_ns=now_ns)
         sample = ForceSample(stamp_ns=now_ns, counter=self._counter, wrench=Wrench.of(wrench))
         self._buffer.push(sample, stamp_ns=now_ns, fingerprint=wrench)
-
-    def _wrench(self) -> Vector6:
-        faults = self.world.faults
-        if "force-stuck" in faults and self._held is not None:
-            return self._held
-        wrench = self.world.raw_wrench()
-        if "force-nan" in faults:
-            return (wrench[0], wrench[1], math.nan, *wrench[3:])
-        if "force-saturated" in faults:
-            return (self.world.config.force_sensor.capacity, *wrench[1:])
-        return wrench
 
 
 class MockCamera(_MockStream[ImageFrame]):
     """Obeys ``drivers.interfaces.Camera``: small grey JPEGs, darker where the gel is touched.
 
-    No two are the same bytes, as with a camera's noise. Faults it knows (in ``world.faults``):
-    ``camera-silent``, ``camera-unplugged``, ``camera-overexposed`` (every pixel white). Silent
-    faults are those of ``world.silent_faults``.
+    No two are the same bytes, as with a camera's noise. Faults it shows: stall, drop, unplug,
+    saturate (every pixel is white), and the silent ones of a camera.
     """
 
     place = "camera: the device"
     model = "mock camera"
-    unplugged = "camera-unplugged"
+    device = Device.CAMERA
     first_s = 0.05
     settings: ClassVar[dict[str, str]] = {"width": str(WIDTH), "height": str(HEIGHT)}
 
@@ -167,24 +151,24 @@ class MockCamera(_MockStream[ImageFrame]):
         """Return a camera in a world of its own on the host's clock, with its planned faults."""
         world = MockWorld(HostClock(), config)
         camera = cls(world)
-        plan_faults(world, config.emulation.faults)
+        world.plan(config.emulation.faults)
         return camera
 
     @property
     def _is_overexposed(self) -> bool:
-        return "camera-overexposed" in self.world.faults
+        return FaultKind.SATURATE in self.world.faults_of(self.device)
 
     def health(self) -> StreamHealth:
         """Return counts, age and rate, and what is at full scale."""
         return replace(super().health(), clipped_ratio=float(self._is_overexposed))
 
     def _make(self, now_ns: int) -> None:
-        if self.world.faults & {"camera-silent", "camera-unplugged"}:
+        faults = self.world.faults_of(self.device)
+        if faults.keys() & {FaultKind.STALL, FaultKind.DROP, FaultKind.UNPLUG}:
             self._lost_count += 1
             return
         self._counter += 1
-        silent = self.world.silent_faults_of(Device.CAMERA)
-        jpeg = self._silent.frame(_numbered(self._shown(), self._counter), silent)
+        jpeg = self._silent.frame(_numbered(self._shown(), self._counter), faults.values())
         frame = ImageFrame(
             stamp_ns=now_ns,
             counter=self._counter,

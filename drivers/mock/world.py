@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Iterable
+from functools import partial
 
-from drivers.emulators.faults import STOPS, Device, Fault, FaultKind, parse_fault
+from drivers.emulators.faults import Device, Fault, FaultKind, parse_fault
 from drivers.interfaces import Clock
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import ConfigError
@@ -73,8 +74,7 @@ class MockWorld:
         motion_delay_s: From a velocity command to the arm's reaction.
 
     Attributes:
-        faults: Names of the failures that are on now; the devices look here.
-        silent_faults: Those that are on now of the faults that pass for measurements.
+        faults: Those that are on now.
         disturbance: Wrench that something else exerts on the sensor.
         now_ns: Time the world has reached [ns].
     """
@@ -105,8 +105,8 @@ class MockWorld:
         self.velocity: Vector6 = Still
         self.force_n = 0.0
         self.disturbance: Vector6 = Still
-        self.faults: set[str] = set()
-        self.silent_faults: list[Fault] = []
+        self.faults: list[Fault] = []
+        self.on_fault: list[Callable[[Fault, bool], None]] = []
         self.start_ns = clock.now_ns()
         self.now_ns = self.start_ns
         self._drive: Callable[[float], Vector6] | None = None
@@ -130,9 +130,34 @@ class MockWorld:
         """Do ``action`` once, at the first step at which ``condition`` holds."""
         self._plans.append((condition, action))
 
-    def silent_faults_of(self, device: Device) -> list[Fault]:
-        """Return the silent faults of ``device`` that are on now."""
-        return [fault for fault in self.silent_faults if fault.device is device]
+    def begin(self, fault: Fault | str) -> None:
+        """Let a fault begin; text is parsed as for the emulators."""
+        fault = parse_fault(fault) if isinstance(fault, str) else fault
+        self.faults.append(fault)
+        for listener in self.on_fault:
+            listener(fault, True)
+
+    def end(self, fault: Fault | str) -> None:
+        """Let a fault end that ``begin`` has begun."""
+        fault = parse_fault(fault) if isinstance(fault, str) else fault
+        self.faults.remove(fault)
+        for listener in self.on_fault:
+            listener(fault, False)
+
+    def faults_of(self, device: Device) -> dict[FaultKind, Fault]:
+        """Return the faults of ``device`` that are on now."""
+        return {fault.kind: fault for fault in self.faults if fault.device is device}
+
+    def plan(self, faults: Iterable[str]) -> None:
+        """Let faults such as ``robot:protective-stop@3s`` begin and end in time."""
+        for fault in map(parse_fault, faults):
+            end_s = fault.start_s + fault.duration_s
+            self.when(partial(self._is_past, fault.start_s), partial(self.begin, fault))
+            if math.isfinite(end_s):
+                self.when(partial(self._is_past, end_s), partial(self.end, fault))
+
+    def _is_past(self, time_s: float) -> bool:
+        return self.elapsed_s >= time_s
 
     def catch_up(self) -> None:
         """Integrate up to the clock's time."""
@@ -174,61 +199,3 @@ def mock_without_mock(config: RigConfig) -> ConfigError:
         f'"{config.force_sensor.driver}": a mock feels no device of another process',
         remedy='make both "mock", or use "emulated" beside a real device',
     )
-
-
-NAMES = {
-    (Device.ROBOT, FaultKind.FREEZE): "arm-frozen",
-    (Device.ROBOT, FaultKind.STALL): "arm-stalled",
-    (Device.FORCE_SENSOR, FaultKind.FREEZE): "force-stuck",
-    (Device.FORCE_SENSOR, FaultKind.STALL): "force-silent",
-    (Device.FORCE_SENSOR, FaultKind.DROP): "force-lossy",
-    (Device.FORCE_SENSOR, FaultKind.GARBLE): "force-lossy",
-    (Device.FORCE_SENSOR, FaultKind.UNPLUG): "force-unplugged",
-    (Device.FORCE_SENSOR, FaultKind.SATURATE): "force-saturated",
-    (Device.CAMERA, FaultKind.STALL): "camera-silent",
-    (Device.CAMERA, FaultKind.DROP): "camera-silent",
-    (Device.CAMERA, FaultKind.SATURATE): "camera-overexposed",
-    (Device.CAMERA, FaultKind.UNPLUG): "camera-unplugged",
-}
-"""Failures that a mock shows by itself, by the name that it looks for; the others are silent."""
-
-
-def plan_faults(
-    world: MockWorld,
-    faults: Iterable[str],
-    *,
-    lock_arm: Callable[[], None] | None = None,
-    unlock_arm: Callable[[], None] | None = None,
-) -> None:
-    """Let ``world`` fail as planned; kinds that only emulators know are passed over.
-
-    Args:
-        world: Whose clock the starts are counted on.
-        faults: For example ``robot:protective-stop@3s``.
-        lock_arm: Called for a protective or an emergency stop.
-        unlock_arm: Called for the end of one, or for a person's unlocking.
-    """
-    for text in faults:
-        fault = parse_fault(text)
-        begin, end = _begin_and_end(world, fault)
-        if fault.kind in STOPS:
-            begin, end = lock_arm or begin, unlock_arm or end
-        elif fault.kind is FaultKind.UNLOCK:
-            begin = unlock_arm or begin
-        _plan(world, fault, begin, end)
-
-
-def _plan(
-    world: MockWorld, fault: Fault, begin: Callable[[], None], end: Callable[[], None]
-) -> None:
-    end_s = fault.start_s + fault.duration_s
-    world.when(lambda: world.elapsed_s >= fault.start_s, begin)
-    if math.isfinite(end_s):
-        world.when(lambda: world.elapsed_s >= end_s, end)
-
-
-def _begin_and_end(world: MockWorld, fault: Fault) -> tuple[Callable[[], None], Callable[[], None]]:
-    name = NAMES.get((fault.device, fault.kind))
-    if name is None:
-        return lambda: world.silent_faults.append(fault), lambda: world.silent_faults.remove(fault)
-    return lambda: world.faults.add(name), lambda: world.faults.discard(name)

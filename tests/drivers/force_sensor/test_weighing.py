@@ -44,18 +44,19 @@ def test_the_three_readings_are_those_of_the_world(bench: MockBench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "message"),
+    ("fault", "load_n", "message"),
     [
-        ("force-silent", "0 samples in 2 s"),
-        ("force-nan", "that is not a number"),
-        ("force-saturated", "beyond its capacity 50 N"),
+        ("force_sensor:stall", 0.0, "0 samples in 2 s"),
+        ("force_sensor:scale=1", math.nan, "that is not a number"),
+        ("force_sensor:saturate", 0.0, "beyond its capacity 50 N"),
     ],
 )
 def test_a_cell_that_cannot_be_weighed_with_is_named(
-    bench: MockBench, fault: str, message: str
+    bench: MockBench, fault: str, load_n: float, message: str
 ) -> None:
     """Before anything is compared with a weight."""
-    bench.world.faults.add(fault)
+    bench.world.disturbance = (0.0, 0.0, load_n, 0.0, 0.0, 0.0)
+    bench.world.begin(fault)
     with pytest.raises(DeviceError, match=message):
         weigh_connected(
             bench.force_sensor, bench.world.clock, bench.world.config, ask=lambda _: None

@@ -6,7 +6,6 @@ import math
 
 import pytest
 
-from drivers.mock.world import plan_faults
 from tacauchy_rig.core.errors import DeviceError
 
 
@@ -65,9 +64,8 @@ def test_states_come_at_the_controller_s_rate(bench):
 def test_it_lies_about_its_place_and_time(bench):
     """A wrong pose drifts off the true one, a clock jumps; both are right again afterwards."""
     start_s = bench.world.elapsed_s
-    plan_faults(
-        bench.world,
-        [f"robot:wrong-pose=1mm/s@{start_s}s+1s", f"robot:clock-jump=-5s@{start_s}s+1s"],
+    bench.world.plan(
+        [f"robot:wrong-pose=1mm/s@{start_s}s+1s", f"robot:clock-jump=-5s@{start_s}s+1s"]
     )
     bench.arm.set_velocity((1e-3, 0.0, 0.0, 0.0, 0.0, 0.0), acceleration=0.5)
     pass_time(bench, 0.9)
@@ -88,7 +86,7 @@ def test_a_stop_ends_with_its_fault_or_at_the_pendant(bench):
         f"robot:protective-stop@{start_s + 1}s",
         f"robot:unlock@{start_s + 2}s",
     ]
-    plan_faults(bench.world, plan, lock_arm=bench.arm.protective_stop, unlock_arm=bench.arm.unlock)
+    bench.world.plan(plan)
     for locked in (True, False, True, True, False):
         pass_time(bench, 0.45)
         if locked:
@@ -121,7 +119,7 @@ def _mean_fz(bench):
 
 def test_a_frozen_controller_is_an_error(bench):
     """States that stop coming raise after 50 ms."""
-    bench.world.faults.add("arm-frozen")
+    bench.world.begin("robot:freeze")
     pass_time(bench, 0.04)
     bench.arm.state()
     pass_time(bench, 0.03)

@@ -10,7 +10,6 @@ import pytest
 
 from drivers.emulators.faults import parse_fault
 from drivers.mock.streams import HEIGHT, WIDTH
-from drivers.mock.world import plan_faults
 from tacauchy_rig.core.errors import DeviceError
 
 
@@ -51,7 +50,7 @@ def test_frames_come_at_their_rate(bench):
 )
 def test_planned_faults_begin_and_end(bench, plan, age_s):
     """Written as for the emulators: what stalls for half a second comes back."""
-    plan_faults(bench.world, [plan])
+    bench.world.plan([plan])
     bench.world.clock.sleep(2.0 - bench.world.elapsed_s)
     assert bench.force_sensor.health().age_s == pytest.approx(age_s, abs=0.02)
 
@@ -59,7 +58,7 @@ def test_planned_faults_begin_and_end(bench, plan, age_s):
 def test_what_lies_begins_and_ends_as_planned(bench):
     """Reads a tenth for a second, and the truth before and after."""
     bench.world.noise_n = bench.world.drift_n_s = 0.0
-    plan_faults(bench.world, ["force_sensor:scale=0.1@1s+1s"])
+    bench.world.plan(["force_sensor:scale=0.1@1s+1s"])
     bench.force_sensor.drain()
     bench.world.clock.sleep(3.0 - bench.world.elapsed_s)
     said = [sample.wrench.force[2] for sample in bench.force_sensor.drain()]
@@ -75,7 +74,7 @@ def test_no_frame_is_like_another_until_the_camera_lies(bench):
     frames = bench.camera.drain()
     assert len({frame.jpeg for frame in frames}) == len(frames)
     assert bench.camera.health().repeat_count == 1
-    bench.world.silent_faults.append(parse_fault("camera:freeze-image"))
+    bench.world.begin(parse_fault("camera:freeze-image"))
     bench.world.clock.sleep(1.0)
     frames = bench.camera.drain()
     assert len({frame.jpeg for frame in frames}) == 1
@@ -101,25 +100,25 @@ def test_a_touch_shows_in_the_image(bench):
 
 def test_failures_show_as_on_real_devices(bench):
     """NaN, saturation, repeats, losses and unplugging."""
-    sensor, faults = bench.force_sensor, bench.world.faults
+    sensor, world = bench.force_sensor, bench.world
 
     def newest():
         bench.world.clock.sleep(0.5)
         return sensor.drain()
 
-    faults.add("force-nan")
+    world.disturbance = (0.0, 0.0, math.nan, 0.0, 0.0, 0.0)
     assert math.isnan(newest()[-1].wrench.force[2])
-    faults.add("force-saturated")
-    faults.remove("force-nan")
-    assert newest()[-1].wrench.force[0] == bench.world.config.force_sensor.capacity
-    faults.add("force-stuck")
+    world.disturbance = (0.0,) * 6
+    world.begin("force_sensor:saturate")
+    assert newest()[-1].wrench.force[2] == bench.world.config.force_sensor.capacity
+    world.begin("force_sensor:freeze")
     assert len({sample.wrench for sample in newest()[1:]}) == 1
-    faults.add("force-lossy")
+    world.begin("force_sensor:drop")
     newest()
     assert sensor.health().lost_count == 5
-    faults.add("force-unplugged")
+    world.begin("force_sensor:unplug")
     with pytest.raises(DeviceError):
         sensor.drain()
-    faults.add("camera-unplugged")
+    world.begin("camera:unplug")
     with pytest.raises(DeviceError):
         bench.camera.drain()

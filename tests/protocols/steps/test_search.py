@@ -23,7 +23,7 @@ def above_the_gel(laboratory, *overrides, silent_fault="", **world):
     """Return a laboratory whose arm stands above the gel, tared; the cell lies from the start."""
     lab = laboratory(*SHORT, *overrides, bias=(0.0,) * 6, **world)
     if silent_fault:
-        lab.world.silent_faults.append(parse_fault(f"force_sensor:{silent_fault}"))
+        lab.world.begin(parse_fault(f"force_sensor:{silent_fault}"))
     lab.cycle.force_guard.set_zero(take_tare(lab.cycle))
     lab.cycle.force_guard.contact = Contact.NONE
     approach(lab.cycle)

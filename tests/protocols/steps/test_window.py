@@ -33,6 +33,6 @@ def test_a_computer_that_is_held_up_does_not_lose_what_came_meanwhile(laboratory
 def test_a_slow_force_sensor_is_told_with_both_counts(laboratory):
     """A sensor that stopped sending is no zero."""
     lab = laboratory(*SHORT, 'limits.stale_force="500 ms"')
-    lab.world.faults.add("force-silent")
+    lab.world.begin("force_sensor:stall")
     with pytest.raises(BreachError, match=r"samples in 0\.2 s of tare, 20 were expected"):
         take_tare(lab.cycle)

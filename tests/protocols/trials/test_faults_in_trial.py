@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import pytest
@@ -24,7 +25,7 @@ def bump(lab, **load):
 
 def fault(lab, name):
     """Switch a device's failure on."""
-    lab.world.faults.add(name)
+    lab.world.begin(name)
 
 
 CASES = [
@@ -35,22 +36,22 @@ CASES = [
     ("press", lambda lab: bump(lab, fz=3.2), "limits.force_rate", OFF_GEL),
     ("approach", lambda lab: bump(lab, fz=0.6), "limits.early_contact", CLEAR),
     ("tare", lambda lab: bump(lab, fz=0.6), "limits.early_contact", CLEAR),
-    ("press", lambda lab: fault(lab, "force-silent"), "limits.stale_force", HOLDS),
-    ("press", lambda lab: fault(lab, "force-stuck"), "limits.repeat_count", HOLDS),
-    ("dwell", lambda lab: fault(lab, "force-nan"), "force_sensor.finite", HOLDS),
-    ("press", lambda lab: fault(lab, "force-unplugged"), "force sensor", HOLDS),
-    ("press", lambda lab: fault(lab, "force-lossy"), "limits.corrupt_ratio", OFF_GEL),
-    ("dwell", lambda lab: fault(lab, "force-saturated"), "force_sensor.capacity", HOLDS),
-    ("dwell", lambda lab: fault(lab, "camera-silent"), "limits.stale_image", OFF_GEL),
-    ("press", lambda lab: fault(lab, "camera-unplugged"), "camera", OFF_GEL),
-    ("press", lambda lab: fault(lab, "arm-frozen"), "robot", HOLDS),
-    ("press", lambda lab: fault(lab, "arm-stalled"), "limits.no_motion", HOLDS),
-    ("search", lambda lab: fault(lab, "arm-stalled"), "limits.no_motion", HOLDS),
-    ("retract", lambda lab: fault(lab, "arm-stalled"), "robot.arrival", HOLDS),
+    ("press", lambda lab: fault(lab, "force_sensor:stall"), "limits.stale_force", HOLDS),
+    ("press", lambda lab: fault(lab, "force_sensor:freeze"), "limits.repeat_count", HOLDS),
+    ("dwell", lambda lab: bump(lab, fz=math.nan), "force_sensor.finite", HOLDS),
+    ("press", lambda lab: fault(lab, "force_sensor:unplug"), "force sensor", HOLDS),
+    ("press", lambda lab: fault(lab, "force_sensor:drop"), "limits.corrupt_ratio", OFF_GEL),
+    ("dwell", lambda lab: bump(lab, fx=50.0), "force_sensor.capacity", HOLDS),
+    ("dwell", lambda lab: fault(lab, "camera:stall"), "limits.stale_image", OFF_GEL),
+    ("press", lambda lab: fault(lab, "camera:unplug"), "camera", OFF_GEL),
+    ("press", lambda lab: fault(lab, "robot:freeze"), "robot", HOLDS),
+    ("press", lambda lab: fault(lab, "robot:stall"), "limits.no_motion", HOLDS),
+    ("search", lambda lab: fault(lab, "robot:stall"), "limits.no_motion", HOLDS),
+    ("retract", lambda lab: fault(lab, "robot:stall"), "robot.arrival", HOLDS),
     ("search", lambda lab: lab.bench.arm.protective_stop(), "robot", HOLDS),
     ("dwell", lambda lab: setattr(lab.sink, "trouble", "recorder: gone"), "recorder", OFF_GEL),
-    ("home", lambda lab: fault(lab, "arm-refuses-pose"), "robot", HOLDS),
-    ("home", lambda lab: fault(lab, "arm-ignores-moves"), "robot.arrival", HOLDS),
+    ("home", lambda lab: setattr(lab.bench.arm, "refuses_poses", True), "robot", HOLDS),
+    ("home", lambda lab: setattr(lab.bench.arm, "ignores_moves", True), "robot.arrival", HOLDS),
 ]
 
 
@@ -102,7 +103,7 @@ def test_a_fault_names_the_trials_that_are_safe(laboratory):
 def test_a_stalled_arm_is_noticed_long_before_the_press_times_out(laboratory):
     """Commanded and measured travel are named; the window is a setting."""
     lab = laboratory('protocol.force_targets=["4 N"]', 'limits.no_motion="1 s"')
-    lab.when_phase("press", lambda: fault(lab, "arm-stalled"), delay_s=0.3)
+    lab.when_phase("press", lambda: fault(lab, "robot:stall"), delay_s=0.3)
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     entered = next(e for e in lab.sink.events if e.detail.get("phase") == "press")
     told = next(e for e in lab.sink.events if e.name == "fault")
@@ -127,7 +128,7 @@ def test_an_arm_that_begins_late_is_not_called_stalled(laboratory, press_speed):
 def test_an_overexposed_image_is_a_criterion_that_is_missed(laboratory):
     """The press goes on, but nobody takes white images for a result."""
     lab = laboratory('protocol.force_targets=["1 N"]', "protocol.attempts=1")
-    lab.when_phase("dwell", lambda: fault(lab, "camera-overexposed"), delay_s=0.3)
+    lab.when_phase("dwell", lambda: fault(lab, "camera:saturate"), delay_s=0.3)
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     assert result.outcome is Outcome.FAILED
     missed = [criterion for criterion in result.records[0].criteria if not criterion.passed]
@@ -177,7 +178,7 @@ def test_a_camera_that_dies_during_the_retract_does_not_stop_it(laboratory):
     """A second, lesser failure must not leave the indenter in the gel."""
     lab = laboratory('protocol.force_targets=["4 N"]')
     lab.when_phase("dwell", lambda: bump(lab, fz=3.0), delay_s=0.3)
-    lab.when_phase("dwell", lambda: fault(lab, "camera-silent"), delay_s=0.4)
+    lab.when_phase("dwell", lambda: fault(lab, "camera:stall"), delay_s=0.4)
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     assert OFF_GEL in result.reason
     assert lab.world.force_n == 0.0
@@ -187,7 +188,7 @@ def test_a_sensor_that_dies_during_the_retract_stops_it(laboratory):
     """Without force the retract ends and the arm holds."""
     lab = laboratory('protocol.force_targets=["4 N"]')
     lab.when_phase("dwell", lambda: bump(lab, fz=3.0), delay_s=0.3)
-    lab.when_phase("dwell", lambda: fault(lab, "force-silent"), delay_s=1.0)
+    lab.when_phase("dwell", lambda: fault(lab, "force_sensor:stall"), delay_s=1.0)
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     assert "the retract ended early" in result.reason
     lab.world.clock.sleep(1.0)

@@ -14,9 +14,8 @@ from tacauchy_rig.core.run import Outcome
 
 def gap(lab, *, phase: str, duration_s: float) -> None:
     """Let the camera fall silent in ``phase`` for a while."""
-    faults = lab.world.faults
-    lab.when_phase(phase, lambda: faults.add("camera-silent"), delay_s=0.3)
-    lab.when_phase(phase, lambda: faults.discard("camera-silent"), delay_s=0.3 + duration_s)
+    lab.when_phase(phase, lambda: lab.world.begin("camera:stall"), delay_s=0.3)
+    lab.when_phase(phase, lambda: lab.world.end("camera:stall"), delay_s=0.3 + duration_s)
 
 
 @pytest.mark.parametrize("phase", ["reference", "search", "press", "dwell", "retract"])
@@ -56,7 +55,7 @@ def test_an_air_press_is_not_repeated_for_ever_nor_for_another_cause(laboratory)
     assert "during air-press" in result.reason
     assert "end other programs" in result.remedy
     lab = laboratory()
-    lab.when_phase("air-press", lambda: lab.world.faults.add("arm-stalled"))
+    lab.when_phase("air-press", lambda: lab.world.begin("robot:stall"))
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     assert result.outcome is Outcome.FAULT
     assert lab.phases.count("air-press") == 1
@@ -71,11 +70,11 @@ def test_attempts_are_not_endless(laboratory):
         return bool(presses) and lab.world.now_ns > presses[-1].stamp_ns + 3e8
 
     def fall_silent() -> None:
-        lab.world.faults.add("camera-silent")
+        lab.world.begin("camera:stall")
         until_ns = lab.world.now_ns + 6e8
         lab.world.when(
             lambda: lab.world.now_ns > until_ns,
-            lambda: lab.world.faults.discard("camera-silent"),
+            lambda: lab.world.end("camera:stall"),
         )
         lab.world.when(lambda: len(lab.sink.begun) == 2 and due(), fall_silent)
 
@@ -96,12 +95,12 @@ def test_a_camera_that_stays_silent_ends_the_run(laboratory):
     assert lab.sink.begun == [(1, 1)]
 
 
-@pytest.mark.parametrize("name", ["force-silent", "force-stuck", "arm-stalled"])
+@pytest.mark.parametrize("name", ["force_sensor:stall", "force_sensor:freeze", "robot:stall"])
 def test_force_and_arm_are_never_asked_twice(laboratory, name):
     """Also where the device is well again at once."""
     lab = laboratory('protocol.force_targets=["2 N"]')
-    lab.when_phase("press", lambda: lab.world.faults.add(name), delay_s=0.3)
-    lab.when_phase("fault", lambda: lab.world.faults.discard(name))
+    lab.when_phase("press", lambda: lab.world.begin(name), delay_s=0.3)
+    lab.when_phase("fault", lambda: lab.world.end(name))
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     assert result.outcome is Outcome.FAULT
     assert lab.sink.begun == [(1, 1)]
@@ -111,7 +110,7 @@ def test_a_cell_that_fails_in_the_gap_is_not_waited_out(laboratory):
     """While images are waited for, every other limit holds."""
     lab = laboratory('protocol.force_targets=["2 N"]')
     gap(lab, phase="press", duration_s=6.0)
-    lab.when_phase("fault", lambda: lab.world.faults.add("force-silent"), delay_s=1.0)
+    lab.when_phase("fault", lambda: lab.world.begin("force_sensor:stall"), delay_s=1.0)
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     assert result.outcome is Outcome.FAULT
     assert lab.sink.begun == [(1, 1)]

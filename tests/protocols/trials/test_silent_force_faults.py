@@ -128,9 +128,9 @@ def pressed(
     fault = parse_fault(f"force_sensor:{silent}")
     phase, delay_s = moment
     if phase == "start":
-        lab.world.silent_faults.append(fault)
+        lab.world.begin(fault)
     else:
-        lab.when_phase(phase, lambda: lab.world.silent_faults.append(fault), delay_s=delay_s)
+        lab.when_phase(phase, lambda: lab.world.begin(fault), delay_s=delay_s)
     return run_programme(lab.cycle, lab.journal, fresh_plan(lab.config)), peak_n
 
 
@@ -199,7 +199,7 @@ def pressed_after_a_true_one(laboratory, silent, target_n):
     peaks_n = [0.0]
 
     def begin():
-        lab.world.silent_faults.append(parse_fault(f"force_sensor:{silent}"))
+        lab.world.begin(parse_fault(f"force_sensor:{silent}"))
         lab.world.on_step(lambda _: peaks_n.append(lab.world.force_n))
 
     lab.world.when(lambda: len(lab.sink.records) == 1, begin)
@@ -303,7 +303,7 @@ def test_frozen_images_fail_the_trial(laboratory):
     """A loop of old pictures goes unseen by the stream's own checks."""
     lab = laboratory(*SHORT, 'protocol.force_targets=["1.2556 N"]', expected=None)
     silent = parse_fault("camera:repeat-image")
-    lab.when_phase("press", lambda: lab.world.silent_faults.append(silent))
+    lab.when_phase("press", lambda: lab.world.begin(silent))
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     missed = [c for c in result.records[0].criteria if not c.passed]
     assert [criterion.name for criterion in missed] == ["repeated_frames"]
@@ -327,7 +327,7 @@ def test_a_search_goes_no_deeper_than_what_is_known(laboratory):
         return [e.trial for e in lab.sink.events if e.detail.get("phase") == "search"][-1:] == [2]
 
     def begin():
-        lab.world.silent_faults.append(silent)
+        lab.world.begin(silent)
         lab.world.on_step(lambda _: peaks_n.append(lab.world.force_n))
 
     lab.world.when(second_search, begin)
@@ -354,7 +354,7 @@ def test_a_resumed_search_goes_no_deeper_than_what_earlier_sessions_found(labora
         replace(second, done=True, contact_z_m=top_m - 20e-6),
         third,
     )
-    lab.world.silent_faults.append(parse_fault("force_sensor:stick-noisily"))
+    lab.world.begin(parse_fault("force_sensor:stick-noisily"))
     result = run_programme(lab.cycle, lab.journal, plan)
     assert result.reason.startswith("witness.contact_height: nothing was touched")
     searched_m = [state.pose.position[2] for state in lab.sink.states]
