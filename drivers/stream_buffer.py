@@ -1,4 +1,4 @@
-"""What a reader thread hands to the protocol: samples in order, counts, and the final error."""
+"""What a reader thread hands over: samples, counts and the final error; who holds a device."""
 
 from __future__ import annotations
 
@@ -106,14 +106,14 @@ class StreamBuffer(Generic[SampleT]):
             )
 
 
-def device_holders(path: str, *, proc: Path = Path("/proc")) -> list[str]:
+def device_holders(path: str) -> list[str]:
     """Return "name (pid n)" of the other processes that hold ``path`` open.
 
     Only processes whose descriptors this user may read are seen.
     """
     target = os.path.realpath(path)
     holders = []
-    for process in proc.glob("[0-9]*"):
+    for process in Path("/proc").glob("[0-9]*"):
         if process.name == str(os.getpid()) or not _holds(process, target):
             continue
         try:

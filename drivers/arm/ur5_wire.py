@@ -1,4 +1,4 @@
-"""RTDE protocol version 2: packets, field types and recipes, big-endian on the wire.
+"""RTDE protocol version 2: packets, recipes, and what a UR controller's numbers mean.
 
 Source: Universal Robots, "Real-Time Data Exchange (RTDE) Guide". The driver's probe and the
 emulated controller share this file; that it is right is shown by the real client library.

@@ -1,4 +1,4 @@
-"""What can be told about a JPEG cheaply: that it is whole, its size, whether it is overexposed."""
+"""What a JPEG shows cheaply: that it is whole, its size, whether it is overexposed, a touch."""
 
 from __future__ import annotations
 
@@ -64,7 +64,11 @@ _LEAST_WIDTH_PX = 40
 
 
 class TouchWatch:
-    """Remembers pictures without contact, and compares later ones with them."""
+    """Remembers pictures without contact, and compares later ones with them.
+
+    Judged at down to an eighth of the size, in grey, in the middle half of the picture, where the
+    indenter comes down. A change of light as a whole is no touch, and a light touch stays unseen.
+    """
 
     def __init__(self) -> None:
         self._mode = TouchMode.NOTHING
@@ -73,7 +77,7 @@ class TouchWatch:
         self._allowed = 0.0
 
     def ask(self, mode: TouchMode) -> None:
-        """Look for something else from now on."""
+        """Look for what ``mode`` says from now on."""
         if mode is TouchMode.REFERENCE:
             self._references.clear()
             self._mean = None

@@ -320,6 +320,8 @@ def _post(folder: Path, device: Device, message: Fault | HungWeight) -> None:
 class FaultInbox:
     """The listening end, polled by an emulator's loop; never blocks.
 
+    A fault or a weight is one JSON datagram to the Unix socket ``<folder>/<device>.control``.
+
     Attributes:
         hung_kg: Weight that hangs on the device [kg].
     """

@@ -1,4 +1,4 @@
-"""Where the arm is, shared by processes that were started separately.
+"""Where the arm is and which gel it presses, shared by processes that were started separately.
 
 One writer (the emulated controller, or a follower of a real robot's reported pose) and any
 number of readers (the emulated force sensor and camera) map the same small file. Readers poll;

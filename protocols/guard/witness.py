@@ -308,7 +308,10 @@ TOLERANCE = {
 
 
 class ArmEstimate:
-    """Mean of the newest estimates, from a zero of its own.
+    """The arm's own estimate of the pressing force: coarse, but another's.
+
+    It is a mean over ``WINDOW_S``, and only a difference from what the arm felt before the search
+    began, in the same posture.
 
     Args:
         model: Generation of the arm.
@@ -362,7 +365,13 @@ _GRID = 400
 
 
 class PressBand:
-    """Least and most force of a press.
+    """Least and most force of a press into the stated gel, from what the press gave before.
+
+    Where the gel begins is known from the force sensor alone, and to the contact force at best. So
+    the band is one of rises: from each point of a press to each deeper one the force must rise by
+    what the gel gives between the two depths, times what is left open of its stiffness. A tilted
+    flat face presses as strips side by side, each as deep as it lies (a Winkler bed): right for a
+    thin layer, too little for a deep one. The least rise is that of the most tilted face.
 
     Args:
         expected: The stated gel.

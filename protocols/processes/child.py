@@ -1,4 +1,4 @@
-"""What every child process does first and last."""
+"""Child processes: what each does first and last, and how the supervisor starts and sees it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the processes of a run say to one another."""
+"""What the processes of a run send one another, and the channels it goes through."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recorder process: takes entries from its producers, writes them, and says so."""
+"""The recorder process: takes entries from its producers, writes them, and acknowledges them."""
 
 from __future__ import annotations
 

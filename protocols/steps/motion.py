@@ -1,4 +1,4 @@
-"""Straight moves that are watched at every turn: coming to rest, to the gel, and off it."""
+"""Straight moves that are watched at every turn, and making the arm safe after a fault."""
 
 from __future__ import annotations
 

@@ -242,7 +242,11 @@ RETURN_PER_S = 2.0
 
 
 def sway(cycle: Cycle, drive: PressDrive) -> None:
-    """Sway for ``protocol.sway`` from where the arm stands.
+    """Sway for ``protocol.sway`` from where the arm stands; its trace tells how late images are.
+
+    Two sines at once: a delay shifts both by the same time, the gel's relaxation by the same part
+    of their period. The arm only goes up from where the force was held, so that neither force nor
+    depth passes what the press had reached.
 
     Raises:
         BreachError: A limit was passed.

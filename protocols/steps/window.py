@@ -1,4 +1,4 @@
-"""A stretch of force, its mean, deviation and slope."""
+"""Standing still: a stretch of force, its statistics, and the zero of a trial. Raw stays raw."""
 
 from __future__ import annotations
 

@@ -162,6 +162,9 @@ PATIENCE_S = 10.0
 def may_repeat(cycle: Cycle, error: RigError) -> bool:
     """Return whether the attempt that ``error`` cut off may be made again now; waits for images.
 
+    Only where images came late: that says nothing of gel, cell or arm, and costs one press. What
+    stopped a press by force or arm is for a person to see.
+
     The arm has been made safe before. It has to stand clear of the gel: one that was told to hold
     does not go on by itself.
 

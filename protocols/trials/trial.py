@@ -1,4 +1,4 @@
-"""One attempt at a trial, from home to home."""
+"""One attempt at a trial, from home to home, and the criteria it is judged by."""
 
 from __future__ import annotations
 

@@ -192,7 +192,7 @@ _LEVER_ARM_M = 0.5
 
 
 class ToolMotion:
-    """The tip's pose and velocity, advanced cycle by cycle.
+    """The tip's pose and velocity, advanced cycle by cycle, in Cartesian space only.
 
     Three ways to move exclude one another: along a line to a target, at a set velocity, and
     braking to a stop.

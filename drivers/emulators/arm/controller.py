@@ -293,7 +293,11 @@ _FLUSH_PERIOD_NS = 100_000_000
 
 
 class ArmTrace:
-    """Writes both files, buffered for at most 0.1 s."""
+    """Keeps what the arm truly did, so that anyone can say how a fault ended.
+
+    ``arm_trace.bin`` holds one row for each cycle in which the arm moved and one a second while it
+    rests, buffered for at most 0.1 s; ``arm_events.jsonl`` one line for each thing that happened.
+    """
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)

@@ -48,7 +48,7 @@ _logger = logging.getLogger(__name__)
 
 
 class ReplyStyle(StrEnum):
-    """How the emulated box ends its replies."""
+    """How the emulated box ends its replies: documents disagree, and a driver must bear each."""
 
     DOLLAR_OK = "dollar-ok"
     BARE_OK = "bare-ok"

@@ -1,7 +1,7 @@
 """Finite-strain equilibrium of a disc of gel under a rigid tip of revolution.
 
 Nine-node quadrilaterals, full integration; unilateral contact by a stiff penalty on the distance to
-the tip, with Coulomb friction by springs that slip (``grip``); clamped base, free wall. Young's
+the tip, with Coulomb friction by springs that slip; clamped base, free wall. Young's
 modulus of the layer that is touched is one, so forces come out in square metres and scale with the
 true modulus.
 """
@@ -322,7 +322,11 @@ class Grip:
 
 
 class Springs:
-    """The springs of one round.
+    """The springs of one round, which stand for Coulomb friction.
+
+    Each point in contact hangs on the tip by a stiff spring along the surface. Drawn beyond
+    friction times pressure it slips. Pressure and direction are those of the round before, so that
+    the springs have an energy (that of Huber) and Newton's method a line search.
 
     Args:
         before: Where the surface was; None begins without any pull.

@@ -47,7 +47,7 @@ class GelLight(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EmulatedUnit:
-    """One make of sensor; the defaults are a GelSight Mini.
+    """One make of sensor, by the sizes that a lab reads off it; the defaults are a GelSight Mini.
 
     Attributes:
         name: For messages.
