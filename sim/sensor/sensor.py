@@ -244,6 +244,12 @@ class Sensor:
         worst = max(found, key=lambda number: number.uncertainty / number.value)
         return worst.uncertainty / worst.value, worst.source
 
+    @property
+    def least_certain_poisson(self) -> Measured:
+        """Poisson's ratio of the layer where it is least certain."""
+        found = [number for name, number in self.numbers.items() if name.endswith(".poisson")]
+        return max(found, key=lambda number: number.uncertainty)
+
 
 def load_sensor(name: str) -> Sensor:
     """Load a sensor by the name that the registry knows it by, or from a TOML file by path.

@@ -204,8 +204,7 @@ class _Again:
         sensor = self.inputs.sensor
         young = sensor.young_uncertainty()[0]
         yield _mode("modulus", Cause.MATERIAL, young, "1", _times(by_force, -young))
-        numbers = [n for name, n in sensor.numbers.items() if name.endswith(".poisson")]
-        ratio = max((number.uncertainty for number in numbers), default=0.0)
+        ratio = sensor.least_certain_poisson.uncertainty
         other = replace(
             self.inputs.tilted(NEARLY_UPRIGHT, 0.0),
             sensor=self.inputs.sensor.with_poisson(_POISSON),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 
@@ -40,7 +40,7 @@ _DIMENSIONS = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Variation:
     """An uncertain input, and the press with it changed.
 
@@ -58,6 +58,7 @@ class Variation:
     unit: str
     stated: Stated
     changed: Callable[[float], ReplayInputs]
+    _: KW_ONLY
     aside: bool = False
     stiff_if_coarse: bool = False
 
@@ -187,93 +188,71 @@ def variations(
 
 
 def _of_gel(inputs: ReplayInputs) -> Iterator[Variation]:
-    sensor = inputs.sensor
-    ratios = [number for name, number in sensor.numbers.items() if name.endswith(".poisson")]
-    worst = max(ratios, key=lambda number: number.uncertainty)
-    yield Variation(
-        name="Poisson's ratio",
-        value=worst.value,
-        unit="",
-        stated=Stated(value=worst.uncertainty, source=worst.source),
-        changed=lambda by: replace(inputs, sensor=sensor.with_poisson(by)),
-        stiff_if_coarse=True,
-    )
-    pad = sensor.pad
-    for name, key in _DIMENSIONS.items():
-        number = sensor.numbers.get(f"pad.{key}")
-        if number is None or not isinstance(pad, BoxPad):
-            continue
-        field = f"{key}_m"
+    sensor, pad = inputs.sensor, inputs.sensor.pad
 
-        def sized(by: float, field: str = field) -> ReplayInputs:
+    def other_ratio(by: float) -> ReplayInputs:
+        return replace(inputs, sensor=sensor.with_poisson(by))
+
+    number = sensor.least_certain_poisson
+    stated = Stated(value=number.uncertainty, source=number.source)
+    yield Variation("Poisson's ratio", number.value, "", stated, other_ratio, stiff_if_coarse=True)
+    for name, key in _DIMENSIONS.items():
+        size = sensor.numbers.get(f"pad.{key}")
+        if size is None or not isinstance(pad, BoxPad):
+            continue
+
+        def other_size(by: float, field: str = f"{key}_m") -> ReplayInputs:
             other = replace(pad, **{field: getattr(pad, field) + by})
             return replace(inputs, sensor=replace(sensor, pad=other))
 
-        yield Variation(
-            name=name,
-            value=number.value,
-            unit="m",
-            stated=Stated(value=number.uncertainty, source=number.source),
-            changed=sized,
-        )
+        stated = Stated(value=size.uncertainty, source=size.source)
+        yield Variation(name, size.value, "m", stated, other_size)
 
 
 def _of_indenter(inputs: ReplayInputs, config: RigConfig) -> Iterator[Variation]:
-    indenter = inputs.indenter
-    wide = stated_uncertainty(config, "diameter")
-    if isinstance(indenter, Cylinder | Sphere):
-        diameter_m = indenter.diameter_m
-        yield Variation(
-            name="indenter's diameter",
-            value=diameter_m,
-            unit="m",
-            stated=wide,
-            changed=lambda by: replace(
-                inputs, indenter=replace(indenter, diameter_m=diameter_m + by)
-            ),
-        )
-    if isinstance(indenter, Cylinder):
-        rounded = replace(indenter, fillet_m=_rounded_m(indenter))
-        yield Variation(
-            name="indenter's fillet",
-            value=indenter.fillet_m,
-            unit="m",
-            stated=stated_uncertainty(config, "fillet"),
-            changed=lambda by: replace(
-                inputs, indenter=replace(rounded, fillet_m=rounded.fillet_m + by)
-            ),
-            stiff_if_coarse=True,
-        )
+    if isinstance(inputs.indenter, Cylinder | Sphere):
+        body = inputs.indenter
 
-    def rough(by: float) -> ReplayInputs:
+        def wider(by: float) -> ReplayInputs:
+            return replace(inputs, indenter=replace(body, diameter_m=body.diameter_m + by))
+
+        stated = stated_uncertainty(config, "diameter")
+        yield Variation("indenter's diameter", body.diameter_m, "m", stated, wider)
+    if isinstance(inputs.indenter, Cylinder):
+        punch = inputs.indenter
+
+        def rounder(by: float) -> ReplayInputs:
+            return replace(inputs, indenter=replace(punch, fillet_m=_rounded_m(punch) + by))
+
+        stated = stated_uncertainty(config, "fillet")
+        fillet_m = punch.fillet_m
+        yield Variation("indenter's fillet", fillet_m, "m", stated, rounder, stiff_if_coarse=True)
+
+    def rougher(by: float) -> ReplayInputs:
         if inputs.friction + by < 0.0:
             raise ConfigError("friction below 0", remedy="give 0 or more")
         return replace(inputs, friction=inputs.friction + by)
 
     stated = stated_uncertainty(config, "friction")
-    yield Variation(name="friction", value=inputs.friction, unit="", stated=stated, changed=rough)
+    yield Variation("friction", inputs.friction, "", stated, rougher)
 
 
 def _of_mounting(
     inputs: ReplayInputs, config: RigConfig, found: dict[str, FoundValue]
 ) -> Iterator[Variation]:
+    def tilted(by: float) -> ReplayInputs:
+        return inputs.tilted(by, 0.0)
+
+    def moved(by: float) -> ReplayInputs:
+        return inputs.moved((by, 0.0))
+
     if can_lean(inputs.indenter):
-        yield Variation(
-            name="tilt of the indenter",
-            value=math.hypot(*inputs.tilt_rad),
-            unit="rad",
-            stated=_of_found(found, "lean towards", stated_uncertainty(config, "tilt")),
-            changed=lambda by: inputs.tilted(by, 0.0),
-            aside=True,
-        )
-    yield Variation(
-        name="place of the indenter",
-        value=math.hypot(*inputs.offset_m),
-        unit="m",
-        stated=_of_found(found, "offset along", stated_uncertainty(config, "offset")),
-        changed=lambda by: inputs.moved((by, 0.0)),
-        aside=True,
-    )
+        stated = _of_found(found, "lean towards", stated_uncertainty(config, "tilt"))
+        size = math.hypot(*inputs.tilt_rad)
+        yield Variation("tilt of the indenter", size, "rad", stated, tilted, aside=True)
+    stated = _of_found(found, "offset along", stated_uncertainty(config, "offset"))
+    size = math.hypot(*inputs.offset_m)
+    yield Variation("place of the indenter", size, "m", stated, moved, aside=True)
 
 
 def _of_found(found: dict[str, FoundValue], name: str, default: Stated) -> Stated:

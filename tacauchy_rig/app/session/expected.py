@@ -109,8 +109,7 @@ def _stiffness_uncertainty(sensor: Sensor) -> float:
     height = sensor.numbers.get("pad.height")
     if height is not None:
         parts.append(STIFFNESS_OF_HEIGHT * height.uncertainty / height.value)
-    ratios = [number for name, number in sensor.numbers.items() if name.endswith(".poisson")]
-    parts.append(STIFFNESS_OF_POISSON * max(ratio.uncertainty for ratio in ratios))
+    parts.append(STIFFNESS_OF_POISSON * sensor.least_certain_poisson.uncertainty)
     return math.hypot(*parts)
 
 
