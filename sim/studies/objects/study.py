@@ -15,7 +15,7 @@ from sim.studies.objects.runs import DEPTH_M, ObjectPress, press_object
 from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.core.page import page
 from tacauchy_rig.core.study import About, Case, Result, Study, failures_table, founds
-from tacauchy_rig.core.tables import Table, table_of
+from tacauchy_rig.core.tables import Table, table_of_rows
 
 
 class Objects(Study):
@@ -52,19 +52,19 @@ class Objects(Study):
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return the presses; no pixel of a height map may lie above its object."""
-        presses: list[ObjectPress] = founds(results)
-        table = table_of(
-            presses,
+        rows = [
             {
-                "sensor": lambda press: press.sensor,
-                "object": lambda press: press.name,
-                "F_z [N]": lambda press: press.force_n,
-                "highest pixel above the object [um]": lambda press: 1e6 * press.highest_over_m,
-                "time [s]": lambda press: press.processor_s,
-            },
-            title=f"{DEPTH_M * 1e3:g} mm deep, preset {self._preset.value}, nominal optics",
-        )
-        return [table, *failures_table(results, kind=self.kind)]
+                "sensor": press.sensor,
+                "object": press.name,
+                "F_z [N]": press.force_n,
+                "highest pixel above the object [um]": _seen_um(press),
+                "time [s]": round(press.processor_s),
+            }
+            for press in founds(results)
+        ]
+        title = f"{DEPTH_M * 1e3:g} mm deep, preset {self._preset.value}, nominal optics"
+        pressed = [table_of_rows(rows, title=title)] if rows else []
+        return [*pressed, *failures_table(results, kind=self.kind)]
 
     def facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
         """Return the presses."""
@@ -96,5 +96,11 @@ class Objects(Study):
             "preset": self._preset,
             "bodies": OBJECTS,
             "presses": founds(results),
+            "tables": self.tables(results),
         }
         return page("sim.studies.objects", "page.md.jinja", facts)
+
+
+def _seen_um(press: ObjectPress) -> float:
+    """Return the highest pixel above an object [um]; below a picometre it is rounding."""
+    return 0.0 if press.highest_over_m < 1e-12 else 1e6 * press.highest_over_m

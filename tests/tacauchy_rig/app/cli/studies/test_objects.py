@@ -20,5 +20,5 @@ def test_page_names_every_press_and_what_is_above_an_object() -> None:
     assert "Made by `x`." in text
     rows = [line for line in text.splitlines() if line.startswith("| one |")]
     assert len(rows) == len(OBJECTS)
-    assert rows[0] == "| one | bar | 1.500 | 2 | 30 |"
-    assert rows[1] == "| one | hexagon | 1.500 | 0 | 30 |"
+    assert rows[0] == "| one | bar | 1.5 | 2 | 30 |"
+    assert rows[1] == "| one | hexagon | 1.5 | 0 | 30 |"
