@@ -10,7 +10,7 @@ import numpy as np
 
 from reports.comparison.criteria import judge_model, judge_modulus, judge_record
 from reports.comparison.results import RunStatistics, StreamSummary, TrialResult, ValidationReport
-from reports.comparison.sentences import limits_of, read_scores, verdict_of
+from reports.comparison.sentences import abstract_of, limits_of, read_scores, verdict_of
 from reports.comparison.truth import recover_truth
 from reports.evidence.evidence import (
     ImageGeometry,
@@ -65,6 +65,7 @@ def compare(evidence: RunEvidence) -> ValidationReport:
         passed=passed,
         criteria=criteria,
         verdict=verdict_of(trials, criteria, evidence, passed=passed),
+        abstract=abstract_of(trials, statistics, evidence),
         reading=read_scores(trials, statistics, matrices, evidence),
         limits=limits_of(trials, statistics, evidence),
         trials=trials,

@@ -35,7 +35,7 @@ def _settled_images(trial: TrialEvidence) -> Iterator[Criterion]:
         "settled_images",
         trial.images.settled_change,
         MAX_SETTLED_CHANGE,
-        remedy="the pose was held and the pictures went on changing: the camera delivers old ones "
+        remedy="the pose was constant while the images changed: the camera delivers old images "
         "(end other programs, see `tacauchy-rig doctor`: camera), or its light changes",
     )
 
@@ -47,12 +47,12 @@ def _protocol(trial: TrialEvidence) -> Criterion:
             name="press",
             passed=False,
             measured=math.nan,
-            limit="a protocol watched the press",
+            limit="a protocol supervised the press",
             unit="",
-            remedy="nothing here can tell: the press was imported",
+            remedy="the press was imported, so this cannot be checked",
         )
     if record is None:
-        remedy = "`tacauchy-rig resume RUN` goes on with the first trial that is missing"
+        remedy = "`tacauchy-rig resume RUN` continues with the first missing trial"
     else:
         failed = [c for c in record.criteria if not c.passed]
         remedy = (
@@ -88,7 +88,7 @@ def judge_model(
 ) -> tuple[Criterion, ...]:
     """Return the criteria that a trial's replay must meet; what is missing fails.
 
-    ``found_offset_m`` is where the images had the indenter moved to: it counts as offset still.
+    ``found_offset_m``, the fitted shift of the indenter, still counts as offset.
     """
     return (
         _margin(thresholds, margin),
@@ -105,18 +105,18 @@ def _margin(thresholds: Thresholds, margin: ForceMargin | None) -> Criterion:
     if margin is None:
         remedy = NOT_THERE
     elif math.isnan(value):
-        remedy = "a dwell of at least four frames, and a contact that shows, have a margin"
+        remedy = "a margin needs a dwell of at least four frames and a visible contact"
     else:
         remedy = (
-            f"the image of {margin.rival} explains this press as well: the replay's images are of"
-            " other presses or of none, or the targets are closer than images can tell"
+            f"the image of {margin.rival} fits this press equally well: the replay's images belong"
+            " to other presses or to none, or the target forces are too close to distinguish"
         )
     return Criterion.judged(
         MARGIN,
         value,
         passed=value >= limit,
-        limit=f"the own force leaves less of the contact unexplained than any wrong one and than no"
-        f" contact, by at least {limit:g} times what noise and repeats change of that",
+        limit="the correct force leaves a smaller residual in the contact than any wrong force and"
+        f" no contact, by at least {limit:g} times the noise and repeat scatter",
         unit="spreads",
         remedy=remedy,
     )
@@ -129,12 +129,12 @@ def _residual(thresholds: Thresholds, contact: ContactScores | None) -> Criterio
         RESIDUAL,
         value,
         passed=value <= limit,
-        limit=f"at most {limit:g} of the contact's change unexplained (no contact leaves 1)",
+        limit=f"at most {limit:g} of the contact's image change unexplained (no contact: 1)",
         unit="",
         remedy=NOT_THERE
         if math.isnan(value)
-        else "look at the difference images: a ring is the fillet or the pose, a tint is light, a"
-        " disc is force; calibrate scale and optics for this sensor",
+        else "look at the difference images: a ring points to the fillet or the pose, a tint to the"
+        " light, a disc to the force; calibrate scale and optics for this sensor",
     )
 
 
@@ -152,10 +152,10 @@ def _offset(
         OFFSET,
         value,
         passed=value <= limit,
-        limit=f"the contact is seen at most {limit:g} mm from where it is simulated",
+        limit=f"the contact in the image is at most {limit:g} mm from the simulated one",
         unit="mm",
-        remedy="`tacauchy-rig calibrate scale` tells the place that the image's middle sees: write"
-        " it as camera.centre_x and centre_y into the sensor's file, and check the tool's centre",
+        remedy="`tacauchy-rig calibrate scale` finds the place at the image's centre: write it as"
+        " camera.centre_x and centre_y into the sensor's file, and check the tool's centre",
     )
 
 
@@ -167,15 +167,15 @@ def _prediction(thresholds: Thresholds, force: ForceAgreement) -> Criterion:
         PREDICTION,
         value,
         passed=abs(value) <= limit,
-        limit=f"the force predicted at the measured depth is off by at most {limit:g} times its"
+        limit=f"the force predicted at the measured depth deviates by at most {limit:g} times its"
         f" standard uncertainty{f' of {known:.3g} N' if known else ''}",
         unit="uncertainties",
-        remedy="the measured depth is deeper than any that was simulated: check modulus and gel"
+        remedy="the measured depth exceeds all simulated depths: check modulus and gel"
         if math.isnan(value) and force.mismatch_n is not None
         else NOT_THERE
         if math.isnan(value)
-        else "gel, indenter or force sensor are not what is stated: check the sensor's file, the"
-        " indenter, and the cell with a known weight",
+        else "gel, indenter or force sensor differ from their stated values: check the sensor's"
+        " file, the indenter, and the cell with a known weight",
     )
 
 
@@ -224,10 +224,10 @@ def judge_modulus(model: ReplayModel | None, thresholds: Thresholds) -> Iterator
         MODULUS_TRIALS,
         float(trials),
         passed=trials >= fewest,
-        limit=f"depths and forces of at least {fewest} trials tell the modulus",
+        limit=f"at least {fewest} trials have the depths and forces that the modulus fit needs",
         unit="trials",
-        remedy='replay with replay.modulus = "stated", or press more trials: depths that no'
-        " simulated press reached have no part in the fit",
+        remedy='replay with replay.modulus = "stated", or press more trials: the fit'
+        " omits depths that no simulated press reached",
     )
 
 

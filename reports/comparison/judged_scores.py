@@ -1,4 +1,4 @@
-"""The scores that simulators are judged by: how each is called, shown and turned."""
+"""The scores that simulators are judged by: names, number formats and which direction is better."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Score:
         key: As ``means`` of a simulator has it.
         digits: That are shown.
         factor: From SI to ``unit``.
-        larger_is_better: None where neither is: it is no error.
+        larger_is_better: None where the score is no error.
     """
 
     key: str
@@ -49,13 +49,13 @@ CONTACT = (
     ),
     Score(
         key=WRONG,
-        label="its best wrong press leaves",
+        label="Residual of the best wrong press",
         digits=3,
         larger_is_better=None,
     ),
     Score(
         key=CORRECTED,
-        label="with pose and light taken out",
+        label="Residual without translation and light",
         digits=3,
         larger_is_better=False,
     ),
@@ -78,7 +78,7 @@ CONTACT = (
 MECHANICS = (
     Score(
         key="force_error_relative",
-        label="Force at the measured depth, off by",
+        label="Force error at the measured depth",
         digits=1,
         larger_is_better=False,
         unit="%",
@@ -86,7 +86,7 @@ MECHANICS = (
     ),
     Score(
         key="depth_error_m",
-        label="Depth at the measured force, off by",
+        label="Depth error at the measured force",
         digits=3,
         larger_is_better=False,
         unit="mm",
@@ -94,7 +94,7 @@ MECHANICS = (
     ),
     Score(
         key="height_apart_rms_m",
-        label="Surface, apart from our replay's, rms",
+        label="Surface difference from our replay, rms",
         digits=1,
         larger_is_better=None,
         unit="um",
@@ -102,7 +102,7 @@ MECHANICS = (
     ),
     Score(
         key="pressure_apart_relative",
-        label="Pressure, apart from our replay's",
+        label="Pressure difference from our replay",
         digits=1,
         larger_is_better=None,
         unit="%",
@@ -110,7 +110,7 @@ MECHANICS = (
     ),
     Score(
         key="shear_apart_relative",
-        label="Shear, apart from our replay's",
+        label="Shear difference from our replay",
         digits=1,
         larger_is_better=None,
         unit="%",

@@ -105,6 +105,7 @@ class ValidationReport:
     Attributes:
         criteria: What the run as a whole must meet, beside its trials.
         verdict: A few plain sentences.
+        abstract: The main result in one sentence.
         reading: What the scores can and cannot tell, sentence by sentence.
         limits: What this report does not show.
         evidence: What it was made from.
@@ -113,6 +114,7 @@ class ValidationReport:
     passed: bool
     criteria: tuple[Criterion, ...]
     verdict: str
+    abstract: str
     reading: tuple[str, ...]
     limits: tuple[str, ...]
     trials: tuple[TrialResult, ...]

@@ -29,25 +29,61 @@ def verdict_of(
     *,
     passed: bool,
 ) -> str:
-    """Say whether the run met its criteria, with the worst of what counts; and on what checks."""
+    """Say whether the run met its criteria, with its worst values and what was fitted."""
     off = [t.force.prediction_error_relative for t in trials]
     said = _written(
         "verdict",
         trials=trials,
         passed=passed,
-        subject="presses on emulated devices" if evidence.simulated else "presses",
+        subject=_subject(evidence),
         imported=evidence.imported,
         judged=_judged(trials),
         headline={row.name: row for row in headline_of(trials, criteria)},
         off=max((abs(value) for value in off if value is not None), default=None),
         limits=evidence.thresholds,
         model=evidence.model,
+        in_sample_optics=evidence.optics_are_in_sample,
         missed_run=[c for c in criteria if not c.passed],
         missed_count=sum(not t.passed for t in trials),
         unpressed=[t for t in trials if t.outcome != Outcome.PASSED],
         missed=_missed_by_name(trials),
     )
     return " ".join((*said, *_force_check(evidence)))
+
+
+def _subject(evidence: RunEvidence) -> str:
+    return "presses on emulated devices" if evidence.simulated else "presses"
+
+
+def abstract_of(
+    trials: Sequence[TrialResult], statistics: RunStatistics, evidence: RunEvidence
+) -> str:
+    """State the main result in one sentence; empty where no image was scored.
+
+    It names the number of presses, their forces, SSIM with its no-contact floor, and the error of
+    the predicted force with its uncertainty.
+    """
+    scored = [t for t in trials if t.metrics is not None]
+    forces_n = [t.force_measured_n for t in scored if t.force_measured_n is not None]
+    uncertainties = [
+        t.force.known_uncertainty_n / t.force_measured_n
+        for t in scored
+        if t.force.known_uncertainty_n and t.force_measured_n and t.force.force_predicted_n
+    ]
+    return " ".join(
+        _written(
+            "abstract",
+            scored=len(scored),
+            subject=_subject(evidence),
+            lightest=min(forces_n, default=None),
+            heaviest=max(forces_n, default=None),
+            ssim=statistics.metrics["ssim"],
+            floor=statistics.no_contact["ssim"],
+            error=statistics.prediction_error_relative,
+            uncertainties=uncertainties,
+            incomplete=not all(t.force.budget_complete for t in scored),
+        )
+    )
 
 
 def _force_check(evidence: RunEvidence) -> tuple[str, ...]:

@@ -74,7 +74,7 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PassingFrame:
+class IntermediateFrame:
     """What the camera showed at one force of a press.
 
     Attributes:
@@ -88,7 +88,7 @@ class PassingFrame:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PassingState:
+class IntermediateState:
     """A press at one force on its way, or at its end.
 
     Attributes:
@@ -104,7 +104,7 @@ class PassingState:
     image: ImageArray
     dent_m: FloatArray
     pressure_pa: FloatArray
-    frame: PassingFrame | None = None
+    frame: IntermediateFrame | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,7 +178,7 @@ class TrialEvidence:
         checks: What files, hashes and raw samples of the attempt say of ``record``.
         force_depth_simulated: Of the simulator with the modulus that is stated.
         pressure: Simulated contact pressure.
-        passing: On the way to its force and there, ascending; empty where no replay kept it.
+        intermediate: Equilibria up to its force, ascending; empty where no replay kept them.
         place_known: It is known where on the pad was pressed; not so of many that are imported.
         kind: Equal for presses of one indenter at one place, whose simulated images and forces are
             compared with one another.
@@ -198,7 +198,7 @@ class TrialEvidence:
     streams: tuple[StreamTiming, ...] = ()
     place_known: bool = True
     pressure: PressureProfile | None = None
-    passing: tuple[PassingState, ...] = ()
+    intermediate: tuple[IntermediateState, ...] = ()
     kind: int = 0
 
     @property
@@ -309,6 +309,14 @@ class RunEvidence:
     def model_of(self, trial: int) -> ReplayModel | None:
         """Return what a trial was pressed with."""
         return None if self.model is None else model_of((self.model, *self.others), trial)
+
+    @property
+    def optics_are_in_sample(self) -> bool:
+        """The replay used the optics that were fitted to the run's own presses."""
+        if self.optics is None or self.model is None:
+            return False
+        fitted = f"{len(self.optics.presses)} ball presses in presses"
+        return self.model.optics.get("source") == fitted
 
     @property
     def marks(self) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from reports.evidence.evidence import (
     TrialEvidence,
     TrueDwell,
 )
-from reports.evidence.passing import passing_states
+from reports.evidence.intermediate import intermediate_states
 from reports.evidence.pressure import pressure_profile
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import ReportSection, RigConfig
@@ -192,8 +192,8 @@ def _of_other_attempts(check: RunCheck, run: RunReading) -> Iterator[str]:
         for criterion in missed:
             name = criterion.name.replace("_", " ")
             yield (
-                f"Attempt {attempt} at trial {trial}, which does not count, misses {name}: asked: "
-                f"{criterion.limit}."
+                f"Attempt {attempt} at trial {trial}, which does not count, misses {name}; "
+                f"required: {criterion.limit}."
             )
 
 
@@ -247,7 +247,7 @@ def _simulated(
             seen[trial.index] = {
                 "simulated_image": kept.image,
                 "pressure": pressure_profile(kept.fields),
-                "passing": passing_states(kept.passed, run.attempt(trial.index)),
+                "intermediate": intermediate_states(kept.passed, run.attempt(trial.index)),
             }
     return seen, damaged
 

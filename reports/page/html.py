@@ -15,7 +15,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from reports.comparison.sentences import MINUS
-from reports.evidence.evidence import PassingState, RunEvidence, TrialEvidence, camera_of
+from reports.evidence.evidence import IntermediateState, RunEvidence, TrialEvidence, camera_of
 from reports.figures.trials import shown
 from reports.scores.metrics import Metric
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
@@ -28,18 +28,21 @@ _QUALITY = 75
 _STOPS = 9
 
 
-def passing_numbers(evidence: RunEvidence) -> dict[int, list[dict[str, Any]]]:
+def intermediate_numbers(evidence: RunEvidence) -> dict[int, list[dict[str, Any]]]:
     """Return for each trial the numbers of its states, the smallest force first."""
-    return {trial.index: [_numbers(state) for state in trial.passing] for trial in _told(evidence)}
+    return {
+        trial.index: [_numbers(state) for state in trial.intermediate]
+        for trial in _shown_trials(evidence)
+    }
 
 
-def passing_pictures(evidence: RunEvidence) -> dict[int, list[dict[str, str]]]:
+def intermediate_pictures(evidence: RunEvidence) -> dict[int, list[dict[str, str]]]:
     """Return for each trial the pictures of its states as data URLs, by kind.
 
     ``dent`` is in proportion, ``pressure`` by its square root, so that a rim's peak does not take
     all colours; both up to the largest of the trial.
     """
-    return {trial.index: list(_pictures(trial)) for trial in _told(evidence)}
+    return {trial.index: list(_pictures(trial)) for trial in _shown_trials(evidence)}
 
 
 def gradient(colors: str) -> str:
@@ -48,12 +51,12 @@ def gradient(colors: str) -> str:
     return f"linear-gradient(to right, {', '.join(mpl.colors.to_hex(stop) for stop in stops)})"
 
 
-def _told(evidence: RunEvidence) -> list[TrialEvidence]:
-    told = shown([trial for trial in evidence.trials if trial.passing], most=MOST_PRESSES)
-    return sorted(told, key=lambda trial: trial.index)
+def _shown_trials(evidence: RunEvidence) -> list[TrialEvidence]:
+    some = shown([trial for trial in evidence.trials if trial.intermediate], most=MOST_PRESSES)
+    return sorted(some, key=lambda trial: trial.index)
 
 
-def _numbers(state: PassingState) -> dict[str, Any]:
+def _numbers(state: IntermediateState) -> dict[str, Any]:
     frame = state.frame
     return {
         "force_n": state.force_n,
@@ -66,9 +69,9 @@ def _numbers(state: PassingState) -> dict[str, Any]:
 
 
 def _pictures(trial: TrialEvidence) -> Iterator[dict[str, str]]:
-    deepest = max(float(state.dent_m.max()) for state in trial.passing)
-    highest = max(float(state.pressure_pa.max()) for state in trial.passing)
-    for state in trial.passing:
+    deepest = max(float(state.dent_m.max()) for state in trial.intermediate)
+    highest = max(float(state.pressure_pa.max()) for state in trial.intermediate)
+    for state in trial.intermediate:
         height, width = state.image.shape[:2]
         images = {
             "simulated": state.image,
@@ -109,7 +112,7 @@ def render_html(
     *,
     figures: Path,
     images: Path,
-    passing: Mapping[int, Sequence[Mapping[str, str]]],
+    intermediate: Mapping[int, Sequence[Mapping[str, str]]],
 ) -> str:
     """Render the page.
 
@@ -117,14 +120,14 @@ def render_html(
         summary: The value of ``summary.json``.
         figures: Folder of the figures' PNG files, which are put into the page.
         images: Folder of the trials' images, which are put into the page.
-        passing: Of the trials on their way, the pictures of each state as data URLs, by kind.
+        intermediate: Of some trials, the pictures of each state as data URLs, by kind.
     """
-    script = files("reports").joinpath("templates/passing.js").read_text("utf-8")
+    script = files("reports").joinpath("templates/intermediate.js").read_text("utf-8")
     environment = page_environment(summary)
     environment.globals |= {
         "figure_data": lambda name: png_data(figures / f"{name}.png"),
         "image_data": lambda name: png_data(images / name),
-        "passing": passing,
+        "intermediate": intermediate,
         "script": script,
         "script_hash": base64.b64encode(sha256(script.encode()).digest()).decode(),
         "dent_bar": gradient(DENT_COLORS),

@@ -19,7 +19,7 @@ from reports.comparison.results import TrialResult, ValidationReport
 from reports.evidence.evidence import RunEvidence
 from reports.figures.draw import draw_figures
 from reports.figures.images import DIFFERENCE_COLORS, difference_scale, luminance_difference
-from reports.page.html import passing_numbers, passing_pictures, render_html
+from reports.page.html import intermediate_numbers, intermediate_pictures, render_html
 from reports.scores.floors import NOISE_MULTIPLE
 from reports.scores.metrics import CONFIDENCE, Metric
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
@@ -42,6 +42,7 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
         "marks": list(evidence.marks),
         "passed": report.passed,
         "verdict": report.verdict,
+        "abstract": report.abstract,
         "headline": to_plain(headline_of(report.trials, report.criteria)),
         "criteria": to_plain(report.criteria),
         "reading": list(report.reading),
@@ -220,10 +221,10 @@ def _write(report: ValidationReport, paths: ReportPaths) -> None:
         (paths.images / OPTICS_PICTURE).write_bytes(picture)
     summary = build_summary(report)
     summary["figures"] = figures
-    passing = passing_numbers(report.evidence)
+    intermediate = intermediate_numbers(report.evidence)
     for trial in summary["trials"]:
         trial["images"] = pictures.get(trial["index"], {})
-        trial["passing"] = passing.get(trial["index"], [])
+        trial["passing"] = intermediate.get(trial["index"], [])
     # allow_nan=False: a NaN that slipped through is a bug of ours and must not reach a reader.
     summary["optics_picture"] = OPTICS_PICTURE if picture else None
     text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
@@ -235,7 +236,7 @@ def _write(report: ValidationReport, paths: ReportPaths) -> None:
             summary,
             figures=paths.figures,
             images=paths.images,
-            passing=passing_pictures(report.evidence),
+            intermediate=intermediate_pictures(report.evidence),
         ),
         encoding="utf-8",
     )

@@ -15,11 +15,24 @@ from tacauchy_rig.core.run import Tare
 def test_good_run_passes(report: ValidationReport) -> None:
     """Six passing trials pass, and the sentence says on what; none of it is by construction."""
     assert report.passed
-    assert report.verdict.startswith("Passed: in all 6 presses on emulated devices the own force")
-    assert "of the contact's change is unexplained (limit 90 %)" in report.verdict
-    assert "of its standard uncertainty (limit 2)" in report.verdict
+    assert report.verdict.startswith("Passed: in all 6 presses on emulated devices, the image")
+    assert "of the image change in the contact is unexplained (limit 90 %)" in report.verdict
+    assert "times its standard uncertainty (limit 2)" in report.verdict
     assert "0.08 N" not in report.verdict
     assert "SSIM" not in report.verdict
+
+
+def test_the_abstract_can_be_quoted(report: ValidationReport, evidence: RunEvidence) -> None:
+    """One sentence: presses, forces, SSIM beside its floor, force error and uncertainty."""
+    ssim, floor = (
+        scores["ssim"].mean for scores in (report.statistics.metrics, report.statistics.no_contact)
+    )
+    assert report.abstract.startswith("In 6 presses on emulated devices at forces between 1.2")
+    assert f"SSIM of {ssim:.3f} against {floor:.3f} for the no-contact image" in report.abstract
+    assert "% on average (95 % confidence interval" in report.abstract
+    assert "; standard uncertainty of a single press" in report.abstract
+    assert report.abstract.count(". ") == 0
+    assert compare(replace(evidence, trials=())).abstract == ""
 
 
 def test_images_of_no_contact_do_not_pass(evidence: RunEvidence) -> None:
@@ -119,9 +132,9 @@ def test_the_verdict_says_whether_the_cell_was_checked(evidence: RunEvidence) ->
     expired = replace(check, expired="2026-01-03")
     assert "had expired" in compare(replace(empty, force_check=expired)).verdict
     allowed = compare(replace(empty, unchecked_allowed=True)).verdict
-    assert allowed.endswith("press all the same: limits.allow_unchecked_force.")
+    assert allowed.endswith("(limits.allow_unchecked_force).")
     checked = compare(replace(empty, force_check=check, unchecked_allowed=True)).verdict
-    assert "all the same" not in checked
+    assert "allow_unchecked_force" not in checked
     wrong = compare(replace(empty, force_check=_weighed(0.1))).verdict
     assert "Force not checked: the cell read 0.1 of a weight of 200 g" in wrong
 

@@ -79,9 +79,9 @@ def test_it_is_told_wherever_a_criterion_is(store: RunStore, tmp_path: Path) -> 
     """Both numbers and the unit stand in verdict, page, summary.json and junit.xml."""
     tamper(store, lambda value: 10.0 * value if value > 1.0 else value)
     report = report_of(store)
-    assert "trial 1 (recorded force 19.76 N, asked: within" in report.verdict
+    assert "trial 1 (recorded force 19.76 N, required: within" in report.verdict
     assert "1.2556 N, as result.json says" in report.verdict
-    assert "the run as a whole (replay files 1 wrong, asked" in report.verdict
+    assert "the run as a whole (replay files 1 wrong, required" in report.verdict
     paths = write_report(report, tmp_path / "report")
     for file in (paths.html, paths.summary):
         text = file.read_text("utf-8")

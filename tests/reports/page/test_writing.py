@@ -64,7 +64,7 @@ def test_summary_has_the_agreed_keys(written: ReportPaths) -> None:
 def test_the_page_says_what_the_accuracy_cost(written: ReportPaths) -> None:
     """The replay's own settings and its neighbours stand in one table, the unknown as a dash."""
     page = written.html.read_text("utf-8")
-    table = page[page.index("What this accuracy cost, chosen to keep 2% of F_z") :]
+    table = page[page.index("Cost of this accuracy, chosen to meet 2% of F_z") :]
     table = table[: table.index("</table>")]
     assert re.search(r"this replay</td>.*balanced</td><td>1\.23</td><td>1\.00</td>", table)
     assert re.search(r"next cheaper</td>.*fast</td><td>3\.21</td><td>0\.25</td>", table)
@@ -76,10 +76,10 @@ def test_the_page_says_what_the_residual_is_made_of(written: ReportPaths) -> Non
     """In a table, a figure, in words and in the summary: what pays most, and what is left."""
     summary, page = read_strictly(written.summary), written.html.read_text("utf-8")
     assert summary["model"]["residual"]["shares"]["pose"] == 0.3
-    table = page[page.index("What the residual is made of") :]
+    table = page[page.index("Causes of the residual") :]
     assert re.search(r"Optics</th>.*<td>−6\.0</td>", table)
     assert "lean towards x +0.57 deg" in table
-    assert any("pose pays most: 30 %" in s and "16.7 %" in s for s in summary["reading"])
+    assert any("cause is pose with 30 %" in s and "to 16.7 %" in s for s in summary["reading"])
     assert (written.figures / "residual.png").exists()
 
 
@@ -96,7 +96,7 @@ def test_incomplete_run_is_written_without_nan(incomplete_written: ReportPaths) 
     assert trials[3]["floors"]["wrong_force"] == {}
     assert trials[0]["metrics"]["ssim"] > 0.9
     page = incomplete_written.html.read_text("utf-8")
-    assert "What was missed, and what to do" in page
+    assert "Missed criteria and remedies" in page
     assert "tacauchy-rig resume RUN" in page
     assert "Trial 4 was not pressed" in page
     assert "camera &lt;went&gt; away" in page

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from reports.evidence.attempt import AttemptReading
 from reports.evidence.evidence import ImageGeometry
-from reports.evidence.passing import passing_states
+from reports.evidence.intermediate import intermediate_states
 from tacauchy_rig.core.run import ForceSample, ImageFrame, Wrench
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
@@ -66,7 +66,7 @@ def test_frames_are_of_the_rise_and_the_last_of_the_dwell(
     rising: AttemptReading, press: SimpleNamespace
 ) -> None:
     """Each within half a frame's rise of its force, as bright as the time at which it had that."""
-    states = passing_states(passed(), rising)
+    states = intermediate_states(passed(), rising)
     assert [state.force_n for state in states] == FORCES_N.tolist()
     for state in states[:-1]:
         frame = state.frame
@@ -83,12 +83,12 @@ def test_frames_are_of_the_rise_and_the_last_of_the_dwell(
 
 def test_a_frame_that_is_far_off_is_not_shown(rising: AttemptReading) -> None:
     """No force of the rise is near to one that was never reached."""
-    states = passing_states(passed(np.array([0.6, 1.6, 1.8])), rising)
+    states = intermediate_states(passed(np.array([0.6, 1.6, 1.8])), rising)
     assert states[0].frame is not None
     assert states[1].frame is None
 
 
 def test_without_states_or_recording_there_is_less(rising: AttemptReading) -> None:
     """An older replay has no states; a recording that cannot be read gives no frames."""
-    assert passing_states({}, rising) == ()
-    assert [state.frame for state in passing_states(passed(), None)] == [None] * 3
+    assert intermediate_states({}, rising) == ()
+    assert [state.frame for state in intermediate_states(passed(), None)] == [None] * 3

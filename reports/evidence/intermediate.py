@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reports.evidence.attempt import AttemptReading, crop_and_resize, decode_frame
-from reports.evidence.evidence import Curve, PassingFrame, PassingState
+from reports.evidence.evidence import Curve, IntermediateFrame, IntermediateState
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
 
 NEAR = 0.05
@@ -16,9 +16,9 @@ NEAR = 0.05
 _KEYS = {"force_n", "depth_m", "image", "dent_m", "pressure_pa"}
 
 
-def passing_states(
+def intermediate_states(
     passed: Mapping[str, AnyArray], attempt: AttemptReading | None
-) -> tuple[PassingState, ...]:
+) -> tuple[IntermediateState, ...]:
     """Return the states that a replay kept, the smallest force first; the last is the press's own.
 
     Args:
@@ -29,7 +29,7 @@ def passing_states(
         return ()
     frames = _frames(passed["force_n"], attempt)
     return tuple(
-        PassingState(
+        IntermediateState(
             force_n=float(passed["force_n"][k]),
             depth_m=float(passed["depth_m"][k]),
             image=passed["image"][k],
@@ -41,7 +41,7 @@ def passing_states(
     )
 
 
-def _frames(force_n: FloatArray, attempt: AttemptReading | None) -> list[PassingFrame | None]:
+def _frames(force_n: FloatArray, attempt: AttemptReading | None) -> list[IntermediateFrame | None]:
     """Return the recorded frame nearest in force to each; of the last, what the dwell shows."""
     if attempt is None:
         return [None] * len(force_n)
@@ -50,11 +50,11 @@ def _frames(force_n: FloatArray, attempt: AttemptReading | None) -> list[Passing
     return [*(rising.nearest(float(each), near_n) for each in force_n[:-1]), _held(attempt)]
 
 
-def _held(attempt: AttemptReading) -> PassingFrame | None:
+def _held(attempt: AttemptReading) -> IntermediateFrame | None:
     record = attempt.record
     if attempt.images is None:
         return None
-    return PassingFrame(
+    return IntermediateFrame(
         image=attempt.images.real,
         force_n=record.force_measured_n,
         depth_m=record.depth_measured_m,
@@ -67,7 +67,7 @@ class _Rising:
 
     attempt: AttemptReading
 
-    def nearest(self, force_n: float, near_n: float) -> PassingFrame | None:
+    def nearest(self, force_n: float, near_n: float) -> IntermediateFrame | None:
         """Return the frame that was taken nearest to a force; None if that is not near."""
         curve, stamps = self.attempt.force_curve, self.attempt.frame_stamps
         # The curves' time begins with the dwell.
@@ -86,7 +86,7 @@ class _Rising:
         if image is None:
             return None
         depth = self.attempt.depth_curve
-        return PassingFrame(
+        return IntermediateFrame(
             image=image,
             force_n=float(carried_n[k]),
             depth_m=None if depth is None else _at(depth, float(time_s[k])),

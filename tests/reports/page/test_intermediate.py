@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from reports.comparison.results import ValidationReport
-from reports.evidence.evidence import PassingFrame, PassingState, TrialEvidence
+from reports.evidence.evidence import IntermediateFrame, IntermediateState, TrialEvidence
 from reports.page import writing
 from reports.page.html import MOST_PRESSES
 from reports.page.writing import ReportPaths
@@ -30,15 +30,15 @@ A4_INSIDE_PX = (703, 1016)
 """Width and height that the margins leave of a sheet, and the mark of the latter, at 96 px/in."""
 
 
-def passing(trial: TrialEvidence, rng: np.random.Generator) -> tuple[PassingState, ...]:
-    """Return made-up states; the first has no frame near it."""
+def intermediate(trial: TrialEvidence, rng: np.random.Generator) -> tuple[IntermediateState, ...]:
+    """Return made-up states; the first has no frame at this force it."""
     states = []
     for k in range(1, STATES + 1):
         force_n = k / STATES * (trial.force_target_n + 0.01)
         real = rng.integers(0, 255, size=(240, 320, 3), dtype=np.uint8)
-        frame = PassingFrame(image=real, force_n=force_n + 0.004, depth_m=k * 2e-5)
+        frame = IntermediateFrame(image=real, force_n=force_n + 0.004, depth_m=k * 2e-5)
         states.append(
-            PassingState(
+            IntermediateState(
                 force_n=force_n,
                 depth_m=k * 3e-5,
                 image=rng.integers(0, 255, size=(HEIGHT, WIDTH, 3), dtype=np.uint8),
@@ -50,13 +50,13 @@ def passing(trial: TrialEvidence, rng: np.random.Generator) -> tuple[PassingStat
     return tuple(states)
 
 
-def with_passing(report: ValidationReport, *, count: int) -> ValidationReport:
+def with_intermediate(report: ValidationReport, *, count: int) -> ValidationReport:
     """Return a report of so many presses with states: the run's own, over and over."""
     rng = np.random.default_rng(8)
     recorded, judged = report.evidence.trials, report.trials
     places = [(k + 1, k % len(judged)) for k in range(count)]
     trials = tuple(
-        replace(recorded[at], index=index, passing=passing(recorded[at], rng))
+        replace(recorded[at], index=index, intermediate=intermediate(recorded[at], rng))
         for index, at in places
     )
     return replace(
@@ -84,7 +84,9 @@ def risen(
     report: ValidationReport, written: ReportPaths, tmp_path_factory: pytest.TempPathFactory
 ) -> ReportPaths:
     """Six presses and their states on disk."""
-    return write_beside(written, with_passing(report, count=6), tmp_path_factory.mktemp("risen"))
+    return write_beside(
+        written, with_intermediate(report, count=6), tmp_path_factory.mktemp("risen")
+    )
 
 
 @pytest.fixture(scope="module")
@@ -92,14 +94,16 @@ def many(
     report: ValidationReport, written: ReportPaths, tmp_path_factory: pytest.TempPathFactory
 ) -> ReportPaths:
     """More presses than have a slider."""
-    return write_beside(written, with_passing(report, count=MANY), tmp_path_factory.mktemp("many"))
+    return write_beside(
+        written, with_intermediate(report, count=MANY), tmp_path_factory.mktemp("many")
+    )
 
 
 def seen(page: Any, trial: int) -> dict[str, Any]:
     """Return what is in sight of a press: its pictures, and what is told of them."""
     found: dict[str, Any] = page.evaluate(
         """(trial) => {
-          const press = document.getElementById(`passing-${trial}`);
+          const press = document.getElementById(`intermediate-${trial}`);
           const shown = [...press.querySelectorAll("img")].filter((each) => each.offsetWidth > 0);
           return {
             pictures: shown.map((each) => each.src),
@@ -124,7 +128,7 @@ def test_the_slider_moves_pictures_and_numbers(risen: ReportPaths, chromium: Any
     assert len(last["pictures"]) == 4
     assert last["told"] == "1.961 N at 0.240 mm"
     assert "Emulated 1.965 N, arm at 0.160 mm" in last["captions"]
-    page.locator("#passing-2 input").focus()
+    page.locator("#intermediate-2 input").focus()
     page.keyboard.press("ArrowLeft")
     before = seen(page, 2)
     assert before["told"] == "1.716 N at 0.210 mm"
@@ -134,7 +138,7 @@ def test_the_slider_moves_pictures_and_numbers(risen: ReportPaths, chromium: Any
     first = seen(page, 2)
     assert first["told"] == "0.245 N at 0.030 mm"
     assert len(first["pictures"]) == 3
-    assert page.inner_text("#passing-2 .now .none") == "no frame near"
+    assert page.inner_text("#intermediate-2 .now .none") == "no frame at this force"
     page.keyboard.press("End")
     assert seen(page, 2) == last
     assert seen(page, 3) == other
@@ -147,10 +151,10 @@ def test_the_end_is_there_without_javascript(risen: ReportPaths, chromium: Any) 
     context = chromium.new_context(java_script_enabled=False)
     page = context.new_page()
     page.goto(risen.html.as_uri())
-    assert page.locator("#passing-2 .state").count() == STATES
-    assert page.locator("#passing-2 .state:visible").count() == 1
-    assert "Simulated 1.961 N at 0.240 mm" in page.inner_text("#passing-2 .state.now")
-    assert not page.is_visible("#passing-2 input")
+    assert page.locator("#intermediate-2 .state").count() == STATES
+    assert page.locator("#intermediate-2 .state:visible").count() == 1
+    assert "Simulated 1.961 N at 0.240 mm" in page.inner_text("#intermediate-2 .state.now")
+    assert not page.is_visible("#intermediate-2 input")
     context.close()
 
 
@@ -172,7 +176,7 @@ def test_the_page_stays_one_file_that_runs_nothing_else(risen: ReportPaths) -> N
 def test_the_file_stays_small(risen: ReportPaths, many: ReportPaths, written: ReportPaths) -> None:
     """Twelve presses have a slider, however many there are, even if all images are noise."""
     page = many.html.read_text("utf-8")
-    assert page.count('<section class="passing"') == MOST_PRESSES
+    assert page.count('<section class="intermediate"') == MOST_PRESSES
     assert f"{MOST_PRESSES} of {MANY} presses" in page
     pictures = re.findall(r"data:image/jpeg;base64,[^\"]*", page)
     assert sum(map(len, pictures)) < GROWTH_MOST
@@ -183,7 +187,7 @@ def test_a_replay_from_before_is_told_what_to_do(written: ReportPaths) -> None:
     """No slider, and the command that makes one."""
     page = written.html.read_text("utf-8")
     assert "tacauchy-rig replay RUN" in page[page.index("As the force rises") :]
-    assert 'class="passing"' not in page
+    assert 'class="intermediate"' not in page
 
 
 @pytest.mark.parametrize("paths", ["risen", "many"])
@@ -194,8 +198,8 @@ def test_paper_cuts_nothing(
     page = chromium.new_page(viewport={"width": A4_INSIDE_PX[0], "height": A4_INSIDE_PX[1]})
     page.goto(request.getfixturevalue(paths).html.as_uri())
     page.emulate_media(media="print")
-    assert page.locator("#passing-1 .state:visible").count() == STATES
-    assert not page.is_visible("#passing-1 input")
+    assert page.locator("#intermediate-1 .state:visible").count() == STATES
+    assert not page.is_visible("#intermediate-1 input")
     assert page.evaluate("document.documentElement.scrollWidth") <= A4_INSIDE_PX[0]
     heights = page.evaluate(
         """() => [...document.querySelectorAll("main *")]
