@@ -18,7 +18,6 @@ from reports.evidence.evidence import (
     StreamTiming,
     TrialEvidence,
 )
-from reports.scores.budget import Scatter
 from reports.scores.contact import score_contact
 from reports.scores.correction import correct
 from reports.scores.floors import (
@@ -35,7 +34,7 @@ from reports.scores.floors import (
     trial_floors,
     wrong_force_matrices,
 )
-from reports.scores.force_agreement import compare_force, scatter_between
+from reports.scores.force_agreement import Scatter, compare_force, scatter_between
 from reports.scores.force_margin import ForceMargin, force_margins
 from reports.scores.metrics import ImageScores, Metric, psnr_of_mean_mse, score, t_interval
 from tacauchy_rig.core.rgb import to_grey

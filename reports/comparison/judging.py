@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from reports.comparison.compare import compare_images
-from reports.comparison.judged_scores import ALL, CORRECTED, OF_CONTACT, WRONG, Score
 from reports.evidence.evidence import RunEvidence, TrialEvidence
 from reports.scores.contact import ContactScores, score_contact
 from reports.scores.correction import Corrections
@@ -28,6 +27,58 @@ from reports.scores.force_margin import ForceMargin, force_margins
 from reports.scores.metrics import ImageScores, MeanInterval, Metric, score, t_interval
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator
+
+OF_CONTACT = "contact_"
+CORRECTED = f"{OF_CONTACT}residual_corrected"
+WRONG = f"{OF_CONTACT}residual_of_rival"
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """A column of the table.
+
+    Attributes:
+        key: As ``means`` of a simulator has it.
+        digits: That are shown.
+        factor: From SI to ``unit``.
+        larger_is_better: None where the score is no error.
+    """
+
+    key: str
+    label: str
+    digits: int
+    larger_is_better: bool | None
+    unit: str = ""
+    factor: float = 1.0
+
+    @property
+    def heading(self) -> str:
+        """Label and unit."""
+        return f"{self.label} ({self.unit})" if self.unit else self.label
+
+
+FRAME = tuple(Score(m.value, m.heading, m.decimals, m.larger_is_better) for m in Metric)
+"""Of the whole frame."""
+CONTACT = (
+    Score(f"{OF_CONTACT}relative_residual", "Contact residual", 3, False),
+    Score(WRONG, "Residual of the best wrong press", 3, None),
+    Score(CORRECTED, "Residual without translation and light", 3, False),
+    Score(f"{OF_CONTACT}zncc", "Contact ZNCC", 3, True),
+    Score(f"{OF_CONTACT}error_levels", "Mean error inside", 2, False, "grey levels"),
+    Score(f"{OF_CONTACT}ssim_crop", "SSIM around the contact", 3, True),
+)
+"""Of the contact alone."""
+MECHANICS = (
+    Score("force_error_relative", "Force error at the measured depth", 1, False, "%", 100.0),
+    Score("depth_error_m", "Depth error at the measured force", 3, False, "mm", 1e3),
+    Score("height_apart_rms_m", "Surface difference from our replay, rms", 1, None, "um", 1e6),
+    Score("pressure_apart_relative", "Pressure difference from our replay", 1, None, "%", 100.0),
+    Score("shear_apart_relative", "Shear difference from our replay", 1, None, "%", 100.0),
+)
+"""Of forces, surfaces, pressures and shear."""
+
+ALL = (*FRAME, *CONTACT, *MECHANICS)
+
 
 _SEEN = ("metrics", "skill", "contact", "corrections", "floors")
 """Of what a comparison of images finds."""

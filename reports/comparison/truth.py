@@ -27,7 +27,7 @@ def recover_truth(
         *_dwell_means(world, trials),
         *_surface(world, evidence),
         *_contact_place(world, evidence, trials),
-        *_lean(world, evidence),
+        *_tilt(world, evidence),
         *_modulus(world, evidence, trials),
         *_force_channel(world, evidence),
     )
@@ -84,14 +84,15 @@ def _contact_place(
             )
 
 
-def _lean(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:
-    """Yield what moments told of the tool's lean, whether it was taken or not."""
+def _tilt(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:
+    """Yield the tilt fitted to moments, whether it was applied or not."""
     true = world.values.get("tilt_rad")
     found = {} if evidence.model is None else {each.name: each for each in evidence.model.found}
-    for axis, name in enumerate(("lean towards x", "lean towards y")):
-        value = found[name].value if name in found else None
+    for axis, name in enumerate("xy"):
+        each = found.get(f"lean towards {name}")  # the name that replays on disk have
+        value = None if each is None else each.value
         if value is not None and isinstance(true, list | tuple):
-            yield _compared(f"tool's {name}", "mrad", float(true[axis]), value)
+            yield _compared(f"tilt of the tool towards {name}", "mrad", float(true[axis]), value)
 
 
 def _modulus(

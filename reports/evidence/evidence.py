@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from reports.evidence.pressure import PressureProfile
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.calibrated import CalibratedOptics
 from tacauchy_rig.core.config.uncertainty import Stated
@@ -105,6 +104,19 @@ class IntermediateState:
     dent_m: FloatArray
     pressure_pa: FloatArray
     frame: IntermediateFrame | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressureProfile:
+    """Contact pressure [Pa] along x and y, each of shape [n].
+
+    Attributes:
+        along_m: Distance from the tip [m].
+    """
+
+    along_m: FloatArray
+    on_x_pa: FloatArray
+    on_y_pa: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -321,11 +333,11 @@ class RunEvidence:
     @property
     def marks(self) -> tuple[str, ...]:
         """What every page and figure has to say of where its numbers are from."""
-        told = {
+        holding = {
             IMPORTED_MARK: self.imported is not None,
             SIMULATED_MARK: self.simulated,
         }
-        return tuple(mark for mark, holds in told.items() if holds)
+        return tuple(mark for mark, holds in holding.items() if holds)
 
     @property
     def camera(self) -> str:

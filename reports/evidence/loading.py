@@ -19,8 +19,7 @@ from reports.evidence.evidence import (
     TrialEvidence,
     TrueDwell,
 )
-from reports.evidence.intermediate import intermediate_states
-from reports.evidence.pressure import pressure_profile
+from reports.evidence.replayed import intermediate_states, pressure_profile
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import ReportSection, RigConfig
 from tacauchy_rig.core.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
@@ -110,10 +109,10 @@ def stated_of_run(config: RigConfig, check: ForceCheck | None) -> dict[str, Stat
 
     The defaults are of devices as ours: of an imported run only counts what its source states.
     """
-    told: tuple[str, ...] = ("depth", "delay", "force_scale")
+    names: tuple[str, ...] = ("depth", "delay", "force_scale")
     if config.is_imported:
-        told = tuple(name for name in told if getattr(config.uncertainty, name) is not None)
-    stated = {name: stated_uncertainty(config, name) for name in told}
+        names = tuple(name for name in names if getattr(config.uncertainty, name) is not None)
+    stated = {name: stated_uncertainty(config, name) for name in names}
     if check is not None and check.passed and config.uncertainty.force_scale is None:
         weight = check.weight
         off = math.hypot(check.ratio - 1.0, weight.uncertainty_kg / weight.mass_kg)

@@ -18,8 +18,7 @@ from reports.figures.forces import (
     draw_time_curves,
 )
 from reports.figures.images import LINEAR_LEVELS, draw_images, draw_matrices
-from reports.figures.residual import draw_residual, residual_of
-from reports.figures.scores import draw_errors, draw_similarities
+from reports.figures.scores import draw_errors, draw_residual, draw_similarities, residual_of
 from tacauchy_rig.core.figure_style import STYLE, save_figure
 from tacauchy_rig.core.page import prose
 

@@ -149,19 +149,19 @@ def junit_xml(summary: Mapping[str, Any]) -> str:
         force = "" if target is None else f"-{target:.4f}N"
         name = f"trial-{trial['index']:02d}{force}"
         cases += [(name, criterion) for criterion in trial["criteria"]]
-    untold = [_is_untold(criterion, summary) for _, criterion in cases]
-    failures = sum(not criterion["passed"] for _, criterion in cases) - sum(untold)
+    unknown = [_is_unknown(criterion, summary) for _, criterion in cases]
+    failures = sum(not criterion["passed"] for _, criterion in cases) - sum(unknown)
     name = f"tacauchy-rig {summary['provenance'].get('name', 'run')}"
     name += "".join(f" ({mark.partition(':')[0]})" for mark in summary["marks"])
-    counted = {"tests": len(cases), "failures": failures, "skipped": sum(untold), "errors": 0}
+    counted = {"tests": len(cases), "failures": failures, "skipped": sum(unknown), "errors": 0}
     root = ET.Element("testsuites", {"name": name, **{k: str(n) for k, n in counted.items()}})
     suite = ET.SubElement(root, "testsuite", root.attrib)
     properties = ET.SubElement(suite, "properties")
     for key in ("simulated", "imported", "passed"):
         ET.SubElement(properties, "property", name=key, value=str(summary[key]).lower())
-    for (where, criterion), is_untold in zip(cases, untold, strict=True):
+    for (where, criterion), is_unknown in zip(cases, unknown, strict=True):
         case = ET.SubElement(suite, "testcase", classname=where, name=criterion["name"])
-        if is_untold:
+        if is_unknown:
             ET.SubElement(case, "skipped", message=f"not known; {criterion['limit']}")
         elif not criterion["passed"]:
             message = f"{_measured(criterion)}; limit: {criterion['limit']}"
@@ -171,7 +171,7 @@ def junit_xml(summary: Mapping[str, Any]) -> str:
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _is_untold(criterion: Mapping[str, Any], summary: Mapping[str, Any]) -> bool:
+def _is_unknown(criterion: Mapping[str, Any], summary: Mapping[str, Any]) -> bool:
     """Return whether a criterion rests on what an imported run does not tell."""
     return summary["imported"] and not criterion["passed"] and criterion["measured"] is None
 

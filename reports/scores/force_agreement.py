@@ -7,20 +7,304 @@ off the simulator, so the force is the outcome. Only the second tests the simula
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy.stats import t as student
 
 from reports.evidence.evidence import TrialEvidence
-from reports.scores.budget import (
-    Combined,
-    Scatter,
-    UncertaintyTerm,
-    combine,
-    scatter_of,
-    uncertainty_budget,
-)
 from tacauchy_rig.core.config.uncertainty import Stated
-from tacauchy_rig.core.simulated import ReplayModel
+from tacauchy_rig.core.force_depth import ForceDepthCurve
+from tacauchy_rig.core.run import FZ
+from tacauchy_rig.core.simulated import ForceInput, ReplayModel
+
+CONFIDENCE = 0.95
+
+
+class TermGroup(StrEnum):
+    """Where an uncertainty enters, after ASME V&V 20."""
+
+    NUMERICS = "numerics"
+    INPUTS = "inputs"
+    DATA = "data"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UncertaintyTerm:
+    """One line of the budget.
+
+    Attributes:
+        value_n: Standard uncertainty of the force [N]; None when nobody has measured it.
+        degrees_of_freedom: None where its uncertainty is taken as known.
+        basis: How the value is known, or why it is not.
+    """
+
+    name: str
+    group: TermGroup
+    value_n: float | None
+    basis: str
+    degrees_of_freedom: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Combined:
+    """What the known terms of a budget come to.
+
+    Attributes:
+        value_n: Root sum of squares, u_val of ASME V&V 20 [N].
+        degrees_of_freedom: After Welch and Satterthwaite; None where no term has any.
+        expanded_n: Half width of the 95 % interval, by Student's t of them [N].
+        largest: Name of the term that pays most to reduce.
+        without_largest_n: What ``value_n`` would be without it [N].
+    """
+
+    value_n: float
+    degrees_of_freedom: float | None
+    expanded_n: float
+    largest: str
+    without_largest_n: float
+
+
+def combine(terms: Sequence[UncertaintyTerm]) -> Combined | None:
+    """Combine the known terms of a budget; None where there is none."""
+    known = [(term, term.value_n) for term in terms if term.value_n is not None]
+    total = math.hypot(*(value for _, value in known))
+    if total == 0.0:
+        return None
+    spent = sum(
+        (value / total) ** 4 / term.degrees_of_freedom
+        for term, value in known
+        if term.degrees_of_freedom
+    )
+    freedom = 1.0 / spent if spent else math.inf
+    largest, _ = max(known, key=lambda pair: pair[1])
+    others = (value for term, value in known if term is not largest)
+    return Combined(
+        value_n=total,
+        degrees_of_freedom=freedom if math.isfinite(freedom) else None,
+        expanded_n=total * float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom)),
+        largest=largest.name,
+        without_largest_n=math.hypot(*others),
+    )
+
+
+_UNIFORM = 1.0 / math.sqrt(3.0)
+"""Standard uncertainty of a uniform distribution of half width 1."""
+_REPEATS_MIN = 4
+"""Degrees of freedom: five presses of one force have them, or six of any."""
+_CHORD = 0.25
+"""Of the depth: over so much of it a stiffness is taken. Between two evaluations a nanometre apart
+it would be the solver's tolerance."""
+_IN_CONTACT = 3
+"""Samples of force that decide where contact is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scatter:
+    """How presses of one run differ in measured over predicted force.
+
+    Attributes:
+        relative: Standard deviation of a single press [1]; None where too few tell it.
+    """
+
+    relative: float | None
+    degrees_of_freedom: float | None
+    basis: str
+
+
+def scatter_of(presses: Sequence[tuple[float, float, float]]) -> Scatter:
+    """Find how presses scatter, from those of one target or else about a line over the force.
+
+    Args:
+        presses: Target, measured and predicted force of each [N].
+    """
+    groups: dict[float, list[float]] = {}
+    for target_n, measured_n, predicted_n in presses:
+        groups.setdefault(target_n, []).append(measured_n / predicted_n)
+    freedom = sum(len(group) - 1 for group in groups.values())
+    if freedom >= _REPEATS_MIN:
+        squares = sum(len(group) * float(np.var(group)) for group in groups.values())
+        basis = f"{len(presses)} presses at {len(groups)} forces"
+    elif len(presses) >= _REPEATS_MIN + 2:
+        measured, predicted = np.array(presses).T[1:]
+        ratios = measured / predicted
+        line = np.polyval(np.polyfit(predicted, ratios, 1), predicted)
+        freedom, squares = len(presses) - 2, float(np.sum((ratios - line) ** 2))
+        basis = f"no repeats: {len(presses)} presses about a line of measured over predicted force"
+    else:
+        few = f"unknown: {len(presses)} presses; five at one force, or six, tell it"
+        return Scatter(relative=None, degrees_of_freedom=None, basis=few)
+    return Scatter(
+        relative=math.sqrt(squares / freedom), degrees_of_freedom=float(freedom), basis=basis
+    )
+
+
+def uncertainty_budget(
+    trial: TrialEvidence,
+    model: ReplayModel | None,
+    *,
+    predicted_n: float | None,
+    touched_m: float | None,
+    scatter: Scatter,
+    stated: Mapping[str, Stated],
+) -> tuple[UncertaintyTerm, ...]:
+    """List what is known and what is not of the uncertainty of a trial's force.
+
+    Args:
+        trial: Record and replay of the trial.
+        model: The replay's model; what the force depends on, and by how much.
+        predicted_n: Simulated force at the measured depth [N].
+        touched_m: Depth of the simulator at the contact force [m].
+        scatter: Of the run's presses.
+        stated: What the run states of cell, heights and delays, by the fields of
+            ``[uncertainty]``, and ``search_speed`` [m/s] and ``contact_force`` [N].
+    """
+    return (
+        *_of_model(trial, model, predicted_n),
+        *_of_data(trial, predicted_n, touched_m, scatter, stated),
+    )
+
+
+def _of_model(
+    trial: TrialEvidence, model: ReplayModel | None, force_n: float | None
+) -> Iterator[UncertaintyTerm]:
+    replay = trial.replay
+    yield UncertaintyTerm(
+        name="mesh, element and barrier of the simulator",
+        group=TermGroup.NUMERICS,
+        value_n=_share(None if replay is None else replay.force_error_estimate, force_n),
+        basis="no replay" if replay is None else replay.force_error_basis,
+    )
+    relative = None if model is None else model.young_uncertainty_relative
+    yield UncertaintyTerm(
+        name="modulus of the gel",
+        group=TermGroup.INPUTS,
+        value_n=_share(relative, force_n),
+        basis="unknown: the material states no uncertainty for this unit"
+        if relative is None
+        else f"{relative:.1%}: {'' if model is None else model.young_source or 'stated'}",
+    )
+    inputs = () if model is None else model.force_inputs
+    if not inputs:
+        yield UncertaintyTerm(
+            name="the press's other inputs",
+            group=TermGroup.INPUTS,
+            value_n=None,
+            basis="unknown: replay the run again, which tries them",
+        )
+    depth_m = None if trial.record is None else trial.record.depth_measured_m
+    for each in inputs:
+        yield UncertaintyTerm(
+            name=each.name,
+            group=TermGroup.INPUTS,
+            value_n=_share(_change(each, depth_m), force_n),
+            basis=each.basis,
+        )
+
+
+def _change(each: ForceInput, depth_m: float | None) -> float | None:
+    if each.changes is None or depth_m is None:
+        return None
+    return float(np.interp(depth_m, each.depths_m, each.changes))
+
+
+def _of_data(
+    trial: TrialEvidence,
+    force_n: float | None,
+    touched_m: float | None,
+    scatter: Scatter,
+    stated: Mapping[str, Stated],
+) -> Iterator[UncertaintyTerm]:
+    record = trial.record
+    yield _data("height of first contact", *_height(trial, touched_m, stated))
+    measured = None if record is None else record.force_measured_n
+    yield _data("calibration of the force cell", *_by(stated, "force_scale", measured))
+    drift = None if record is None else record.force_drift_n
+    yield _data(
+        "drift of the force cell's zero",
+        None if drift is None else _UNIFORM * abs(drift),
+        "not recorded" if drift is None else "unloaded after minus before, at any time of it",
+    )
+    noise = None if record is None else record.force_deviation_n
+    yield _data(
+        "noise of the force in the dwell",
+        noise,
+        "not recorded" if noise is None else "standard deviation of a sample, not of their mean",
+    )
+    rate = None if record is None else record.force_rate_n_s
+    yield _data(
+        "synchrony of force and height",
+        *_by(stated, "delay", None if rate is None else abs(rate)),
+    )
+    yield _data(
+        "repeatability of the press",
+        _share(scatter.relative, force_n),
+        scatter.basis,
+        scatter.degrees_of_freedom,
+    )
+    yield _data("scale of the image", 0.0, "no force at a depth is read off an image")
+    yield _data("light of the image", 0.0, "no force at a depth is read off an image")
+
+
+def _data(
+    name: str, value_n: float | None, basis: str, freedom: float | None = None
+) -> UncertaintyTerm:
+    return UncertaintyTerm(
+        name=name, group=TermGroup.DATA, value_n=value_n, basis=basis, degrees_of_freedom=freedom
+    )
+
+
+def _by(stated: Mapping[str, Stated], field: str, factor: float | None) -> tuple[float | None, str]:
+    """Return what a stated uncertainty makes of a factor, and the statement's source."""
+    known = stated.get(field)
+    if known is None or factor is None:
+        return None, "unknown: not stated" if known is None else "unknown: not recorded"
+    return known.value * factor, known.source
+
+
+def _height(
+    trial: TrialEvidence, touched_m: float | None, stated: Mapping[str, Stated]
+) -> tuple[float | None, str]:
+    """Return what the height from which depth counts leaves uncertain of the force [N], and how.
+
+    The arm's heights; the way that the tip goes until the force that calls contact is known, and
+    the way that the noise of that force is; and half of how deep the simulator is there, since
+    that is read off few points.
+    """
+    curve, record = trial.force_depth_simulated, trial.record
+    arm, delay, speed = (stated.get(name) for name in ("depth", "delay", "search_speed"))
+    if curve is None or record is None or touched_m is None or record.depth_measured_m is None:
+        return None, "unknown: no simulated curve to the measured depth"
+    if arm is None:
+        return None, "unknown: nobody states how well heights of this arm are known"
+    parts_m = [0.5 * touched_m, arm.value]
+    if delay is not None and speed is not None:
+        parts_m.append(delay.value * speed.value)
+    contact, tare = stated.get("contact_force"), record.tare_before
+    if contact is not None and tare is not None and contact.value > 0.0:
+        share = tare.deviation[FZ] / math.sqrt(_IN_CONTACT) / contact.value
+        parts_m.append(share * touched_m)
+    doubt_m = math.hypot(*parts_m)
+    return _stiffness(curve, record.depth_measured_m) * doubt_m, (
+        f"{doubt_m * 1e6:.0f} um of the arm, of noise and delay of the force that calls contact, "
+        f"and half of the simulator's own depth there; arm: {arm.source}"
+    )
+
+
+def _stiffness(curve: ForceDepthCurve, depth_m: float) -> float:
+    """Return the slope of force over depth there [N/m], over a quarter of the depth."""
+    deep_m = min(depth_m, float(curve.depth_m[-1]))
+    at_m = [deep_m, (1.0 - _CHORD) * deep_m]
+    deep_n, shallow_n = np.interp(at_m, curve.depth_m, curve.force_n)
+    return float(deep_n - shallow_n) / (_CHORD * deep_m)
+
+
+def _share(relative: float | None, force_n: float | None) -> float | None:
+    return None if relative is None or force_n is None else abs(relative * force_n)
+
 
 UNKNOWN_SCATTER = scatter_of(())
 

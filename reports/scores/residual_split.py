@@ -40,7 +40,7 @@ ALIKE = 300.0
 pixels, about the width of a rim. So much less do they weigh against what is known beforehand."""
 SMOOTHING_PX = 1.5
 """Unknowns are found in images without what neither a mesh nor a camera tells of a contact: with it
-half as much of a planted lean or modulus is found. Shares are of the images as they are."""
+half as much of a planted tilt or modulus is found. Shares are of the images as they are."""
 
 _AROUND_PX = 8  # five standard deviations of the smoothing
 _LEAST_SQUARE = 1e-9  # [grey level^2] of a residual: images of the same press weigh no more

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from reports.evidence.attempt import RunReading, readable
 from reports.evidence.evidence import RunEvidence
-from reports.evidence.pressure import pressure_at, shear_at
+from reports.evidence.replayed import pressure_at, shear_at
 from reports.scores.force_agreement import predict
 from sim.scene.indenter import describe
 from tacauchy_rig import __version__

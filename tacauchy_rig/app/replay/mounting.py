@@ -11,8 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from reports.evidence.attempt import AttemptReading
-from reports.evidence.force_depth import fit_modulus
-from reports.evidence.leaning import TRIALS_MIN, LeanFit, fit_lean
+from reports.evidence.fits import TRIALS_MIN, TiltFit, fit_modulus, fit_tilt
 from reports.scores.contact import contact_footprint, contact_region, image_change
 from reports.scores.correction import register_changes
 from sim.effects.plan import output_tolerances, plan_effects
@@ -79,21 +78,21 @@ def with_found_tilt(
     if fit is None:
         row = _row(any(inputs.tilt_rad), f"as stated: {why}")
         return FoundMounting(inputs=inputs, values=_values(_TILT, "rad", why), effects=(row,))
-    size = float(np.linalg.norm(fit.lean_rad))
-    doubt = float(np.linalg.norm(fit.lean_rad * fit.uncertainty_rad)) / max(size, 1e-30)
+    size = float(np.linalg.norm(fit.tilt_rad))
+    doubt = float(np.linalg.norm(fit.tilt_rad * fit.uncertainty_rad)) / max(size, 1e-30)
     taken = size > TAKEN_FROM * doubt
-    values = _values(_TILT, "rad", why, fit.lean_rad, fit.uncertainty_rad, taken=taken)
+    values = _values(_TILT, "rad", why, fit.tilt_rad, fit.uncertainty_rad, taken=taken)
     found = f"found {_degrees(size)} +- {_degrees(doubt)} by {why}"
     row = _row(False, f"{found}; within {TAKEN_FROM:g} times its uncertainty of none")
     if taken:
         row = _planned(inputs, [d.record.force_measured_n or 0.0 for d in dwells], size, found)
-    tilt = (float(fit.lean_rad[0]), float(fit.lean_rad[1])) if row["on"] else (0.0, 0.0)
+    tilt = (float(fit.tilt_rad[0]), float(fit.tilt_rad[1])) if row["on"] else (0.0, 0.0)
     return FoundMounting(inputs=replace(inputs, tilt_rad=tilt), values=values, effects=(row,))
 
 
 def tilt_of(
     dwells: Sequence[Dwell], inputs: ReplayInputs, config: RigConfig
-) -> tuple[LeanFit | None, str]:
+) -> tuple[TiltFit | None, str]:
     """Fit the tilt to the moments; return it and its basis, or None and the reason."""
     known = sorted(
         ((d.record, d.wrench) for d in dwells if d.wrench and (d.record.force_measured_n or 0) > 0),
@@ -124,8 +123,8 @@ def tilt_of(
         factor = 1.0 if fitted is None else fitted.factor
     moments, errors = _about_tip(np.array([w for _, w in known]), config)
     against = np.interp(forces_n / factor, tried_n, resisting_nm)
-    fit = fit_lean(forces_n, moments, errors, factor * against)
-    size, most = float(np.linalg.norm(fit.lean_rad)), config.workspace.max_tilt
+    fit = fit_tilt(forces_n, moments, errors, factor * against)
+    size, most = float(np.linalg.norm(fit.tilt_rad)), config.workspace.max_tilt
     if size > most:
         return None, (
             f"moments give a tilt of {_degrees(size)}, more than workspace.max_tilt, "

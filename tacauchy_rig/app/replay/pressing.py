@@ -8,7 +8,7 @@ from dataclasses import replace
 from statistics import median
 
 from reports.evidence.attempt import AttemptReading, RunReading
-from reports.evidence.force_depth import ModulusFit, fit_modulus
+from reports.evidence.fits import ModulusFit, fit_modulus
 from sim.effects.plan import plan_effects
 from sim.error.tolerance import setting_of
 from sim.fields.press_fields import TrialFields

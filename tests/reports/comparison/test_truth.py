@@ -76,15 +76,15 @@ def test_each_quantity_is_recovered(report: ValidationReport, evidence: RunEvide
 def test_a_lean_stands_beside_its_truth(report: ValidationReport, evidence: RunEvidence) -> None:
     """Whether it was taken or not; what moments did not tell is left out."""
     world = replace(WORLD, values={**WORLD.values, "tilt_rad": [0.017, -0.001]})
-    told = FoundValue(
+    known = FoundValue(
         name="lean towards x", value=0.016, uncertainty=0.002, unit="rad", taken=True, basis=""
     )
-    untold = replace(told, name="lean towards y", value=None, uncertainty=None, taken=False)
-    run = replace(evidence, world=world, model=made_model(found=(told, untold)), truth=())
+    unknown = replace(known, name="lean towards y", value=None, uncertainty=None, taken=False)
+    run = replace(evidence, world=world, model=made_model(found=(known, unknown)), truth=())
     found = {c.name: c for c in recover_truth(run, report.trials)}
-    lean = found["tool's lean towards x"]
-    assert (lean.true, lean.recovered, lean.unit) == (17.0, 16.0, "mrad")
-    assert "tool's lean towards y" not in found
+    tilt = found["tilt of the tool towards x"]
+    assert (tilt.true, tilt.recovered, tilt.unit) == (17.0, 16.0, "mrad")
+    assert "tilt of the tool towards y" not in found
 
 
 def test_real_run_has_no_truth(evidence: RunEvidence) -> None:

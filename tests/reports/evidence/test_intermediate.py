@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from reports.evidence.attempt import AttemptReading
 from reports.evidence.evidence import ImageGeometry
-from reports.evidence.intermediate import intermediate_states
+from reports.evidence.replayed import intermediate_states
 from tacauchy_rig.core.run import ForceSample, ImageFrame, Wrench
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore

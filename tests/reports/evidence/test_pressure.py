@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from reports.evidence.pressure import pressure_profile, shear_at
+from reports.evidence.replayed import pressure_profile, shear_at
 
 
 def test_a_profile_is_what_the_nodes_say() -> None:

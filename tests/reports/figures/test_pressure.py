@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from reports.comparison.results import ValidationReport
-from reports.evidence.pressure import PressureProfile
+from reports.evidence.evidence import PressureProfile
 from reports.figures.forces import draw_pressure
 
 

@@ -127,12 +127,12 @@ def test_the_slider_moves_pictures_and_numbers(risen: ReportPaths, chromium: Any
     last, other = seen(page, 2), seen(page, 3)
     assert len(last["pictures"]) == 4
     assert last["told"] == "1.961 N at 0.240 mm"
-    assert "Emulated 1.965 N, arm at 0.160 mm" in last["captions"]
+    assert "Emulated 1.965 N, arm depth 0.160 mm" in last["captions"]
     page.locator("#intermediate-2 input").focus()
     page.keyboard.press("ArrowLeft")
     before = seen(page, 2)
     assert before["told"] == "1.716 N at 0.210 mm"
-    assert "Emulated 1.720 N, arm at 0.140 mm" in before["captions"]
+    assert "Emulated 1.720 N, arm depth 0.140 mm" in before["captions"]
     assert not set(before["pictures"]) & set(last["pictures"])
     page.keyboard.press("Home")
     first = seen(page, 2)

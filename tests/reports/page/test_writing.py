@@ -78,7 +78,7 @@ def test_the_page_says_what_the_residual_is_made_of(written: ReportPaths) -> Non
     assert summary["model"]["residual"]["shares"]["pose"] == 0.3
     table = page[page.index("Causes of the residual") :]
     assert re.search(r"Optics</th>.*<td>−6\.0</td>", table)
-    assert "lean towards x +0.57 deg" in table
+    assert "tilt towards x +0.57 deg" in table
     assert any("cause is pose with 30 %" in s and "to 16.7 %" in s for s in summary["reading"])
     assert (written.figures / "residual.png").exists()
 
@@ -151,7 +151,7 @@ def test_what_was_emulated_is_not_called_real(
     page = incomplete_written.html.read_text("utf-8")
     assert "<th>Real</th>" in page
     assert "Emulated" not in page
-    assert "against real images" in page
+    assert "simulated and real images" in page
 
 
 def test_images_are_the_cameras_whatever_the_arm_is() -> None:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from reports.scores.budget import TermGroup, UncertaintyTerm, combine
+from reports.scores.force_agreement import TermGroup, UncertaintyTerm, combine
 
 
 def _term(name: str, value_n: float | None, freedom: float | None = None) -> UncertaintyTerm:

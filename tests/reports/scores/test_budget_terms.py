@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from reports.evidence.evidence import RunEvidence
-from reports.scores.budget import Scatter, UncertaintyTerm, scatter_of, uncertainty_budget
+from reports.scores.force_agreement import Scatter, UncertaintyTerm, scatter_of, uncertainty_budget
 from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.simulated import ForceInput
 from tests.made_model import made_model

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from reports.evidence.evidence import RunEvidence
-from reports.scores.budget import TermGroup
-from reports.scores.force_agreement import compare_force
+from reports.scores.force_agreement import TermGroup, compare_force
 from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tests.made_model import made_model

@@ -10,7 +10,7 @@ import pytest
 from reports.comparison.results import ValidationReport
 from reports.comparison.sentences import limits_of
 from reports.evidence.evidence import RunEvidence
-from reports.evidence.force_depth import fit_modulus
+from reports.evidence.fits import fit_modulus
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import Outcome, TrialRecord
