@@ -12,11 +12,11 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 
 from reports.comparison.results import ValidationReport
-from reports.evidence.evidence import ImageGeometry, TrialEvidence
+from reports.evidence.evidence import ImageGeometry, TrialEvidence, TrialImages
 from reports.figures.trials import force_title, shown
 from reports.scores.floors import CONTACT_RESIDUAL, WrongForceMatrix
 from reports.scores.metrics import Metric
-from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.figure_style import GREY, INK, ORANGE, PAGE_IN, new_figure
 from tacauchy_rig.core.rgb import to_grey
 
@@ -63,8 +63,19 @@ def luminance_difference(trial: TrialEvidence) -> FloatArray | None:
     """Return simulated minus real luminance, shape [height, width] [grey level]."""
     if trial.images is None or trial.simulated_image is None:
         return None
-    real = to_grey(trial.images.real).astype(np.float64)
-    return to_grey(trial.simulated_image).astype(np.float64) - real
+    return luminance_error(trial.images, trial.simulated_image)
+
+
+def luminance_error(images: TrialImages, simulated: ImageArray) -> FloatArray:
+    """Return simulated minus camera luminance, shape [height, width] [grey level]."""
+    return to_grey(simulated).astype(np.float64) - to_grey(images.real).astype(np.float64)
+
+
+def frame_panel(axes: Axes) -> None:
+    """Show an image's border without ticks."""
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(True)
+    axes.spines[:].set_linewidth(0.3)
 
 
 def difference_scale(differences: Iterable[FloatArray | None]) -> AsinhNorm:
@@ -82,9 +93,7 @@ def _draw_column(column: np.ndarray, trial: TrialEvidence, norm: AsinhNorm) -> A
     for axes, image in zip(
         column, (real, trial.simulated_image, luminance_difference(trial)), strict=True
     ):
-        axes.set(xticks=[], yticks=[])
-        axes.spines[:].set_visible(True)
-        axes.spines[:].set_linewidth(0.3)
+        frame_panel(axes)
         mapped = None
         if image is None:
             where = {"ha": "center", "va": "center", "transform": axes.transAxes}

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import AsinhNorm
 from matplotlib.figure import Figure
@@ -24,14 +23,18 @@ from reports.comparison.judging import (
     contests,
 )
 from reports.evidence.evidence import TrialEvidence, TrialImages
-from reports.figures.images import DIFFERENCE_COLORS, LINEAR_LEVELS, difference_scale
-from reports.figures.trials import shown
+from reports.figures.images import (
+    DIFFERENCE_COLORS,
+    LINEAR_LEVELS,
+    difference_scale,
+    frame_panel,
+    luminance_error,
+)
+from reports.figures.trials import force_title, shown
 from reports.page.html import page_environment, png_data
 from reports.scores.contact import contact_crop, contact_footprint, image_change
-from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.figure_style import GREY, PAGE_IN, STYLE, new_figure, save_figure
-from tacauchy_rig.core.rgb import to_grey
 from tacauchy_rig.core.store.codec import to_plain
 from tacauchy_rig.core.versions import versions
 
@@ -52,19 +55,17 @@ def draw_judged(judgement: Judgement) -> Figure:
     figure = new_figure(PAGE_IN, height, marks=evidence.marks)
     grid = figure.subplots(1 + 2 * len(drawn), len(trials), squeeze=False)
     for axes in grid.ravel():
-        axes.set(xticks=[], yticks=[])
-        axes.spines[:].set_visible(True)
-        axes.spines[:].set_linewidth(0.3)
+        frame_panel(axes)
     scale = _scale(trials, drawn)
     for column, trial in zip(grid.T, trials, strict=True):
         if trial.images is not None:
-            column[0].set_title(_title(trial), fontsize=7.5, pad=3)
+            column[0].set_title(force_title(trial, "$F_z$ = {} N"), fontsize=7.5, pad=3)
             _draw_column(column, trial, trial.images, drawn, scale)
     grid[0, 0].set_ylabel(f"Camera\n({evidence.camera})", fontsize=6.5)
     for k, simulator in enumerate(drawn):
         name = textwrap.fill(simulator.simulator.name, NAME_WIDTH)
         grid[1 + 2 * k, 0].set_ylabel(name, fontsize=6.5)
-        grid[2 + 2 * k, 0].set_ylabel("less camera's", fontsize=6.5)
+        grid[2 + 2 * k, 0].set_ylabel("minus camera", fontsize=6.5)
     said = (
         f"purple −{scale.vmax:g}, orange +{scale.vmax:g} grey levels, linear to {LINEAR_LEVELS:g}"
     )
@@ -90,7 +91,7 @@ def _draw_column(
             continue
         pair[0].imshow(image[crop], interpolation="nearest")
         pair[1].imshow(
-            _difference(images, image)[crop],
+            luminance_error(images, image)[crop],
             interpolation="nearest",
             cmap=DIFFERENCE_COLORS,
             norm=scale,
@@ -98,11 +99,6 @@ def _draw_column(
         contact = next((p.contact for p in simulator.presses if p.index == trial.index), None)
         if contact is not None:
             pair[1].set_xlabel(f"residual {contact.relative_residual:.3f}", fontsize=6, labelpad=1)
-
-
-def _title(trial: TrialEvidence) -> str:
-    is_known = not np.isnan(trial.force_target_n)
-    return f"$F_z$ = {trial.force_target_n:.2f} N" if is_known else f"press {trial.index}"
 
 
 def _crop(images: TrialImages) -> tuple[slice, slice]:
@@ -113,16 +109,11 @@ def _crop(images: TrialImages) -> tuple[slice, slice]:
 def _scale(trials: Sequence[TrialEvidence], drawn: Sequence[JudgedSimulator]) -> AsinhNorm:
     """Return the colours that all differences share."""
     return difference_scale(
-        _difference(t.images, image)[_crop(t.images)]
+        luminance_error(t.images, image)[_crop(t.images)]
         for t in trials
         for simulator in drawn
         if t.images is not None and (image := simulator.image(t.index)) is not None
     )
-
-
-def _difference(images: TrialImages, image: ImageArray) -> FloatArray:
-    """Return simulated less camera's luminance, shape [height, width] [grey level]."""
-    return to_grey(image).astype(np.float64) - to_grey(images.real).astype(np.float64)
 
 
 SCHEMA = 1

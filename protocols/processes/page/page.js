@@ -5,12 +5,12 @@
 const $ = (id) => document.getElementById(id);
 const SPAN_S = 30, SILENT_S = 0.9, GAIN = 4, STOP_TIMEOUT_MS = 1500, DIFFERENCE_MS = 250;
 const PHASES = {
-  "preflight": "checking that everything answers", "air-press": "pressing the air above the gel",
-  "home": "going home", "tare": "measuring the zero of the force sensor",
-  "reference": "taking the picture without contact", "approach": "coming down to the gel",
+  "preflight": "checking all devices", "air-press": "test press in the air above the gel",
+  "home": "moving to the home position", "tare": "taring the force sensor",
+  "reference": "recording the no-contact image", "approach": "approaching the gel",
   "search": "searching for contact", "press": "pressing to the target",
-  "dwell": "holding the force, taking pictures", "retract": "letting go",
-  "drift-check": "measuring the zero again", "verdict": "judging", "fault": "making the arm safe",
+  "dwell": "holding the force, recording images", "retract": "retracting",
+  "drift-check": "checking the force sensor's drift", "verdict": "judging", "fault": "making the arm safe",
   "ended": "the run has ended", "": "waiting for the run",
 };
 let setup = null, run = null, live = null, heardMs = performance.now(), stopped = false;
@@ -60,7 +60,7 @@ function showRun() {
   $("stop").disabled = run.ended;
   $("journal").replaceChildren(...run.journal.slice().reverse().map(journalLine));
   if (run.ended) {
-    say(`The run has ended: ${run.outcome}. ${run.reason || "Every trial that was planned is done."}`,
+    say(`The run has ended: ${run.outcome}. ${run.reason || "All planned trials are done."}`,
       run.outcome === "passed" ? "good" : "");
   } else if (run.reason) {
     say(run.reason, "");
@@ -98,7 +98,7 @@ function showChecks() {
   const rows = judged ? judged.checks.map((check) => row([
     `${check.passed ? "✓" : "✗"} ${check.name}`,
     `${Number(check.measured.toPrecision(4))} ${check.unit}`, check.limit.replace("<=", "≤").replace(">=", "≥"),
-  ], check.passed ? "" : "failed")) : [row(["none yet: they come with each verdict"])];
+  ], check.passed ? "" : "failed")) : [row(["none yet: each verdict adds some"])];
   $("checks").tBodies[0].replaceChildren(...rows);
 }
 
@@ -190,15 +190,15 @@ function showAges() {
     const mark = card.querySelector(".stale");
     if (mark) {
       mark.hidden = !stale;
-      mark.textContent = stale ? `STALE: nothing new for ${ageS.toFixed(1)} s` : "";
+      mark.textContent = stale ? `STALE: no new data for ${ageS.toFixed(1)} s` : "";
     } else if (stale && card.lastChild) {
       card.lastChild.textContent = `${ageS.toFixed(1)} s STALE`;
     }
   }
   const dropped = $("host").dataset.dropped;
-  if (run && dropped) $("host").textContent = `${(run.disk.free_bytes / 1e9).toFixed(1)} GB free on the run's disk; this page was too slow for ${dropped} messages`;
+  if (run && dropped) $("host").textContent = `${(run.disk.free_bytes / 1e9).toFixed(1)} GB free on the run's disk; this page was too slow and missed ${dropped} messages`;
   if (silent && !stopped) {
-    say(`No news for ${sinceS.toFixed(1)} s: everything here is old. The run may go on; in the terminal any key stops it.`, "plain", true);
+    say(`No message for ${sinceS.toFixed(1)} s: all values on this page are old. The run may still be active; any key in the terminal stops it.`, "plain", true);
   } else if ($("alert").dataset.silent) {
     $("alert").hidden = true;
     delete $("alert").dataset.silent;
@@ -290,7 +290,7 @@ function drawDifference(bitmap) {
   canvas.width = now.width;
   canvas.height = now.height;
   canvas.getContext("2d").putImageData(now, 0, 0);
-  $("difference-note").textContent = `grey is no difference; ${GAIN} times enlarged; to the last frame before trial ${referenceOf}`;
+  $("difference-note").textContent = `grey: no difference; amplified ${GAIN} times; relative to the last frame before trial ${referenceOf}`;
 }
 
 // ---- the twin, where one is shown --------------------------------------------------------------
@@ -386,13 +386,13 @@ async function stop() {
   if (run && run.ended) return;
   stopped = true;
   $("stop").classList.add("asked");
-  say("Stop was asked for…", "plain");
+  say("Stop requested…", "plain");
   try {
     const answer = await fetch("stop", { method: "POST", signal: AbortSignal.timeout(STOP_TIMEOUT_MS) });
-    if (!answer.ok) throw new Error(`the server said ${answer.status}`);
-    say("Stop was asked for: the arm stops and is taken slowly off the gel. Once more holds it where it is.", "plain");
+    if (!answer.ok) throw new Error(`the server answered ${answer.status}`);
+    say("Stop requested: the arm stops and slowly leaves the gel. A second stop holds it where it is.", "plain");
   } catch (error) {
-    say(`THE STOP DID NOT GET THROUGH (${error.message}). Press a key in the terminal, or the pendant's emergency stop.`, "");
+    say(`THE STOP REQUEST FAILED (${error.message}). Press a key in the terminal, or the pendant's emergency stop.`, "");
   }
 }
 

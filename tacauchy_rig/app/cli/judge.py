@@ -91,7 +91,7 @@ def judge(
         residual, (won, of) = each.means["contact_relative_residual"].mean, each.wins
         if residual is not None:
             say(
-                f"  {each.simulator.title}: contact residual {residual:.3f}, own press wins "
+                f"  {each.simulator.title}: contact residual {residual:.3f}, correct press wins "
                 f"{won} of {of}"
             )
     paths = write_judgement(judgement, out)

@@ -23,18 +23,18 @@ FULL, EMPTY, MARK = "━", "─", "┃"
 HOW_TO_STOP = "any key stops and takes the arm slowly off the gel; once more holds it where it is"
 
 PHASES = {
-    "preflight": "checking that everything answers",
-    "air-press": "pressing the air above the gel first",
-    "home": "going home",
-    "tare": "measuring the zero of the force sensor",
-    "reference": "taking the picture without contact",
-    "approach": "coming down to the gel",
+    "preflight": "checking all devices",
+    "air-press": "test press in the air above the gel",
+    "home": "moving to the home position",
+    "tare": "taring the force sensor",
+    "reference": "recording the no-contact image",
+    "approach": "approaching the gel",
     "search": "searching for contact",
     "press": "pressing to the target",
-    "dwell": "holding the force, taking pictures",
+    "dwell": "holding the force, recording images",
     "sway": "going up and down a little to measure delays",
-    "retract": "letting go",
-    "drift-check": "measuring the zero again",
+    "retract": "retracting",
+    "drift-check": "checking the force sensor's drift",
     "verdict": "judging",
     "fault": "making the arm safe",
 }

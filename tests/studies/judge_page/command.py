@@ -121,7 +121,7 @@ def _row(
         mean = means.get(score["key"], {}).get("mean")
         shown = None if mean is None else f"{score['factor'] * mean:.{score['digits']}f}"
         row[score["heading"]] = shown
-    row["own press wins"] = won
+    row["correct press wins"] = won
     row["ms an image"] = None if time_ms is None else f"{time_ms:.0f}"
     return row
 
@@ -129,7 +129,7 @@ def _row(
 def _times(judged: Mapping[str, Any]) -> list[str]:
     return [
         f"{each['title']}: {each['machine'] or 'machine not stated'}. "
-        f"{'Fitted to these very presses. ' if each['fitted_to_these'] else ''}{each['note']}"
+        f"{'Fitted to these same presses. ' if each['fitted_to_these'] else ''}{each['note']}"
         for each in judged["simulators"]
     ]
 

@@ -88,7 +88,7 @@ def test_page_holds_numbers_pictures_and_losses(judged: Path, tmp_path: Path) ->
     assert "Contact residual against Other 2 (0.125 against 0.100, within the scatter)" in prose
     assert "2.000 (+100.0%)" in text
     assert "9.000" not in text
-    assert text.count("Fitted to these very presses. A note.") == 1
+    assert text.count("Fitted to these same presses. A note.") == 1
     assert (out.parent / "images/judged_dry_run.png").exists()
 
 
