@@ -32,10 +32,10 @@ def test_the_uncertainty_covers_what_noise_does() -> None:
     noise_nm = 2e-5
     errors = np.full((6, 2), noise_nm)
     fits = [fit_tilt(FORCES, _moments(noise_nm, seed), errors, STIFFNESS) for seed in range(200)]
-    off = [np.abs(f.lean_rad - LEAN) / f.uncertainty_rad for f in fits]
+    off = [np.abs(f.tilt_rad - LEAN) / f.uncertainty_rad for f in fits]
     assert 0.9 < np.mean(np.array(off) < 2.0) <= 1.0
     # The noise's own part, without the stiffness's, is not far too large either.
-    assert np.std([f.lean_rad[1] for f in fits]) > 0.3e-3
+    assert np.std([f.tilt_rad[1] for f in fits]) > 0.3e-3
 
 
 def test_an_upright_tool_is_within_its_uncertainty_of_none() -> None:
