@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # shapes bring NumPy, which the help of a command has no use 
 _REGULAR_DIHEDRAL_RAD = math.acos(1.0 / 3.0)
 _REGULAR_ENERGY = 3.0
 # Of each setting as it is written: its field, dimension and range, and what is usual.
-_SETTINGS = {
+_TETWILD_SETTINGS = {
     "l_r": ("l_r", Dimension.RATIO, 0.0, 0.5, "the preset takes 0.05 to 0.1"),
     "epsilon_r": ("epsilon_r", Dimension.RATIO, 0.0, 0.01, "1e-3 is usual"),
     "stop_energy": ("stop_energy", Dimension.RATIO, _REGULAR_ENERGY, 1e3, "10 is usual"),
@@ -50,7 +50,7 @@ class TetWildOptions:
     dihedral_min_rad: float | None = None
 
     def __post_init__(self) -> None:
-        for name, _, low, high, usual in _SETTINGS.values():
+        for name, _, low, high, usual in _TETWILD_SETTINGS.values():
             value = getattr(self, name)
             if value is not None and not low < value <= high:
                 raise ConfigError(
@@ -66,15 +66,15 @@ def tetwild_options_of(table: Mapping[str, Any], *, origin: str) -> TetWildOptio
     Raises:
         ConfigError: A setting is unknown, no number, or out of its range.
     """
-    unknown = [key for key in table if key not in _SETTINGS]
+    unknown = [key for key in table if key not in _TETWILD_SETTINGS]
     if unknown:
         raise ConfigError(
             f"{origin}: unknown mesh setting {', '.join(unknown)}",
-            remedy=f"settings are {', '.join(_SETTINGS)}",
+            remedy=f"settings are {', '.join(_TETWILD_SETTINGS)}",
         )
     given = {
         name: parse_quantity(str(table[key]), dimension=dimension, field=f"{origin}: {key}")
-        for key, (name, dimension, *_) in _SETTINGS.items()
+        for key, (name, dimension, *_) in _TETWILD_SETTINGS.items()
         if key in table
     }
     with naming(origin):

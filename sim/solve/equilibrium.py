@@ -178,11 +178,22 @@ class EquilibriumSolver:
         self.energies_j, grip_start, spent, self._passes = [], state.grip, 0, 0
         begins_anew, before = self._begins_anew, self.evaluations
         self._begins_anew = True  # where this one fails
-        self._set_limits(load_n, options)
+        self.factor.held = load_n is None
+        floor = options.residual_floor_n
+        if floor is None:
+            floor = _FLOOR_SHARE * self.model.young_pa * self.model.height_m**2
         for extension in (contact.extension, *EXTENSIONS):
             state.extension = extension
             descents.begin(
-                gap_least=contact.gap_least_m(extension), rounding=-1.0, checked=0, rough=1
+                pushed=int(load_n is not None),
+                load=load_n or 0.0,
+                relative=options.residual_relative,
+                floor=floor,
+                steps_max=options.iteration_max,
+                gap_least=contact.gap_least_m(extension),
+                rounding=-1.0,
+                checked=0,
+                rough=1,
             )
             self._upload(state, grip_start)
             if begins_anew:
@@ -213,19 +224,6 @@ class EquilibriumSolver:
         touches, attempt = int(self.factor.touches), self.factor.attempt
         self._descents.set(since=0, touches=touches, attempt=attempt)
 
-    def _set_limits(self, load_n: float | None, options: SolverOptions) -> None:
-        model, floor = self.model, options.residual_floor_n
-        if floor is None:
-            floor = _FLOOR_SHARE * model.young_pa * model.height_m**2
-        self.factor.held = load_n is None
-        self._descents.set(
-            pushed=int(load_n is not None),
-            load=load_n or 0.0,
-            relative=options.residual_relative,
-            floor=floor,
-            steps_max=options.iteration_max,
-        )
-
     def _run(self, state: State, grip_start: Grip | None) -> int:
         """Let the environment run, and give it what it asks for; say how it ended.
 
@@ -243,7 +241,9 @@ class EquilibriumSolver:
             status = int(descents.get("status")[0])
             if status == Status.RUNNING:
                 continue
-            self._download(state)
+            state.positions = on_host(descents.positions)[0].copy()
+            state.tip = on_host(descents.poses.tips)[0].copy()
+            state.grip = self.model.surface.grip_of(descents.grip)
             if status in (Status.DONE, Status.TOO_NEAR):
                 return status
             if status == Status.ASKS_START:
@@ -320,8 +320,3 @@ class EquilibriumSolver:
     def _upload(self, state: State, grip_start: Grip | None) -> None:
         self._descents.place(0, state, grip_start=grip_start)
         self._descents.clear()
-
-    def _download(self, state: State) -> None:
-        state.positions = on_host(self._descents.positions)[0].copy()
-        state.tip = on_host(self._descents.poses.tips)[0].copy()
-        state.grip = self.model.surface.grip_of(self._descents.grip)

@@ -55,13 +55,10 @@ def push_to_force(
     Raises:
         ConvergenceError: The force was not reached.
     """
-    before, known = path.counts.newton_iterations, len(path.history)
+    spent, known = path.counts.newton_iterations, len(path.history)
     point = path.push(force_n, start=start, duration_s=duration_s)
-    return ForceMatch(
-        point=point,
-        history=tuple(path.history[known:]),
-        newton_iterations=path.counts.newton_iterations - before,
-    )
+    spent = path.counts.newton_iterations - spent
+    return ForceMatch(point=point, history=tuple(path.history[known:]), newton_iterations=spent)
 
 
 def find_force(path: LoadingPath, force_n: float, *, tolerance_n: float) -> ForceMatch:
@@ -78,11 +75,8 @@ def find_force(path: LoadingPath, force_n: float, *, tolerance_n: float) -> Forc
     while len(history) <= _EVALUATIONS_MAX:
         missing = force_n - _force(point)
         if abs(missing) <= tolerance_n:
-            return ForceMatch(
-                point=point,
-                history=tuple(history),
-                newton_iterations=path.counts.newton_iterations - before,
-            )
+            spent = path.counts.newton_iterations - before
+            return ForceMatch(point=point, history=tuple(history), newton_iterations=spent)
         low, high = (point, high) if missing > 0.0 else (low, point)
         longest = _GUESS_MAX_STEPS * path.step_max_m
         step = missing / max(point.stiffness_n_m, _NO_STIFFNESS_N_M)
