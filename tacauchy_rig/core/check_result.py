@@ -69,7 +69,7 @@ def failed(name: str, error: RigError) -> CheckResult:
 
 
 def checked(name: str, check: Callable[[], str]) -> CheckResult:
-    """Return what a check says that refuses by an error and otherwise tells what it found."""
+    """Return a check that raises where it fails and otherwise returns its finding."""
     try:
         return passed(name, check())
     except RigError as error:

@@ -1,6 +1,6 @@
 """What a press is expected to give: force against depth of the stated gel, and how sure that is.
 
-Made by whoever knows the gel before a session, and handed to the protocol, which knows none.
+The session makes it from the sensor's gel; the protocol, which knows no gel, receives it.
 """
 
 from __future__ import annotations

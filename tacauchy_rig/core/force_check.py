@@ -1,7 +1,7 @@
 """A known weight on the force sensor: does the cell say what hangs on it?
 
-Every force of a run is the cell's word. A wrong range, a wrong unit or a wrong sign lie quietly in
-it; a weight that somebody else has weighed is the only witness before the first press.
+Every force of a run comes from the cell. A wrong range, unit or sign does not show in it; a known
+weight is the only independent check before the first press.
 """
 
 from __future__ import annotations

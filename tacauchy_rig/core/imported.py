@@ -36,8 +36,8 @@ class Imported:
     Attributes:
         kind: Its format, such as ``csv``.
         source: Name of the folder or file.
-        has_clock: Samples have times of theirs; without, stamps tell nothing but their order.
-        unknown: What the source does not tell, a sentence each.
+        has_clock: Samples have times of theirs; without, stamps give the order only.
+        unknown: What the source does not say, a sentence each.
         notes: What was made of it, a sentence each: losses, and how presses were found.
         files: SHA-256 of what was read, by the name within the source.
     """

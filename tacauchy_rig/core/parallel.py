@@ -96,7 +96,7 @@ def _next_result(started: deque[tuple[Item, Future[Result]]]) -> tuple[Item, Res
 
 
 def begin_worker(line: Connection | None = None) -> None:
-    """Take one thread, since others compute beside this process, and end when its parent does.
+    """Take one thread, since other workers share the processor, and end when its parent does.
 
     Args:
         line: End, too, when its other end is closed.

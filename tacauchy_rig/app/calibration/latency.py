@@ -80,7 +80,7 @@ def find_delay(
     time_s, value = time_s[inside], value[inside]
     if len(time_s) < BLOCKS * MIN_SAMPLES_A_BLOCK:
         raise RecordError(
-            f"{name}: {len(time_s)} samples of a motion are too few to tell a delay",
+            f"{name}: {len(time_s)} samples of a motion are too few for a delay",
             remedy="sway for longer: `tacauchy-rig calibrate latency --sway 20s`",
         )
     fresh = _fresh(path, time_s, value)
@@ -181,7 +181,8 @@ def even_stamps(stamp_ns: Int64Array, counter: FloatArray, *, share: float = 0.5
 
 
 RELAXATION_S = (0.3, 3.0)
-"""Silicone gels creep over decades of time; a second and a tenth of it are told from a delay."""
+"""Silicone gels creep over decades of time; terms of a second and a tenth can be separated from a
+delay."""
 SETTLING_S = 1.0
 """Left out at the beginning: a motion has to be under way for a gel to remember it evenly."""
 EARLY_SHARE = 0.05
@@ -214,7 +215,7 @@ class Latency:
 
 
 def find_latency(store: RunStore) -> Latency:
-    """Return the delays that the last press of a run which swayed tells.
+    """Return the delays by the last press of a run that swayed.
 
     Raises:
         RecordError: No press swayed, or the streams show too little of it.

@@ -1,1 +1,1 @@
-"""Is this computer fit for a run? Each check tells what was measured and what to do."""
+"""Check whether this computer can make a run; each check names a measurement and a remedy."""

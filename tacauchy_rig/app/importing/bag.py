@@ -87,7 +87,7 @@ def read_bag(source: Source, data: BagData) -> Recorded:
     """Read a bag and cut it into presses.
 
     Raises:
-        RecordError: It is damaged, a topic is missing or of another type, or tells no press.
+        RecordError: It is damaged, a topic is missing or of another type, or no press is found.
     """
     path = _checked(source, data.file)
     try:

@@ -77,9 +77,9 @@ class Spec(Section):
 SPEC_NAME = "import.toml"
 SPEC_BYTES = MIB
 FIRST_TOUCH = "0.001 mN"
-"""A force that no cell tells from none: depth counts from first touch."""
+"""Below the resolution of any cell: depth counts from first touch."""
 NO_TARGET = "0 N"
-"""Nobody of ours asked for a force; a configuration has to name one."""
+"""An import has no target force; a configuration has to name one."""
 MESH = "mesh:"
 FILE_BYTES = 256 * MIB
 """Of a calibration, a sensor's file or a tool's triangles."""
@@ -90,7 +90,7 @@ BARE = {
     ".mcap": SourceKind.BAG,
     ".db3": SourceKind.BAG,
 }
-"""Files that tell enough of themselves to be imported without an ``import.toml``."""
+"""Files that can be imported without an ``import.toml``."""
 FILE = "data.file"
 
 
@@ -149,8 +149,8 @@ def import_run(
 def _spec(source: Source, path: Path, overridden: Mapping[str, Any]) -> Spec:
     """Return the description, and over it what the command line says."""
     if not path.is_dir() and (kind := BARE.get(path.suffix)):
-        told = {"kind": kind.value, FILE: path.name}
-        return read_section(Spec, {"rig": {}, **nest({**told, **overridden})})
+        described = {"kind": kind.value, FILE: path.name}
+        return read_section(Spec, {"rig": {}, **nest({**described, **overridden})})
     name = SPEC_NAME if path.is_dir() else path.name
     text = source.read(name, field="import", most_bytes=SPEC_BYTES)
     try:

@@ -218,7 +218,7 @@ def read_lerobot(source: Source, data: LeRobotData) -> Recorded:
     """Read a dataset's episodes, and find the presses of each by its force.
 
     Raises:
-        RecordError: A file is missing or damaged, or an episode tells no press.
+        RecordError: A file is missing or damaged, or an episode has no press.
         ConfigError: A feature or a unit is not what is said.
     """
     dataset = _dataset(source, data)
@@ -237,7 +237,7 @@ def read_lerobot(source: Source, data: LeRobotData) -> Recorded:
 
 _FOUND = (
     "{presses} presses were found by the force in {episodes} episodes. Each row has the newest "
-    "force, pose and image of its moment, at the dataset's rate: how old they were is not told. A "
+    "force, pose and image of its moment, at the dataset's rate: their age is not recorded. A "
     "press counts as held while the force is nearly its largest, which no protocol judged."
 )
 

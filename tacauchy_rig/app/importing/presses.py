@@ -18,7 +18,7 @@ from tacauchy_rig.core.run import FZ
 Window = tuple[int, int]
 """First and last stamp [ns], both included."""
 ORDER_NS = 1_000_000
-"""Between the stamps of what has no time: they tell nothing but the order."""
+"""Between the stamps of what has no time: they give the order only."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +28,7 @@ class Samples:
     Attributes:
         stamp_ns: Of the source's clock, ascending, shape [n].
         value: Fx, Fy, Fz [N], Mx, My, Mz [N m], or x, y, z [m] and rotation vector [rad], shape
-            [n, 6]; NaN where the source does not tell.
+            [n, 6]; NaN where the source does not say.
     """
 
     stamp_ns: Int64Array
@@ -67,7 +67,7 @@ class Press:
         dwell: Window in which the press was held.
         tare: Window of unloaded force samples; None takes forces as they are.
         contact_z_m: Height of the tip at first contact [m].
-        depth_m: Stated depth [m], where no pose tells it.
+        depth_m: Stated depth [m], where no pose gives it.
         place_m: Beside the pad's centre [m]; None is not known.
         indenter: As ``press --indenter`` has it; empty is the run's.
         contact_px: Column, row and radius of the contact's edge as drawn into the image [px].
@@ -92,9 +92,9 @@ class Recorded:
     """All that was read of a source.
 
     Attributes:
-        has_clock: Stamps are times; without, they tell nothing but the order.
+        has_clock: Stamps are times; without, they give the order only.
         sync_mode: What ties forces and images together in time (``run.sync_mode``).
-        unknown: What it does not tell, a sentence each.
+        unknown: What the source does not say, a sentence each.
         notes: What was made of it, a sentence each.
         contact_force_n: At which depths begin [N]; None is first touch.
         name: Of a run of it.
@@ -133,7 +133,7 @@ def _text(quantity: str) -> Any:
 
 
 class PressFinding(Section):
-    """How presses are told in a recording.
+    """How presses are found in a recording.
 
     Attributes:
         press_force: More than this is a press; the recording begins with less.
@@ -188,7 +188,7 @@ def find_presses(force: Samples, finding: PressFinding) -> list[PressSpan]:
     """
     if len(force.stamp_ns) < SMOOTHED:
         raise RecordError(
-            f"the recording has {len(force.stamp_ns)} samples of force, which tell no press",
+            f"the recording has {len(force.stamp_ns)} samples of force, too few to find a press",
             remedy="check the name of the force's topic or column",
         )
     force_n = axial_force(force)

@@ -263,7 +263,7 @@ class RowsData(Section):
 
     Attributes:
         no_contact: Image of the gel at rest, for presses without an unloaded row.
-        is_tared: Forces are zero without contact: unloaded rows tell no zero.
+        is_tared: Forces are zero without contact: unloaded rows define no zero.
         contact_force: At which depth counts from; left out, depth counts from first touch.
     """
 

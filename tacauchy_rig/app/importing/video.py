@@ -64,7 +64,7 @@ UNIFORM = 1.0 / math.sqrt(12.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """What tells of contact over time; times [s] ascending, shape [n], as the values."""
+    """A measure of contact over time; times [s] ascending, shape [n], as the values."""
 
     time_s: FloatArray
     value: FloatArray

@@ -1,4 +1,4 @@
-"""Presses of others as a run folder: recordings, results and seals as the store writes its own."""
+"""Presses of others as a run folder: recordings, results and hashes as the store writes its own."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def _check_counts(recorded: Recorded) -> None:
             f"the source holds {len(presses)} presses; a run has 1 to {PRESSES_MOST}",
             remedy="split it into several folders"
             if presses
-            else "check how presses are told: columns, topics, and the force at which one begins",
+            else "check how presses are found: columns, topics, and the force at which one begins",
         )
     for press in presses:
         if len(press.frames) > FRAMES_MOST:
@@ -235,7 +235,7 @@ def _forces(press: Press, sign: int) -> dict[str, Any]:
 
 
 def _tare(samples: Samples, window: tuple[int, int]) -> Tare | None:
-    if len(samples.stamp_ns) < 2:  # of which a scatter can be told
+    if len(samples.stamp_ns) < 2:  # too few for a scatter
         return None
     mean, deviation = samples.value.mean(axis=0), samples.value.std(axis=0, ddof=1)
     return Tare(

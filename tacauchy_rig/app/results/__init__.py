@@ -1,1 +1,1 @@
-"""A page of runs: what each came to, two beside each other, and a sensor's health over time."""
+"""Pages of runs: the outcome of each, a comparison of two, and a sensor's health over time."""

@@ -53,7 +53,7 @@ class Row:
 
 
 def compare(one: ListedRun, other: ListedRun) -> list[Row]:
-    """Return what the reports of two runs say, beside each other."""
+    """Return the numbers of two runs' reports, row by row."""
     summaries = one.summary, other.summary
     rows = [
         _row(title, unit, *(_of_all(s, place, factor) for s in summaries))

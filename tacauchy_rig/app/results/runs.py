@@ -174,7 +174,7 @@ Judge = Callable[[Path, Path], GelState]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """A run beside the one of before.
+    """A run compared with an earlier one.
 
     Attributes:
         state: None where they cannot be compared; ``fault`` says why.
@@ -186,7 +186,7 @@ class Judged:
 
 
 def judge_folders(before: Path, now: Path) -> GelState:
-    """Judge one run's press beside another's, as ``check-press`` does.
+    """Compare one run's press with another's, as ``check-press`` does.
 
     Raises:
         RigError: One of them has no press to compare.
@@ -196,20 +196,20 @@ def judge_folders(before: Path, now: Path) -> GelState:
 
 @dataclass(slots=True)
 class Health:
-    """Judges runs beside each other, each pair once: reading the recordings takes a second."""
+    """Compares runs, each pair once: reading the recordings takes a second."""
 
     judge: Judge = judge_folders
     _known: dict[tuple[object, ...], Judged] = field(default_factory=dict)
 
     def of(self, before: ListedRun, now: ListedRun) -> Judged:
-        """Return a run beside an earlier one."""
+        """Return a run compared with an earlier one."""
         key = (before.name, _age(before), now.name, _age(now))
         if key not in self._known:
             self._known[key] = self._judged(before, now)
         return self._known[key]
 
     def trend(self, runs: Sequence[ListedRun], like: ListedRun) -> tuple[ListedRun, list[Judged]]:
-        """Return the earliest run like one, and every later one beside that, in their order."""
+        """Return the earliest comparable run, and every later one compared with it, in order."""
         alike = sorted(
             (run for run in runs if run.passed_count and run.alike == like.alike),
             key=lambda run: (run.created, run.name),

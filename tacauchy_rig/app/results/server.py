@@ -79,7 +79,7 @@ class ResultsServer:
         return self._access.guard(Starlette(routes=routes))
 
     def _answer(self, page: Callable[[Request], Response]) -> Callable[[Request], Any]:
-        """Return a page's answer, made beside the loop: recordings take a second to read."""
+        """Return a page's answer, made in a thread: recordings take a second to read."""
 
         async def answer(request: Request) -> Response:
             return await asyncio.to_thread(page, request)

@@ -138,8 +138,8 @@ class ForceSensorSection(DeviceSection, ceilings="force_sensor"):
 
     ``compression_sign`` times the raw Fz is positive while the indenter is pressed. ``to_tip`` is
     how far the indenter's tip lies from the point that the moments refer to, along the tool's axis;
-    without it no real cell's moments tell how the tool leans. ``delay`` is how much later than the
-    arm's state of the same moment a sample is stamped; reports correct it.
+    without it a real cell's moments cannot give the tool's tilt. ``delay`` is how much later than
+    the arm's state of the same moment a sample is stamped; reports correct it.
     """
 
     driver: Annotated[str, _driver(Kind.FORCE_SENSOR)]
@@ -276,7 +276,7 @@ class LimitsSection(Section, ceilings="limits"):
 class ProtocolSection(Section, ceilings="protocol"):
     """The six presses: targets, tolerances, windows and gates.
 
-    After its dwell a press sways up and down for ``sway``, which tells how late the streams are.
+    After its dwell a press sways up and down for ``sway``, which shows how late the streams are.
     """
 
     force_targets: tuple[Force, ...] = Field(min_length=1, max_length=100)
@@ -324,9 +324,9 @@ class ReplaySection(Section, ceilings="replay"):
     as it is. ``law`` is the gel's constitutive law, ``friction`` Coulomb's coefficient between
     indenter and gel; with ``relaxation`` a gel relaxes if its file says how. ``indenter``, as
     ``press --indenter`` has it, takes the place of ``[indenter]``: ``mesh:tool.stl,unit=mm`` is one
-    of triangles. ``tilt`` is how far the indenter's axis leans towards x and y, ``offset`` where it
-    comes down beside ``sensor.surface``; with ``pose`` ``found`` what moments and images tell takes
-    their place.
+    of triangles. ``tilt`` is how far the indenter's axis is tilted towards x and y, ``offset`` where
+    it comes down relative to ``sensor.surface``; with ``pose`` ``found`` the values from moments
+    and images take their place.
     """
 
     force_tolerance: Force = Field(gt=0)
@@ -375,7 +375,7 @@ class UncertaintySection(Section, ceilings="uncertainty"):
     """Standard uncertainties of the press; what is left out takes its default.
 
     ``diameter``, ``fillet``, ``friction`` are of the indenter, ``tilt`` and ``offset`` of how it is
-    mounted where neither moments nor images tell it, ``depth`` of the difference of two heights of
+    mounted where neither moments nor images give it, ``depth`` of the difference of two heights of
     the arm, ``force_scale`` of the cell's reading, ``delay`` between force and height.
     """
 

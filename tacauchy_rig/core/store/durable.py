@@ -84,7 +84,7 @@ def file_sha256(path: Path, *, what: str) -> str:
 
 
 def write_error(path: Path, error: OSError) -> RecordError:
-    """Return what to tell the operator after ``path`` could not be written."""
+    """Return the error for the operator after ``path`` could not be written."""
     if error.errno in _FULL:
         return RecordError(
             f"{path}: no space left to write ({_space(path)}): {error.strerror}",
@@ -114,7 +114,7 @@ def write_error(path: Path, error: OSError) -> RecordError:
 
 
 def read_error(path: Path, error: OSError, *, what: str) -> RecordError:
-    """Return what to tell the operator after ``path`` could not be read."""
+    """Return the error for the operator after ``path`` could not be read."""
     if isinstance(error, FileNotFoundError):
         return RecordError(
             f"{path}: {what} is missing",

@@ -69,7 +69,7 @@ class RunPaths:
 
     @property
     def calibration_picture(self) -> Path:
-        """Each press beside how a model renders it that had not seen it."""
+        """Each press next to its rendering by a model that was fitted without it."""
         return self.calibration.with_name("calibration_held_out.png")
 
     def recording(self, trial: int, attempt: int) -> Path:

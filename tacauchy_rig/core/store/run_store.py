@@ -342,7 +342,7 @@ class RunStore:
 
 
 def _without_hash(record: TrialRecord) -> bytes:
-    """Return what two processes that tell of the same attempt agree on."""
+    """Return what two processes record alike about one attempt."""
     return dumps(replace(record, recording_sha256=None))
 
 

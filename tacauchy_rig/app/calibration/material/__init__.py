@@ -1,1 +1,1 @@
-"""Modulus, Poisson's ratio and friction of a gel from forces at depths, and what is not told."""
+"""Modulus, Poisson's ratio and friction of a gel from forces at depths, with what stays open."""

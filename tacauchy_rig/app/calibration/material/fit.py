@@ -32,8 +32,8 @@ from tacauchy_rig.core.simulated import ForceInput
 
 POISSON = (0.40, 0.43, 0.455, 0.475, 0.49)
 FRICTION = (0.0, 0.1, 0.3, 0.6, 1.0)
-"""Nodes that are solved. Above 0.49 preset fast takes other edges; what sticks altogether is hardly
-told from friction 1."""
+"""Nodes that are solved. Above 0.49 preset fast takes other edges; full sticking is hardly
+distinguishable from friction 1."""
 _DEPTHS = (0.04, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
 """Of the deepest, which lies beyond the deepest measured one by as much as contact may be deep."""
 _BEYOND = 1.1
@@ -174,7 +174,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GelFit:
-    """What forces tell of a gel.
+    """The gel that forces at depths determine.
 
     Attributes:
         young_pa: Best modulus at each nu and mu, shape [NU, MU] [Pa].

@@ -1,4 +1,4 @@
-"""Presses that were left out, predicted by the others; and which press would tell most next."""
+"""Held-out presses predicted by the others, and the next press that would help most."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class HeldOutForce:
 
 
 def predict_held_out(data: Data, fit: GelFit) -> Iterator[HeldOutForce]:
-    """Yield the points of each press as the presses beside it predict them.
+    """Yield the points of each press as the other presses predict them.
 
     Where an indenter has one press alone, the other indenters do. Nothing where too few are left.
     """

@@ -35,7 +35,7 @@ class IndenterPresses:
     Attributes:
         config: Says what is uncertain of indenter, mounting, cell and heights.
         contact_force_n: Force from which depths count [N]; 0 is first touch.
-        found: What the run told of tilt and place.
+        found: Tilt and place that the run gave.
         simulated: A recorded run's devices were emulated.
         press: Number of the press that each point is of, shape [point_count].
         depth_m: Depths [m], likewise, and forces and their noise [N].
@@ -115,7 +115,8 @@ def _refuse(groups: Sequence[IndenterPresses]) -> None:
     count = sum(len(each.force_n) for each in groups)
     if count < POINTS_MIN:
         raise RecordError(
-            f"{count} forces at depths tell no gel", remedy=f"give {POINTS_MIN} or more"
+            f"{count} forces at depths are too few to fit a gel",
+            remedy=f"give {POINTS_MIN} or more",
         )
 
 

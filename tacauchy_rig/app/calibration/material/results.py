@@ -45,7 +45,7 @@ def sensor_text(name: str) -> str:
 
 
 def with_gel(text: str, *, young: Interval, poisson: Interval, source: str) -> str:
-    """Return the file's text with what was told of its gel; what was not stays as it was.
+    """Return the file's text with the fitted values of its gel; what the fit leaves open stays.
 
     Raises:
         ConfigError: It has no line ``young = `` in ``[material]``.
@@ -100,7 +100,7 @@ class DwellTerm:
 
 
 def relaxation_of(folder: Path) -> DwellTerm | None:
-    """Fit all dwells of a run together; None where they tell no relaxation.
+    """Fit all dwells of a run together; None where they show no relaxation.
 
     Raises:
         RecordError: It is no run's folder, or a recording is damaged.
@@ -157,7 +157,7 @@ def draw_valley(fit: GelFit, stem: Path, *, simulated: bool, stated: tuple[float
     """Write ``stem`` as PDF and PNG.
 
     Args:
-        fit: What forces tell.
+        fit: The fitted gel.
         stem: Without a suffix.
         simulated: Whether the presses are emulated.
         stated: Modulus [Pa] and Poisson's ratio of the sensor's file.

@@ -45,7 +45,7 @@ def request_of(
         further: Other fields of the request.
 
     Raises:
-        ConfigError: A folder of images does not tell something, or a run's presses are of no ball.
+        ConfigError: A folder of images lacks something, or a run's presses are of no ball.
         RecordError: No press of the run has an image.
     """
     if run is not None:

@@ -25,7 +25,7 @@ def latency(
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Press once, sway up and down, and tell the delay of force and image against the arm.
+    """Press once, sway up and down, and print the delay of force and image against the arm.
 
     Example: tacauchy-rig calibrate latency rig.toml --json latency.json
     """

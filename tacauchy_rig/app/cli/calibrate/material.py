@@ -44,7 +44,7 @@ def material(
     jobs: Jobs = 1,
     json_file: JsonFile = None,
 ) -> None:
-    """Fit E, nu and friction of a gel to forces at depths, and say what they do not tell.
+    """Fit E, nu and friction of a gel to forces at depths, and say what they leave open.
 
     Example: tacauchy-rig calibrate material runs/ball runs/punch --out my-sensor.toml
     """
@@ -75,14 +75,16 @@ def material(
     fit = free = fit_gel(data)
     if not free.poisson.is_bounded:
         stated = groups[0].inputs.sensor.numbers["material.poisson"]
-        say("Poisson's ratio is not told: for the modulus it is what the sensor's file says")
+        say(
+            "the forces leave Poisson's ratio open: the modulus uses the ratio in the sensor's file"
+        )
         fit = fit_gel(data, prior=(stated.value, stated.uncertainty))
     _show(free, fit)
     left_out = list(predict_held_out(data, free))
     say("left out and predicted: {} of {} within their 95 % interval".format(*held_count(left_out)))
     terms = {str(path): relaxation_of(path) for path in presses if path.is_dir()}
     for path, term in terms.items():
-        say(f"{path}: {term or 'the dwells tell no relaxation'}")
+        say(f"{path}: {term or 'the dwells show no relaxation'}")
     advice = next_presses(data, free)
     for each in advice[:ADVISED]:
         say(f"next: {each}")
@@ -138,9 +140,9 @@ def _written(found: Interval, factor: float, unit: str) -> str:
         None if end is None else f"{end * factor:.4g}{unit}" for end in (found.low, found.high)
     )
     if low is None and high is None:
-        return "not told: any value does as well"
+        return "open: any value fits equally well"
     best = f"{found.best * factor:.4g}{unit}"
     if low is None or high is None:
         side = f"below {high}" if low is None else f"above {low}"
-        return f"not told, only that it is {side} (95 %); best {best}"
+        return f"open, except that it is {side} (95 %); best {best}"
     return f"{best}, 95 % from {low} to {high}"

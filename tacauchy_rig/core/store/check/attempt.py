@@ -222,7 +222,7 @@ def _result_contradictions(attempt: Attempt, record: TrialRecord) -> Iterator[st
 
 
 def judge_events(attempt: Attempt, recording: Recording) -> Criterion:
-    """Say whether journal and recording tell the same of the attempt."""
+    """Say whether journal and recording hold the same events of the attempt."""
     return consistency(
         "recorded_events",
         f"journal.jsonl and {attempt.name}/recording.mcap hold the same events",
@@ -249,7 +249,7 @@ def _event_contradictions(attempt: Attempt, recording: Recording) -> Iterator[st
 
 
 def _until_its_end(events: Sequence[JournalEvent]) -> Sequence[JournalEvent]:
-    """Leave out what is told of an attempt after its recording was closed."""
+    """Leave out events logged after the recording of the attempt was closed."""
     ends = [place for place, event in enumerate(events) if event.name == "attempt-end"]
     return events[: ends[-1] + 1] if ends else events
 

@@ -146,7 +146,7 @@ class JournalReading:
     def store_events(
         self, name: StoreEvent, *, trial: int = 0, attempt: int = 0
     ) -> list[JournalEvent]:
-        """Return the events of a kind that tell of an attempt, or of the whole run."""
+        """Return the events of a kind about an attempt, or about the whole run."""
         wanted = (name, trial, attempt)
         return [e for e in self.events if (e.name, e.trial, e.attempt) == wanted]
 

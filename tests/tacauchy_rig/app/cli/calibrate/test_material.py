@@ -36,8 +36,8 @@ def test_one_ball_from_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     options += ["--sensor", "gelsight-mini", "--noise", "5mN"]
     result = CliRunner().invoke(app, ["calibrate", "material", str(table), *options])
     assert result.exit_code == 0, result.output
-    assert "Poisson's ratio is not told" in result.output
-    assert "Poisson's ratio nu  not told" in result.output
+    assert "the forces leave Poisson's ratio open" in result.output
+    assert "Poisson's ratio nu  open" in result.output
     assert "next: sphere:diameter=10mm would leave" in result.output
     assert "next: sphere:diameter=6mm" not in result.output
     made = load_sensor(str(out))
