@@ -324,9 +324,9 @@ class ReplaySection(Section, ceilings="replay"):
     as it is. ``law`` is the gel's constitutive law, ``friction`` Coulomb's coefficient between
     indenter and gel; with ``relaxation`` a gel relaxes if its file says how. ``indenter``, as
     ``press --indenter`` has it, takes the place of ``[indenter]``: ``mesh:tool.stl,unit=mm`` is one
-    of triangles. ``tilt`` is how far the indenter's axis is tilted towards x and y, ``offset`` where
-    it comes down relative to ``sensor.surface``; with ``pose`` ``found`` the values from moments
-    and images take their place.
+    of triangles. ``tilt`` is that of the indenter's axis towards x and y, ``offset`` where it comes
+    down relative to ``sensor.surface``; with ``pose`` ``found`` the values from moments and images
+    take their place.
     """
 
     force_tolerance: Force = Field(gt=0)
