@@ -133,9 +133,9 @@ def scatter_of(presses: Sequence[tuple[float, float, float]]) -> Scatter:
         ratios = measured / predicted
         line = np.polyval(np.polyfit(predicted, ratios, 1), predicted)
         freedom, squares = len(presses) - 2, float(np.sum((ratios - line) ** 2))
-        basis = f"no repeats: {len(presses)} presses about a line of measured over predicted force"
+        basis = f"no repeats: {len(presses)} ratios of measured to predicted force about a line"
     else:
-        few = f"unknown: {len(presses)} presses; five at one force, or six, tell it"
+        few = f"unknown: {len(presses)} presses; needs five at one force, or six in all"
         return Scatter(relative=None, degrees_of_freedom=None, basis=few)
     return Scatter(
         relative=math.sqrt(squares / freedom), degrees_of_freedom=float(freedom), basis=basis
@@ -193,7 +193,7 @@ def _of_model(
             name="the press's other inputs",
             group=TermGroup.INPUTS,
             value_n=None,
-            basis="unknown: replay the run again, which tries them",
+            basis="unknown: replay the run again to estimate them",
         )
     depth_m = None if trial.record is None else trial.record.depth_measured_m
     for each in inputs:
@@ -226,13 +226,13 @@ def _of_data(
     yield _data(
         "drift of the force cell's zero",
         None if drift is None else _UNIFORM * abs(drift),
-        "not recorded" if drift is None else "unloaded after minus before, at any time of it",
+        "not recorded" if drift is None else "zero after minus before the press, uniform",
     )
     noise = None if record is None else record.force_deviation_n
     yield _data(
         "noise of the force in the dwell",
         noise,
-        "not recorded" if noise is None else "standard deviation of a sample, not of their mean",
+        "not recorded" if noise is None else "standard deviation of one sample, not of the mean",
     )
     rate = None if record is None else record.force_rate_n_s
     yield _data(
@@ -245,8 +245,8 @@ def _of_data(
         scatter.basis,
         scatter.degrees_of_freedom,
     )
-    yield _data("scale of the image", 0.0, "no force at a depth is read off an image")
-    yield _data("light of the image", 0.0, "no force at a depth is read off an image")
+    yield _data("scale of the image", 0.0, "images do not affect the predicted force")
+    yield _data("light of the image", 0.0, "images do not affect the predicted force")
 
 
 def _data(
@@ -279,7 +279,7 @@ def _height(
     if curve is None or record is None or touched_m is None or record.depth_measured_m is None:
         return None, "unknown: no simulated curve to the measured depth"
     if arm is None:
-        return None, "unknown: nobody states how well heights of this arm are known"
+        return None, "unknown: the height uncertainty of this arm is not stated"
     parts_m = [0.5 * touched_m, arm.value]
     if delay is not None and speed is not None:
         parts_m.append(delay.value * speed.value)
@@ -289,8 +289,8 @@ def _height(
         parts_m.append(share * touched_m)
     doubt_m = math.hypot(*parts_m)
     return _stiffness(curve, record.depth_measured_m) * doubt_m, (
-        f"{doubt_m * 1e6:.0f} um of the arm, of noise and delay of the force that calls contact, "
-        f"and half of the simulator's own depth there; arm: {arm.source}"
+        f"{doubt_m * 1e6:.0f} um from arm height, noise and delay of the contact-detection force, "
+        f"and half of the simulated depth at that force; arm: {arm.source}"
     )
 
 

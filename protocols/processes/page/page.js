@@ -9,7 +9,7 @@ const PHASES = {
   "home": "moving to the home position", "tare": "taring the force sensor",
   "reference": "recording the no-contact image", "approach": "approaching the gel",
   "search": "searching for contact", "press": "pressing to the target",
-  "dwell": "holding the force, recording images", "retract": "retracting",
+  "dwell": "holding the force, recording images", "retract": "retracting from the gel",
   "drift-check": "checking the force sensor's drift", "verdict": "judging", "fault": "making the arm safe",
   "ended": "the run has ended", "": "waiting for the run",
 };

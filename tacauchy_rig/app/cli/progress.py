@@ -33,7 +33,7 @@ PHASES = {
     "press": "pressing to the target",
     "dwell": "holding the force, recording images",
     "sway": "going up and down a little to measure delays",
-    "retract": "retracting",
+    "retract": "retracting from the gel",
     "drift-check": "checking the force sensor's drift",
     "verdict": "judging",
     "fault": "making the arm safe",
