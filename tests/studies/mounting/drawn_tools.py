@@ -58,7 +58,7 @@ def find_drawn(seeds: Iterable[int], config: RigConfig, say: Say) -> list[DrawnT
         if fit is None:
             say(f"seed {seed}: {why}")
             continue
-        x, y = fit.lean_rad.tolist()
+        x, y = fit.tilt_rad.tolist()
         doubt_x, doubt_y = fit.uncertainty_rad.tolist()
         tool = DrawnTool(
             seed=seed, true_rad=true, found_rad=(x, y), uncertainty_rad=(doubt_x, doubt_y)
