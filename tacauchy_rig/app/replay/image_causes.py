@@ -21,11 +21,11 @@ from sim.effects.effect_plan import everything
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
-from sim.leaning import can_lean
 from sim.optics.markers.printed_markers import printed_markers
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset
 from sim.sensitivity import COARSE
+from sim.tilt import can_tilt
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
 from tacauchy_rig.app.replay.rendering import image_of
@@ -182,7 +182,7 @@ class _Again:
         yield from self._of_force(by_force)
         self.on_progress("  coarse presses with another Poisson's ratio and other tilts")
         yield from self._of_material(by_force, base)
-        if can_lean(self.inputs.indenter):
+        if can_tilt(self.inputs.indenter):
             yield from self._of_tilt()
         change = {press.index: base[press.index] - press.bare for press in self.presses}
         self.on_progress("  images with other lamps, blur and scale")

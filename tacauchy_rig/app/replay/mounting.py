@@ -15,8 +15,8 @@ from reports.evidence.fits import TRIALS_MIN, TiltFit, fit_modulus, fit_tilt
 from reports.scores.contact import contact_footprint, contact_region, image_change
 from reports.scores.correction import register_changes
 from sim.effects.plan import output_tolerances, plan_effects
-from sim.leaning import can_lean, lean_costs, press_leaning, restoring_moments
 from sim.sensor.camera_geometry import CameraGeometry
+from sim.tilt import can_tilt, press_tilted, restoring_moments, tilt_costs
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.model import ModulusSource, PoseSource, RigConfig, RobotModel
@@ -99,7 +99,7 @@ def tilt_of(
         key=lambda pair: pair[0].force_measured_n or 0.0,
     )
     forces_n = np.array([record.force_measured_n for record, _ in known])
-    if not can_lean(inputs.indenter):
+    if not can_tilt(inputs.indenter):
         return None, "a tilt does not change a ball"
     if len(known) < TRIALS_MIN:
         return None, f"{len(known)} presses carry moments; at least {TRIALS_MIN} are needed"
@@ -156,9 +156,9 @@ def tilted_curve(curve: ForceDepthCurve | None, inputs: ReplayInputs) -> ForceDe
     if curve is None:
         return None
     forces_n = np.unique(curve.force_n[curve.force_n > 0.0]).tolist()
-    scene, lean_rad = inputs.scene(forces_n), math.hypot(*inputs.tilt_rad)
-    even, leaning = (np.array(press_leaning(scene, forces_n, by).history) for by in (0.0, lean_rad))
-    extra_m = np.concatenate([[0.0], leaning[:, 0] - even[:, 0]])
+    scene, tilt_rad = inputs.scene(forces_n), math.hypot(*inputs.tilt_rad)
+    even, tilted = (np.array(press_tilted(scene, forces_n, by).history) for by in (0.0, tilt_rad))
+    extra_m = np.concatenate([[0.0], tilted[:, 0] - even[:, 0]])
     shift_m = np.interp(curve.force_n, [0.0, *forces_n], extra_m)
     return replace(curve, depth_m=curve.depth_m + shift_m)
 
@@ -184,12 +184,12 @@ def _about_tip(wrenches: FloatArray, config: RigConfig) -> tuple[FloatArray, Flo
 
 
 def _planned(
-    inputs: ReplayInputs, forces_n: Sequence[float], lean_rad: float, found: str
+    inputs: ReplayInputs, forces_n: Sequence[float], tilt_rad: float, found: str
 ) -> dict[str, Any]:
     """Return whether a tilt is simulated: as for effects, the error of leaving it out is tried."""
     scene = inputs.scene(forces_n)
     try:
-        costs = lean_costs(scene, max(forces_n), lean_rad)
+        costs = tilt_costs(scene, max(forces_n), tilt_rad)
     except RigError as error:
         return _row(True, f"{found}; simulated because a coarse press failed: {error.message}")
     plan, allowed = plan_effects(inputs.upright.scene(forces_n)), output_tolerances(scene)

@@ -12,11 +12,11 @@ from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 
-from sim.leaning import can_lean
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 from sim.scene.pad import BoxPad, SurfacePad
 from sim.scene.scene import Scene
 from sim.sensitivity import COARSE, FINER, forces_at
+from sim.tilt import can_tilt
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.model import RigConfig
@@ -246,7 +246,7 @@ def _of_mounting(
     def moved(by: float) -> ReplayInputs:
         return inputs.moved((by, 0.0))
 
-    if can_lean(inputs.indenter):
+    if can_tilt(inputs.indenter):
         stated = _of_found(found, "lean towards", stated_uncertainty(config, "tilt"))
         size = math.hypot(*inputs.tilt_rad)
         yield Variation("tilt of the indenter", size, "rad", stated, tilted, aside=True)

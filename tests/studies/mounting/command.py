@@ -34,7 +34,7 @@ def mounting_check(
     from tacauchy_rig.app.cli.emulation import emulated_calibration
     from tacauchy_rig.app.replay.opening import open_run
     from tacauchy_rig.core.page import page
-    from tests.studies.mounting.drawn_tools import find_drawn, lean_ratio, lean_table
+    from tests.studies.mounting.drawn_tools import find_drawn, tilt_ratio, tilt_table
     from tests.studies.verdict.bench import bench_of
     from tests.studies.verdict.mounting import residual_table, residuals_of
 
@@ -43,7 +43,7 @@ def mounting_check(
     tools = find_drawn(range(seed, seed + drawn), config, say)
     calibrate = emulated_calibration(run.store)
     bench = bench_of(run, preset=preset, calibrate=calibrate, on_progress=say)
-    residuals, leans = residual_table(residuals_of(bench, say)), lean_table(tools)
+    residuals, leans = residual_table(residuals_of(bench, say)), tilt_table(tools)
     for table in (residuals, leans):
         show_table(table)
     lean = ", ".join(f"{math.degrees(angle):.2f} deg" for angle in bench.inputs.tilt_rad)
@@ -59,7 +59,7 @@ def mounting_check(
         "drawn": leans,
         "drawn_count": drawn,
         "seed": seed,
-        "ratio": lean_ratio(tools),
+        "ratio": tilt_ratio(tools),
     }
     write_text(out, page("tests.studies.verdict", "mounting_check.md.jinja", facts))
     write_json(json_file, {"residuals": residuals, "leans": leans})

@@ -68,7 +68,7 @@ def find_drawn(seeds: Iterable[int], config: RigConfig, say: Say) -> list[DrawnT
     return found
 
 
-def lean_table(tools: Sequence[DrawnTool]) -> Table:
+def tilt_table(tools: Sequence[DrawnTool]) -> Table:
     """Return a row for each tool."""
     within = sum(tool.off <= TAKEN_FROM for tool in tools)
     return table_of(
@@ -86,7 +86,7 @@ def lean_table(tools: Sequence[DrawnTool]) -> Table:
     )
 
 
-def lean_ratio(tools: Sequence[DrawnTool]) -> str:
+def tilt_ratio(tools: Sequence[DrawnTool]) -> str:
     """Return how much of a clear lean is found, in words."""
     ratios = [
         float(np.dot(tool.found_rad, tool.true_rad) / np.dot(tool.true_rad, tool.true_rad))
@@ -98,14 +98,14 @@ def lean_ratio(tools: Sequence[DrawnTool]) -> str:
     return f"{np.mean(ratios):.2f} in the mean, {min(ratios):.2f} to {max(ratios):.2f}"
 
 
-def drawn_dwells(seed: int, lean_rad: tuple[float, float], config: RigConfig) -> list[Dwell]:
+def drawn_dwells(seed: int, tilt_rad: tuple[float, float], config: RigConfig) -> list[Dwell]:
     """Return the held presses of a world as its cell reads them."""
     inputs, emulated = inputs_of(config), config.emulation
     truth = draw_truth(
         seed,
         unit=emulated_unit(inputs.sensor),
         friction=emulated.friction,
-        tilt_rad=lean_rad,
+        tilt_rad=tilt_rad,
     )
     tip = CylinderTip(diameter_m=config.indenter.diameter, fillet_m=config.indenter.fillet)
     plant = Plant(truth, tip, config.sensor.surface)

@@ -32,20 +32,20 @@ def configured(*overrides: str) -> RigConfig:
     return load_config(overrides=overrides).config
 
 
-def test_a_lean_that_costs_too_much_is_simulated() -> None:
+def test_a_tilt_that_costs_too_much_is_simulated() -> None:
     """A degree, in an emulated world of another gel, arm and noise, is found and switched on."""
     config = configured()
     found = with_found_tilt(
         drawn_dwells(21, (0.8 * DEGREE, -0.6 * DEGREE), config), inputs_of(config), config
     )
-    lean = np.array(found.inputs.tilt_rad)
+    tilt = np.array(found.inputs.tilt_rad)
     doubt = np.array([value.uncertainty for value in found.values])
-    assert np.all(np.abs(lean - np.array([0.8, -0.6]) * DEGREE) < 2.5 * doubt)
+    assert np.all(np.abs(tilt - np.array([0.8, -0.6]) * DEGREE) < 2.5 * doubt)
     assert np.all(doubt < 0.25 * DEGREE)
     (row,) = found.effects
     assert row["on"]
     assert "image would be" in row["reason"]
-    assert found.inputs.scene([2.0]).motion.tilt_rad == (-lean[1], lean[0])
+    assert found.inputs.scene([2.0]).motion.tilt_rad == (-tilt[1], tilt[0])
 
 
 def test_an_upright_tool_stays_upright() -> None:
@@ -60,7 +60,7 @@ def test_an_upright_tool_stays_upright() -> None:
     assert not found.effects[0]["on"]
 
 
-def test_a_lean_that_changes_nothing_asked_for_is_left_out() -> None:
+def test_a_tilt_that_changes_nothing_asked_for_is_left_out() -> None:
     """Preset fast allows an image to be 10 % off: a degree is found, and left out."""
     config = configured(FAST)
     found = with_found_tilt(drawn_dwells(21, (DEGREE, 0.0), config), inputs_of(config), config)
@@ -89,7 +89,7 @@ def test_what_tells_no_tilt_says_why(overrides: tuple[str, ...], kept: slice, wh
 
 
 def test_moments_are_taken_about_the_tip() -> None:
-    """A side force at the tip is no lean, however far the cell's point is from it."""
+    """A side force at the tip is no tilt, however far the cell's point is from it."""
     config = configured('force_sensor.to_tip="80 mm"')
     dwells = drawn_dwells(21, (0.8 * DEGREE, -0.6 * DEGREE), configured())
     near, _ = tilt_of(dwells, inputs_of(config), configured())
@@ -97,7 +97,7 @@ def test_moments_are_taken_about_the_tip() -> None:
     far, _ = tilt_of(moved_dwells, inputs_of(config), config)
     assert near is not None
     assert far is not None
-    assert far.lean_rad == pytest.approx(near.lean_rad, abs=0.05 * DEGREE)
+    assert far.tilt_rad == pytest.approx(near.tilt_rad, abs=0.05 * DEGREE)
     # Cross talk of half a per cent would be 0.4 mm on that lever.
     assert far.arm_m == pytest.approx(near.arm_m, abs=2e-5)
 
@@ -121,8 +121,8 @@ def test_a_stated_pose_is_taken_as_it_is() -> None:
     assert found.values == found.effects == ()
 
 
-def test_a_lean_begins_deeper() -> None:
-    """Depth counts from the first touch, which a leaning face has off the middle of the dome."""
+def test_a_tilt_begins_deeper() -> None:
+    """Depth counts from the first touch, which a tilted face has off the middle of the dome."""
     config = configured('replay.tilt=["1 deg", "0 deg"]')
     curve = ForceDepthCurve(depth_m=np.array([0.0, 2e-4, 4e-4]), force_n=np.array([0.0, 1.2, 2.5]))
     shifted = tilted_curve(curve, inputs_of(config))

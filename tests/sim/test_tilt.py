@@ -1,4 +1,4 @@
-"""How coarse presses answer a lean."""
+"""Coarse presses with a tilted indenter."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from sim.leaning import can_lean, lean_costs, press_leaning, restoring_moments
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.scene import Output, Scene
 from sim.sensor.sensor import load_sensor
+from sim.tilt import can_tilt, press_tilted, restoring_moments, tilt_costs
 
 RADIUS_M = 2.5e-3
 
@@ -36,21 +36,21 @@ def test_the_moment_turns_the_tool_upright(scene: Scene) -> None:
     assert moments == pytest.approx([12.9e-3, 14.1e-3], rel=0.12)
 
 
-def test_a_lean_to_the_other_side_is_the_mirror_image(scene: Scene) -> None:
+def test_a_tilt_to_the_other_side_is_the_mirror_image(scene: Scene) -> None:
     """Same depth, opposite moment."""
-    there, back = (press_leaning(scene, [2.0], sign * 0.01) for sign in (1.0, -1.0))
+    there, back = (press_tilted(scene, [2.0], sign * 0.01) for sign in (1.0, -1.0))
     assert there.moments_nm == pytest.approx(-back.moments_nm, rel=1e-3)
     assert there.history[0][0] == pytest.approx(back.history[0][0], rel=1e-6)
 
 
-def test_a_greater_lean_costs_more(scene: Scene) -> None:
+def test_a_greater_tilt_costs_more(scene: Scene) -> None:
     """A tenth of a degree is within the preset's tolerance of the image, a degree is not."""
-    small, large = (lean_costs(scene, 3.0, math.radians(lean)) for lean in (0.1, 1.0))
+    small, large = (tilt_costs(scene, 3.0, math.radians(tilt)) for tilt in (0.1, 1.0))
     assert small[Output.IMAGE] < 0.02 < 0.04 < large[Output.IMAGE]
     assert set(large) == set(Output)
 
 
-def test_a_ball_has_no_lean() -> None:
+def test_a_ball_has_no_tilt() -> None:
     """It looks alike from all sides."""
-    assert not can_lean(Sphere(diameter_m=8e-3))
-    assert can_lean(Cylinder(diameter_m=5e-3))
+    assert not can_tilt(Sphere(diameter_m=8e-3))
+    assert can_tilt(Cylinder(diameter_m=5e-3))

@@ -1,4 +1,8 @@
-"""How a press answers an indenter that leans: coarse presses of the very scene."""
+"""The response of a press to a tilt of the indenter, from coarse presses of the same scene.
+
+A tilt towards x is positive where the axis, from the tip upwards, points towards +x: a rotation by
+the same angle about +y. One towards y is a rotation by minus that angle about x.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +28,12 @@ _IN_TIME = (Effect.INERTIA, Effect.GRAVITY)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LeaningPress:
-    """A coarse press with an indenter that leans towards x.
+class TiltedPress:
+    """A coarse press with an indenter that is tilted towards x.
 
     Attributes:
         history: (depth [m], force [N]) of every force.
-        moments_nm: On the indenter about its tip, against the lean [N m], of every force.
+        moments_nm: On the indenter about its tip, against the tilt [N m], of every force.
         outputs: At the largest force.
     """
 
@@ -38,67 +42,67 @@ class LeaningPress:
     outputs: PressOutputs
 
 
-def can_lean(indenter: Indenter) -> bool:
-    """Return whether a lean changes anything: a ball looks alike from all sides."""
+def can_tilt(indenter: Indenter) -> bool:
+    """Return whether a tilt changes a press: that of a ball it does not."""
     return not isinstance(indenter, Sphere)
 
 
-def press_leaning(
-    scene: Scene, forces_n: Sequence[float], lean_rad: float, *, refinement: float = _FINER
-) -> LeaningPress:
-    """Press coarsely with an indenter that leans towards x [rad], to rising forces [N].
+def press_tilted(
+    scene: Scene, forces_n: Sequence[float], tilt_rad: float, *, refinement: float = _FINER
+) -> TiltedPress:
+    """Press coarsely with an indenter that is tilted towards x [rad], to rising forces [N].
 
     Raises:
         RigError: It cannot be meshed or solved.
     """
     plan = plan_effects(scene)
     negligible = {effect: False for effect in _IN_TIME if not plan.is_on(effect)}
-    leaning = replace(
+    tilted = replace(
         scene,
-        motion=Motion(tilt_rad=(0.0, lean_rad)),
+        motion=Motion(tilt_rad=(0.0, tilt_rad)),
         centre_m=(0.0, 0.0),
         preset=_PRESET,
         refinement=refinement,
         effects=tuple({**dict(scene.effects), **negligible}.items()),
     )
-    path = path_for(leaning, everything(leaning))
+    path = path_for(tilted, everything(tilted))
     history, moments = [], []
     for force_n in forces_n:
         point = path.push(force_n)
         history.append((point.depth_m, float(point.force_n[2])))
         moments.append(-float(contact_measures(path, point).moment_nm[1]))
-    return LeaningPress(
+    return TiltedPress(
         history=tuple(history), moments_nm=np.array(moments), outputs=outputs_of(path, point)
     )
 
 
 def restoring_moments(
-    scene: Scene, forces_n: Sequence[float], lean_rad: float
-) -> tuple[FloatArray, LeaningPress]:
-    """Return the moment against a lean of one radian at rising forces [N m], and one press for it.
+    scene: Scene, forces_n: Sequence[float], tilt_rad: float
+) -> tuple[FloatArray, TiltedPress]:
+    """Return the moment against a tilt of one radian at rising forces [N m], and one press for it.
 
     Raises:
         RigError: It cannot be meshed or solved.
     """
-    felt = replace(scene, outputs=frozenset({Output.FORCE}))
+    force_only = replace(scene, outputs=frozenset({Output.FORCE}))
     fine, coarse = (
-        press_leaning(felt, forces_n, lean_rad, refinement=by) for by in (_FINER, _COARSER)
+        press_tilted(force_only, forces_n, tilt_rad, refinement=by) for by in (_FINER, _COARSER)
     )
     share = (1.0 / _FINER) / (1.0 / _COARSER - 1.0 / _FINER)
     # The mean alone: from force to force the coarser ones go up and down by some per cent.
     too_stiff = share * (coarse.moments_nm.mean() / fine.moments_nm.mean() - 1.0)
-    return (1.0 - too_stiff) * fine.moments_nm / lean_rad, fine
+    return (1.0 - too_stiff) * fine.moments_nm / tilt_rad, fine
 
 
-def lean_costs(scene: Scene, force_n: float, lean_rad: float) -> dict[Output, float]:
-    """Return the relative error of every output that is asked for if a lean is left out.
+def tilt_costs(scene: Scene, force_n: float, tilt_rad: float) -> dict[Output, float]:
+    """Return the relative error of every output that is asked for if a tilt is left out.
 
-    Two presses that lean to either side have one mesh; they are twice as far apart as each is from
+    Two presses tilted to either side have one mesh; their difference is twice that of each from
     an upright one.
 
     Raises:
         RigError: It cannot be meshed or solved.
     """
-    there, back = (press_leaning(scene, [force_n], sign * lean_rad) for sign in (1.0, -1.0))
+    there, back = (press_tilted(scene, [force_n], sign * tilt_rad) for sign in (1.0, -1.0))
     apart = there.outputs.differences(back.outputs)
     return {output: 0.5 * apart[output] for output in output_tolerances(scene)}
