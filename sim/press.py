@@ -1,4 +1,4 @@
-"""One simulated press: a scene in; forces, contact and what they are worth out."""
+"""One simulated press: from a scene to forces, contact and their estimated errors."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class PressResult:
 def press(
     scene: Scene, *, model: Model | None = None, device: str = "cpu", estimate_error: bool = False
 ) -> PressResult:
-    """Press as a scene asks; if asked, on longer edges too, to say what the outputs are worth.
+    """Press as a scene asks; if asked, also on longer edges to estimate the outputs' errors.
 
     Raises:
         ConvergenceError: No equilibrium, or the force cannot be reached.
@@ -103,11 +103,11 @@ def press(
     wall = {"setup": time.perf_counter() - started}
     point = follow(scene, path)
     wall["solve"] = path.counts.wall_s
-    worth, started = NOT_ASKED, time.perf_counter()
+    error, started = NOT_ASKED, time.perf_counter()
     if estimate_error:
-        worth = estimated(scene, plan, outputs_of(path, point))
+        error = estimated(scene, plan, outputs_of(path, point))
         wall["estimate"] = time.perf_counter() - started
-    return measure(scene, path, point, plan=plan, wall_s=wall, worth=worth)
+    return measure(scene, path, point, plan=plan, wall_s=wall, error=error)
 
 
 def measure(
@@ -117,7 +117,7 @@ def measure(
     *,
     plan: EffectPlan,
     wall_s: dict[str, float],
-    worth: ErrorEstimate = NOT_ASKED,
+    error: ErrorEstimate = NOT_ASKED,
 ) -> PressResult:
     """Evaluate an equilibrium."""
     model = path.model
@@ -148,12 +148,12 @@ def measure(
         tet_count=len(model.elements),
         mesh=model.mesh.name,
         mesh_hash=model.mesh.content_hash,
-        estimated_force_error_relative=worth.force,
-        estimated_force_error_basis=worth.basis,
-        estimated_errors={output.value: error for output, error in worth.relative.items()},
+        estimated_force_error_relative=error.force,
+        estimated_force_error_basis=error.basis,
+        estimated_errors={output.value: relative for output, relative in error.relative.items()},
         effects=plan.as_json(),
         preset=str(setting_of(scene)),
-        alternatives=alternatives(scene, worth.force, wall_s=sum(wall_s.values())),
+        alternatives=alternatives(scene, error.force, wall_s=sum(wall_s.values())),
         model=model,
         point=point,
     )

@@ -1,10 +1,16 @@
-"""Replay of a run's measured forces on one model, one loading path for all of them."""
+"""Replay of a run's measured forces on one model, one loading path for all of them.
+
+A law's energy, the contact's and friction's all scale with Young's modulus: at k times the force, a
+gel k times as stiff is deformed as the other one was. So one loading path of a reference gel gives
+depths, from these the gel's modulus, and the stiffer gel is pressed on from the states of that path
+with a step to each force.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from sim.effects.coarse import CoarsePath
 from sim.effects.effect_plan import EffectPlan
@@ -13,7 +19,12 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.error.estimate import ErrorEstimate, estimate_from, estimated, failed, rung
 from sim.error.tolerance import Tolerance, alternatives, setting_of
-from sim.fields.press_fields import PassedStates, TrialFields, passed_state, trial_fields
+from sim.fields.press_fields import (
+    IntermediateStates,
+    TrialFields,
+    intermediate_state,
+    trial_fields,
+)
 from sim.mesh.elements import ElementOrder
 from sim.press import measure
 from sim.scene.indenter import Indenter, describe
@@ -22,10 +33,99 @@ from sim.sensor.sensor import Sensor
 from sim.solve.force_search import ForceMatch, find_force, push_to_force
 from sim.solve.loading_path import LoadingPath
 from sim.solve.path_point import PathPoint
-from sim.walk import Walk
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import Replay, ReplayLayer, ReplayModel, ReplayTrial
 from tacauchy_rig.core.versions import installed
+
+History = tuple[tuple[float, float], ...]
+"""(depth [m], F_z [N])."""
+# Of a force: so much at least is left to be pushed.
+_FORCE_LEFT_SHARE = 1e-3
+_PATH_DEPENDENT = (Effect.GRAVITY, Effect.INERTIA, Effect.VISCOELASTICITY)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReferencePath:
+    """The loading path of a reference gel to some forces.
+
+    Attributes:
+        history: Along the path; of a gel that relaxes, which is pressed anew for each force, at
+            the forces only.
+        took_s: Time by the wall or the processor's, whichever is less [s]: others may have worked.
+    """
+
+    scene: Scene
+    plan: EffectPlan
+    path: LoadingPath
+    history: History
+    took_s: float
+
+    def is_usable_for(self, scene: Scene, plan: EffectPlan) -> bool:
+        """Return whether a press of another stiffness may continue from states of this path."""
+        return (
+            scene.drive is Drive.LOAD
+            and setting_of(scene) == setting_of(self.scene)
+            and plan.switches == self.plan.switches
+            and not path_depends_on_modulus(plan)
+        )
+
+    def continue_to(
+        self, path: LoadingPath, force_n: float, *, stiffer: float, above_n: float
+    ) -> ForceMatch:
+        """Push a stiffer gel's path to a force [N], from the state of this one next below it.
+
+        Args:
+            path: ``stiffer`` of this one's.
+            above_n: The force before [N]; the match reports the states between.
+
+        Raises:
+            ConvergenceError: The force was not reached.
+        """
+        start = self._state_below(force_n / stiffer)
+        taken = None if start is None else path.taken_over(start, stiffer=stiffer)
+        match = push_to_force(path, force_n, start=taken)
+        curve = ((depth, stiffer * force) for depth, force in self.history)
+        passed = tuple(each for each in curve if above_n < each[1] < force_n)
+        return replace(match, history=passed + match.history[-1:])
+
+    def _state_below(self, force_n: float) -> PathPoint | None:
+        # Starting at the force itself would leave a step of the size of rounding errors.
+        most_n = (1.0 - _FORCE_LEFT_SHARE) * force_n
+        known = [point for point in self.path.points if 0.0 < point.force_n[2] <= most_n]
+        return max(known, key=lambda point: float(point.force_n[2]), default=None)
+
+
+def path_depends_on_modulus(plan: EffectPlan) -> bool:
+    """Return whether a stiffer gel, or another duration, changes the loading path."""
+    return any(plan.is_on(effect) for effect in _PATH_DEPENDENT)
+
+
+def reference_path(scene: Scene, forces_n: Sequence[float], *, keep_states: bool) -> ReferencePath:
+    """Press a scene's indenter to the largest of some forces [N], without fields.
+
+    Args:
+        scene: As ``replay_scene`` makes it.
+        keep_states: Take the steps of a replay and keep all states. Else steps are as long as the
+            force allows, without the limits for shear and markers.
+
+    Raises:
+        ConvergenceError: A force cannot be reached.
+    """
+    started, plan = (time.perf_counter(), time.process_time()), plan_effects(scene)
+    if not keep_states:
+        scene = replace(scene, outputs=frozenset({Output.FORCE}))
+    relaxes = plan.is_on(Effect.VISCOELASTICITY)
+    path = path_for(scene, plan, keeps_all=keep_states and not relaxes)
+    history: History = ()
+    if not relaxes:
+        history = push_to_force(path, max(forces_n)).history
+    # Before its end a gel that relaxes is pressed more quickly than at its end.
+    for force_n in sorted(forces_n) if relaxes else ():
+        path = path_for(scene, plan, model=path.model)
+        history += push_to_force(path, force_n, duration_s=scene.duration_s).history[-1:]
+    took_s = min(time.perf_counter() - started[0], time.process_time() - started[1])
+    return ReferencePath(scene=scene, plan=plan, path=path, history=history, took_s=took_s)
+
 
 Progress = Callable[[int, str], None]
 
@@ -74,7 +174,7 @@ def replay_forces(
     tolerance: Tolerance | None = None,
     on_progress: Progress | None = None,
     name: str = "force-matched",
-    walk: Walk | None = None,
+    reference: ReferencePath | None = None,
     stiffer: float = 1.0,
 ) -> tuple[Replay, list[TrialFields]]:
     """Press until F_z agrees with each measured force, the smallest first, on one path.
@@ -89,8 +189,8 @@ def replay_forces(
         forces_n: Measured pressing forces [N] in the order of the trials, in any order of size.
         tolerance: What the scene's preset was chosen by, for the record.
         on_progress: Called with the trial's number (from 1) and a line of text.
-        walk: A walk to these forces with another gel: where it serves, each force is gone on to
-            from there.
+        reference: Another gel's loading path to these forces: where it is usable, each force is
+            reached from its states.
         stiffer: How many times as stiff as that gel this one is.
 
     Returns:
@@ -102,34 +202,34 @@ def replay_forces(
     say = on_progress or (lambda _index, _text: None)
     started = time.perf_counter()
     plan = plan_effects(scene)
-    if walk is not None and not walk.serves(scene, plan):
-        walk = None
+    if reference is not None and not reference.is_usable_for(scene, plan):
+        reference = None
     largest_n = max(forces_n, default=0.0)
-    if walk is None:
+    if reference is None:
         path = path_for(scene, plan, keeps_all=True)
-        passed = PassedStates(path, largest_n)
+        passed = IntermediateStates(path, largest_n)
     else:
-        path = walk.path.stiffer(stiffer)
-        passed = PassedStates(walk.path, largest_n, stiffer=stiffer)
-    worth, last_n = _Worth(scene, plan), 0.0
+        path = reference.path.stiffer(stiffer)
+        passed = IntermediateStates(reference.path, largest_n, stiffer=stiffer)
+    errors, last_n = _StatedErrors(scene, plan), 0.0
     trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
     for position in sorted(range(len(forces_n)), key=lambda k: forces_n[k]):
         if plan.is_on(Effect.VISCOELASTICITY):
             path = path_for(scene, plan, model=path.model, keeps_all=True)
-            passed = PassedStates(path, forces_n[position])
+            passed = IntermediateStates(path, forces_n[position])
         force_n, solving = forces_n[position], time.perf_counter()
-        if walk is None:
+        if reference is None:
             match = _met(scene, plan, path, force_n)
         else:
-            match = walk.on_from(path, force_n, stiffer=stiffer, above_n=last_n)
+            match = reference.continue_to(path, force_n, stiffer=stiffer, above_n=last_n)
         solve_s, last_n = time.perf_counter() - solving, force_n
-        done, fields = _trial(scene, plan, path, worth, (position, force_n), match, solve_s)
-        way = (*passed.before(done.force_simulated_n), passed_state(path, match.point))
-        trials[position] = done, replace(fields, passed=way)
+        done, fields = _trial(scene, plan, path, errors, (position, force_n), match, solve_s)
+        states = (*passed.before(done.force_simulated_n), intermediate_state(path, match.point))
+        trials[position] = done, replace(fields, intermediate=states)
         say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")
     ordered = [trials[position] for position in range(len(forces_n))]
     replayed = tuple(trial for trial, _ in ordered)
-    wall_s = time.perf_counter() - started + (0.0 if walk is None else walk.took_s)
+    wall_s = time.perf_counter() - started + (0.0 if reference is None else reference.took_s)
     replay = Replay(
         name=name,
         trials=replayed,
@@ -139,28 +239,28 @@ def replay_forces(
     return replay, [fields for _, fields in ordered]
 
 
-class _Worth:
-    """What the points of a path are worth, from the same path on longer edges beside it."""
+class _StatedErrors:
+    """Errors of the points of a path, estimated from the same path on longer edges."""
 
     def __init__(self, scene: Scene, plan: EffectPlan) -> None:
         self._scene, self._plan = scene, plan
-        self._beside: CoarsePath | RigError
+        self._coarser: CoarsePath | RigError
         try:
-            self._beside = CoarsePath(*rung(scene, plan))
+            self._coarser = CoarsePath(*rung(scene, plan))
         except RigError as error:
-            self._beside = error
+            self._coarser = error
 
     def of(self, path: LoadingPath, point: PathPoint) -> ErrorEstimate:
         """Push the other path with a point's force; forces do not fall from call to call."""
         if self._plan.is_on(Effect.VISCOELASTICITY):
             alone = replace(self._scene, target=Target(force_n=float(point.force_n[2])))
             return estimated(alone, self._plan, outputs_of(path, point))
-        if isinstance(self._beside, RigError):
-            return failed(self._beside)
+        if isinstance(self._coarser, RigError):
+            return failed(self._coarser)
         try:
-            coarse = self._beside.push(float(point.force_n[2]))
+            coarse = self._coarser.push(float(point.force_n[2]))
         except RigError as error:
-            self._beside = error
+            self._coarser = error
             return failed(error)
         return estimate_from(self._scene, self._plan, outputs_of(path, point), coarse)
 
@@ -169,7 +269,7 @@ def _met(scene: Scene, plan: EffectPlan, path: LoadingPath, force_n: float) -> F
     """Go on to a force [N] in the way that the scene is driven."""
     if plan.is_on(Effect.VISCOELASTICITY):
         match = push_to_force(path, force_n, duration_s=scene.duration_s)
-        # On its way a gel that relaxes is pressed quicker than at its end.
+        # Before its end a gel that relaxes is pressed more quickly than at its end.
         return replace(match, history=match.history[-1:])
     if scene.drive is Drive.LOAD:
         return push_to_force(path, force_n)
@@ -180,7 +280,7 @@ def _trial(
     scene: Scene,
     plan: EffectPlan,
     path: LoadingPath,
-    worth: _Worth,
+    errors: _StatedErrors,
     asked: tuple[int, float],
     match: ForceMatch,
     solve_s: float,
@@ -190,9 +290,9 @@ def _trial(
     fields = trial_fields(path, match.point)
     wall = {"solve_s": solve_s, "fields_s": time.perf_counter() - solved}
     estimated = time.perf_counter()
-    error = worth.of(path, match.point)
+    error = errors.of(path, match.point)
     wall["estimate_s"] = time.perf_counter() - estimated
-    result = measure(scene, path, match.point, plan=plan, wall_s=wall, worth=error)
+    result = measure(scene, path, match.point, plan=plan, wall_s=wall, error=error)
     trial = ReplayTrial(
         index=position + 1,
         force_measured_n=force_n,

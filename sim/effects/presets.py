@@ -25,7 +25,7 @@ from sim.solve.model import Model
 
 PAPER_SIZING = WildSizing()
 _SLOPE_MAX = 0.75
-# Of an edge at a sharp rim, and of the depth: the radius that the rim is felt with. A mesh follows
+# Of an edge at a sharp rim, and of the depth: radius that the rim is given. A mesh follows
 # no corner, and what it catches of one hangs on chance. F_z of the 5 mm punch in a GelSight Mini,
 # 0.5 mm deep, on edges 0.9, 1 and 1.1 times as short as preset balanced's, is 3.11, 3.08 and 3.12 N
 # without, 2.99, 3.01 and 2.98 N with a quarter of an edge, and tends to 2.986 N. A 3 mm punch slid
@@ -223,8 +223,8 @@ def finest_edge_m(scene: Scene) -> float:
     return _grading(scene, _resolution(scene)).size_m
 
 
-def felt_indenter(scene: Scene, *, refinement: float = 1.0) -> Indenter:
-    """Return an indenter as its mesh can feel it: a sharp rim is rounded by a share of an edge.
+def regularised_indenter(scene: Scene, *, refinement: float = 1.0) -> Indenter:
+    """Return the mesh-regularised indenter: a sharp rim is rounded by a share of an edge.
 
     Args:
         refinement: Every edge is this many times shorter.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.estimates import expected_depth
-from sim.effects.presets import build_model, felt_indenter
+from sim.effects.presets import build_model, regularised_indenter
 from sim.material.elastic_body import densities_of
 from sim.scene.indenter import tilted
 from sim.scene.scene import ContactMode, Drive, Effect, Output, Scene
@@ -22,8 +22,8 @@ _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-5, 1e-3
 # times shorter: three balls' shear with mu 0.5 is 0.8 to 2.0 % of the pressure off, with steps 4
 # times shorter 0.2 to 0.6 %, for 1.3 to 1.8 times the time (against 8 times shorter ones). The
 # image of a bonded punch 0.2 mm deep is 3.1 % off that in 60 steps, with 4 times shorter 0.2 %.
-_OF_THE_WAY = {Output.SHEAR, Output.MARKERS}
-_WAY_STEPS = 4.0
+_PATH_DEPENDENT = {Output.SHEAR, Output.MARKERS}
+_PATH_DEPENDENT_STEPS = 4.0
 # So many steps at least, and as many as this over the tolerance. Gel under a ball 2 % deep moves
 # otherwise by 18 % in two steps than in sixty, by 4 % in ten and by 1.4 % in twenty.
 _STEPS_LEAST, _STEPS_BY_TOLERANCE = 10.0, 0.6
@@ -56,7 +56,7 @@ def path_for(
     step_s = scene.duration_s / TIME_STEPS
     return LoadingPath(
         model,
-        felt_indenter(scene, refinement=refinement),
+        regularised_indenter(scene, refinement=refinement),
         scene.centre_m,
         rotation=tilted(*scene.motion.tilt_rad),
         step_max_m=_longest_step(scene, plan, height_m=model.height_m),
@@ -69,13 +69,13 @@ def path_for(
 
 def _longest_step(scene: Scene, plan: EffectPlan, *, height_m: float) -> float:
     """Return how far the indenter goes in a step at most [m]."""
-    longest, asked = STEP_SHARE * height_m, _OF_THE_WAY & scene.outputs
+    longest, asked = STEP_SHARE * height_m, _PATH_DEPENDENT & scene.outputs
     holds = scene.contact is ContactMode.BONDED or plan.is_on(Effect.FRICTION)
     if not asked or not holds:
         return longest
     closest = min(plan.tolerances.get(output, 1.0) for output in asked)
     steps = max(_STEPS_LEAST, _STEPS_BY_TOLERANCE / closest)
-    return min(longest / _WAY_STEPS, expected_depth(scene) / steps)
+    return min(longest / _PATH_DEPENDENT_STEPS, expected_depth(scene) / steps)
 
 
 def _options(scene: Scene) -> SolverOptions:

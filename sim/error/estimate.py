@@ -1,4 +1,4 @@
-"""What a press is worth, from the same press on longer edges.
+"""Estimated errors of a press, from the same press on longer edges.
 
 Where an output changes by d when every edge becomes twice as long, and its error falls with the
 edge length to the power of two, a third of d is left (Richardson 1911; as an uncertainty with a
@@ -59,13 +59,13 @@ _FINER: _Rule = {
 _FINER_RIM: _Rule = {**_FINER, Output.PRESSURE: (1.25, 0.125, 0.0)}
 # Linear tetrahedra lock on coarser meshes too, and preset paper has but one: they are held against
 # preset fast's quadratic ones on edges a third longer, which err by this much in one of ten.
-_BESIDE_LINEAR, _BESIDE_ERROR = 0.75, 0.12
+_LINEAR_RATIO, _LINEAR_ERROR = 0.75, 0.12
 _OF_THE_MESH = {Effect.SYMMETRY, Effect.LOCKING_FREE_ELEMENT}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorEstimate:
-    """What a press is worth.
+    """Estimated errors of a press.
 
     Attributes:
         relative: Relative error of each output; of shear over the pressure. Empty where nothing is
@@ -89,12 +89,12 @@ def rung(scene: Scene, plan: EffectPlan) -> tuple[Scene, EffectPlan, float]:
     if plan.is_on(Effect.LOCKING_FREE_ELEMENT):
         return scene, plan, RUNGS[scene.preset][-1]
     kept = tuple((effect, on) for effect, on in plan.switches if effect not in _OF_THE_MESH)
-    beside = replace(scene, preset=Preset.FAST, refinement=1.0, effects=kept)
-    return beside, everything(beside), _BESIDE_LINEAR
+    on_fast = replace(scene, preset=Preset.FAST, refinement=1.0, effects=kept)
+    return on_fast, everything(on_fast), _LINEAR_RATIO
 
 
 def estimated(scene: Scene, plan: EffectPlan, found: PressOutputs) -> ErrorEstimate:
-    """Press a scene on longer edges and say what the outputs of a press are worth."""
+    """Press a scene on longer edges and estimate the errors of the outputs of a press."""
     try:
         coarse = coarse_press(*rung(scene, plan))
     except RigError as error:
@@ -112,9 +112,9 @@ def failed(error: RigError) -> ErrorEstimate:
 def estimate_from(
     scene: Scene, plan: EffectPlan, found: PressOutputs, coarse: CoarsePress
 ) -> ErrorEstimate:
-    """Return what the outputs of a press are worth beside those of a coarse one.
+    """Return the errors of the outputs of a press, estimated from those of a coarse one.
 
-    A press to a force has its error in its depth: F_z's is what that depth's is worth.
+    A press to a force has its error in its depth: F_z's is the force that this error amounts to.
     """
     if not found.force_n[2] > 0.0:
         return ErrorEstimate(relative={}, basis="there is no force to be wrong about")
@@ -152,7 +152,7 @@ def estimate_from(
 def _rule(scene: Scene, plan: EffectPlan) -> tuple[_Rule, float]:
     """Return by what a scene's outputs err, and how many times shorter its edges are."""
     if not plan.is_on(Effect.LOCKING_FREE_ELEMENT):
-        return dict.fromkeys(Output, (1.0, _BESIDE_ERROR, 0.0)), 1.0
+        return dict.fromkeys(Output, (1.0, _LINEAR_ERROR, 0.0)), 1.0
     is_ball = isinstance(scene.indenter, Sphere)
     if scene.preset is not Preset.FAST:
         return _FINER if is_ball else _FINER_RIM, scene.refinement

@@ -31,7 +31,7 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True)
-class Worth:
+class RelativeCost:
     """Processor time and error of F_z of a setting, each over preset fast's."""
 
     time_ratio: float
@@ -46,26 +46,26 @@ FAST = _fast(1.0)
 # Medians over 18 presses of punches and balls, 3 depths each up to 25 % of the pad, against the
 # limit of finer meshes; by cost. Edges 1.08 times shorter: over the benchmark's scenes, against
 # preset reference. Preset paper locks.
-WORTH: dict[Setting, Worth] = {
-    _fast(0.62): Worth(0.27, 4.4),
-    _fast(0.75): Worth(0.46, 2.6),
-    _fast(0.9): Worth(0.66, 1.55),
-    FAST: Worth(1.0, 1.0),
-    _fast(1.08): Worth(1.24, 0.82),
-    _fast(1.18): Worth(1.54, 0.67),
-    _fast(1.25): Worth(1.79, 0.59),
-    Setting(Preset.PAPER): Worth(1.86, 36.0),
-    _fast(1.4): Worth(2.73, 0.46),
-    _fast(1.6): Worth(4.49, 0.36),
-    _fast(1.8): Worth(6.73, 0.30),
-    _fast(2.0): Worth(9.46, 0.25),
-    Setting(Preset.BALANCED): Worth(10.1, 0.27),
-    _fast(2.2): Worth(20.1, 0.17),
-    _fast(2.5): Worth(31.5, 0.145),
-    Setting(Preset.ACCURATE): Worth(37.4, 0.156),
-    _fast(2.85): Worth(48.7, 0.119),
-    _fast(3.3): Worth(109.0, 0.102),
-    Setting(Preset.REFERENCE): Worth(140.0, 0.112),
+RELATIVE_COSTS: dict[Setting, RelativeCost] = {
+    _fast(0.62): RelativeCost(0.27, 4.4),
+    _fast(0.75): RelativeCost(0.46, 2.6),
+    _fast(0.9): RelativeCost(0.66, 1.55),
+    FAST: RelativeCost(1.0, 1.0),
+    _fast(1.08): RelativeCost(1.24, 0.82),
+    _fast(1.18): RelativeCost(1.54, 0.67),
+    _fast(1.25): RelativeCost(1.79, 0.59),
+    Setting(Preset.PAPER): RelativeCost(1.86, 36.0),
+    _fast(1.4): RelativeCost(2.73, 0.46),
+    _fast(1.6): RelativeCost(4.49, 0.36),
+    _fast(1.8): RelativeCost(6.73, 0.30),
+    _fast(2.0): RelativeCost(9.46, 0.25),
+    Setting(Preset.BALANCED): RelativeCost(10.1, 0.27),
+    _fast(2.2): RelativeCost(20.1, 0.17),
+    _fast(2.5): RelativeCost(31.5, 0.145),
+    Setting(Preset.ACCURATE): RelativeCost(37.4, 0.156),
+    _fast(2.85): RelativeCost(48.7, 0.119),
+    _fast(3.3): RelativeCost(109.0, 0.102),
+    Setting(Preset.REFERENCE): RelativeCost(140.0, 0.112),
 }
 
 
@@ -75,7 +75,7 @@ def setting_of(scene: Scene) -> Setting:
 
 
 # Relative error of F_z by which effects are left out where a tolerance is not chosen yet.
-_FORESEEN = 1e-3
+_UNDECIDED_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,29 +137,29 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
     Raises:
         ConfigError: No settings keep it, or the scene cannot be pressed on preset fast.
     """
-    fast = FAST.applied(replace(scene, tolerance=_FORESEEN))
+    fast = FAST.applied(replace(scene, tolerance=_UNDECIDED_TOLERANCE))
     try:
-        error, force = _foreseen(fast)
+        error, force = _error_on_fast(fast)
     except RigError as failure:
         raise ConfigError(
-            f"no preset promises {tolerance} here: {failure.message}",
+            f"no preset is known to keep {tolerance} here: {failure.message}",
             remedy="choose a preset instead",
         ) from failure
     allowed = tolerance.of(force)
-    believed = {setting: worth.error_ratio * error for setting, worth in WORTH.items()}
+    believed = {setting: worth.error_ratio * error for setting, worth in RELATIVE_COSTS.items()}
     for setting, own in believed.items():
         if own <= allowed:
             return replace(setting.applied(scene), tolerance=allowed - own)
     best = min(believed, key=lambda setting: believed[setting])
     nearest = f"{believed[best]:.2%} ({believed[best] * force:.2g} N)"
     raise ConfigError(
-        f"no preset promises {tolerance}, {allowed:.2%} of the force expected; preset "
+        f"no preset is known to keep {tolerance}, {allowed:.2%} of the force expected; preset "
         f"{best} comes nearest with {nearest}",
         remedy=f"allow {nearest}, or choose preset {best.preset} without a tolerance",
     )
 
 
-def _foreseen(fast: Scene) -> tuple[float, float]:
+def _error_on_fast(fast: Scene) -> tuple[float, float]:
     """Return the relative error of F_z on preset fast, and F_z [N].
 
     Raises:
@@ -183,20 +183,22 @@ def alternatives(
         wall_s: What the press took [s]; None before it is made.
     """
     setting = setting_of(scene)
-    own = WORTH.get(setting)
+    own = RELATIVE_COSTS.get(setting)
     if own is None:
         return ()
     # The dearest of the cheaper settings than which none that is cheaper errs less.
     cheaper = min(
-        (each for each, worth in WORTH.items() if worth.time_ratio < own.time_ratio),
-        key=lambda each: WORTH[each].error_ratio,
+        (each for each, worth in RELATIVE_COSTS.items() if worth.time_ratio < own.time_ratio),
+        key=lambda each: RELATIVE_COSTS[each].error_ratio,
         default=None,
     )
     # Of presets and ladders some are cheaper and better at once: what is dearer must be better yet.
-    least = min(own.error_ratio, WORTH[cheaper].error_ratio if cheaper else own.error_ratio)
+    least = min(
+        own.error_ratio, RELATIVE_COSTS[cheaper].error_ratio if cheaper else own.error_ratio
+    )
     better = [
         each
-        for each, worth in WORTH.items()
+        for each, worth in RELATIVE_COSTS.items()
         if worth.error_ratio < least and worth.time_ratio > own.time_ratio
     ]
     found = {"cheaper": cheaper, "better": better[0] if better else None}
@@ -206,9 +208,11 @@ def alternatives(
             setting=str(each),
             error_relative=None
             if error_relative is None
-            else error_relative * WORTH[each].error_ratio / own.error_ratio,
-            time_ratio=WORTH[each].time_ratio / own.time_ratio,
-            wall_s=None if wall_s is None else wall_s * WORTH[each].time_ratio / own.time_ratio,
+            else error_relative * RELATIVE_COSTS[each].error_ratio / own.error_ratio,
+            time_ratio=RELATIVE_COSTS[each].time_ratio / own.time_ratio,
+            wall_s=None
+            if wall_s is None
+            else wall_s * RELATIVE_COSTS[each].time_ratio / own.time_ratio,
         )
         for role, each in found.items()
         if each is not None

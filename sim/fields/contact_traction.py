@@ -7,8 +7,8 @@ their areas on the deformed surface and by the sum of the linear shape functions
 the node's own faces, which falls to zero at the patch's edge. It is of the element's order.
 
 Contact ends with an infinite slope (Hertz) or in a jump (a sharp rim): a polynomial through what
-is touched and what is not smears both. The more of its own faces is touched, the less a node is
-told of points that are not. A node none of whose faces is touched carries nothing.
+is touched and what is not smears both. The more of its own faces is touched, the less do points
+that are not touched count at a node. A node none of whose faces is touched carries nothing.
 """
 
 from __future__ import annotations
@@ -121,10 +121,10 @@ def _fitted(
         order = np.argsort(patch.row, kind="stable")
         row, face = patch.row[order], patch.col[order]
         corners = np.asarray(core.todense())[row[:, None], faces[face, :3]]
-        told = np.where(touched[face], 1.0, (1.0 - held[block])[row, None]) + _LEAST_WEIGHT
+        counted = np.where(touched[face], 1.0, (1.0 - held[block])[row, None]) + _LEAST_WEIGHT
         offsets = points[face] - point.state.positions[nodes[block]][row, None]
         flat = np.einsum("apx,aux->apu", offsets, _tangents(normals[nodes[block]])[row])
-        weights = areas[face] * (corners @ model.reference.face_points.T) * told
+        weights = areas[face] * (corners @ model.reference.face_points.T) * counted
         yield nodes[block], _at_origin(flat, values[face], weights, row, degree)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.fields.contact_traction import surface_traction
 from sim.fields.stress import cauchy_stress, components, surface_stress
-from sim.fields.surface import PassedState, SurfaceState, TopSurface
+from sim.fields.surface import IntermediateState, SurfaceState, TopSurface
 from sim.fields.vtu import vtu
 from sim.mesh.symmetry import WholeSurface
 from sim.scene.indenter import grown
@@ -25,15 +25,15 @@ class TrialFields:
     Attributes:
         shape: Nodes and faces of the deformed surface, and the indenter's tip.
         surface: The deformed contact surface, for the optics.
-        passed: The surface on the way there and at the end, the smallest force first; empty where
-            nobody watched.
+        intermediate: The surface along the loading path and at its end, the smallest force first;
+            empty where it was not asked for.
     """
 
     shape: dict[str, AnyArray]
     at_nodes: dict[str, FloatArray]
     at_faces: dict[str, FloatArray]
     surface: SurfaceState
-    passed: tuple[PassedState, ...] = ()
+    intermediate: tuple[IntermediateState, ...] = ()
 
     @property
     def arrays(self) -> dict[str, AnyArray]:
@@ -152,15 +152,17 @@ _BY_DEPTH = 1.5
 _LESS = 0.97
 
 
-def passed_state(path: LoadingPath, point: PathPoint, *, stiffer: float = 1.0) -> PassedState:
+def intermediate_state(
+    path: LoadingPath, point: PathPoint, *, stiffer: float = 1.0
+) -> IntermediateState:
     """Return an equilibrium as the camera and the contact need it.
 
     Args:
-        stiffer: How many times as stiff as the path's the gel is that it is told of: at as many
-            times the force it stands there too.
+        stiffer: How many times as stiff as the path's gel the gel is: it has the same state at as
+            many times the force.
     """
     pressure = surface_traction(path.model, point).pressure_pa
-    return PassedState(
+    return IntermediateState(
         force_n=stiffer * float(point.force_n[2]),
         depth_m=point.depth_m,
         surface=surface_state(path, point),
@@ -168,23 +170,23 @@ def passed_state(path: LoadingPath, point: PathPoint, *, stiffer: float = 1.0) -
     )
 
 
-class PassedStates:
-    """Chooses what is told of a path that keeps its points; no press is made for it.
+class IntermediateStates:
+    """Chooses a few of the states that a path kept; no press is made for it.
 
-    Points in passing balance to 0.01 % of the contact's force.
+    Intermediate states balance to 0.01 % of the contact's force.
 
     Args:
         path: Of a gel that may be less stiff.
         force_n: The largest that is pressed to [N].
-        stiffer: As for ``passed_state``.
+        stiffer: As for ``intermediate_state``.
     """
 
     def __init__(self, path: LoadingPath, force_n: float, *, stiffer: float = 1.0) -> None:
         self._path, self._stiffer = path, stiffer
         self._wanted_n = [(k / KEPT) ** _BY_DEPTH * force_n for k in range(1, KEPT)]
-        self._told: dict[int, PassedState] = {}
+        self._found: dict[int, IntermediateState] = {}
 
-    def before(self, force_n: float) -> list[PassedState]:
+    def before(self, force_n: float) -> list[IntermediateState]:
         """Return those that carried clearly less than a force [N], the smallest force first."""
         forces = [self._stiffer * float(point.force_n[2]) for point in self._path.points]
         below = [k for k, each in enumerate(forces) if 0.0 < each < _LESS * force_n]
@@ -192,8 +194,8 @@ class PassedStates:
         nearest = {min(below, key=lambda k: abs(forces[k] - each)) for each in wanted if below}
         return [self._state(k) for k in sorted(nearest, key=lambda k: forces[k])]
 
-    def _state(self, k: int) -> PassedState:
-        if k not in self._told:
+    def _state(self, k: int) -> IntermediateState:
+        if k not in self._found:
             point = self._path.points[k]
-            self._told[k] = passed_state(self._path, point, stiffer=self._stiffer)
-        return self._told[k]
+            self._found[k] = intermediate_state(self._path, point, stiffer=self._stiffer)
+        return self._found[k]

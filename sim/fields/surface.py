@@ -80,8 +80,8 @@ class SurfaceState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PassedState:
-    """The surface at one force of a press.
+class IntermediateState:
+    """The surface at one force along a press.
 
     Attributes:
         pressure_pa: Contact pressure at the surface's nodes, shape [node_count].

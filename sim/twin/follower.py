@@ -36,8 +36,8 @@ _SHARES = (0.25, 0.5, 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ForceWorth:
-    """Relative error of F_z by force; nothing where nobody knows, and ``basis`` says why.
+class StatedForceError:
+    """Stated relative error of F_z by force; empty where it is unknown, and ``basis`` says why.
 
     Attributes:
         forces_n: Ascending [N].
@@ -49,18 +49,18 @@ class ForceWorth:
     basis: str
 
     def error_n(self, force_n: float) -> float | None:
-        """Return what a force is worth [N]."""
+        """Return the stated error of a force [N]; None where it is unknown."""
         if not self.forces_n:
             return None
         return force_n * float(np.interp(force_n, self.forces_n, self.relative))
 
 
-def force_worth(scene: Scene, path: LoadingPath, force_max_n: float) -> ForceWorth:
-    """Press a path and preset fast's to some forces, and say what the former's are worth.
+def stated_force_error(scene: Scene, path: LoadingPath, force_max_n: float) -> StatedForceError:
+    """Press a path and preset fast's to some forces, and state the errors of the former's.
 
     On edges longer than preset fast's nothing is known of what is left (a punch is off by more than
-    ``sim.error.estimate`` says there), so the difference to preset fast is measured, and what that
-    is worth is added. The path is left at the largest force.
+    ``sim.error.estimate`` says there), so the difference to preset fast is measured, and the
+    estimated error of preset fast is added. The path is left at the largest force.
 
     Args:
         scene: As the path presses it, with preset fast on other edges.
@@ -76,15 +76,15 @@ def force_worth(scene: Scene, path: LoadingPath, force_max_n: float) -> ForceWor
             own, found = (outputs_of(each, each.push(force)) for each in (path, finer))
             worth = estimate_from(aimed, plan, found, coarser.push(force))
             if worth.force is None:
-                return ForceWorth(forces_n=(), relative=(), basis=worth.basis)
+                return StatedForceError(forces_n=(), relative=(), basis=worth.basis)
             share = max(1.0, found.stiffness_n_m * found.depth_m / force)
             apart = share * abs(own.depth_m - found.depth_m) / found.depth_m
             relative.append(apart + worth.force)
             basis = f"{apart:.2%} off preset fast; of that {worth.basis}"
     except RigError as error:
         basis = f"the press on shorter edges failed: {error.message}"
-        return ForceWorth(forces_n=(), relative=(), basis=basis)
-    return ForceWorth(forces_n=forces, relative=relative, basis=basis)
+        return StatedForceError(forces_n=(), relative=(), basis=basis)
+    return StatedForceError(forces_n=forces, relative=relative, basis=basis)
 
 
 class SurfaceMaps:
@@ -146,7 +146,7 @@ _MAP_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
+class ImageOptions:
     """How a twin's images are made; None is what the sensor's file says.
 
     Attributes:
@@ -192,10 +192,10 @@ class Follower:
     Args:
         scene: The press; its target is the largest force that will come [N].
         sensor: Whose gel it is.
-        look: How its images are made.
+        options: How its images are made.
 
     Attributes:
-        worth: What its forces are worth.
+        stated_error: The stated error of its forces.
         view: Where the pixels of its images look.
 
     Raises:
@@ -203,11 +203,11 @@ class Follower:
         ConvergenceError: Not even the scene itself can be pressed.
     """
 
-    def __init__(self, scene: Scene, sensor: Sensor, look: Look | None = None) -> None:
+    def __init__(self, scene: Scene, sensor: Sensor, options: ImageOptions | None = None) -> None:
         force_max_n = scene.target.force_n
         if not force_max_n:
             raise ConfigError("a twin's scene has no force for a target", remedy="give the largest")
-        self._look = look or Look()
+        self._options = options or ImageOptions()
         self._sensor = sensor
         for refinement in (REFINEMENT, COARSER):
             self._scene = replace(twin_scene(scene), refinement=refinement)
@@ -215,10 +215,12 @@ class Follower:
             self._path = path_for(self._scene, self._plan)
             if len(self._path.model.elements) <= TETS_MAX:
                 break
-        self._drawn_from = self._path.model.on(self._look.device)
-        self.view, self._blur_px = self._look.view(sensor)
+        self._drawn_from = self._path.model.on(self._options.device)
+        self.view, self._blur_px = self._options.view(sensor)
         self._maps = SurfaceMaps(self._path.model, self.view.refined(_MAP_SHARE))
-        self.worth: ForceWorth = force_worth(self._scene, self._path, force_max_n)
+        self.stated_error: StatedForceError = stated_force_error(
+            self._scene, self._path, force_max_n
+        )
         self._begin_anew()
         self._wait()
         self._last: PathPoint | None = None
@@ -237,7 +239,7 @@ class Follower:
             self._sensor,
             count=1,
             background=background,
-            colours=self._look.colours,
+            colours=self._options.colours,
             geometry=self.view,
             blur_px=self._blur_px,
         )
@@ -307,7 +309,7 @@ class Follower:
         return TwinFrame(
             goal=goal,
             force_n=force,
-            force_error_n=self.worth.error_n(force),
+            force_error_n=self.stated_error.error_n(force),
             depth_m=0.0 if point is None else point.depth_m,
             image=image,
             pressure_pa=pressure,
@@ -318,7 +320,7 @@ class Follower:
         )
 
     def _drawn(self, nodes: FloatArray, tip: FloatArray, rotation: FloatArray) -> ImageArray:
-        device = Device(self._look.device)
+        device = Device(self._options.device)
         images = self._images.images(
             device.array(nodes[None], wp.vec3d),
             device.array(np.asarray(tip)[None], wp.vec3d),

@@ -34,7 +34,7 @@ class TwinFrame:
     Attributes:
         goal: What it was asked for.
         force_n: Its F_z [N]; zero where nothing touches.
-        force_error_n: What that is worth [N]: 95 % of such presses err by less; None where nobody
+        force_error_n: Stated error [N]: 95 % of such presses err by less; None where nobody
             knows.
         depth_m: Travel below first touch [m].
         image: What the camera would show, RGB, uint8, shape [height, width, 3].

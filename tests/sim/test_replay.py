@@ -11,12 +11,11 @@ import pyvista
 from sim.error.tolerance import Tolerance, keeping
 from sim.fields.press_fields import TrialFields
 from sim.mesh.elements import linear_facets
-from sim.replay import replay_forces, replay_scene
+from sim.replay import reference_path, replay_forces, replay_scene
 from sim.scene.indenter import Cylinder
 from sim.scene.material import RelaxationTerm
 from sim.scene.scene import Preset, Scene
 from sim.sensor.sensor import Sensor, load_sensor
-from sim.walk import walked
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.simulated import Replay
 
@@ -63,20 +62,25 @@ def test_every_force_is_met_in_its_own_place(
 def test_a_walk_tells_the_depths_of_a_replay(friction: float) -> None:
     """Steps as long as the force allows lead to the same depths."""
     scene = _scene(friction)
-    walk, (replay, _) = walked(scene, FORCES, to_go_on=False), replay_forces(scene, FORCES)
-    depths, forces = zip(*walk.history, strict=True)
+    reference, (replay, _) = (
+        reference_path(scene, FORCES, keep_states=False),
+        replay_forces(scene, FORCES),
+    )
+    depths, forces = zip(*reference.history, strict=True)
     for trial in replay.trials:
         told = np.interp(trial.force_measured_n, forces, depths)
         assert told == pytest.approx(trial.depth_simulated_m, rel=2e-3)
-    assert len(walk.history) <= sum(len(trial.force_history) for trial in replay.trials)
+    assert len(reference.history) <= sum(len(trial.force_history) for trial in replay.trials)
 
 
 @pytest.mark.parametrize(("friction", "stiffer"), [(0.0, 0.8), (0.5, 1.1)])
-def test_a_stiffer_gel_goes_on_from_where_another_passed(friction: float, stiffer: float) -> None:
+def test_a_stiffer_gel_goes_continue_to_where_another_passed(
+    friction: float, stiffer: float
+) -> None:
     """Depths, shear and the way of its force are those of a press from the start."""
     scene, other = (_scene(friction, factor) for factor in (1.0, stiffer))
-    walk = walked(scene, FORCES, to_go_on=True)
-    gone_on = replay_forces(other, FORCES, walk=walk, stiffer=stiffer)
+    reference = reference_path(scene, FORCES, keep_states=True)
+    gone_on = replay_forces(other, FORCES, reference=reference, stiffer=stiffer)
     anew = replay_forces(other, FORCES)
     for trial, known in zip(gone_on[0].trials, anew[0].trials, strict=True):
         assert trial.force_simulated_n == pytest.approx(known.force_simulated_n, rel=1e-6)
@@ -89,34 +93,35 @@ def test_a_stiffer_gel_goes_on_from_where_another_passed(friction: float, stiffe
         shear = (each.arrays["contact_shear_pa"] for each in (found, known_fields))
         assert np.abs(np.subtract(*shear)).max() < 5e-3 * pressure
     assert gone_on[0].model.young_pa == other.material.young_pa
-    assert gone_on[0].model.wall_s > walk.took_s
+    assert gone_on[0].model.wall_s > reference.took_s
 
 
 @pytest.mark.parametrize("beyond", [0.0, 1e-11, 1e-9])
-def test_the_same_gel_goes_on_to_where_it_was_walked_to(beyond: float) -> None:
-    """Where nothing tells the modulus, the last force is the walk's own end, or that rounded."""
-    walked_n = 0.9
-    force_n = (1.0 + beyond) * walked_n
+def test_the_same_gel_continues_from_its_own_reference_path(beyond: float) -> None:
+    """Where nothing tells the modulus, the last force is the end of the path, or that rounded."""
+    reached_n = 0.9
+    force_n = (1.0 + beyond) * reached_n
     scene = _scene(0.5)
-    walk = walked(scene, [walked_n], to_go_on=True)
-    replay, _ = replay_forces(scene, [force_n], walk=walk)
+    reference = reference_path(scene, [reached_n], keep_states=True)
+    replay, _ = replay_forces(scene, [force_n], reference=reference)
     assert replay.trials[0].force_simulated_n == pytest.approx(force_n, rel=1e-6)
-    assert replay.trials[0].depth_simulated_m == pytest.approx(walk.history[-1][0], rel=2e-4)
+    assert replay.trials[0].depth_simulated_m == pytest.approx(reference.history[-1][0], rel=2e-4)
 
 
-def test_a_gel_that_relaxes_is_pressed_anew_whatever_was_walked() -> None:
+def test_a_gel_that_relaxes_is_pressed_anew_without_a_reference_path() -> None:
     """Its stress does not scale with stiffness at the same time."""
     term = RelaxationTerm(share=0.2, time_s=1.0)
     sensors = [load_sensor("gelsight-mini").stiffer(k).relaxing((term,)) for k in (1.0, 1.1)]
     scene, other = (
         replay_scene(sensor, PUNCH, FORCES[1:], preset=Preset.FAST) for sensor in sensors
     )
-    walk = walked(scene, FORCES[1:], to_go_on=True)
-    assert not walk.serves(other, walk.plan)
+    reference = reference_path(scene, FORCES[1:], keep_states=True)
+    assert not reference.is_usable_for(other, reference.plan)
     with pytest.raises(ConfigError, match="another way"):
-        walk.path.stiffer(1.1)
+        reference.path.stiffer(1.1)
     replays = [
-        replay_forces(other, FORCES[1:], walk=given, stiffer=1.1)[0] for given in (walk, None)
+        replay_forces(other, FORCES[1:], reference=given, stiffer=1.1)[0]
+        for given in (reference, None)
     ]
     depths = [replay.trials[0].depth_simulated_m for replay in replays]
     assert depths[0] == depths[1]

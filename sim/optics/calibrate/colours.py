@@ -172,11 +172,11 @@ def averaged_no_contact(
     for each in placed:
         image, circle = each.press.image, each.circle
         change = pixels.predict(circle).reshape(total.shape)
-        level = image - scene.light_image(each.light) - change
+        level = image - scene.frame_light_image(each.light) - change
         outside = circle.distance(columns, rows) > BEYOND_RIM * circle.radius_px
-        told = (outside & scene.bare)[..., None] & exposed(image)
-        total += np.where(told, level, 0.0)
-        count += told
+        known = (outside & scene.bare)[..., None] & exposed(image)
+        total += np.where(known, level, 0.0)
+        count += known
     return np.asarray(total / count)
 
 

@@ -71,7 +71,7 @@ def cross_validate(
 ) -> tuple[CheckScores, list[RenderedPress], list[RenderedPress], Calibration]:
     """Fit on all folds but one and score that one, for each; press i is in fold i modulo folds.
 
-    ``on_fold`` is told the number of each fold that is done, from 0; the last is of all presses.
+    ``on_fold`` gets the number of each fold that is done, from 0; the last is of all presses.
 
     Returns:
         Scores over all presses, each press as rendered by the model that had not seen it, in fold
@@ -204,7 +204,7 @@ def score_presses(
 
 def as_seen(levels: FloatArray, light: FloatArray, scene: PressScene) -> FloatArray:
     """Return levels [height, width, 3] as a camera sees them in a frame's light: 0 to 255."""
-    return np.asarray(np.clip(np.rint(levels + scene.light_image(light)), 0.0, 255.0))
+    return np.asarray(np.clip(np.rint(levels + scene.frame_light_image(light)), 0.0, 255.0))
 
 
 def contact_mask(circle: Circle, height: int, width: int) -> np.ndarray[tuple[int, int]]:

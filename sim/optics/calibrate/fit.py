@@ -121,14 +121,14 @@ class NormalEquations:
         normal: Matrix of each colour's fit, shape [3, n, n].
         load: Its right side, shape [3, n].
         squares: Sum of the squares of all weighted colours.
-        told_count: Colours that are known.
+        known_count: Colours that are known.
     """
 
     normal: FloatArray
     load: FloatArray
     squares: float
     sample_count: int
-    told_count: int
+    known_count: int
 
     @classmethod
     def of(cls, features: FloatArray, samples: PhotometricSamples) -> NormalEquations:
@@ -144,7 +144,7 @@ class NormalEquations:
             load=np.stack(load),
             squares=squares,
             sample_count=samples.change.shape[1],
-            told_count=int(np.count_nonzero(samples.weights)),
+            known_count=int(np.count_nonzero(samples.weights)),
         )
 
     @classmethod
@@ -254,7 +254,7 @@ def fit_response(
         presses = presses_of(Response(knee=knee))
         parts = [NormalEquations.of(*pair) for pair in zip(features, presses, strict=True)]
         total = NormalEquations.total(parts)
-        return total.misfit(total.solved(RIDGE)) / total.told_count
+        return total.misfit(total.solved(RIDGE)) / total.known_count
 
     found = np.array([misfit(knee) for knee in _KNEES])
     best = int(np.argmin(found))

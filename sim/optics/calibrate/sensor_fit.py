@@ -132,7 +132,7 @@ def _dent(placed: PlacedPress, found: Calibration) -> _Dent:
     left = (
         image
         - scene.background
-        - scene.light_image(placed.light)
+        - scene.frame_light_image(placed.light)
         - scene.whole_image(found.model).predict(circle).reshape(image.shape)
     )
     size = (bulge.shape[1] // _COARSE, bulge.shape[0] // _COARSE)
@@ -245,11 +245,11 @@ def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
         rows, columns = np.indices(press.image.shape[:2])[:, *window]
         near = circle.distance(columns, rows) < _REACH * circle.radius_px
         image = press.image[window]
-        told = (near & scene.bare[window])[..., None] & exposed(image)
-        seen = image - scene.background[window] - scene.light_image(each.light)[window]
+        known = (near & scene.bare[window])[..., None] & exposed(image)
+        seen = image - scene.background[window] - scene.frame_light_image(each.light)[window]
         pixels = PredictedPixels(scene, found.model, columns.ravel(), rows.ravel())
         sharp = pixels.predict(circle).reshape(seen.shape)
-        misfit += [np.abs(seen - _blurred(sharp, s))[told].sum() for s in _TRIED_PX]
+        misfit += [np.abs(seen - _blurred(sharp, s))[known].sum() for s in _TRIED_PX]
     # A blur beyond those tried is larger than cameras have: something else is wrong then.
     at_an_end = int(np.argmin(misfit)) in (0, len(misfit) - 1)
     return 0.0 if at_an_end else lowest_place(_TRIED_PX, misfit)

@@ -20,7 +20,7 @@ from sim.effects.scene_path import follow, path_for
 from sim.error.estimate import estimated
 from sim.error.tolerance import (
     FAST,
-    WORTH,
+    RELATIVE_COSTS,
     Setting,
     Tolerance,
     keeping,
@@ -161,7 +161,7 @@ def check_tolerance(asked: HeldOut) -> Row:
 
     setting, error, spent = trial(setting_of(scene))
     # Preset paper is left out: its error is 70 % or more.
-    trials = (trial(other) for other in WORTH if other.preset is not Preset.PAPER)
+    trials = (trial(other) for other in RELATIVE_COSTS if other.preset is not Preset.PAPER)
     cheapest = next((found for found in trials if abs(found[1]) <= allowed), None)
     if cheapest is not None:
         row |= {

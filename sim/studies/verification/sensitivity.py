@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sim.effects.presets import build_model, felt_indenter, finest_edge_m
+from sim.effects.presets import build_model, finest_edge_m, regularised_indenter
 from sim.press import press
 from sim.press_command import scene_from
 from sim.replay import replay_forces, replay_scene
@@ -84,7 +84,7 @@ def shift_row(scene: Scene) -> Row:
     model = build_model(replace(scene, centre_m=aside))
     depth = scene.target.depth_m or 0.0
     force, shifted = (
-        float(LoadingPath(model, felt_indenter(scene), centre).advance(depth).force_n[2])
+        float(LoadingPath(model, regularised_indenter(scene), centre).advance(depth).force_n[2])
         for centre in (aside, (0.0, 0.0))
     )
     return {

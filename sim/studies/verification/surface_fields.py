@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.contact.state import Grip
 from sim.effects.plan import plan_effects
-from sim.effects.presets import build_model, felt_indenter
+from sim.effects.presets import build_model, regularised_indenter
 from sim.fields.contact_traction import surface_traction
 from sim.fields.press_fields import top_surface
 from sim.mesh.elements import quadratic_triangle_values
@@ -299,7 +299,7 @@ def sampled(case: Case, scene: Scene) -> Sampled:
 
 def _pressed(scene: Scene, *, starts_free: bool) -> tuple[LoadingPath, PathPoint]:
     plan = plan_effects(scene)
-    felt = felt_indenter(scene)
+    felt = regularised_indenter(scene)
     path = LoadingPath(build_model(scene, plan=plan), felt)
     if not starts_free:
         return path, path.advance(_depth(scene))

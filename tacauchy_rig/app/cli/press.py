@@ -84,7 +84,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
     """
     from sim.effects.mesh_choice import mesh_choice
     from sim.effects.plan import plan_effects
-    from sim.error.tolerance import WORTH, alternatives, setting_of
+    from sim.error.tolerance import RELATIVE_COSTS, alternatives, setting_of
     from sim.press_command import scene_of
 
     scene = scene_of(replace(terms, output=tuple(output or ())))
@@ -110,7 +110,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
         say(f"left out together: {left_out:.2e} of {allowed:.2e} allowed of {asked.value}")
     say(f"trying took {planned.tried_s:.2f} s of the processor")
     others = alternatives(scene, None, wall_s=None)
-    worth = WORTH.get(setting_of(scene))
+    worth = RELATIVE_COSTS.get(setting_of(scene))
     ratio = None if worth is None else worth.time_ratio
     cost = "not known" if ratio is None else f"about {ratio:.2g} times the time of preset fast"
     say(f"cost       {cost}; `press` estimates the error of its force")

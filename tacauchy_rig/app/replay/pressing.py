@@ -12,9 +12,14 @@ from reports.evidence.fits import ModulusFit, fit_modulus
 from sim.effects.plan import plan_effects
 from sim.error.tolerance import setting_of
 from sim.fields.press_fields import TrialFields
-from sim.replay import replay_forces
+from sim.replay import (
+    History,
+    ReferencePath,
+    path_depends_on_modulus,
+    reference_path,
+    replay_forces,
+)
 from sim.sensitivity import forces_at
-from sim.walk import History, Walk, goes_its_own_way, walked
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.mounting import (
     FoundMounting,
@@ -75,7 +80,7 @@ def press_parts(parts: Sequence[Part], *, on_progress: Say = say_nothing) -> lis
     counts = [len(measured_records(part.run)) for part in parts]
     at = f" at {len(parts)} places or with as many indenters" if len(parts) > 1 else ""
     on_progress(f"replaying {sum(counts)} trials{at}")
-    fit, loaded = None, list[Walk | None]([None] * len(parts))
+    fit, loaded = None, list[ReferencePath | None]([None] * len(parts))
     if fits_modulus(parts[0].run.store.config):
         fit, loaded = _fitted(parts, on_progress)
     return [
@@ -83,7 +88,9 @@ def press_parts(parts: Sequence[Part], *, on_progress: Say = say_nothing) -> lis
     ]
 
 
-def _pressed(part: Part, fit: ModulusFit | None, path: Walk | None, on_progress: Say) -> Pressed:
+def _pressed(
+    part: Part, fit: ModulusFit | None, path: ReferencePath | None, on_progress: Say
+) -> Pressed:
     inputs = part.inputs if fit is None else part.inputs.stiffer(fit.factor)
     records = measured_records(part.run)
     forces_n = _forces(inputs, records, part.run.store.config.protocol.contact_force, on_progress)
@@ -95,7 +102,7 @@ def _pressed(part: Part, fit: ModulusFit | None, path: Walk | None, on_progress:
         tolerance=inputs.tolerance or inputs.stated_accuracy,
         name=REPLAY_NAME,
         on_progress=lambda _, text: on_progress(f"  {text}"),
-        walk=path,
+        reference=path,
         stiffer=1.0 if fit is None else fit.factor,
     )
     trials = tuple(
@@ -138,7 +145,9 @@ def _forces_met(
     return list(found.tolist())
 
 
-def _loading_path(inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[float]) -> Walk:
+def _loading_path(
+    inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[float]
+) -> ReferencePath:
     """Press the stated gel to the largest force that a passed trial may have.
 
     A path that does not depend on the measured forces makes replays of one rig comparable. Where
@@ -149,12 +158,14 @@ def _loading_path(inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[fl
     is_bound = most_n - 2.0 * protocol.force_tolerance <= max(forces_n) <= most_n
     if is_bound and not config.is_imported:
         scene = inputs.scene([most_n])
-        if not goes_its_own_way(plan_effects(scene)):
-            return walked(scene, [most_n], to_go_on=True)
-    return walked(inputs.scene(forces_n), forces_n, to_go_on=True)
+        if not path_depends_on_modulus(plan_effects(scene)):
+            return reference_path(scene, [most_n], keep_states=True)
+    return reference_path(inputs.scene(forces_n), forces_n, keep_states=True)
 
 
-def _fitted(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None, list[Walk | None]]:
+def _fitted(
+    parts: Sequence[Part], on_progress: Say
+) -> tuple[ModulusFit | None, list[ReferencePath | None]]:
     """Fit the factor of the gel's modulus to the depths and forces of all parts.
 
     Returns:
@@ -162,7 +173,7 @@ def _fitted(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None,
         or no force was measured.
     """
     contact_force_n = parts[0].run.store.config.protocol.contact_force
-    simulated, loaded = [], list[Walk | None]()
+    simulated, loaded = [], list[ReferencePath | None]()
     for k, part in enumerate(parts, start=1):
         if len(parts) > 1:
             on_progress(f"  stated modulus: place {k} of {len(parts)}{part.label}")
@@ -170,7 +181,7 @@ def _fitted(parts: Sequence[Part], on_progress: Say) -> tuple[ModulusFit | None,
         forces_n = [r.force_measured_n for r in records if r.force_measured_n is not None]
         is_tilted, path = any(inputs.tilt_rad), None
         if forces_n and is_tilted:
-            path = walked(inputs.upright.scene(forces_n), forces_n, to_go_on=False)
+            path = reference_path(inputs.upright.scene(forces_n), forces_n, keep_states=False)
         elif forces_n:
             path = _loading_path(inputs, part.config, forces_n)
         curve = ForceDepthCurve.merged([() if path is None else path.history])

@@ -13,7 +13,7 @@ from scipy.interpolate import LinearNDInterpolator
 
 from reports.evidence.attempt import AttemptReading
 from sim.fields.press_fields import TrialFields
-from sim.fields.surface import PassedState, SurfaceState
+from sim.fields.surface import IntermediateState, SurfaceState
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.material_points import surface_displacement
 from sim.optics.markers.printed_markers import PrintedMarkers, printed_markers, track_markers
@@ -178,12 +178,12 @@ def intermediate_arrays(
     found = {}
     for attempt in attempts:
         trial = fields[attempt.record.index]
-        if trial.passed and attempt.reference is not None:
+        if trial.intermediate and attempt.reference is not None:
             found[attempt.record.index] = _intermediate(attempt, sensor, trial, optics, maps)
     return found
 
 
-def spread(states: Sequence[PassedState]) -> list[PassedState]:
+def spread(states: Sequence[IntermediateState]) -> list[IntermediateState]:
     """Return at most ``STATES`` states, evenly spread, the last among them."""
     count = min(STATES, len(states))
     return [states[round((k + 1) * len(states) / count) - 1] for k in range(count)]
@@ -200,7 +200,7 @@ def _intermediate(
     if unloaded is None:
         return {}
     printed = printed_markers(unloaded, sensor.markers, geometry)
-    states = spread(fields.passed)
+    states = spread(fields.intermediate)
     seen = [maps.of(state) for state in states]
     renderer = TactileRenderer(
         unloaded if printed is None else printed.bare,
@@ -235,20 +235,20 @@ class _Maps:
         self._heights: dict[int, HeightMaps] = {}
         self._pressures: dict[int, FloatArray] = {}
 
-    def of(self, state: PassedState) -> HeightMaps:
+    def of(self, state: IntermediateState) -> HeightMaps:
         """Return the heights of a state."""
         if id(state) not in self._heights:
             found = height_maps(state.surface, self._geometry, pad=self._pad)
             self._heights[id(state)] = found
         return self._heights[id(state)]
 
-    def pressure_pa(self, state: PassedState) -> FloatArray:
+    def pressure_pa(self, state: IntermediateState) -> FloatArray:
         """Return the pressure map of a state at the camera's pixels [Pa], averaged down."""
         if id(state) not in self._pressures:
             self._pressures[id(state)] = _small(self._pressed(state))
         return self._pressures[id(state)]
 
-    def _pressed(self, state: PassedState) -> FloatArray:
+    def _pressed(self, state: IntermediateState) -> FloatArray:
         places, values = _touched(state)
         shape = (self._geometry.height, self._geometry.width)
         if len(places) == 0:
@@ -257,7 +257,7 @@ class _Maps:
         return np.asarray(drawn, dtype=np.float64)
 
 
-def _touched(state: PassedState) -> tuple[FloatArray, FloatArray]:
+def _touched(state: IntermediateState) -> tuple[FloatArray, FloatArray]:
     """Return places and pressures of the nodes in contact and of those around it."""
     places = state.surface.positions[:, :2]
     touched = places[state.pressure_pa > 0.0]

@@ -37,7 +37,7 @@ def follow_run(job: Job, supervisor: Channel) -> None:
     os.nice(NICENESS)
     pulse = _Pulse(supervisor)
     twin = twin_of(job.config, device=job.options[DEVICE])
-    logger.info("ready; its force error: %s", twin.follower.worth.basis)
+    logger.info("ready; its force error: %s", twin.follower.stated_error.basis)
     following = RunFollower(twin, Follows(job.options[FOLLOWS]), job.config.camera.width)
     readers = feed_readers(job.descriptors, PRODUCERS)
     writers = FeedWriters(job.descriptors, VIEWERS)

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 from protocols.processes.messages import ViewerOptions
 from sim.sensor.sensor import Sensor
-from sim.twin.follower import Follower, Look
+from sim.twin.follower import Follower, ImageOptions
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_of, say_nothing
 from tacauchy_rig.core.config.model import RigConfig
@@ -59,9 +59,11 @@ def twin_of(
     found = optics or optics_of(
         config.sensor.optics_calibration, inputs.sensor, on_progress=say_nothing
     )
-    look = Look(colours=found.model, geometry=found.geometry, blur_px=found.blur_px, device=device)
+    options = ImageOptions(
+        colours=found.model, geometry=found.geometry, blur_px=found.blur_px, device=device
+    )
     sensor: Sensor = replace(
         inputs.sensor, optics=replace(inputs.sensor.optics, shadows=found.shadows)
     )
-    follower = Follower(inputs.scene(config.protocol.force_targets), sensor, look)
+    follower = Follower(inputs.scene(config.protocol.force_targets), sensor, options)
     return Twin(follower=follower, crop_fraction=found.geometry.crop_fraction)

@@ -69,7 +69,7 @@ def watch_run(
     facts = {
         "run": run.store.paths.root.name,
         "simulated": config.is_simulated,
-        "basis": twin.follower.worth.basis,
+        "basis": twin.follower.stated_error.basis,
         "trials": [{"trial": trial, "frames": frames} for trial, frames in trials],
     }
     template = resources.files(__package__).joinpath(_TEMPLATE).read_text("utf-8")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from sim.error.tolerance import (
-    WORTH,
+    RELATIVE_COSTS,
     Setting,
     Tolerance,
     alternatives,
@@ -33,7 +33,7 @@ BALL = replace(SCENE, indenter=Sphere(diameter_m=10e-3))
 
 def order() -> list[Setting]:
     """Return all settings, the cheapest first."""
-    return list(WORTH)
+    return list(RELATIVE_COSTS)
 
 
 def test_the_choice_is_the_cheapest_that_is_believed_to_keep_it() -> None:
@@ -43,7 +43,7 @@ def test_the_choice_is_the_cheapest_that_is_believed_to_keep_it() -> None:
     for chosen, share in ((loose, 0.04), (tight, 0.02)):
         assert chosen.tolerance is not None
         assert 0.0 <= chosen.tolerance < share
-    errors = [WORTH[setting_of(each)].error_ratio for each in (loose, tight)]
+    errors = [RELATIVE_COSTS[setting_of(each)].error_ratio for each in (loose, tight)]
     assert (0.04 - (loose.tolerance or 0.0)) / errors[0] == pytest.approx(
         (0.02 - (tight.tolerance or 0.0)) / errors[1]
     )
@@ -66,23 +66,23 @@ def test_newtons_are_taken_relative_to_the_force() -> None:
 
 
 def test_what_no_preset_keeps_is_refused_with_the_best() -> None:
-    """The message names the nearest preset and what it promises."""
+    """The message names the nearest preset and its estimated error."""
     with pytest.raises(ConfigError) as refused:
         keeping(SCENE, Tolerance(relative=1e-5))
     assert "preset fast, edges 0.303 times as long comes nearest" in refused.value.message
     assert "choose preset fast" in refused.value.remedy
 
 
-def test_bonded_and_deep_presses_are_promised_too() -> None:
+def test_bonded_and_deep_presses_have_settings_too() -> None:
     """A press of a kind that no table holds: the scene itself is tried."""
     bonded = replace(BALL, contact=ContactMode.BONDED, target=Target(depth_m=1.6e-3))
     assert keeping(bonded, Tolerance(relative=0.2)).preset is Preset.FAST
 
 
-def test_what_cannot_be_pressed_is_promised_nothing() -> None:
+def test_what_cannot_be_pressed_has_no_setting() -> None:
     """The message says what became of the coarse press."""
     nothing = replace(BALL, target=Target(depth_m=0.0))
-    with pytest.raises(ConfigError, match="no preset promises"):
+    with pytest.raises(ConfigError, match="no preset is known to keep"):
         keeping(nothing, Tolerance(relative=0.05))
 
 
@@ -97,7 +97,7 @@ def test_a_tolerance_is_one_number_above_zero(
         Tolerance(relative=relative, force_n=force_n)
 
 
-@pytest.mark.parametrize("setting", WORTH, ids=str)
+@pytest.mark.parametrize("setting", RELATIVE_COSTS, ids=str)
 def test_neighbours_are_cheaper_and_better(setting: Setting) -> None:
     """The cheaper one costs less, the better one errs less; times follow the ratios."""
     found = {each.role: each for each in alternatives(setting.applied(SCENE), 0.02, wall_s=10.0)}
@@ -108,7 +108,7 @@ def test_neighbours_are_cheaper_and_better(setting: Setting) -> None:
     for each in found.values():
         assert each.wall_s == pytest.approx(10.0 * each.time_ratio)
         assert f"{each.wall_s:.2g} s" in str(each)
-    assert set(found) or setting not in WORTH
+    assert set(found) or setting not in RELATIVE_COSTS
     ends = {order()[0]: {"better"}, Setting(Preset.FAST, 3.3): {"cheaper"}}
     assert set(found) >= ends.get(setting, {"cheaper"})
 

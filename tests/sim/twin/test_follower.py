@@ -14,7 +14,7 @@ from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset, Target
 from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import LoadingPath
-from sim.twin.follower import Follower, Look, twin_scene
+from sim.twin.follower import Follower, ImageOptions, twin_scene
 from sim.twin.frame import Goal
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 
@@ -141,7 +141,7 @@ def test_a_scene_without_a_force_is_refused() -> None:
 @pytest.mark.gpu
 def test_a_follower_on_a_gpu_shows_what_one_on_a_processor_shows(follower: Follower) -> None:
     """The same depth, and the same image within a level or two."""
-    on_gpu = Follower(SCENE, SENSOR, Look(device="cuda:0"))
+    on_gpu = Follower(SCENE, SENSOR, ImageOptions(device="cuda:0"))
     theirs, ours = (each.follow(Goal(stamp_s=0.0, force_n=1.3)) for each in (on_gpu, follower))
     assert theirs.depth_m == pytest.approx(ours.depth_m, rel=1e-3)
     assert np.abs(theirs.image.astype(int) - ours.image.astype(int)).max() <= 2

@@ -64,12 +64,12 @@ def fit_light(
     """
     terms = np.column_stack([np.ones(position.shape[1]), position.T * (not level_only)])
     light = []
-    for seen, told in zip(change.T, exposed.T, strict=True):
-        weight = told.astype(np.float64)
+    for seen, known in zip(change.T, exposed.T, strict=True):
+        weight = known.astype(np.float64)
         for _ in range(_LIGHT_ROUNDS):
             weighted = (terms * weight[:, None]).T
             plane = np.linalg.lstsq(weighted @ terms, weighted @ seen, rcond=None)[0]
-            weight = told / (1.0 + ((seen - terms @ plane) / _LIGHT_OUTLIER_LEVELS) ** 2)
+            weight = known / (1.0 + ((seen - terms @ plane) / _LIGHT_OUTLIER_LEVELS) ** 2)
         light.append(plane)
     return np.stack(light, axis=1)
 
@@ -216,7 +216,7 @@ class PressScene:
         rows, columns = self._lattice(1)
         return PredictedPixels(self, model, columns, rows)
 
-    def light_image(self, light: FloatArray) -> FloatArray:
+    def frame_light_image(self, light: FloatArray) -> FloatArray:
         """Return a frame's light everywhere, shape [height, width, 3]."""
         rows, columns = self._lattice(1)
         return light_at(light, self.normalised(columns, rows)).reshape(self.background.shape)

@@ -28,7 +28,7 @@ def test_misfit_is_what_a_fit_leaves_over() -> None:
     coefficients = sums.solved(1e-4)
     off = (samples.change - coefficients @ features) * samples.weights
     assert sums.misfit(coefficients) == pytest.approx(np.sum(off**2))
-    assert sums.told_count == np.count_nonzero(samples.weights)
+    assert sums.known_count == np.count_nonzero(samples.weights)
 
 
 def test_sums_of_presses_are_those_of_all_their_samples() -> None:

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.replay import replay_forces
+from sim.replay import reference_path, replay_forces
 from sim.scene.scene import Preset
-from sim.walk import walked
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.optics import nominal_optics
 from tacauchy_rig.app.replay.rendering import STATES, WIDTH_PX, intermediate_arrays, spread
@@ -72,18 +71,20 @@ def test_pressure_sums_up_to_the_force(
 
 def test_a_walk_with_another_gel_passes_the_same(inputs: ReplayInputs) -> None:
     """Force and pressure scale with stiffness, depths do not."""
-    walk = walked(inputs.scene(FORCES_N), FORCES_N, to_go_on=True)
+    reference = reference_path(inputs.scene(FORCES_N), FORCES_N, keep_states=True)
     other = replace(inputs, sensor=inputs.sensor.stiffer(1.2))
-    _, (_, gone_on) = replay_forces(other.scene(FORCES_N), FORCES_N, walk=walk, stiffer=1.2)
+    _, (_, gone_on) = replay_forces(
+        other.scene(FORCES_N), FORCES_N, reference=reference, stiffer=1.2
+    )
     _, (_, anew) = replay_forces(other.scene(FORCES_N), FORCES_N)
     for fields in (gone_on, anew):
-        forces = [state.force_n for state in fields.passed]
+        forces = [state.force_n for state in fields.intermediate]
         assert forces == sorted(forces)
     ways = [
         (
-            [state.force_n for state in fields.passed],
-            [state.depth_m for state in fields.passed],
-            [state.pressure_pa.max() for state in fields.passed],
+            [state.force_n for state in fields.intermediate],
+            [state.depth_m for state in fields.intermediate],
+            [state.pressure_pa.max() for state in fields.intermediate],
         )
         for fields in (gone_on, anew)
     ]
