@@ -85,6 +85,7 @@ def test_the_lesson_gives_what_it_prints(
     assert 0.0 < names["soft"].force_n[2] < names["result"].force_n[2]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_a_recorded_run_is_read_replayed_and_scored(
     place: Path, monkeypatch: pytest.MonkeyPatch

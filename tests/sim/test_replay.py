@@ -207,6 +207,7 @@ def test_vtu_opens_in_vtk(
         assert all(np.array_equal(data[name], fields[0].arrays[name]) for name in data)
 
 
+@pytest.mark.slow
 def test_a_gel_that_relaxes_is_pressed_in_the_time_it_took() -> None:
     """A tenth of the stiffness at once, gone within 3 s: after 2 s the same force is less deep.
 

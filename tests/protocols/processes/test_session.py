@@ -99,6 +99,7 @@ def test_a_killed_process_ends_the_session_and_loses_nothing_acknowledged(make_s
     assert recover_run(store).is_whole
 
 
+@pytest.mark.slow
 def test_resume_starts_at_the_first_trial_without_a_passed_attempt(make_store):
     """After a killed recorder the same run goes on; the torn attempt stays beside the new one."""
     store = make_store('protocol.force_targets=["1.2 N", "1.5 N"]')

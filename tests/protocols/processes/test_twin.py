@@ -6,6 +6,8 @@ import os
 import signal
 import threading
 
+import pytest
+
 from protocols.guard.abort import Abort
 from protocols.processes.supervisor import run_session
 from tacauchy_rig.app.twin.twin import Follows, twin_options
@@ -14,6 +16,7 @@ from tacauchy_rig.core.store.check.run import check_run
 from tacauchy_rig.core.store.recording.reading import Recording
 
 
+@pytest.mark.slow
 def test_a_run_loses_nothing_when_its_twin_is_killed(make_store):
     """Killed in the middle of a press: the run passes, every sample is recorded."""
     store, pids = make_store('protocol.force_targets=["1.2 N", "1.5 N"]'), {}

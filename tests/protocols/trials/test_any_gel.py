@@ -12,7 +12,7 @@ from tacauchy_rig.core.run import Outcome
 OVERRUN_N = 0.15
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     stiffness=st.floats(800, 20_000),
     relaxed=st.floats(0.0, 0.12),

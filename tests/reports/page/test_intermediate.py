@@ -117,6 +117,7 @@ def seen(page: Any, trial: int) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_the_slider_moves_pictures_and_numbers(risen: ReportPaths, chromium: Any) -> None:
     """By the keyboard alone, from a file, and of its own press only."""
     page = chromium.new_page()

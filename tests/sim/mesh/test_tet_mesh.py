@@ -113,6 +113,7 @@ def test_paper_mesh_ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert not cache_folder().exists()
 
 
+@pytest.mark.slow
 def test_meshing_works_and_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """FTetWild meshes a small pad once; the second time the file answers."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

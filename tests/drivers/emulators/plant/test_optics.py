@@ -106,6 +106,7 @@ def test_seeds_give_different_sensors() -> None:
     assert np.abs(other.astype(float) - mine).mean() > 2.0
 
 
+@pytest.mark.slow
 def test_a_ball_shades_the_inside_of_its_contact(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -115,6 +115,7 @@ def test_the_emulated_mini_is_the_default_unit() -> None:
     assert made.pixel_m == pytest.approx(default.pixel_m)
 
 
+@pytest.mark.slow
 def test_a_translucent_gel_is_grey_and_darkens_under_a_ball() -> None:
     """Light through clear gel: no colour, darkest in the middle of the contact."""
     gel = GelDisc(radius_m=8e-3, thickness_m=3e-3, dome_radius_m=math.inf)

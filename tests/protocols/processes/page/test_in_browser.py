@@ -83,6 +83,7 @@ def test_a_stop_halts_the_arm(session, tab, how):
     assert "aborted" in page.inner_text("#alert")
 
 
+@pytest.mark.slow
 def test_two_browsers_ask_at_once(session, tab):
     """One wish, however many ask for it within a moment."""
     pages = [tab(session.address), tab(session.address)]
@@ -94,6 +95,7 @@ def test_two_browsers_ask_at_once(session, tab):
     assert session.abort.count == 1
 
 
+@pytest.mark.slow
 def test_a_stop_works_while_the_page_is_throttled(session, tab):
     """A line of 2 kB/s, on which the events come late: the stop is not queued behind them."""
     page = tab(session.address)
@@ -107,6 +109,7 @@ def test_a_stop_works_while_the_page_is_throttled(session, tab):
     assert session.end().outcome is Outcome.ABORTED
 
 
+@pytest.mark.slow
 def test_a_frozen_camera_is_marked_within_a_second(tmp_path, tab):
     """What the mark says when it appears is how old the image is by then."""
     overrides = ('emulation.faults=["camera:stall@4s"]', 'limits.stale_image="2 s"')
@@ -121,6 +124,7 @@ def test_a_frozen_camera_is_marked_within_a_second(tmp_path, tab):
         assert page.locator("#force-card.is-stale").count() == 0
 
 
+@pytest.mark.slow
 def test_a_killed_server_costs_the_run_nothing(session, tab):
     """It is started again at the same address, the browser finds it, and the trial passes."""
     page = tab(session.address)
@@ -135,6 +139,7 @@ def test_a_killed_server_costs_the_run_nothing(session, tab):
     assert result.records[0].rates["force_lost_count"] == 0
 
 
+@pytest.mark.slow
 def test_a_hung_server_costs_the_run_nothing(session, tab):
     """Stopped for good: the page says that it hears nothing, the trial passes."""
     page = tab(session.address)
@@ -146,6 +151,7 @@ def test_a_hung_server_costs_the_run_nothing(session, tab):
     assert session.end().outcome is Outcome.PASSED
 
 
+@pytest.mark.slow
 def test_the_terminal_stops_while_the_server_hangs(session):
     """An abort of the terminal takes its own way."""
     pid = session.wait_for("run-start")["pids"]["page"]

@@ -113,7 +113,9 @@ def test_one_more_page_than_allowed_is_refused_the_events(long_session):
             connection.close()
 
 
-@pytest.mark.parametrize("count", [200, CONNECTIONS_MAX + 100])
+@pytest.mark.parametrize(
+    "count", [200, pytest.param(CONNECTIONS_MAX + 100, marks=pytest.mark.slow)]
+)
 def test_idle_connections_leave_room_for_a_stop(session, count):
     """Flooded, the server still hears the button, and the arm comes off the gel."""
     parts = urlsplit(session.address)

@@ -72,6 +72,7 @@ def test_a_tolerance_that_nothing_promises_still_chooses() -> None:
         within(straight, "5")
 
 
+@pytest.mark.slow
 def test_a_batch_presses_the_scene_too() -> None:
     """Friction and all: the first environment's force is that of the press alone."""
     stated = {"indenter": "sphere:diameter=10mm", "depth": "0.1mm", "contact": "friction:0.5"}

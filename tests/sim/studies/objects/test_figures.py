@@ -6,12 +6,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from sim.studies.objects.figures import draw_objects
 from sim.studies.objects.shapes import OBJECTS
 from tests.sim.made_up_presses import object_presses
 
 
+@pytest.mark.slow
 def test_figure_has_all_files_and_all_bodies(tmp_path: Path) -> None:
     """PDF, PNG and the page's PNG are written, and no body's panel is empty."""
     runs = [object_presses("one"), object_presses("another")]

@@ -32,6 +32,7 @@ def configured(*overrides: str) -> RigConfig:
     return load_config(overrides=overrides).config
 
 
+@pytest.mark.slow
 def test_a_tilt_that_costs_too_much_is_simulated() -> None:
     """A degree, in an emulated world of another gel, arm and noise, is found and switched on."""
     config = configured()

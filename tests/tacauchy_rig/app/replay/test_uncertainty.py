@@ -26,6 +26,7 @@ def _found(name: str, value: float, uncertainty: float, *, taken: bool) -> Found
     )
 
 
+@pytest.mark.slow
 def test_a_ball_in_a_gel_by_what_hertz_says() -> None:
     """F goes with the root of the diameter; a thinner gel and a larger nu are stiffer."""
     config = load_config(overrides=(*BALL, *SMOOTH, 'uncertainty.diameter="0.4 mm"')).config

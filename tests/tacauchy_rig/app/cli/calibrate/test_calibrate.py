@@ -82,6 +82,7 @@ def test_folder_becomes_a_calibration(tmp_path: Path) -> None:
         assert (cv2.imread(str(out.with_name(name))) < 250).any()
 
 
+@pytest.mark.slow
 def test_contacts_are_found_without_a_table(tmp_path: Path) -> None:
     """Without circles the contacts are found, the scores hardly suffer, and judge has images."""
     folder = _folder(tmp_path / "presses", count=6, table=False)

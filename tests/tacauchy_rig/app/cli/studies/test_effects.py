@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 from tacauchy_rig.app.cli.app import app
@@ -74,6 +75,7 @@ def test_drawn_scenes_can_be_taken_one_by_one() -> None:
     assert "--only '9': no such scene" in str(beyond.exception)
 
 
+@pytest.mark.slow
 def test_what_is_done_is_kept_though_another_goes_on(tmp_path: Path) -> None:
     """A slow scene that began first holds nothing back; the page keeps the scenes' order."""
     page = tmp_path / "effects.md"
