@@ -129,7 +129,7 @@ def test_the_report_has_the_scores_beside_no_contact(tmp_path: Path) -> None:
     report, paths = report_run(open_run(store.paths.root))
     page = paths.html.read_text()
     assert not report.passed
-    for text in ("0.9876", "2.25", "23.8", "0.890", "of a ball of 4.00 mm"):
+    for text in ("0.9876", "2.25", "23.8", "0.890", "the ball diameter (4.00 mm)"):
         assert text in page
     assert (paths.images / "optics-held-out.png").is_file()
 
