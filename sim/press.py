@@ -12,8 +12,7 @@ from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
-from sim.error.estimate import NOT_ASKED, ErrorEstimate, estimated
-from sim.error.tolerance import alternatives, setting_of
+from sim.error import NOT_ASKED, ErrorEstimate, alternatives, estimated, setting_of
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.stress import surface_stress
 from sim.scene.scene import Scene

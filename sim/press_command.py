@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from sim.effects.estimates import expected_force
-from sim.error.tolerance import Tolerance, keeping, parse_tolerance
+from sim.error import Tolerance, keeping, parse_tolerance
 from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import Pad
 from sim.scene.scene import (

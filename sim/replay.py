@@ -17,8 +17,16 @@ from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.error.estimate import ErrorEstimate, estimate_from, estimated, failed, rung
-from sim.error.tolerance import Tolerance, alternatives, setting_of
+from sim.error import (
+    ErrorEstimate,
+    Tolerance,
+    alternatives,
+    estimate_from,
+    estimated,
+    failed,
+    rung,
+    setting_of,
+)
 from sim.fields.press_fields import (
     IntermediateStates,
     TrialFields,

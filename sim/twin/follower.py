@@ -16,7 +16,7 @@ from sim.effects.coarse import CoarsePath
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.error.estimate import estimate_from, rung
+from sim.error import estimate_from, rung
 from sim.fields.contact_traction import surface_traction
 from sim.fields.press_fields import top_surface
 from sim.optics.colour.colour_model import ColourModel
@@ -59,7 +59,7 @@ def stated_force_error(scene: Scene, path: LoadingPath, force_max_n: float) -> S
     """Press a path and preset fast's to some forces, and state the errors of the former's.
 
     On edges longer than preset fast's nothing is known of what is left (a punch is off by more than
-    ``sim.error.estimate`` says there), so the difference to preset fast is measured, and the
+    ``sim.error`` says there), so the difference to preset fast is measured, and the
     estimated error of preset fast is added. The path is left at the largest force.
 
     Args:

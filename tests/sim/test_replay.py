@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import pyvista
 
-from sim.error.tolerance import Tolerance, keeping
+from sim.error import Tolerance, keeping
 from sim.fields.press_fields import TrialFields
 from sim.mesh.elements import linear_facets
 from sim.replay import reference_path, replay_forces, replay_scene

@@ -21,9 +21,14 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from sim.optics.colour.colour_model import BRIGHTEST, LINEAR, Response
+from sim.optics.colour.model_terms import (
+    BALL_EXPONENTS,
+    NearLamp,
+    ShadingTerms,
+    monomials,
+    polynomial_exponents,
+)
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.colour.polynomial import BALL_EXPONENTS, monomials, polynomial_exponents
-from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from tacauchy_rig.core.arrays import FloatArray, IntArray, RealArray
 from tacauchy_rig.core.errors import ConfigError
 

@@ -6,8 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.optics.colour.polynomial import INDENTATION_UNIT_M
-from sim.optics.colour.shading_terms import CREASE_UNIT_M
+from sim.optics.colour.model_terms import CREASE_UNIT_M, INDENTATION_UNIT_M
 from sim.optics.pixels.pixel_kernel import Layout, bend_of, place_of
 
 # Where a pixel's samples are tilted alike to this, the colour of their mean is their mean colour.

@@ -22,8 +22,14 @@ from pydantic import TypeAdapter
 
 from sim.optics.colour.colour_kernel import Colours, colour_pixels
 from sim.optics.colour.colour_model import BRIGHTEST, LINEAR, PixelColours, Response
-from sim.optics.colour.polynomial import degrees_of_tilt, evaluate_polynomial, row_weights
-from sim.optics.colour.shading_terms import ShadingTerms, lamp_planes, lamp_weights
+from sim.optics.colour.model_terms import (
+    ShadingTerms,
+    degrees_of_tilt,
+    evaluate_polynomial,
+    lamp_planes,
+    lamp_weights,
+    row_weights,
+)
 from sim.optics.pixels.pixel_blocks import PixelBlocks
 from tacauchy_rig.core.arrays import Float32Array, FloatArray, IntArray, RealArray
 from tacauchy_rig.core.errors import ConfigError

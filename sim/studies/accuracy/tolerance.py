@@ -17,12 +17,12 @@ from typing import Any
 from sim.effects.coarse import coarse_press
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
-from sim.error.estimate import estimated
-from sim.error.tolerance import (
+from sim.error import (
     FAST,
     RELATIVE_COSTS,
     Setting,
     Tolerance,
+    estimated,
     keeping,
     parse_tolerance,
     setting_of,

@@ -23,7 +23,7 @@ from matplotlib.ticker import NullFormatter
 
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.error.tolerance import Tolerance, keeping, setting_of
+from sim.error import Tolerance, keeping, setting_of
 from sim.fields.surface import SurfaceState
 from sim.mesh.discretisation import SparsePattern
 from sim.replay import replay_forces, replay_scene

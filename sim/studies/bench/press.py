@@ -11,7 +11,7 @@ from typing import Any
 
 from sim.effects.plan import PRESET_TOLERANCE, plan_effects
 from sim.effects.scene_path import path_for
-from sim.error.tolerance import keeping, parse_tolerance
+from sim.error import keeping, parse_tolerance
 from sim.press import measure
 from sim.press_command import scene_from
 from sim.scene.scene import Preset, Scene

@@ -17,10 +17,9 @@ from sim.effects.presets import build_model
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
+from sim.optics.colour.model_terms import BALL_EXPONENTS, NearLamp, ShadingTerms
 from sim.optics.colour.nominal import nominal_model
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.colour.polynomial import BALL_EXPONENTS
-from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.height.height_map import height_maps
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.surface_images import SurfaceImages

@@ -12,7 +12,7 @@ from statistics import geometric_mean
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from sim.error.tolerance import parse_tolerance
+from sim.error import parse_tolerance
 from sim.studies.bench.scenes import FRAME_COUNT, IMAGES, Reference, ScenePress, SceneRow
 from tacauchy_rig.core.figure_style import (
     BLUE,

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.error.tolerance import Tolerance, parse_tolerance
+from sim.error import Tolerance, parse_tolerance
 from sim.press_command import scene_of
 from sim.scene.scene import Preset, Scene, SceneTerms
 from sim.sensor.sensor import Sensor, load_sensor

@@ -13,7 +13,7 @@ from sim.effects.effect_plan import EffectPlan, everything
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
-from sim.error.estimate import estimated
+from sim.error import estimated
 from sim.press_command import scene_from
 from sim.scene.material import RelaxationTerm
 from sim.scene.scene import Effect, Output, Scene, Target

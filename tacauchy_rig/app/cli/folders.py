@@ -16,7 +16,7 @@ from tacauchy_rig.core.store.recording.export_kind import ExportKind
 
 if TYPE_CHECKING:
     from reports.evidence.attempt import RunReading
-    from sim.error.tolerance import Tolerance
+    from sim.error import Tolerance
     from tacauchy_rig.app.cli.emulation import BackgroundCalibration
     from tacauchy_rig.core.simulated import MarkerMotion, Replay
     from tacauchy_rig.core.store.check.run import RunCheck
@@ -47,7 +47,7 @@ def replay(
 
     Example: tacauchy-rig replay runs/20261123-gelsight-mini --tolerance 1%
     """
-    from sim.error.tolerance import parse_tolerance
+    from sim.error import parse_tolerance
     from tacauchy_rig.app.cli.emulation import BackgroundCalibration
     from tacauchy_rig.app.replay.opening import open_run
     from tacauchy_rig.core.parallel import worker_process

@@ -84,7 +84,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
     """
     from sim.effects.mesh_choice import mesh_choice
     from sim.effects.plan import plan_effects
-    from sim.error.tolerance import RELATIVE_COSTS, alternatives, setting_of
+    from sim.error import RELATIVE_COSTS, alternatives, setting_of
     from sim.press_command import scene_of
 
     scene = scene_of(replace(terms, output=tuple(output or ())))

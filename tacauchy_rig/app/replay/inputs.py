@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from sim.effects.plan import PRESET_TOLERANCE
-from sim.error.tolerance import Tolerance, keeping, setting_of
+from sim.error import Tolerance, keeping, setting_of
 from sim.replay import replay_scene
 from sim.scene.indenter import Indenter
 from sim.scene.scene import Drive, Preset, Scene

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from reports.evidence.attempt import RunReading
-from sim.error.tolerance import Tolerance
+from sim.error import Tolerance
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.imported import SAME_PLACE_M, ImportedTrial

@@ -10,7 +10,7 @@ from statistics import median
 from reports.evidence.attempt import AttemptReading, RunReading
 from reports.evidence.fits import ModulusFit, fit_modulus
 from sim.effects.plan import plan_effects
-from sim.error.tolerance import setting_of
+from sim.error import setting_of
 from sim.fields.press_fields import TrialFields
 from sim.replay import (
     History,

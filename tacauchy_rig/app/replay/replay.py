@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from reports.evidence.attempt import RunReading
-from sim.error.tolerance import Tolerance
+from sim.error import Tolerance
 from sim.fields.press_fields import TrialFields
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.image_causes import SplitPart, split_images

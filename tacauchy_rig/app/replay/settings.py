@@ -7,7 +7,7 @@ from dataclasses import replace
 from enum import StrEnum
 from typing import TypeVar
 
-from sim.error.tolerance import Tolerance, parse_tolerance
+from sim.error import Tolerance, parse_tolerance
 from sim.optics.colour.nominal import nominal_model
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Drive, Preset

@@ -14,7 +14,7 @@ import numpy as np
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.error.estimate import estimated
+from sim.error import estimated
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Indenter
 from sim.scene.scene import Preset

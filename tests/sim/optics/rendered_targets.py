@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from sim.optics.calibrate.scale.target import ArucoTarget, CharucoTarget
+from sim.optics.calibrate.scale_fit import ArucoTarget, CharucoTarget
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import ImageArray
 

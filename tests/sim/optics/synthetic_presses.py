@@ -6,8 +6,8 @@ import numpy as np
 
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PressScene
+from sim.optics.colour.model_terms import polynomial_exponents
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.colour.polynomial import polynomial_exponents
 from sim.sensor.camera_geometry import CameraGeometry
 from tests.sim.optics.exponential_skirt import ExponentialSkirt
 

@@ -9,22 +9,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from sim.optics.calibrate.checks import (
+from sim.optics.calibrate.colours import Calibration
+from sim.optics.calibrate.cross_validation import (
     FEWEST,
+    CheckScores,
+    RenderedPress,
     SlopeCoverage,
     check_after,
     check_before,
     check_coverage,
-    slope_coverage,
-)
-from sim.optics.calibrate.colours import Calibration
-from sim.optics.calibrate.cross_validation import (
-    CheckScores,
-    RenderedPress,
     check_scores,
     cross_validate,
     held_out_errors,
     render_presses,
+    slope_coverage,
 )
 from sim.optics.calibrate.presses.ball_press import (
     BallPress,

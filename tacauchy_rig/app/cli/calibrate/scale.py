@@ -13,7 +13,7 @@ from tacauchy_rig.app.cli.output import say, write_json
 from tacauchy_rig.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from sim.optics.calibrate.scale.fit import ScaleFit
+    from sim.optics.calibrate.scale_fit import ScaleFit
     from sim.sensor.sensor import Sensor
 
 
@@ -74,8 +74,7 @@ def scale(
 def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFit, str]:
     from reports.evidence.attempt import crop_and_resize
     from sim.optics.calibrate.presses.ball_press import read_rgb
-    from sim.optics.calibrate.scale.fit import fit_scale
-    from sim.optics.calibrate.scale.target import find_target, parse_target
+    from sim.optics.calibrate.scale_fit import find_target, fit_scale, parse_target
     from tacauchy_rig.app.replay.opening import scored_geometry
     from tacauchy_rig.core.rgb import to_grey
 
@@ -92,7 +91,7 @@ def _from_presses(folder: Path) -> tuple[ScaleFit, str]:
     import numpy as np
 
     from sim.optics.calibrate.presses.ball_press import read_ball_presses
-    from sim.optics.calibrate.scale.fit import fit_scale, read_positions
+    from sim.optics.calibrate.scale_fit import fit_scale, read_positions
 
     places = read_positions(folder / "positions.csv")
     known = [p for p in read_ball_presses(folder, folder / "circles.csv") if p.name in places]

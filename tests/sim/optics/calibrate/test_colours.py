@@ -16,8 +16,8 @@ from sim.optics.calibrate.fit import PhotometricSamples, SurfacePoints, fit_phot
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from sim.optics.colour.colour_model import LINEAR
+from sim.optics.colour.model_terms import BALL_EXPONENTS
 from sim.optics.colour.photometric import load_photometric
-from sim.optics.colour.polynomial import BALL_EXPONENTS
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.exponential_skirt import ExponentialSkirt
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model

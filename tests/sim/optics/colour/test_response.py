@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from sim.optics.calibrate.colours import calibrate_optics
 from sim.optics.calibrate.presses.scene import seen_change
 from sim.optics.colour.colour_model import LINEAR, Response
+from sim.optics.colour.model_terms import BALL_EXPONENTS
 from sim.optics.colour.photometric import load_photometric
-from sim.optics.colour.polynomial import BALL_EXPONENTS
 from sim.optics.render.renderer import TactileRenderer
 from tests.sim.optics.analytic_surface import APEX_M, camera
 from tests.sim.optics.synthetic_presses import press_scene, presses, true_model

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from sim.optics.calibrate.fit import PhotometricSamples, SurfacePoints, fit_photometric, fit_terms
+from sim.optics.colour.model_terms import BALL_EXPONENTS, NearLamp, ShadingTerms
 from sim.optics.colour.photometric import PhotometricModel, load_photometric
-from sim.optics.colour.polynomial import BALL_EXPONENTS
-from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.render.renderer import TactileRenderer
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 

@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 
 from sim.optics.colour.colour_model import LINEAR, Response
+from sim.optics.colour.model_terms import (
+    BALL_EXPONENTS,
+    NearLamp,
+    ShadingTerms,
+    polynomial_exponents,
+)
 from sim.optics.colour.photometric import PhotometricModel, normalised_positions
-from sim.optics.colour.polynomial import BALL_EXPONENTS, polynomial_exponents
-from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from sim.optics.colour.colour_model import LINEAR, Response
+from sim.optics.colour.model_terms import BALL_EXPONENTS, NearLamp, ShadingTerms
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.colour.polynomial import BALL_EXPONENTS
-from sim.optics.colour.shading_terms import NearLamp, ShadingTerms
 from sim.optics.render import renderer
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.optics import Lamp, ShadowCaster

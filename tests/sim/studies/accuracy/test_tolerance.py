@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from sim.error.tolerance import Tolerance, keeping
+from sim.error import Tolerance, keeping
 from sim.scene.indenter import describe
 from sim.scene.scene import Preset
 from sim.studies.accuracy.tolerance import (

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.error.tolerance import Tolerance
+from sim.error import Tolerance
 from sim.fields.surface import SurfaceState
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material

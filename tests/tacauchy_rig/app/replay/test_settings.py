@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from sim.effects.plan import PRESET_TOLERANCE
-from sim.error.tolerance import Tolerance
+from sim.error import Tolerance
 from sim.optics.colour.nominal import nominal_photometric
 from sim.scene.indenter import describe
 from sim.scene.scene import ContactMode, Preset

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.optics.calibrate.scale.fit import fit_scale, read_positions
+from sim.optics.calibrate.scale_fit import fit_scale, read_positions
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.errors import ConfigError
 

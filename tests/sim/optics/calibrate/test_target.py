@@ -7,13 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.scale.fit import ScaleFit, fit_scale
-from sim.optics.calibrate.scale.target import (
+from sim.optics.calibrate.scale_fit import (
     ArucoTarget,
     CharucoTarget,
     DotTarget,
+    ScaleFit,
     ScaleTarget,
     find_target,
+    fit_scale,
     parse_target,
 )
 from sim.sensor.camera_geometry import CameraGeometry

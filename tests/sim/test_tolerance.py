@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from sim.error.tolerance import (
+from sim.error import (
     RELATIVE_COSTS,
     Setting,
     Tolerance,

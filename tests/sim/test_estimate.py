@@ -10,7 +10,7 @@ from sim.effects.coarse import CoarsePress, coarse_press
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import PressOutputs
 from sim.effects.plan import plan_effects
-from sim.error.estimate import estimate_from, estimated
+from sim.error import estimate_from, estimated
 from sim.press import press
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material

@@ -1,1 +1,0 @@
-"""What a simulated force is worth."""

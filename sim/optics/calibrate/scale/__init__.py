@@ -1,1 +1,0 @@
-"""Where pixels look: the scale of a sensor's images."""
