@@ -22,8 +22,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from sim.effects.coarse import RUNGS, CoarsePress, coarse_press
-from sim.effects.effect_plan import EffectPlan, everything
+from sim.effects.coarse import COARSE_RATIOS, CoarsePress, coarse_press
+from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.outputs import PressOutputs
 from sim.effects.plan import plan_effects
 from sim.scene.indenter import Sphere
@@ -87,19 +87,19 @@ class ErrorEstimate:
 NOT_ASKED = ErrorEstimate(relative={}, basis="no error was asked for")
 
 
-def rung(scene: Scene, plan: EffectPlan) -> tuple[Scene, EffectPlan, float]:
+def coarse_reference(scene: Scene, plan: EffectPlan) -> tuple[Scene, EffectPlan, float]:
     """Return what a press is held against: scene, plan, and how many times shorter its edges."""
     if plan.is_on(Effect.LOCKING_FREE_ELEMENT):
-        return scene, plan, RUNGS[scene.preset][-1]
+        return scene, plan, COARSE_RATIOS[scene.preset][-1]
     kept = tuple((effect, on) for effect, on in plan.switches if effect not in _OF_THE_MESH)
     on_fast = replace(scene, preset=Preset.FAST, refinement=1.0, effects=kept)
-    return on_fast, everything(on_fast), _LINEAR_RATIO
+    return on_fast, full_plan(on_fast), _LINEAR_RATIO
 
 
 def estimated(scene: Scene, plan: EffectPlan, found: PressOutputs) -> ErrorEstimate:
     """Press a scene on longer edges and estimate the errors of the outputs of a press."""
     try:
-        coarse = coarse_press(*rung(scene, plan))
+        coarse = coarse_press(*coarse_reference(scene, plan))
     except RigError as error:
         return failed(error)
     return estimate_from(scene, plan, found, coarse)
@@ -322,7 +322,7 @@ def _error_on_fast(fast: Scene) -> tuple[float, float]:
         RigError: It cannot be pressed, or nothing touches.
     """
     plan = plan_effects(fast)
-    own, coarse = coarse_press(fast, plan, 1.0), coarse_press(*rung(fast, plan))
+    own, coarse = coarse_press(fast, plan, 1.0), coarse_press(*coarse_reference(fast, plan))
     worth = estimate_from(fast, plan, own.outputs, coarse)
     if worth.force is None:
         raise ConfigError(worth.basis, remedy="press deeper")

@@ -21,10 +21,10 @@ from sim.error import (
     ErrorEstimate,
     Tolerance,
     alternatives,
+    coarse_reference,
     estimate_from,
     estimated,
     failed,
-    rung,
     setting_of,
 )
 from sim.fields.press_fields import (
@@ -254,7 +254,7 @@ class _StatedErrors:
         self._scene, self._plan = scene, plan
         self._coarser: CoarsePath | RigError
         try:
-            self._coarser = CoarsePath(*rung(scene, plan))
+            self._coarser = CoarsePath(*coarse_reference(scene, plan))
         except RigError as error:
             self._coarser = error
 

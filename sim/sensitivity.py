@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.effects.effect_plan import everything
+from sim.effects.effect_plan import full_plan
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.scene.scene import Effect, Preset, Scene, Target
@@ -56,7 +56,7 @@ def forces_at(
         )
     if not own_target:
         scene = replace(scene, target=Target(depth_m=max(depths_m)))
-    plan = plan_effects(scene) if planned else everything(scene)
+    plan = plan_effects(scene) if planned else full_plan(scene)
     duration_s = scene.duration_s if plan.is_on(Effect.VISCOELASTICITY) else None
     path = path_for(scene, plan)
     touched_m = path.push(contact_force_n).depth_m if contact_force_n > _NO_FORCE_N else 0.0

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.effects.effect_plan import everything
+from sim.effects.effect_plan import full_plan
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.plan import output_tolerances, plan_effects
 from sim.effects.scene_path import path_for
@@ -65,7 +65,7 @@ def press_tilted(
         refinement=refinement,
         effects=tuple({**dict(scene.effects), **negligible}.items()),
     )
-    path = path_for(tilted, everything(tilted))
+    path = path_for(tilted, full_plan(tilted))
     history, moments = [], []
     for force_n in forces_n:
         point = path.push(force_n)

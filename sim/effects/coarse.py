@@ -1,7 +1,7 @@
-"""Coarse presses of the very scene: what effects are tried on and errors are estimated from.
+"""Coarse presses of a scene, on which effects are tried and from which errors are estimated.
 
-Each is the scene's own press on longer edges, which costs a small part of it: a rung of a ladder
-that ends with the press itself. They are kept by scene, since plan and error estimate share them.
+Each is the scene's own press on longer edges, which costs a small part of it. They are kept by
+scene, since plan and error estimate share them.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ import time
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from sim.effects.effect_plan import EffectPlan, everything
+from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.scene_path import follow, path_for
 from sim.scene.scene import Preset, Scene
 
 # How many times shorter than the scene's the edges are, the coarsest first. Preset paper has but
 # one mesh.
-RUNGS: dict[Preset, tuple[float, ...]] = {
+COARSE_RATIOS: dict[Preset, tuple[float, ...]] = {
     Preset.FAST: (0.5,),
     Preset.BALANCED: (1.0 / 3.0, 0.5),
     Preset.ACCURATE: (1.0 / 3.0, 0.5),
@@ -47,7 +47,7 @@ def coarse_press(scene: Scene, plan: EffectPlan, ratio: float) -> CoarsePress:
     Raises:
         RigError: It cannot be meshed or solved there.
     """
-    # What does not change a press on given edges is taken off, so that more scenes share it.
+    # Without what does not change a press on given edges, so that more scenes share it.
     bare = replace(scene, effects=plan.switches, tolerance=None, outputs=frozenset(), sensor="")
     return _pressed(bare, ratio)
 
@@ -87,7 +87,7 @@ class CoarsePath:
 def _pressed(scene: Scene, ratio: float) -> CoarsePress:
     started = time.process_time()
     coarse = replace(scene, refinement=ratio * scene.refinement)
-    plan = everything(coarse)
+    plan = full_plan(coarse)
     path = path_for(coarse, plan)
     outputs = outputs_of(path, follow(coarse, path))
     return CoarsePress(ratio=ratio, outputs=outputs, processor_s=time.process_time() - started)

@@ -101,7 +101,7 @@ _CANNOT_BE_ADDED = {
 _Decision = tuple[bool, str]
 
 
-def everything(scene: Scene) -> EffectPlan:
+def full_plan(scene: Scene) -> EffectPlan:
     """Return the plan that leaves nothing out but what the user switches off.
 
     Raises:

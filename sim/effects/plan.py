@@ -16,8 +16,8 @@ from dataclasses import replace
 from functools import lru_cache
 
 from sim.effects import estimates
-from sim.effects.coarse import RUNGS, coarse_press
-from sim.effects.effect_plan import EffectPlan, everything
+from sim.effects.coarse import COARSE_RATIOS, coarse_press
+from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.scene.scene import Effect, Output, Preset, Scene
 from tacauchy_rig.core.errors import RigError
 
@@ -42,10 +42,10 @@ _COSTS = {
     Preset.ACCURATE: 0.02,
     Preset.REFERENCE: 0.01,
 }
-# A fine press's difference is at most so many times that of its one rung, which sees the slip in a
-# contact less sharply: 1.5 times in F_z, 3.2 times in a field's motion were the most in 60 drawn
-# presses. With two rungs it is the finer one's and what the two are apart.
-_ONE_RUNG, _ONE_RUNG_FIELDS = 2.0, 4.0
+# A fine press's difference is at most so many times that of its one coarse press, which resolves
+# the slip in a contact less sharply: 1.5 times in F_z, 3.2 times in a field's motion were the most
+# in 60 drawn presses. With two coarse presses it is the finer one's and what the two are apart.
+_ONE_COARSE, _ONE_COARSE_FIELDS = 2.0, 4.0
 # Trying would only confirm that friction is needed where mu is so many tolerances of shear or
 # markers: a straight press's tangential traction came out as 0.06 to 0.7 mu of the pressure, and a
 # plan doubles what it finds.
@@ -63,7 +63,7 @@ def plan_effects(scene: Scene) -> EffectPlan:
     Raises:
         ConfigError: The user switched something on or off that cannot be.
     """
-    plan = replace(everything(scene), tolerances=output_tolerances(scene))
+    plan = replace(full_plan(scene), tolerances=output_tolerances(scene))
     if estimates.has_several_equilibria(scene):
         for effect in (Effect.INERTIA, *_SAVES):
             if _is_open(plan, effect):
@@ -109,10 +109,10 @@ def _judged(scene: Scene, plan: EffectPlan, effect: Effect, saved: float) -> Eff
     Args:
         saved: Share of a press's time that leaving it out saves.
     """
-    rungs = RUNGS[scene.preset]
-    price = len(rungs) * _COSTS.get(scene.preset, 0.0)
+    ratios = COARSE_RATIOS[scene.preset]
+    price = len(ratios) * _COSTS.get(scene.preset, 0.0)
     why = _why_needed(scene, plan) if effect is Effect.FRICTION else ""
-    if not rungs:
+    if not ratios:
         why = why or "preset paper has one mesh"
     elif saved < price:
         why = why or f"trying costs {price:.0%} of a press's time and may save {saved:.0%}"
@@ -123,7 +123,7 @@ def _judged(scene: Scene, plan: EffectPlan, effect: Effect, saved: float) -> Eff
     except RigError as error:
         return _with(plan, effect, reason=f"on, as a coarse press failed: {error.message}")
     plan = replace(plan, tried_s=plan.tried_s + spent)
-    edges = " and ".join(f"{1.0 / ratio:g}" for ratio in rungs)
+    edges = " and ".join(f"{1.0 / ratio:g}" for ratio in ratios)
     return _weighed(plan, effect, costs, f"tried on edges {edges} times as long")
 
 
@@ -146,7 +146,7 @@ def _tried(scene: Scene, plan: EffectPlan, effect: Effect) -> tuple[dict[Output,
     """
     without = _with(plan, effect, on=False)
     found, spent = [], 0.0
-    for ratio in RUNGS[scene.preset]:
+    for ratio in COARSE_RATIOS[scene.preset]:
         pressed = [coarse_press(scene, each, ratio) for each in (without, plan)]
         spent += sum(each.processor_s for each in pressed)
         found.append(pressed[0].outputs.differences(pressed[1].outputs))
@@ -154,7 +154,7 @@ def _tried(scene: Scene, plan: EffectPlan, effect: Effect) -> tuple[dict[Output,
     costs = {
         output: fine[output] + abs(fine[output] - coarse[output])
         if len(found) > 1
-        else (_ONE_RUNG if output in _SUMS else _ONE_RUNG_FIELDS) * fine[output]
+        else (_ONE_COARSE if output in _SUMS else _ONE_COARSE_FIELDS) * fine[output]
         for output in fine
     }
     return costs, spent

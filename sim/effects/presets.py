@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 from sim.contact.state import ContactOptions
-from sim.effects.effect_plan import EffectPlan, everything
+from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.estimates import expected_depth
 from sim.effects.footprint_presets import diagonal, footprint_mesh
 from sim.effects.mesh_choice import MeshKind, contact_reach, mesh_choice, mirrors
@@ -161,7 +161,7 @@ def build_model(
     Raises:
         ConfigError: The pad cannot be meshed for this indenter, or the layers do not fit together.
     """
-    plan = plan or everything(scene)
+    plan = plan or full_plan(scene)
     name = law_name(scene.material, scene.layers)
     if not plan.is_on(Effect.FINITE_STRAIN):
         name = LawName.LINEAR

@@ -16,7 +16,7 @@ from sim.effects.coarse import CoarsePath
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.error import estimate_from, rung
+from sim.error import coarse_reference, estimate_from
 from sim.fields.contact_traction import surface_traction
 from sim.fields.press_fields import top_surface
 from sim.optics.colour.colour_model import ColourModel
@@ -70,7 +70,7 @@ def stated_force_error(scene: Scene, path: LoadingPath, force_max_n: float) -> S
     plan = plan_effects(fast)
     forces, relative, basis = [share * force_max_n for share in _SHARES], [], ""
     try:
-        finer, coarser = path_for(fast, plan), CoarsePath(*rung(fast, plan))
+        finer, coarser = path_for(fast, plan), CoarsePath(*coarse_reference(fast, plan))
         for force in forces:
             aimed = replace(fast, target=Target(force_n=force))
             own, found = (outputs_of(each, each.push(force)) for each in (path, finer))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from importlib import resources
 
 from sim.effects.coarse import forget
-from sim.effects.effect_plan import EffectPlan, everything
+from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
@@ -115,9 +115,9 @@ def check_effects(case: EffectCase, *, errors: bool = False) -> EffectCheck:
         ConvergenceError: A press has no equilibrium.
     """
     scene = case.scene
-    full_plan = everything(scene)
+    every_effect = full_plan(scene)
     plan = plan_effects(scene)
-    for each in {plan.switches, full_plan.switches}:
+    for each in {plan.switches, every_effect.switches}:
         _touch(scene, each)
     plan_effects.cache_clear()
     forget()
@@ -128,8 +128,8 @@ def check_effects(case: EffectCase, *, errors: bool = False) -> EffectCheck:
     planned_s = time.process_time() - started
     forget()
     started = time.process_time()
-    full = _pressed(scene, full_plan)
-    estimated(scene, full_plan, full)
+    full = _pressed(scene, every_effect)
+    estimated(scene, every_effect, full)
     full_s = time.process_time() - started
     found, true = planned.differences(full), {}
     if errors:
@@ -138,11 +138,11 @@ def check_effects(case: EffectCase, *, errors: bool = False) -> EffectCheck:
         shorter = replace(
             scene, refinement=_FINER * scene.refinement, effects=(*scene.effects, inertia)
         )
-        true = _true_errors(planned, full, _pressed(shorter, everything(shorter)))
+        true = _true_errors(planned, full, _pressed(shorter, full_plan(shorter)))
     return EffectCheck(
         name=case.name,
         shows=case.shows,
-        added=tuple(e for e, on in full_plan.switches if on and not plan.is_on(e)),
+        added=tuple(e for e, on in every_effect.switches if on and not plan.is_on(e)),
         tolerances=dict(plan.tolerances),
         expected={output: plan.left_out(output) for output in plan.tolerances},
         differences={output: found[output] for output in plan.tolerances},
@@ -187,4 +187,4 @@ def _touch(scene: Scene, switches: tuple[tuple[Effect, bool], ...]) -> None:
         refinement=_TOUCH_REFINEMENT * scene.refinement,
         effects=still,
     )
-    _pressed(bare, everything(bare))
+    _pressed(bare, full_plan(bare))

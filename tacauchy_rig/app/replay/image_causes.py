@@ -17,7 +17,7 @@ import numpy as np
 from reports.evidence.attempt import AttemptReading
 from reports.evidence.evidence import TrialImages
 from reports.scores.residual_split import Cause, Mode, split_residual
-from sim.effects.effect_plan import everything
+from sim.effects.effect_plan import full_plan
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
@@ -266,7 +266,7 @@ class _Again:
             refinement=COARSE,
             outputs=frozenset(),
         )
-        path = path_for(coarse, everything(coarse))
+        path = path_for(coarse, full_plan(coarse))
         return [surface_state(path, path.push(force_n)) for force_n in forces_n or measured]
 
     def _seen(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.effects.effect_plan import everything
+from sim.effects.effect_plan import full_plan
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.scene_path import follow, path_for
 from sim.scene.indenter import Cylinder, Sphere
@@ -30,7 +30,7 @@ SCENE = Scene(
 
 def found(scene: Scene) -> PressOutputs:
     """Return the outputs of a press."""
-    plan = everything(scene)
+    plan = full_plan(scene)
     path = path_for(scene, plan)
     return outputs_of(path, follow(scene, path))
 
