@@ -120,8 +120,18 @@ def test_a_factor_that_hardly_holds_the_ball_lowers_it_by_little(
 
     monkeypatch.setattr(solver.factor, "apply", down_by_a_metre)
     descents, before = solver._descents, state.tip[2]
-    solver._set_limits(1.0, path.options)
-    descents.begin(gap_least=0.0, rounding=-1.0, checked=1, rough=0)
+    solver.factor.held = False
+    descents.begin(
+        pushed=1,
+        load=1.0,
+        relative=path.options.residual_relative,
+        floor=0.0,
+        steps_max=path.options.iteration_max,
+        gap_least=0.0,
+        rounding=-1.0,
+        checked=1,
+        rough=0,
+    )
     solver._upload(state, state.grip)
     descents.step()
     assert 0.0 < before - descents.poses.tips.numpy()[0, 2] < 0.05 * model.height_m
