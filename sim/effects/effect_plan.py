@@ -1,4 +1,7 @@
-"""What a scene is simulated with, and why: the data of a plan."""
+"""Effects that a scene calls for by its definition alone, and the data of a plan.
+
+``sim.effects.plan`` tries the effects that stay open on coarse meshes.
+"""
 
 from __future__ import annotations
 

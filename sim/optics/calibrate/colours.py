@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from sim.optics.calibrate.fit import (
+from sim.optics.calibrate.photometric_fit import (
     REFERENCE,
     RIDGE,
     PhotometricSamples,

@@ -17,9 +17,9 @@ import numpy as np
 from skimage.metrics import structural_similarity
 
 from sim.optics.calibrate.colours import Calibration
+from sim.optics.calibrate.optics_fit import press_image, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PlacedPress, PressScene, exposed
-from sim.optics.calibrate.sensor_fit import press_image, without_shadows
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.errors import ConfigError

@@ -1,4 +1,7 @@
-"""``tacauchy-rig press`` and ``plan``: a scene of the command line, pressed or thought over."""
+"""``tacauchy-rig press`` and ``plan``: simulate a scene of the command line, or plan its effects.
+
+The options of the scene stand in ``tacauchy_rig.app.cli.scene_options``.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What ``rig.toml`` may say. Values are SI; the file writes them as text with units."""
+"""The keys of ``rig.toml``. Values are SI; the file writes them as text with units.
+
+Ranges with their reasons stand in ``ceilings.toml``, rules between keys in ``rules.py``.
+"""
 
 from __future__ import annotations
 

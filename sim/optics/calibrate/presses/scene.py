@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from sim.optics.calibrate.fit import SurfacePoints
+from sim.optics.calibrate.photometric_fit import SurfacePoints
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.gel_profile import GelProfile, ball_profiles
 from sim.optics.colour.colour_model import LINEAR, Response

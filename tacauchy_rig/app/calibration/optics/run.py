@@ -24,6 +24,7 @@ from sim.optics.calibrate.cross_validation import (
     render_presses,
     slope_coverage,
 )
+from sim.optics.calibrate.optics_fit import BLUR_PX, SHADOWS, calibrate_presses
 from sim.optics.calibrate.presses.ball_press import (
     BallPress,
     Circle,
@@ -35,7 +36,6 @@ from sim.optics.calibrate.presses.ball_press import (
 from sim.optics.calibrate.presses.find_circle import find_circle
 from sim.optics.calibrate.presses.gel_profile import DEPTHS_M
 from sim.optics.calibrate.presses.scene import PressScene, pressed_scene
-from sim.optics.calibrate.sensor_fit import BLUR_PX, SHADOWS, calibrate_presses
 from sim.scene.scene import Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
-from sim.optics.calibrate.sensor_fit import calibrate_presses, fit_blur
+from sim.optics.calibrate.optics_fit import calibrate_presses, fit_blur
 from sim.optics.colour.nominal import exponents_for
 from sim.optics.colour.photometric import normalised_positions
 from sim.optics.render.renderer import TactileRenderer

@@ -12,7 +12,7 @@ import pytest
 
 from sim.optics.calibrate.colours import Calibration, PressSamples, calibrate_optics
 from sim.optics.calibrate.cross_validation import check_scores, cross_validate, render_presses
-from sim.optics.calibrate.fit import PhotometricSamples, SurfacePoints, fit_photometric
+from sim.optics.calibrate.photometric_fit import PhotometricSamples, SurfacePoints, fit_photometric
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
 from sim.optics.colour.colour_model import LINEAR

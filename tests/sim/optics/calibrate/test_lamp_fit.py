@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 
-from sim.optics.calibrate.fit import PhotometricSamples, SurfacePoints, _Search
+from sim.optics.calibrate.photometric_fit import PhotometricSamples, SurfacePoints, _Search
 
 
 @pytest.mark.parametrize("blurred", [False, True])

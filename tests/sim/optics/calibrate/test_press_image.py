@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from sim.optics.calibrate.colours import Calibration
+from sim.optics.calibrate.optics_fit import press_image, pressed_surface, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.sensor_fit import press_image, pressed_surface, without_shadows
 from sim.optics.colour.colour_model import Response
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.optics import Lamp, ShadowCaster

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.fit import NormalEquations, PhotometricSamples, SurfacePoints
+from sim.optics.calibrate.photometric_fit import NormalEquations, PhotometricSamples, SurfacePoints
 
 
 def _press(seed: int) -> tuple[np.ndarray, PhotometricSamples]:

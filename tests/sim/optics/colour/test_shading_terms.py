@@ -8,7 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.fit import PhotometricSamples, SurfacePoints, fit_photometric, fit_terms
+from sim.optics.calibrate.photometric_fit import (
+    PhotometricSamples,
+    SurfacePoints,
+    fit_photometric,
+    fit_terms,
+)
 from sim.optics.colour.model_terms import BALL_EXPONENTS, NearLamp, ShadingTerms
 from sim.optics.colour.photometric import PhotometricModel, load_photometric
 from sim.optics.render.renderer import TactileRenderer

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.fit import PhotometricSamples, SurfacePoints, fit_photometric
+from sim.optics.calibrate.photometric_fit import PhotometricSamples, SurfacePoints, fit_photometric
 from sim.optics.colour.colour_model import PixelColours, SampleColours
 from sim.optics.colour.nominal import GREY_EXPONENTS, GreyDepthModel, nominal_photometric
 from sim.optics.pixels.pixel_blocks import PixelBlocks

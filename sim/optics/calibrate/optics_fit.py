@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from sim.optics.calibrate.colours import Calibration, calibrate_optics, fit_model
-from sim.optics.calibrate.fit import lowest_place
+from sim.optics.calibrate.photometric_fit import lowest_place
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PlacedPress, PredictedPixels, PressScene, exposed
 from sim.optics.render.shadows import darkening, lost_share
