@@ -1,6 +1,7 @@
-"""Each study in its smallest form, by its command: what the studies need still works together.
+"""Studies in their smallest form, by their command: what they need still works together.
 
-One emulated run of three presses with a tilted tool serves those that take a run.
+One emulated run of three presses with a tilted tool serves those that take a run. Small forms of
+the other studies stand in the folders of the studies.
 """
 
 from __future__ import annotations
@@ -52,13 +53,13 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def study(place: Path, name: str, *arguments: str, page: bool = True) -> dict[str, Any]:
+def study(place: Path, name: str, *arguments: str) -> dict[str, Any]:
     """Run a study; return its JSON. It ends with 0, or with 1 where a criterion is missed."""
-    out = ("--out", "page.md") if page else ()
-    done = _run(place, "tests.studies", name, *arguments, *out, "--json", "found.json")
+    done = _run(
+        place, "tests.studies", name, *arguments, "--out", "page.md", "--json", "found.json"
+    )
     assert done.returncode in (0, 1), done.stdout + done.stderr
-    if page:
-        assert (place / "page.md").read_text("utf-8").startswith("# ")
+    assert (place / "page.md").read_text("utf-8").startswith("# ")
     found: dict[str, Any] = json.loads((place / "found.json").read_text("utf-8"))
     return {**found, "exit_code": done.returncode}
 
@@ -94,15 +95,3 @@ def test_page(tmp_path: Path) -> None:
     """The page stops a run by button and by key, and a run with a page loses no sample."""
     found = study(tmp_path, "page", "--stops", "2", "--pairs", "2")
     assert all(table["rows"] for table in found["tables"])
-
-
-def test_budget(tmp_path: Path) -> None:
-    """One drawn world has its row of errors over stated uncertainties."""
-    found = study(tmp_path, "budget", "--worlds", "1", "--truth", "fast", page=False)
-    assert len(found["worlds"]) == 1
-
-
-def test_gel(tmp_path: Path) -> None:
-    """One drawn gel is calibrated with each of the three indenters."""
-    found = study(tmp_path, "gel", "--gels", "1", "--truth", "fast", page=False)
-    assert found["gels"]
