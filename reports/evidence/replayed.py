@@ -137,7 +137,7 @@ class _Rising:
         return IntermediateFrame(
             image=image,
             force_n=float(carried_n[k]),
-            depth_m=None if depth is None else _at(depth, float(time_s[k])),
+            depth_m=_at(depth, float(time_s[k])) if depth and len(depth.time_s) else None,
         )
 
     def _image(self, stamp_ns: int) -> ImageArray | None:

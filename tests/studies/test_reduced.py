@@ -84,13 +84,6 @@ def test_verdict(recorded: Path, tmp_path: Path) -> None:
     assert found["wrong"]["passed"]
 
 
-def test_tampering(recorded: Path, tmp_path: Path) -> None:
-    """Nothing goes unnoticed but what the page says is beyond notice."""
-    found = study(tmp_path, "tampering", str(recorded))
-    assert found["exit_code"] == 0
-    assert len(found["cases"]) > 25
-
-
 def test_page(tmp_path: Path) -> None:
     """The page stops a run by button and by key, and a run with a page loses no sample."""
     found = study(tmp_path, "page", "--stops", "2", "--pairs", "2")
