@@ -28,7 +28,7 @@ PRESS = (
     "--set=limits.stale_image=2 s",
     "--set=robot.watchdog=2 Hz",
 )
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(2000)]
 
 
 def _run(place: Path, module: str, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -37,7 +37,7 @@ def _run(place: Path, module: str, *arguments: str) -> subprocess.CompletedProce
         cwd=place,
         capture_output=True,
         text=True,
-        timeout=600,
+        timeout=1800,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         check=False,
     )
