@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -92,3 +93,14 @@ def test_without_states_or_recording_there_is_less(rising: AttemptReading) -> No
     """An older replay has no states; a recording that cannot be read gives no frames."""
     assert intermediate_states({}, rising) == ()
     assert [state.frame for state in intermediate_states(passed(), None)] == [None] * 3
+
+
+def test_without_arm_samples_the_frames_have_no_depth(
+    rising: AttemptReading, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recording whose arm samples are gone still shows its frames, by their forces."""
+    none = replace(rising.arm, stamp_ns=rising.arm.stamp_ns[:0], pose=rising.arm.pose[:0])
+    monkeypatch.setattr(AttemptReading, "arm", property(lambda _: none))
+    frames = [state.frame for state in intermediate_states(passed(), rising)[:-1]]
+    assert [None if frame is None else frame.depth_m for frame in frames] == [None, None]
+    assert None not in frames
