@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,19 +27,23 @@ from tests.mock_bench import MockBench, SimulatedClock
 MOCKS = ('robot.driver="mock"', 'force_sensor.driver="mock"', 'camera.driver="mock"')
 STRICT = ('limits.stale_force="50 ms"', 'limits.stale_image="200 ms"', 'robot.watchdog="10 Hz"')
 """As on a rig: a simulated clock is never late."""
-BRISK = (
-    'robot.watchdog="2 Hz"',  # real time on a shared computer
+SHORT = (
     'protocol.air_press_height="2 mm"',
     'protocol.approach_height="0.5 mm"',
     'sensor.surface_uncertainty="0.2 mm"',
     'robot.home=["0 mm", "-400 mm", "203 mm"]',
     'robot.search_speed="1 mm/s"',
     'robot.press_speed="0.5 mm/s"',
+)
+"""Short ways and quick speeds: half the time of a trial."""
+BRISK = (
+    *SHORT,
+    'robot.watchdog="2 Hz"',  # real time on a shared computer
     'protocol.tare_duration="0.2 s"',
     'protocol.reference_duration="0.2 s"',
     'protocol.dwell_duration="1 s"',
 )
-"""Short ways and quick speeds, for tests that run in real time."""
+"""For tests that run in real time."""
 
 
 @dataclass
@@ -134,9 +138,12 @@ class Laboratory:
 
 
 def _laboratory(
-    *overrides: str, expected: ExpectedPress | None = None, **world_arguments: Any
+    *overrides: str,
+    expected: ExpectedPress | None = None,
+    ways: Sequence[str] = SHORT,
+    **world_arguments: Any,
 ) -> Laboratory:
-    config = load_config(overrides=[*MOCKS, *STRICT, *overrides]).config
+    config = load_config(overrides=[*MOCKS, *STRICT, *ways, *overrides]).config
     world = MockWorld(SimulatedClock(), config, **world_arguments)
     bench = MockBench.on(world)
     rig = Rig(

@@ -58,7 +58,7 @@ def test_noise_does_not_shake_the_arm():
 
 
 def _swaying(laboratory):
-    lab = laboratory('protocol.force_targets=["2 N"]', 'protocol.sway="4 s"')
+    lab = laboratory('protocol.force_targets=["2 N"]', 'protocol.sway="4 s"', ways=())
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     stamps = {e.detail["phase"]: e.stamp_ns for e in lab.sink.events if e.name == "phase"}
     states = [s for s in lab.sink.states if stamps["sway"] <= s.stamp_ns <= stamps["retract"]]

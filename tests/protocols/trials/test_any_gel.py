@@ -10,6 +10,12 @@ from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.core.run import Outcome
 
 OVERRUN_N = 0.15
+NEAR = (
+    'robot.home=["0 mm", "-400 mm", "203 mm"]',
+    'protocol.approach_height="1.1 mm"',
+    'protocol.air_press_height="1.5 mm"',
+)
+"""Short ways at the speeds that are shipped."""
 
 
 @settings(max_examples=6, deadline=None)
@@ -29,6 +35,7 @@ def test_no_gel_makes_the_arm_leave_its_limits(
     lab = laboratory(
         f'protocol.force_targets=["{target_n} N"]',
         "protocol.attempts=1",
+        ways=NEAR,
         gel=gel,
         surface_offset_m=offset_m,
         motion_delay_s=delay_s,

@@ -102,7 +102,11 @@ def test_a_fault_names_the_trials_that_are_safe(laboratory):
 
 def test_a_stalled_arm_is_noticed_long_before_the_press_times_out(laboratory):
     """Commanded and measured travel are named; the window is a setting."""
-    lab = laboratory('protocol.force_targets=["4 N"]', 'limits.no_motion="1 s"')
+    lab = laboratory(
+        'protocol.force_targets=["4 N"]',
+        'limits.no_motion="1 s"',
+        'robot.press_speed="0.3 mm/s"',
+    )
     lab.when_phase("press", lambda: fault(lab, "robot:stall"), delay_s=0.3)
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     entered = next(e for e in lab.sink.events if e.detail.get("phase") == "press")
@@ -140,7 +144,7 @@ def test_an_overexposed_image_is_a_criterion_that_is_missed(laboratory):
 
 def test_no_gel_within_the_travel_is_a_fault(laboratory):
     """A sensor that is not there: the search ends, the arm goes up again."""
-    lab = laboratory('protocol.search_travel="3 mm"', surface_offset_m=-0.003)
+    lab = laboratory('protocol.search_travel="0.6 mm"', surface_offset_m=-0.003)
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     assert result.reason.startswith("protocol.search_travel: nothing was touched")
     assert OFF_GEL in result.reason

@@ -133,6 +133,6 @@ def test_an_arm_in_the_gel_does_not_go_on(laboratory):
     run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     late = BreachError("late", limit=programme.LATE_IMAGE, reaction=Reaction.RETRACT, remedy="")
     assert programme.may_repeat(lab.cycle, late)
-    low = lab.world.pose.shifted(z=0.2 - lab.world.pose.position[2])
+    low = lab.world.pose.shifted(z=0.1995 - lab.world.pose.position[2])
     lab.cycle.last_state = replace(lab.cycle.last_state, pose=low)
     assert not programme.may_repeat(lab.cycle, late)

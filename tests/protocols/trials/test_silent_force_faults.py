@@ -108,13 +108,13 @@ def pressed(
 ):
     """Press once with a cell that lies from a moment on; return result and the true peak [N]."""
     lab = laboratory(
-        *SHORT,
         f'protocol.force_targets=["{target_n} N"]',
         f'robot.model="{model}"',
         expected=expected,
         gel=MiniGel(stiffness=stiffness),
         bias=(0.0,) * 6,  # a bias would show most lies at once
         surface_offset_m=0.9e-3,
+        ways=SHORT,
     )
     if not sees:
         see_nothing(lab)
@@ -188,13 +188,13 @@ def test_an_arm_that_hardly_feels_leaves_the_curve_and_the_camera(laboratory):
 def pressed_after_a_true_one(laboratory, silent, target_n):
     """Press the lightest target truly, then another with a cell that lies from its tare on."""
     lab = laboratory(
-        *SHORT,
         f'protocol.force_targets=["{TARGETS_N[0]} N", "{target_n} N"]',
         'robot.model="cb3"',
         expected=EXPECTED,
         gel=MiniGel(stiffness=1.2),
         bias=(0.0,) * 6,
         surface_offset_m=0.9e-3,
+        ways=SHORT,
     )
     peaks_n = [0.0]
 
@@ -242,7 +242,6 @@ def true_world(laboratory, seed, targets_n):
     draw = random.Random(seed)  # noqa: S311 - a world, not a secret
     model = draw.choice(["e-series", "cb3"])
     lab = laboratory(
-        *SHORT,
         f"protocol.force_targets={[f'{target} N' for target in targets_n]}".replace("'", '"'),
         f'robot.model="{model}"',
         f"emulation.seed={seed}",
@@ -253,6 +252,7 @@ def true_world(laboratory, seed, targets_n):
         surface_offset_m=draw.uniform(-0.9e-3, 0.9e-3),
         motion_delay_s=draw.uniform(0.01, 0.05),
         seed=seed,
+        ways=SHORT,
     )
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     return result, 1.2 if model == "e-series" else 9.0
@@ -287,11 +287,11 @@ def test_twenty_true_worlds_pass(laboratory, seed):
 def test_a_true_press_passes_on_an_arm_of_either_sign(laboratory):
     """The mock arm counts a push as the configuration says, as another controller may."""
     lab = laboratory(
-        *SHORT,
         "robot.force_sign=-1",
         f'protocol.force_targets=["{TARGETS_N[-1]} N"]',
         expected=EXPECTED,
         gel=MiniGel(),
+        ways=SHORT,
     )
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     assert result.outcome is Outcome.PASSED, result.reason
@@ -301,7 +301,7 @@ def test_a_true_press_passes_on_an_arm_of_either_sign(laboratory):
 
 def test_frozen_images_fail_the_trial(laboratory):
     """A loop of old pictures goes unseen by the stream's own checks."""
-    lab = laboratory(*SHORT, 'protocol.force_targets=["1.2556 N"]', expected=None)
+    lab = laboratory('protocol.force_targets=["1.2556 N"]', expected=None, ways=SHORT)
     silent = parse_fault("camera:repeat-image")
     lab.when_phase("press", lambda: lab.world.begin(silent))
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
@@ -313,12 +313,12 @@ def test_frozen_images_fail_the_trial(laboratory):
 def test_a_search_goes_no_deeper_than_what_is_known(laboratory):
     """From the second trial on the gel's height is known: a cell that sticks stops there."""
     lab = laboratory(
-        *SHORT,
         'protocol.force_targets=["1.2556 N", "1.9511 N"]',
         'robot.model="cb3"',
         gel=MiniGel(),
         bias=(0.0,) * 6,
         surface_offset_m=0.9e-3,
+        ways=SHORT,
     )
     see_nothing(lab)
     silent, peaks_n = parse_fault("force_sensor:stick-noisily"), [0.0]
@@ -339,12 +339,12 @@ def test_a_search_goes_no_deeper_than_what_is_known(laboratory):
 def test_a_resumed_search_goes_no_deeper_than_what_earlier_sessions_found(laboratory):
     """Two trials passed before, 20 um apart: the first search of this session knows the lower."""
     lab = laboratory(
-        *SHORT,
         'protocol.force_targets=["1.2556 N", "1.9511 N", "2.6466 N"]',
         'robot.model="cb3"',
         gel=MiniGel(),
         bias=(0.0,) * 6,
         surface_offset_m=0.9e-3,
+        ways=SHORT,
     )
     see_nothing(lab)
     top_m = lab.config.sensor.surface[2] + 0.9e-3

@@ -72,7 +72,7 @@ def test_a_sensor_mounted_the_other_way_round_presses_all_the_same(laboratory):
 
 def test_drift_beyond_its_limit_fails_the_trial_and_it_is_tried_again(laboratory):
     """A wandering zero makes the attempt fail, with a remedy; the next attempt follows."""
-    lab = laboratory('protocol.force_targets=["2 N"]', drift_n_s=0.005)
+    lab = laboratory('protocol.force_targets=["2 N"]', drift_n_s=0.01)
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     assert result.outcome is Outcome.FAILED
     assert lab.sink.begun == [(1, 1), (1, 2)]
