@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 import zlib
 from collections.abc import Callable, Set
+from functools import cache
 from pathlib import Path
 
 from drivers.camera.pictures import TouchWatch
@@ -37,7 +40,7 @@ TWO_PRESSES = (
     'protocol.reference_duration="0.3 s"',
     'protocol.dwell_duration="1 s"',
 )
-"""Short ways: a run takes a fraction of a second of processor time."""
+"""Short ways: a run takes two seconds of processor time."""
 
 
 class KeptOnDisk:
@@ -97,6 +100,24 @@ def new_run(parent: Path, *overrides: str) -> RunStore:
     return RunStore.create(
         parent, loaded, config_text=default_text(), simulated=True, versions={"tacauchy-rig": "0"}
     )
+
+
+def pressed_run(parent: Path, *overrides: str) -> RunStore:
+    """Return a copy of a run whose trials were pressed; each is recorded once in a process."""
+    root = _recorded(overrides)
+    return RunStore.open(shutil.copytree(root, parent / root.name))
+
+
+@cache
+def _recorded(overrides: tuple[str, ...]) -> Path:
+    store = new_run(Path(tempfile.mkdtemp(dir=_folder().name)), *overrides)
+    press_run(store)
+    return store.paths.root
+
+
+@cache
+def _folder() -> tempfile.TemporaryDirectory[str]:
+    return tempfile.TemporaryDirectory(prefix="recorded-", ignore_cleanup_errors=True)
 
 
 def press_run(
