@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from sim.correction import corrected_settings
 from sim.effects.coarse import COARSE_RATIOS, CoarsePress, coarse_press
 from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.outputs import PressOutputs
@@ -96,8 +97,23 @@ def coarse_reference(scene: Scene, plan: EffectPlan) -> tuple[Scene, EffectPlan,
     return on_fast, full_plan(on_fast), _LINEAR_RATIO
 
 
-def estimated(scene: Scene, plan: EffectPlan, found: PressOutputs) -> ErrorEstimate:
-    """Press a scene on longer edges and estimate the errors of the outputs of a press."""
+def guaranteed(scene: Scene) -> Output:
+    """Return what a tolerance holds for: the force at a given depth, or the depth at a force."""
+    return Output.FORCE if scene.target.force_n is None else Output.DEPTH
+
+
+def estimated(
+    scene: Scene, plan: EffectPlan, found: PressOutputs, *, way: PressOutputs | None = None
+) -> ErrorEstimate:
+    """Press a scene on longer edges and estimate the errors of the outputs of a press.
+
+    Args:
+        way: Of the mesh of the way, where that is another: it serves instead.
+    """
+    if way is not None and scene.path_refinement is not None:
+        ratio = scene.path_refinement / scene.refinement
+        coarse = CoarsePress(ratio=ratio, outputs=way, processor_s=0.0)
+        return estimate_from(scene, plan, found, coarse)
     try:
         coarse = coarse_press(*coarse_reference(scene, plan))
     except RigError as error:
@@ -139,7 +155,7 @@ def estimate_from(
     else:
         share = found.stiffness_n_m * found.depth_m / float(found.force_n[2])
         relative[Output.FORCE] = max(1.0, share) * relative[Output.DEPTH]
-    judged = Output.FORCE if scene.target.force_n is None else Output.DEPTH
+    judged = guaranteed(scene)
     slope, rest, _ = rule[judged]
     basis = (
         f"Richardson: edges {1.0 / coarse.ratio:.3g} times as long change the {judged.value} by "
@@ -171,19 +187,28 @@ def _grip_left(scene: Scene, found: PressOutputs) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A preset, and how many times shorter than its own every edge is."""
+    """A preset, and how many times shorter than its own every edge is, and the way's."""
 
     preset: Preset
     refinement: float = 1.0
+    path_refinement: float | None = None
 
     def __str__(self) -> str:
-        if self.refinement == 1.0:
-            return self.preset.value
-        return f"{self.preset.value}, edges {1.0 / self.refinement:.3g} times as long"
+        text = self.preset.value
+        if self.refinement != 1.0:
+            text += f", edges {1.0 / self.refinement:.3g} times as long"
+        if self.path_refinement is not None:
+            text += f", edges on the way {1.0 / self.path_refinement:.3g} times as long"
+        return text
 
     def applied(self, scene: Scene) -> Scene:
         """Return a scene with these settings."""
-        return replace(scene, preset=self.preset, refinement=self.refinement)
+        return replace(
+            scene,
+            preset=self.preset,
+            refinement=self.refinement,
+            path_refinement=self.path_refinement,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +252,7 @@ RELATIVE_COSTS: dict[Setting, RelativeCost] = {
 
 def setting_of(scene: Scene) -> Setting:
     """Return a scene's settings."""
-    return Setting(scene.preset, scene.refinement)
+    return Setting(scene.preset, scene.refinement, scene.path_refinement)
 
 
 # Relative error of F_z by which effects are left out where a tolerance is not chosen yet.
@@ -284,7 +309,7 @@ def parse_tolerance(text: str, *, field: str) -> Tolerance:
 
 
 def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
-    """Return a scene with the cheapest settings that are believed to keep a tolerance.
+    """Return a scene with the cheapest settings whose raw force is believed to keep a tolerance.
 
     The scene is pressed on preset fast and on edges twice as long; what that is worth, every other
     setting is worth in proportion to its error in presses that were measured. Effects are left out
@@ -315,6 +340,34 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
     )
 
 
+def keeping_corrected(scene: Scene, tolerance: Tolerance) -> Scene:
+    """Return a scene with the cheapest settings whose corrected result keeps a tolerance.
+
+    Where no bias is known, or none leaves so little, the raw force is to keep it.
+
+    Raises:
+        ConfigError: No settings keep it.
+    """
+    settings = list(corrected_settings(scene).values())
+    allowed = _allowed(settings[0][0], tolerance) if settings else 0.0
+    for candidate, own, _ in settings:
+        if own <= allowed:
+            return replace(candidate, tolerance=allowed - own)
+    return keeping(scene, tolerance)
+
+
+def _allowed(scene: Scene, tolerance: Tolerance) -> float:
+    """Return a tolerance relative to F_z; nothing where nothing touches or can be pressed."""
+    force = scene.target.force_n
+    if tolerance.force_n is not None and force is None:
+        try:
+            found = coarse_press(scene, full_plan(scene), 1.0)
+        except RigError:
+            return 0.0
+        force = float(found.outputs.force_n[2])
+    return tolerance.of(force or 0.0)
+
+
 def _error_on_fast(fast: Scene) -> tuple[float, float]:
     """Return the relative error of F_z on preset fast, and F_z [N].
 
@@ -329,32 +382,45 @@ def _error_on_fast(fast: Scene) -> tuple[float, float]:
     return worth.force, float(own.outputs.force_n[2])
 
 
+def costs_of(scene: Scene) -> dict[Setting, RelativeCost]:
+    """Return cost and error of the settings next to a scene's: corrected ones, or raw ones."""
+    if scene.path_refinement is None:
+        return RELATIVE_COSTS
+    return {
+        setting_of(candidate): RelativeCost(time_ratio, own)
+        for candidate, own, time_ratio in corrected_settings(scene).values()
+    }
+
+
 def alternatives(
-    scene: Scene, error_relative: float | None, *, wall_s: float | None
+    scene: Scene,
+    error_relative: float | None,
+    *,
+    wall_s: float | None,
+    judged: Output = Output.FORCE,
 ) -> tuple[Alternative, ...]:
     """Return the next cheaper settings worth their time, and the cheapest of those that are better.
 
     Args:
-        error_relative: Believed of F_z with the scene's own settings, or None.
+        error_relative: Believed of the judged output with the scene's own settings, or None.
         wall_s: What the press took [s]; None before it is made.
+        judged: Force or depth.
     """
-    setting = setting_of(scene)
-    own = RELATIVE_COSTS.get(setting)
+    setting, costs = setting_of(scene), costs_of(scene)
+    own = costs.get(setting)
     if own is None:
         return ()
     # The dearest of the cheaper settings than which none that is cheaper errs less.
     cheaper = min(
-        (each for each, worth in RELATIVE_COSTS.items() if worth.time_ratio < own.time_ratio),
-        key=lambda each: RELATIVE_COSTS[each].error_ratio,
+        (each for each, worth in costs.items() if worth.time_ratio < own.time_ratio),
+        key=lambda each: costs[each].error_ratio,
         default=None,
     )
     # Of presets and ladders some are cheaper and better at once: what is dearer must be better yet.
-    least = min(
-        own.error_ratio, RELATIVE_COSTS[cheaper].error_ratio if cheaper else own.error_ratio
-    )
+    least = min(own.error_ratio, costs[cheaper].error_ratio if cheaper else own.error_ratio)
     better = [
         each
-        for each, worth in RELATIVE_COSTS.items()
+        for each, worth in costs.items()
         if worth.error_ratio < least and worth.time_ratio > own.time_ratio
     ]
     found = {"cheaper": cheaper, "better": better[0] if better else None}
@@ -364,11 +430,10 @@ def alternatives(
             setting=str(each),
             error_relative=None
             if error_relative is None
-            else error_relative * RELATIVE_COSTS[each].error_ratio / own.error_ratio,
-            time_ratio=RELATIVE_COSTS[each].time_ratio / own.time_ratio,
-            wall_s=None
-            if wall_s is None
-            else wall_s * RELATIVE_COSTS[each].time_ratio / own.time_ratio,
+            else error_relative * costs[each].error_ratio / own.error_ratio,
+            time_ratio=costs[each].time_ratio / own.time_ratio,
+            wall_s=None if wall_s is None else wall_s * costs[each].time_ratio / own.time_ratio,
+            quantity=judged.value,
         )
         for role, each in found.items()
         if each is not None

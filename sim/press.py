@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from sim.correction import Corrected, correction
 from sim.effects.effect_plan import EffectPlan
+from sim.effects.end_state import end_state
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
-from sim.effects.scene_path import follow, path_for
-from sim.error import NOT_ASKED, ErrorEstimate, alternatives, estimated, setting_of
+from sim.error import NOT_ASKED, ErrorEstimate, alternatives, estimated, guaranteed, setting_of
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.stress import surface_stress
 from sim.scene.scene import Scene
@@ -48,6 +49,12 @@ class PressResult:
         estimated_force_error_relative: Expected relative error of F_z, or None where nothing is
             known; ``estimated_force_error_basis`` says how.
         estimated_errors: The same of every output, by name; of shear over the pressure.
+        corrected: Force and depth without the bias of the mesh; None where no bias is known, as
+            with a preset that is chosen by name. ``force_n`` and ``depth_m`` stay the mesh's own.
+        guaranteed: What a tolerance holds for: the force at a given depth, or the depth at a given
+            force.
+        guaranteed_error_relative: Its stated error, of the corrected value where there is one;
+            None where nothing is known.
         effects: What was simulated and what was left out, with reasons.
         preset: What it was pressed with: a preset, or a mesh between two.
         alternatives: The next cheaper settings and the next better ones.
@@ -75,6 +82,9 @@ class PressResult:
     estimated_force_error_relative: float | None
     estimated_force_error_basis: str
     estimated_errors: dict[str, float]
+    corrected: Corrected | None
+    guaranteed: str
+    guaranteed_error_relative: float | None
     effects: list[dict[str, Any]]
     preset: str
     alternatives: tuple[Alternative, ...]
@@ -84,7 +94,9 @@ class PressResult:
     def as_json(self) -> dict[str, Any]:
         """Return plain values for ``--json``, units in the keys."""
         plain = {each.name: getattr(self, each.name) for each in fields(self) if each.repr}
-        return {**plain, "alternatives": [asdict(each) for each in self.alternatives]}
+        corrected = None if self.corrected is None else asdict(self.corrected)
+        others = [asdict(each) for each in self.alternatives]
+        return {**plain, "corrected": corrected, "alternatives": others}
 
 
 def press(
@@ -98,15 +110,16 @@ def press(
     """
     started = time.perf_counter()
     plan = plan_effects(scene)
-    path = path_for(scene, plan, model=model, device=device)
-    wall = {"setup": time.perf_counter() - started}
-    point = follow(scene, path)
-    wall["solve"] = path.counts.wall_s
-    error, started = NOT_ASKED, time.perf_counter()
+    end = end_state(scene, plan, model=model, device=device)
+    path, point = end.path, end.point
+    solve_s = path.counts.wall_s
+    wall = {"setup": time.perf_counter() - started - solve_s, "solve": solve_s}
+    error, started, found = NOT_ASKED, time.perf_counter(), outputs_of(path, point)
     if estimate_error:
-        error = estimated(scene, plan, outputs_of(path, point))
+        error = estimated(scene, plan, found, way=end.way)
         wall["estimate"] = time.perf_counter() - started
-    return measure(scene, path, point, plan=plan, wall_s=wall, error=error)
+    corrected = correction(scene, plan, found, end.way)
+    return measure(scene, path, point, plan=plan, wall_s=wall, error=error, corrected=corrected)
 
 
 def measure(
@@ -117,8 +130,11 @@ def measure(
     plan: EffectPlan,
     wall_s: dict[str, float],
     error: ErrorEstimate = NOT_ASKED,
+    corrected: Corrected | None = None,
 ) -> PressResult:
     """Evaluate an equilibrium."""
+    judged = guaranteed(scene)
+    stated = error.relative.get(judged) if corrected is None else corrected.error_relative
     model = path.model
     contact, recovered = contact_measures(path, point), surface_traction(model, point)
     reaction = -model.mesh.symmetry.whole_force(
@@ -150,9 +166,12 @@ def measure(
         estimated_force_error_relative=error.force,
         estimated_force_error_basis=error.basis,
         estimated_errors={output.value: relative for output, relative in error.relative.items()},
+        corrected=corrected,
+        guaranteed=judged.value,
+        guaranteed_error_relative=stated,
         effects=plan.as_json(),
         preset=str(setting_of(scene)),
-        alternatives=alternatives(scene, error.force, wall_s=sum(wall_s.values())),
+        alternatives=alternatives(scene, stated, wall_s=sum(wall_s.values()), judged=judged),
         model=model,
         point=point,
     )

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from sim.effects.estimates import expected_force
-from sim.error import Tolerance, keeping, parse_tolerance
+from sim.error import Tolerance, keeping_corrected, parse_tolerance
 from sim.scene.material import Layer, Material, interface_shares
 from sim.scene.pad import Pad
 from sim.scene.scene import (
@@ -103,7 +103,7 @@ def scene_of(terms: SceneTerms) -> Scene:
     if tolerance is None:
         return scene
     if terms.preset is None:
-        return keeping(scene, tolerance)
+        return keeping_corrected(scene, tolerance)
     return replace(scene, tolerance=tolerance.of(expected_force(scene)))
 
 

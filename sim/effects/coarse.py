@@ -42,14 +42,16 @@ class CoarsePress:
 
 
 def coarse_press(scene: Scene, plan: EffectPlan, ratio: float) -> CoarsePress:
-    """Press a scene with a plan's effects on longer edges.
+    """Press a scene with a plan's effects on longer edges, at most as short as its way's.
 
     Raises:
         RigError: It cannot be meshed or solved there.
     """
     # Without what does not change a press on given edges, so that more scenes share it.
     bare = replace(scene, effects=plan.switches, tolerance=None, outputs=frozenset(), sensor="")
-    return _pressed(bare, ratio)
+    if scene.path_refinement is not None:
+        ratio = min(ratio, scene.path_refinement / scene.refinement)
+    return _pressed(replace(bare, path_refinement=None), ratio)
 
 
 def forget() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.estimates import expected_depth
 from sim.effects.presets import build_model, regularised_indenter
@@ -91,6 +93,9 @@ def _options(scene: Scene) -> SolverOptions:
 def follow(scene: Scene, path: LoadingPath) -> PathPoint:
     """Take the indenter to the scene's depth or force, then along its motion.
 
+    Returns:
+        The end; its stiffness is that of the way down, as what slides under a load sinks anyhow.
+
     Raises:
         ConvergenceError: No equilibrium, or the force cannot be reached.
     """
@@ -104,10 +109,12 @@ def follow(scene: Scene, path: LoadingPath) -> PathPoint:
     motion = scene.motion
     if any(motion.shift_m) or motion.twist_rad:
         hold = Hold.DEPTH if depth is not None else Hold.FORCE
+        pressed = point
         point = path.carry(
             shift_m=motion.shift_m,
             twist_rad=motion.twist_rad,
             hold=hold,
             duration_s=scene.duration_s,
         )
+        point = replace(point, stiffness_n_m=pressed.stiffness_n_m)
     return point

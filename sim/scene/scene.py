@@ -211,6 +211,8 @@ class Scene:
         effects: Effects switched on or off by the user, against the plan.
         refinement: Every edge this many times shorter than the preset's; in a light scene in the
             section through the axis, while the sectors become more with its root.
+        path_refinement: The same of the mesh on which the indenter goes its way; the end state is
+            then found on the scene's own mesh, from the other's. None goes it on the scene's own.
         force_tolerance_n: How closely a force target is met [N].
         barrier_m: Contact distance d_hat [m]; None is ``contact_distance_m``'s choice.
         sensor: Name of the sensor, for reports; empty for a bare pad.
@@ -233,6 +235,7 @@ class Scene:
     drive: Drive = Drive.LOAD
     preset: Preset = Preset.BALANCED
     refinement: float = 1.0
+    path_refinement: float | None = None
     force_tolerance_n: float = 1e-3
     barrier_m: float | None = None
     tetwild: TetWildOptions = field(default_factory=TetWildOptions)

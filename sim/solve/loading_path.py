@@ -223,6 +223,23 @@ class LoadingPath:
         found = self._settle(state, intermediate=True)
         return replace(found, stiffness_n_m=stiffer * point.stiffness_n_m)
 
+    def resume(self, state: State, *, load_n: float | None, stiffness_n_m: float) -> PathPoint:
+        """Settle a state that no step of this path led to, such as another mesh's, and go on there.
+
+        Args:
+            load_n: F_z that the indenter carries, while its depth follows [N]; None holds it.
+            stiffness_n_m: dF_z / d(depth) there [N/m], which one state alone does not tell.
+
+        Raises:
+            ConvergenceError: There is no equilibrium near it.
+        """
+        started = time.perf_counter()
+        found = self._stepping.settle(
+            state, load_n=load_n, intermediate=False, options=self.options
+        )
+        self.counts.wall_s += time.perf_counter() - started
+        return self._stepping.accept(replace(found, stiffness_n_m=stiffness_n_m))
+
     def advance(
         self,
         depth_m: float,

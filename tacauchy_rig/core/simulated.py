@@ -122,9 +122,10 @@ class Alternative:
     Attributes:
         role: ``cheaper`` or ``better``.
         setting: A preset, or a mesh between two.
-        error_relative: Estimated relative error of F_z; None if unknown.
+        error_relative: Estimated relative error of ``quantity``; None if unknown.
         time_ratio: Its time over that of the settings used.
         wall_s: The time it would have taken here [s]; None where nothing was pressed.
+        quantity: ``force`` at the depth, or ``depth`` at the force.
     """
 
     role: str
@@ -132,12 +133,13 @@ class Alternative:
     error_relative: float | None
     time_ratio: float
     wall_s: float | None
+    quantity: str = "force"
 
     def __str__(self) -> str:
         error = "unknown" if self.error_relative is None else f"{self.error_relative:.1%}"
         seconds = "" if self.wall_s is None else f" ({_short(self.wall_s)} s)"
         time = f"about {_short(self.time_ratio)} times the time{seconds}"
-        return f"preset {self.setting}: {time}, force error {error}"
+        return f"preset {self.setting}: {time}, {self.quantity} error {error}"
 
 
 def _short(value: float) -> str:

@@ -13,7 +13,16 @@ from matplotlib.figure import Figure
 from sim.mesh.elements import ElementOrder
 from sim.studies.accuracy.judging import error_bar
 from sim.studies.accuracy.press import Row
-from tacauchy_rig.core.figure_style import BLUE, GREY, INK, ORANGE, PAGE_IN, STYLE, save_figure
+from tacauchy_rig.core.figure_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PAGE_IN,
+    STYLE,
+    save_figure,
+)
 
 _FLOOR = 1e-5
 # Room for labels at the left and right ends, as factors of the time.
@@ -63,11 +72,12 @@ def _draw_panel(axes: Axes, rows: Sequence[Row], bar: float, quantity: str) -> N
     if not known:
         return
     sizes = {row.configuration.name: max(abs(row.errors[quantity]), _FLOOR) for row in known}
-    for order, marker, colour, text in (
-        (ElementOrder.P2, "o", BLUE, "quadratic (P2)"),
-        (ElementOrder.P1, "s", ORANGE, "linear (P1)"),
+    for kind, marker, colour, text in (
+        ((ElementOrder.P2, False), "o", BLUE, "quadratic (P2)"),
+        ((ElementOrder.P1, False), "s", ORANGE, "linear (P1)"),
+        ((ElementOrder.P2, True), "D", GREEN, "quadratic, corrected"),
     ):
-        chosen = [row for row in known if row.configuration.element is order]
+        chosen = [row for row in known if _kind(row) == kind]
         if not chosen:
             continue
         tall = [sizes[row.configuration.name] for row in chosen]
@@ -97,6 +107,10 @@ def _draw_panel(axes: Axes, rows: Sequence[Row], bar: float, quantity: str) -> N
     axes.set_ylim(bottom=0.5 * min(bar or np.inf, lowest))
     if large:
         axes.legend(loc="upper right")
+
+
+def _kind(row: Row) -> tuple[ElementOrder, bool]:
+    return row.configuration.element, row.configuration.is_corrected
 
 
 def bar_ends(size: float, bar: float) -> tuple[float, float]:

@@ -10,6 +10,10 @@ from importlib import resources
 import numpy as np
 from pydantic import TypeAdapter
 
+from sim.correction import correction
+from sim.effects.effect_plan import EffectPlan
+from sim.effects.end_state import EndState, end_state
+from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.fields.contact_traction import surface_traction
@@ -39,6 +43,8 @@ class Configuration:
         barrier_m: d_hat [m]; None is the scene's choice.
         residual_relative: Where Newton ends, over the contact force's norm.
         refinement: Every edge this many times shorter than the preset's.
+        path_refinement: The same of the mesh of the way, where that is another.
+        is_corrected: The bias that such a mesh has is taken off force and depth.
     """
 
     name: str
@@ -48,6 +54,8 @@ class Configuration:
     barrier_m: float | None = None
     residual_relative: float = SolverOptions().residual_relative
     refinement: float = 1.0
+    path_refinement: float | None = None
+    is_corrected: bool = False
 
     @property
     def is_preset(self) -> bool:
@@ -72,6 +80,10 @@ class Configuration:
                 (Effect.FINITE_STRAIN, self.finite_strain),
             ),
         )
+
+    def on_its_way(self, scene: Scene) -> Scene:
+        """Return a scene whose end is on another mesh than its way."""
+        return replace(scene, refinement=self.refinement, path_refinement=self.path_refinement)
 
     def refined(self, factor: float) -> Configuration:
         """Return the same settings with every edge so many times shorter."""
@@ -160,10 +172,11 @@ class Observation:
     Attributes:
         row: Its settings and cost; errors are not known yet.
         force_n: The force that was asked for [N].
-        depth_m: Where it is reached [m].
+        depth_m: Where it is reached [m], corrected if that was asked for.
         pressure_max_pa: Largest contact pressure [Pa].
         contact_radius_m: Radius of the disc of the contact's area [m].
         maps: Height maps at the image's resolution.
+        bias: What is taken off the forces of the path, relative.
     """
 
     row: Row
@@ -173,6 +186,7 @@ class Observation:
     contact_radius_m: float
     maps: HeightMaps
     path: LoadingPath
+    bias: float = 0.0
 
     def force_at(self, depth_m: float) -> float:
         """Press on, or back, to a depth [m] and return F_z there [N].
@@ -180,7 +194,7 @@ class Observation:
         Raises:
             ConvergenceError: The gel cannot be pressed that far.
         """
-        return float(self.path.advance(depth_m).force_n[2])
+        return float(self.path.advance(depth_m).force_n[2]) / (1.0 + self.bias)
 
 
 def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry) -> Observation:
@@ -193,20 +207,23 @@ def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry
     scene = configuration.applied(scene)
     force = scene.target.force_n or 0.0
     started, spent = time.perf_counter(), time.process_time()
-    path = path_for(scene, plan_effects(scene), refinement=configuration.refinement)
-    model = path.model
-    path.options = SolverOptions(residual_relative=configuration.residual_relative)
-    ready = time.perf_counter()
-    point = path.push(force)
-    solved, spent = time.perf_counter(), time.process_time() - spent
+    plan = plan_effects(scene)
+    end = _end(scene, plan, configuration)
+    pressed, spent = time.perf_counter() - started, time.process_time() - spent
+    path, point, model = end.path, end.point, end.path.model
+    corrected = None
+    if configuration.is_corrected:
+        corrected = correction(
+            configuration.on_its_way(scene), plan, outputs_of(path, point), end.way
+        )
     contact = contact_measures(path, point)
     # A large d_hat holds the gel off the indenter: what touches is what the barrier reaches.
     wide = model.contact_options.is_wide
     touching = _TOUCHING_M if wide else max(_TOUCHING_M, scene.contact_distance_m)
     row = Row(
         configuration=configuration,
-        setup_s=ready - started,
-        solve_s=solved - ready,
+        setup_s=pressed - path.counts.wall_s,
+        solve_s=path.counts.wall_s,
         cpu_s=spent,
         steps=path.counts.increments,
         newton_iterations=path.counts.newton_iterations,
@@ -216,12 +233,23 @@ def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry
     return Observation(
         row=row,
         force_n=force,
-        depth_m=point.depth_m,
+        depth_m=point.depth_m if corrected is None else corrected.depth_m,
+        bias=0.0 if corrected is None else corrected.bias_relative,
         pressure_max_pa=float(surface_traction(model, point).pressure_pa.max()),
         contact_radius_m=float(np.sqrt(contact.area_seen_m2 / np.pi)),
         maps=height_maps(surface_state(path, point), geometry, contact_gap_m=touching),
         path=path,
     )
+
+
+def _end(scene: Scene, plan: EffectPlan, configuration: Configuration) -> EndState:
+    """Press to a scene's force, on one mesh or on two."""
+    options = SolverOptions(residual_relative=configuration.residual_relative)
+    if configuration.path_refinement is not None:
+        return end_state(configuration.on_its_way(scene), plan, options=options)
+    path = path_for(scene, plan, refinement=configuration.refinement)
+    path.options = options
+    return EndState(path=path, point=path.push(scene.target.force_n or 0.0))
 
 
 def height_error(found: HeightMaps, reference: HeightMaps) -> float:

@@ -9,9 +9,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from sim.correction import correction
+from sim.effects.end_state import carried_over, has_own_way, way_of
+from sim.effects.outputs import outputs_of
 from sim.effects.plan import PRESET_TOLERANCE, plan_effects
 from sim.effects.scene_path import path_for
-from sim.error import keeping, parse_tolerance
+from sim.error import keeping, keeping_corrected, parse_tolerance
 from sim.press import measure
 from sim.press_command import scene_from
 from sim.scene.scene import Preset, Scene
@@ -36,8 +39,9 @@ def press_scene(stated: Mapping[str, Any], manner: Manner) -> ScenePress:
     Raises:
         RigError: The scene cannot be built or pressed so.
     """
-    scene, is_stated = within(stated_scene(stated), manner.tolerance)
-    if manner.environments is None:
+    alone = manner.environments is None
+    scene, is_stated = within(stated_scene(stated), manner.tolerance, corrected=alone)
+    if alone:
         return press_in_frames(scene, promised=is_stated, device=manner.device)
     return press_batch(scene, json.dumps(dict(stated)), manner)
 
@@ -65,15 +69,18 @@ def stated_scene(stated: Mapping[str, Any]) -> Scene:
     return scene if triangles is None else replace(scene, indenter=OBJECTS[triangles]())
 
 
-def within(scene: Scene, tolerance: str) -> tuple[Scene, bool]:
+def within(scene: Scene, tolerance: str, *, corrected: bool = False) -> tuple[Scene, bool]:
     """Return a scene with the cheapest setting for a tolerance, and whether that states to keep it.
+
+    Args:
+        corrected: The corrected result is to keep it, not the raw force.
 
     Raises:
         ConfigError: The text is no tolerance.
     """
     allowed = parse_tolerance(tolerance, field="--tolerance")
     try:
-        return keeping(scene, allowed), True
+        return (keeping_corrected if corrected else keeping)(scene, allowed), True
     except ConfigError:
         share = allowed.of(scene.target.force_n or float("inf"))
         preset = next(preset for least, preset in _UNPROMISED if share >= least)
@@ -96,23 +103,37 @@ def press_in_frames(
         ConfigError: The scene cannot be built.
     """
     plan = plan_effects(scene)
+    own_way = has_own_way(scene, plan)
+    gone = way_of(scene) if own_way else scene
     started = time.perf_counter()
-    path = path_for(scene, plan, device=device)
+    way = path_for(gone, plan, device=device)
+    path = path_for(scene, plan, device=device) if own_way else way
     setup_s = time.perf_counter() - started
-    model = path.model
+    model, way_model = path.model, way.model
     if is_timed:
         # Every kernel of the press, in two other frames.
         for move in moves(scene, count=2, part=_WARM_SHARE):
-            move(path)
+            last = move(way)
+        if own_way:
+            path.resume(path.untouched(0.0), load_n=None, stiffness_n_m=last.stiffness_n_m)
     times: list[tuple[float, float]] = []
     repeats = _REPEATS if is_timed else 1
     while len(times) < repeats and sum(cpu for cpu, _ in times) < _ENOUGH_S:
-        path = path_for(scene, plan, model=model)
+        way = path_for(gone, plan, model=way_model)
+        path = path_for(scene, plan, model=model) if own_way else way
         wall, cpu = time.perf_counter(), time.process_time()
-        points = [move(path) for move in moves(scene)]
+        points = [move(way) for move in moves(scene)]
+        stiffness = points[pressing_frames(scene) - 1].stiffness_n_m
+        end = replace(points[-1], stiffness_n_m=stiffness)
+        if own_way:
+            end = carried_over(scene, way, end, path)
         times.append((time.process_time() - cpu, time.perf_counter() - wall))
     cpu_s, wall_s = min(times)
-    found = measure(scene, path, points[-1], plan=plan, wall_s={"solve": wall_s})
+    corrected = None
+    if own_way:
+        coarse = replace(points[-1], stiffness_n_m=stiffness)
+        corrected = correction(scene, plan, outputs_of(path, end), outputs_of(way, coarse))
+    found = measure(scene, path, end, plan=plan, wall_s={"solve": wall_s}, corrected=corrected)
     return ScenePress(
         preset=scene.preset.value,
         edges=1.0 / scene.refinement,
@@ -122,12 +143,13 @@ def press_in_frames(
         setup_s=setup_s,
         wall_s=wall_s,
         cpu_s=cpu_s,
-        iterations=path.counts.newton_iterations,
+        iterations=way.counts.newton_iterations + own_way * path.counts.newton_iterations,
         force_n=found.force_n,
         moment_nm=found.moment_nm,
         depth_m=found.depth_m,
-        stiffness_n_m=points[pressing_frames(scene) - 1].stiffness_n_m,
+        stiffness_n_m=stiffness,
         balance=found.force_balance_relative,
+        corrected=corrected,
     )
 
 

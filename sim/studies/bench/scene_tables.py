@@ -88,12 +88,19 @@ def _forces(rows: Sequence[SceneRow], references: Mapping[str, Reference]) -> Ta
 
     def error(row: SceneRow) -> float | None:
         known = references.get(row.scene)
-        return None if known is None or row.press is None else known.force_error(row.press)
+        return None if known is None or row.press is None else known.error(row.press)
 
     def sideways(row: SceneRow) -> Cell:
         known = references.get(row.scene)
         off = None if known is None or row.press is None else known.sideways_error(row.press)
         return _percent(off)
+
+    def raw(row: SceneRow) -> float | None:
+        known = references.get(row.scene)
+        return None if known is None or row.press is None else known.raw_error(row.press)
+
+    def stated(press: ScenePress) -> Cell:
+        return _percent(None if press.corrected is None else press.corrected.error_relative)
 
     errors = [error(row) for row in rows]
     return table_of(
@@ -104,6 +111,8 @@ def _forces(rows: Sequence[SceneRow], references: Mapping[str, Reference]) -> Ta
             "by the reference [N]": lambda row: _by(references, row, lambda p: p.force_n[2]),
             "its preset": lambda row: _by(references, row, lambda p: p.preset),
             "off by [%]": lambda row: _percent(error(row)),
+            "raw off by [%]": lambda row: _percent(raw(row)),
+            "stated [%]": _each(stated),
             "sideways off by [%]": sideways,
             "balance": _each(lambda press: f"{press.balance:.0e}"),
         },

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.correction import Corrected
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.selection import selected
 from tacauchy_rig.core.store.codec import from_json, loads
@@ -139,6 +140,7 @@ class ScenePress:
         stiffness_n_m: dF_z / d(depth) in the last frame that goes down [N/m].
         balance: |indenter force + base reaction| over the former.
         parts_s: In a batch, what each launch of a step takes, and that of the stress [s].
+        corrected: The last frame's force and depth without the mesh's bias, where that is known.
     """
 
     preset: str
@@ -156,6 +158,7 @@ class ScenePress:
     stiffness_n_m: float
     balance: float
     parts_s: dict[str, float] = field(default_factory=dict)
+    corrected: Corrected | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -220,15 +223,20 @@ class Reference:
     command: str = ""
     commit: str = ""
 
-    def force_error(self, found: ScenePress) -> float:
-        """Return how far F_z is off, relative.
-
-        Where the load is given, it is what F_z would be off by at the reference's depth.
-        """
-        force = found.force_n[2]
+    def raw_error(self, found: ScenePress) -> float:
+        """Return how far the mesh's own F_z is off, or its depth where the load is given."""
         if "force" in self.stated:
-            force += found.stiffness_n_m * (self.press.depth_m - found.depth_m)
-        return force / self.press.force_n[2] - 1.0
+            return found.depth_m / self.press.depth_m - 1.0
+        return found.force_n[2] / self.press.force_n[2] - 1.0
+
+    def error(self, found: ScenePress) -> float:
+        """Return how far F_z is off, or the depth where the load is given; corrected if it is."""
+        corrected = found.corrected
+        if corrected is None:
+            return self.raw_error(found)
+        if "force" in self.stated:
+            return corrected.depth_m / self.press.depth_m - 1.0
+        return corrected.force_n / self.press.force_n[2] - 1.0
 
     def sideways_error(self, found: ScenePress) -> float | None:
         """Return how far the motion's resistance is off: M_z of a twist, F_xy of a shift."""

@@ -236,7 +236,7 @@ def _speed_rows(
             "environments": row.manner.environments or 1,
             "ms_per_frame": 1e3 / row.frames_per_s,
             "frames_per_s": row.frames_per_s,
-            "force_error_relative": None if known is None else known.force_error(row.press),
+            "force_error_relative": None if known is None else known.error(row.press),
             "balance_relative": row.press.balance,
         }
 

@@ -87,7 +87,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
     """
     from sim.effects.mesh_choice import mesh_choice
     from sim.effects.plan import plan_effects
-    from sim.error import RELATIVE_COSTS, alternatives, setting_of
+    from sim.error import alternatives, costs_of, guaranteed, setting_of
     from sim.press_command import scene_of
 
     scene = scene_of(replace(terms, output=tuple(output or ())))
@@ -112,11 +112,12 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
         left_out = planned.left_out(asked)
         say(f"left out together: {left_out:.2e} of {allowed:.2e} allowed of {asked.value}")
     say(f"trying took {planned.tried_s:.2f} s of the processor")
-    others = alternatives(scene, None, wall_s=None)
-    worth = RELATIVE_COSTS.get(setting_of(scene))
+    judged = guaranteed(scene)
+    others = alternatives(scene, None, wall_s=None, judged=judged)
+    worth = costs_of(scene).get(setting_of(scene))
     ratio = None if worth is None else worth.time_ratio
     cost = "not known" if ratio is None else f"about {ratio:.2g} times the time of preset fast"
-    say(f"cost       {cost}; `press` estimates the error of its force")
+    say(f"cost       {cost}; `press` estimates the error of its {judged.value}")
     for other in others:
         say(f"{other.role:10} {other}")
     write_json(
@@ -135,16 +136,22 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
 
 
 def cost_lines(
-    error_relative: float | None, basis: str, cost: str, others: Sequence[Alternative]
+    error_relative: float | None,
+    basis: str,
+    cost: str,
+    others: Sequence[Alternative],
+    *,
+    quantity: str = "force",
 ) -> Iterator[str]:
     """Return lines on the believed error, the cost, and the next cheaper and better settings.
 
     Args:
+        quantity: Whose error it is, in words.
         basis: How the error is known, or why not.
         cost: Of the settings used.
     """
     believed = "not known" if error_relative is None else f"{error_relative:.1%}"
-    yield f"force error believed to be {believed}: {basis}"
+    yield f"{quantity} error believed to be {believed}: {basis}"
     yield f"cost       {cost}"
     for other in others:
         yield f"{other.role:10} {other}"
@@ -168,7 +175,12 @@ def _show(scene: Scene, result: PressResult) -> None:
     from sim.scene.indenter import describe
 
     say(f"{describe(scene.indenter)}, {scene.contact.value}, preset {result.preset}")
-    say(f"force      {result.force_n[2]:.4f} N at {result.depth_m * 1e3:.4f} mm")
+    corrected = result.corrected
+    if corrected is None:
+        say(f"force      {result.force_n[2]:.4f} N at {result.depth_m * 1e3:.4f} mm")
+    else:
+        say(f"corrected  {corrected.force_n:.4f} N at {corrected.depth_m * 1e3:.4f} mm")
+        say(f"mesh's own {result.force_n[2]:.4f} N at {result.depth_m * 1e3:.4f} mm")
     if not scene.motion.is_straight:
         say(f"           {result.force_n[0]:.4f} N along x, {result.force_n[1]:.4f} N along y")
         say(f"moment     {result.moment_nm[2] * 1e3:.4f} N mm about z")
@@ -189,11 +201,16 @@ def _show(scene: Scene, result: PressResult) -> None:
     off = [row["name"] for row in result.effects if not row["on"]]
     say(f"left out   {', '.join(off)}; `tacauchy-rig plan` with the same options explains why")
     cost = f"{sum(result.wall_s.values()):.2f} s, {result.newton_iterations} iterations"
-    error, basis = result.estimated_force_error_relative, result.estimated_force_error_basis
-    for line in cost_lines(error, basis, cost, result.alternatives):
+    basis = result.estimated_force_error_basis if corrected is None else corrected.basis
+    given = f"{result.depth_m * 1e3:.4g} mm" if result.guaranteed == "force" else "that force"
+    quantity = f"{result.guaranteed} at {given}:"
+    error, neighbours = result.guaranteed_error_relative, result.alternatives
+    for line in cost_lines(error, basis, cost, neighbours, quantity=quantity):
         say(line)
     others = ", ".join(
-        f"{name} {share:.1%}" for name, share in result.estimated_errors.items() if name != "force"
+        f"{name} {share:.1%}"
+        for name, share in result.estimated_errors.items()
+        if name not in {Output.FORCE, Output.DEPTH}
     )
     if others:
         say(f"errors     {others}; shear's is of the pressure")

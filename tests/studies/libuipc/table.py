@@ -43,7 +43,7 @@ def _beside(
         known = references.get(row.scene)
         if known is None or press is None:
             return None
-        return f"{1e2 * known.force_error(press):+.1f}"
+        return f"{1e2 * known.error(press):+.1f}"
 
     def speed(row: SceneRow, press: ScenePress | None) -> float | None:
         return None if press is None else FRAME_COUNT * (_count(row)) / press.wall_s

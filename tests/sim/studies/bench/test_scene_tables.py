@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from sim.correction import Corrected
 from sim.studies.bench.scene_tables import draw_scenes, scene_tables
 from sim.studies.bench.scenes import (
     BenchScene,
@@ -48,17 +49,28 @@ def _row(name: str = "one", press: ScenePress | None = _PRESS, failure: str = ""
 
 
 def test_forces_are_held_against_the_reference() -> None:
-    """F_z by depth; by load what it would be at the reference's depth; a twist by its moment."""
-    assert _REFERENCE.force_error(_PRESS) == pytest.approx(0.02)
+    """F_z at a depth, the depth at a load; a twist by its moment."""
+    assert _REFERENCE.error(_PRESS) == pytest.approx(0.02)
     assert _REFERENCE.sideways_error(_PRESS) is None
     pushed = replace(_REFERENCE, stated={"force": "2N", "shift": "1mm"})
     softer = replace(_PRESS, depth_m=0.51e-3, force_n=(0.3, 0.4, 2.0))
-    assert pushed.force_error(softer) == pytest.approx(-0.02)
-    assert pushed.force_error(replace(softer, force_n=(0.3, 0.4, 2.1))) == pytest.approx(0.03)
+    assert pushed.error(softer) == pytest.approx(0.02)
     assert pushed.sideways_error(_PRESS) == pytest.approx(0.0)
     assert replace(_REFERENCE, stated={"twist": "5deg"}).sideways_error(_PRESS) == pytest.approx(
         0.1
     )
+
+
+def test_a_corrected_result_is_what_counts() -> None:
+    """The raw one stays beside it."""
+    known = Corrected(
+        force_n=1.98, depth_m=0.495e-3, error_relative=0.01, bias_relative=0.03, basis=""
+    )
+    press = replace(_PRESS, corrected=known)
+    assert _REFERENCE.error(press) == pytest.approx(-0.01)
+    assert _REFERENCE.raw_error(press) == pytest.approx(0.02)
+    pushed = replace(_REFERENCE, stated={"force": "2N"})
+    assert pushed.error(press) == pytest.approx(-0.01)
 
 
 def test_speed_counts_processor_time_and_its_mean_is_geometric() -> None:

@@ -58,21 +58,27 @@ def test_tolerance_chooses_the_preset(tmp_path: Path) -> None:
     file = tmp_path / "press.json"
     done = CliRunner().invoke(app, [*scene, "--tolerance", "20%", "--json", str(file)])
     assert done.exit_code == 0
-    assert "preset fast, edges 1.33 times as long" in done.stdout.splitlines()[0]
-    assert "force error believed to be" in done.stdout
+    assert done.stdout.splitlines()[0].endswith("preset fast, edges on the way 1.33 times as long")
+    assert "force at 0.05 mm: error believed to be" in done.stdout
     assert "cost       " in done.stdout
-    assert "better     preset fast, edges 1.11 times as long: about" in done.stdout
+    assert "better     preset fast, edges 0.8 times as long, edges on the way" in done.stdout
     found = json.loads(file.read_text("utf-8"))
-    assert found["preset"] == "fast, edges 1.33 times as long"
-    assert found["estimated_force_error_relative"] <= 0.2
+    assert found["preset"] == "fast, edges on the way 1.33 times as long"
+    assert found["guaranteed"] == "force"
+    assert found["guaranteed_error_relative"] == found["corrected"]["error_relative"] <= 0.2
+    assert found["corrected"]["force_n"] < found["force_n"][2]
+    assert found["corrected"]["depth_m"] == found["depth_m"]
     assert found["alternatives"][-1]["time_ratio"] > 1.0
+    raw, corrected = found["force_n"][2], found["corrected"]["force_n"]
+    assert f"corrected  {corrected:.4f} N at 0.0500 mm" in done.stdout
+    assert f"mesh's own {raw:.4f} N at 0.0500 mm" in done.stdout
 
 
 def test_a_mesh_between_two_presets_is_named() -> None:
     """A tolerance may choose one; the output says which."""
-    done = CliRunner().invoke(app, ["press", *DISC, *PRESS[:4], "--tolerance", "2%"])
+    done = CliRunner().invoke(app, ["plan", *DISC, *PRESS[:4], "--tolerance", "1%"])
     assert done.exit_code == 0
-    assert "preset fast, edges 0.625 times as long" in done.stdout.splitlines()[0]
+    assert "preset: fast, edges 0.625 times as long, edges on the way 1.33 times" in done.stdout
 
 
 def test_a_plan_states_tolerances_cost_and_neighbours(tmp_path: Path) -> None:
