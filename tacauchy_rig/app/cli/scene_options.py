@@ -60,8 +60,9 @@ _HELP: dict[str, str | None] = {
     "preset": f"{', '.join(Preset)}; balanced, unless --tolerance chooses one.",
     "mesh": "Settings of fTetWild, for scenes that it meshes: l_r=, epsilon_r=, stop_energy=, "
     "dihedral_min=; those left out are the preset's.",
-    "tolerance": "0.02N or 2%: take the cheapest preset that keeps F_z within it; with --preset, "
-    "leave out effects within it. shear=5% and the like, joined by commas, for other outputs.",
+    "tolerance": "0.02N or 2%: take the cheapest meshes that keep the corrected F_z within it, or "
+    "the depth where --force is given; with --preset, leave out effects within it. shear=5% and "
+    "the like, joined by commas, for other outputs.",
     "effect": "Overrule the plan: NAME=on or NAME=off; may be repeated.",
     "drive": f"How a force is reached: {' or '.join(Drive)}.",
 }

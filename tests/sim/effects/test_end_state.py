@@ -14,7 +14,7 @@ from sim.effects.scene_path import follow, path_for
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
-from sim.scene.scene import ContactMode, Effect, Preset, Scene, Target
+from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene, Target
 
 SCENE = Scene(
     pad=DiscPad(radius_m=5e-3, height_m=3e-3),
@@ -50,7 +50,7 @@ def test_the_end_is_that_of_a_way_on_the_same_mesh(scene: Scene, apart: float) -
     assert found.way is not None
     # The way's own mesh is stiffer, by much more than the two ends are apart.
     way, end = found.way.sizes, outputs_of(found.path, found.point).sizes
-    changed = [way[output] / end[output] for output in ("force", "depth")]
+    changed = [way[output] / end[output] for output in (Output.FORCE, Output.DEPTH)]
     assert max(abs(np.array(changed) - 1.0)) > 0.02
     assert found.path.counts.newton_iterations > path.counts.newton_iterations / 10
 
