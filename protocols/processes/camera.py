@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from drivers.camera.pictures import TouchWatch, clipped_ratio
 from drivers.interfaces import Camera, FrameMark, TouchMode, build_camera
+from protocols.control.record import Begin
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
 from protocols.processes.feed import VIEWERS, FeedWriters
 from protocols.processes.link import RecorderLink
@@ -58,7 +59,7 @@ def _run_camera(
     control: Channel,
     feeds: FeedWriters,
 ) -> None:
-    marks = MarkSender(control)
+    marks = MarkSender(control, link)
     alive = True
     reported_s = 0.0
     orphaned_s: float | None = None
@@ -99,17 +100,20 @@ class ExposureWatch:
 class MarkSender:
     """Sends marks of frames to control; what control is too busy to take goes with the next."""
 
-    def __init__(self, control: Channel) -> None:
+    def __init__(self, control: Channel, link: RecorderLink) -> None:
         self._control = control
+        self._link = link
         self._marks: list[FrameMark] = []
         self._exposure = ExposureWatch()
         self._touch = TouchWatch()
 
     def take_requests(self) -> None:
-        """Take what control asks the camera to look for."""
+        """Take what control asks the camera to look for, and which attempt runs now."""
         for message in self._control.receive():
             if isinstance(message, TouchMode):
                 self._touch.ask(message)
+            elif isinstance(message, Begin):
+                self._link.attempt = message
 
     def send(self, frames: list[ImageFrame], camera: Camera) -> None:
         """Tell control of new frames."""

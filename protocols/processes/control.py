@@ -78,8 +78,8 @@ def control(job: Job, supervisor: Channel) -> None:
     _die_with_parent(signal.SIGKILL)
     ask_for_priority(NICENESS)
     arm, force_sensor = build_arm_and_force_sensor(job.config)
-    link = RecorderLink.inherited(job, source="control")
     camera = RemoteCamera(Channel.inherited(job.descriptors["camera-status"]))
+    link = RecorderLink.inherited(job, source="control", on_attempt=camera.ask)
     try:
         devices = _connect(arm, force_sensor)
         _die_with_parent(0)

@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -24,10 +25,14 @@ STALLED_S = 3.0
 WAITING_BYTES_MAX = 256 << 20
 
 
+BETWEEN_ATTEMPTS = Begin(0, 0)
+
+
 @dataclass(frozen=True, slots=True)
 class _Waiting:
     number: int
     entry: Encoded
+    attempt: Begin
     size: int
     since_s: float
 
@@ -40,18 +45,29 @@ class RecorderLink:
         acks: Channel on which it answers.
         store: Where to spill.
         source: Name of this producer.
+        on_attempt: Told when another attempt begins, and of ``BETWEEN_ATTEMPTS`` at its end.
 
     Attributes:
         kept_count: Samples, frames and events that the recorder has acknowledged.
+        attempt: What the entries that are put now belong to.
     """
 
-    def __init__(self, data: socket.socket, acks: Channel, *, store: RunStore, source: str) -> None:
+    def __init__(
+        self,
+        data: socket.socket,
+        acks: Channel,
+        *,
+        store: RunStore,
+        source: str,
+        on_attempt: Callable[[Begin], object] = lambda _: None,
+    ) -> None:
         self.kept_count = 0
+        self.attempt = BETWEEN_ATTEMPTS
+        self._on_attempt = on_attempt
         self._data = data
         self._acks = acks
         self._store = store
         self._source = source
-        self._attempt = (0, 0)
         self._number = 0
         self._waiting: deque[_Waiting] = deque()
         self._unsent: deque[_Waiting] = deque()
@@ -64,26 +80,37 @@ class RecorderLink:
         self._thread.start()
 
     @classmethod
-    def inherited(cls, job: Job, *, source: str) -> Self:
+    def inherited(
+        cls, job: Job, *, source: str, on_attempt: Callable[[Begin], object] = lambda _: None
+    ) -> Self:
         """Return the link whose sockets the parent process left open for this one."""
         return cls(
             socket.socket(fileno=job.descriptors["recorder-data"]),
             Channel.inherited(job.descriptors["recorder-acks"]),
             store=RunStore.open(job.root),
             source=source,
+            on_attempt=on_attempt,
         )
 
     def put(self, entry: Entry) -> None:
         """Queue an entry."""
         kept = encoded(entry)
         size = sum(len(message.data) for message in kept) if isinstance(kept, tuple) else 1000
+        if isinstance(entry, Begin):
+            self._enter(entry)
         with self._changed:
             self._number += 1
-            waiting = _Waiting(self._number, kept, size, time.monotonic())
+            waiting = _Waiting(self._number, kept, self.attempt, size, time.monotonic())
             self._waiting.append(waiting)
             self._unsent.append(waiting)
             self._waiting_bytes += size
             self._changed.notify_all()
+        if isinstance(entry, End):
+            self._enter(BETWEEN_ATTEMPTS)
+
+    def _enter(self, attempt: Begin) -> None:
+        self.attempt = attempt
+        self._on_attempt(attempt)
 
     def poll(self) -> None:
         """Take the recorder's answers; call it often."""
@@ -140,7 +167,6 @@ class RecorderLink:
     def _take_ack(self, ack: Ack) -> None:
         with self._changed:
             self.kept_count = ack.kept_count
-            self._attempt = (ack.trial, ack.attempt)
             while self._waiting and self._waiting[0].number <= ack.through:
                 self._waiting_bytes -= self._waiting.popleft().size
 
@@ -164,21 +190,25 @@ class RecorderLink:
             return self._unsent.popleft()
 
     def _spill(self) -> None:
+        """Keep what waits beside the recording of the attempt that it belongs to."""
         self._spilling = True
         keeper = RecordKeeper(self._store, spill_source=self._source)
+        attempt = BETWEEN_ATTEMPTS
         try:
-            if self._attempt[0] and not isinstance(self._waiting[0].entry, Begin):
-                keeper.keep(Begin(*self._attempt))
-            while (entry := self._next_waiting()) is not None:
-                keeper.keep(entry)
-                if isinstance(entry, End):
+            while (waiting := self._next_waiting()) is not None:
+                if waiting.attempt != attempt:
+                    attempt = waiting.attempt
+                    keeper.keep(attempt) if attempt != BETWEEN_ATTEMPTS else keeper.close()
+                if not isinstance(waiting.entry, Begin):
+                    keeper.keep(waiting.entry)
+                if isinstance(waiting.entry, End):
                     logger.info("%s: spilled the end of an attempt", self._source)
             keeper.close()
         except RecordError as error:
             logger.error("%s: %d entries are lost: %s", self._source, len(self._waiting), error)
             self._problem = f"{self._problem}; {error.message}"
 
-    def _next_waiting(self) -> Encoded | None:
+    def _next_waiting(self) -> _Waiting | None:
         with self._changed:
             while not self._waiting and not self._closing:
                 self._changed.wait(0.1)
@@ -186,7 +216,7 @@ class RecorderLink:
                 return None
             waiting = self._waiting.popleft()
             self._waiting_bytes -= waiting.size
-            return waiting.entry
+            return waiting
 
 
 class RemoteCamera:
@@ -196,7 +226,7 @@ class RemoteCamera:
         self._channel = channel
         self._health = StreamHealth()
         self._newest_ns: int | None = None
-        self._asked: TouchMode | None = None
+        self._requests: deque[TouchMode | Begin] = deque()
 
     def poll(self) -> list[FrameMark]:
         """Return the marks that arrived.
@@ -204,7 +234,7 @@ class RemoteCamera:
         Raises:
             DeviceError: The camera is gone, or its process is.
         """
-        self._send_request()
+        self._send_requests()
         marks: list[FrameMark] = []
         for message in self._channel.receive():
             if isinstance(message, Failed):
@@ -221,14 +251,17 @@ class RemoteCamera:
             )
         return marks
 
-    def ask(self, mode: TouchMode) -> None:
-        """Tell the camera process what to look for; said again until it is taken."""
-        self._asked = mode
-        self._send_request()
+    def ask(self, request: TouchMode | Begin) -> None:
+        """Tell the camera process what to look for, or which attempt its frames belong to.
 
-    def _send_request(self) -> None:
-        if self._asked is not None and self._channel.send(self._asked):
-            self._asked = None
+        What it does not take now is sent again at the next call.
+        """
+        self._requests.append(request)
+        self._send_requests()
+
+    def _send_requests(self) -> None:
+        while self._requests and self._channel.send(self._requests[0]):
+            self._requests.popleft()
 
     def health(self) -> StreamHealth:
         """Return counts and rate as last reported, and the age as it is now."""

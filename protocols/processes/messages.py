@@ -147,13 +147,10 @@ class Ack:
 
     Attributes:
         kept_count: Samples, frames and events of this producer that are in recordings.
-        trial: Attempt that is being recorded; 0 between attempts.
     """
 
     through: int
     kept_count: int
-    trial: int
-    attempt: int
 
 
 LARGEST = 1 << 18

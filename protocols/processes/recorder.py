@@ -56,6 +56,7 @@ class RecordKeeper:
         self._store = store
         self._spill_source = spill_source
         self._writer: RecordingWriter | None = None
+        self._attempt: Begin | None = None
         self.kept_count = 0
 
     def keep(self, entry: Encoded) -> None:
@@ -65,8 +66,8 @@ class RecordKeeper:
             RecordError: The recording exists already, or the disk is full or gone.
         """
         match entry:
-            case Begin(trial=trial, attempt=attempt):
-                self._open(trial, attempt)
+            case Begin():
+                self._begin(entry)
             case End(record=record):
                 self._end(record)
             case JournalEvent():
@@ -77,12 +78,20 @@ class RecordKeeper:
                 self._write(entry)
 
     def _write(self, messages: Sequence[RawMessage]) -> None:
-        if self._writer is not None:
-            self._writer.write_raw(messages)
-            self.kept_count += len(messages)
+        if self._attempt is None:
+            return
+        self._writer = self._writer or self._open(self._attempt.trial, self._attempt.attempt)
+        self._writer.write_raw(messages)
+        self.kept_count += len(messages)
 
-    def _open(self, trial: int, attempt: int) -> None:
+    def _begin(self, attempt: Begin) -> None:
+        """Open the recording; a spill is opened by its first message."""
         self.close()
+        self._attempt = attempt
+        if not self._spill_source:
+            self._writer = self._open(attempt.trial, attempt.attempt)
+
+    def _open(self, trial: int, attempt: int) -> RecordingWriter:
         paths = self._store.paths
         source = self._spill_source
         path = paths.spill(trial, attempt, source) if source else paths.recording(trial, attempt)
@@ -93,7 +102,7 @@ class RecordKeeper:
             "config_hash": self._store.config_hash,
             "source": source or "recorder",
         }
-        self._writer = RecordingWriter(path, metadata=metadata)
+        return RecordingWriter(path, metadata=metadata)
 
     def _end(self, record: TrialRecord) -> None:
         """Finish the recording and keep the result with its hash; the result in any case."""
@@ -111,6 +120,7 @@ class RecordKeeper:
         Raises:
             RecordError: The disk is full or gone.
         """
+        self._attempt = None
         if self._writer is None:
             return None
         writer, self._writer = self._writer, None
@@ -140,7 +150,7 @@ class Producer:
         self.kept_count = 0
         self.newest_frame_ns = 0
         self.ended = False
-        self.acknowledged: tuple[int, int] = (-1, -1)
+        self.acknowledged = -1
         self.acknowledged_count = 0
 
     def read(self) -> None:
@@ -162,7 +172,6 @@ class Recorder:
     def __init__(self, keeper: RecordKeeper, producers: list[Producer]) -> None:
         self._keeper = keeper
         self._producers = producers
-        self._attempt = (0, 0)
         self._held_until_s = 0.0
 
     def run(self) -> None:
@@ -202,13 +211,8 @@ class Recorder:
         before = self._keeper.kept_count
         self._keeper.keep(entry)
         producer.kept_count += self._keeper.kept_count - before
-        if isinstance(entry, tuple):
-            if entry[-1].topic is Topic.IMAGE:
-                producer.newest_frame_ns = entry[-1].log_time
-        elif isinstance(entry, Begin):
-            self._attempt = (entry.trial, entry.attempt)
-        elif isinstance(entry, End):
-            self._attempt = (0, 0)
+        if isinstance(entry, tuple) and entry[-1].topic is Topic.IMAGE:
+            producer.newest_frame_ns = entry[-1].log_time
 
     def _must_wait(self, entry: Encoded) -> bool:
         """Hold the end of an attempt back until the frames before it have come, for a while."""
@@ -224,17 +228,10 @@ class Recorder:
         return False
 
     def _acknowledge(self, producer: Producer) -> None:
-        state = (producer.through, self._attempt[0])
-        if state == producer.acknowledged or producer.ended:
+        if producer.through == producer.acknowledged or producer.ended:
             return
-        ack = Ack(
-            through=producer.through,
-            kept_count=producer.kept_count,
-            trial=self._attempt[0],
-            attempt=self._attempt[1],
-        )
-        if producer.acks.send(ack):
-            producer.acknowledged = state
+        if producer.acks.send(Ack(through=producer.through, kept_count=producer.kept_count)):
+            producer.acknowledged = producer.through
             producer.acknowledged_count = producer.kept_count
 
 

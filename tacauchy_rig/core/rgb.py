@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from enum import StrEnum
 
 import cv2
@@ -22,6 +23,12 @@ _GREY = {
     2: cv2.IMREAD_REDUCED_GRAYSCALE_2,
     1: cv2.IMREAD_GRAYSCALE,
 }
+
+
+_MAX_PIXELS = 64 << 20
+"""Far above any camera here; a file of some kilobytes can claim a hundred times as many."""
+_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""Markers that begin the size of a JPEG."""
 
 
 class ColourOrder(StrEnum):
@@ -52,8 +59,27 @@ def decode_grey(data: bytes, *, reduction: int = 1) -> ImageArray | None:
     return _decoded(data, _GREY[reduction])
 
 
+def _pixel_count(data: bytes) -> int:
+    """Return how many pixels a JPEG or PNG says that it has; 0 where it does not say."""
+    if data.startswith(b"\x89PNG"):
+        width, height = struct.unpack(">II", data[16:24].ljust(8, b"\0"))
+        return int(width * height)
+    place = 2
+    while place + 9 <= len(data):
+        _, kind, length, _, height, width = struct.unpack_from(">BBHBHH", data, place)
+        if kind in _JPEG_FRAMES:
+            return int(width * height)
+        place += 2 + max(length, 1)
+    return 0
+
+
 def _decoded(data: bytes, flag: int) -> ImageArray | None:
-    found = cv2.imdecode(np.frombuffer(data, np.uint8), flag) if data else None
+    if not data or _pixel_count(data) > _MAX_PIXELS:
+        return None
+    try:
+        found = cv2.imdecode(np.frombuffer(data, np.uint8), flag)
+    except cv2.error:
+        return None
     return None if found is None else np.asarray(found, np.uint8)
 
 

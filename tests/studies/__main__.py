@@ -21,6 +21,7 @@ STUDIES = {
     "libuipc": "tests.studies.libuipc.command:libuipc",
     "compare": "tests.studies.compare.command:compare",
     "paper-mesh": "tests.studies.paper_mesh.command:paper_mesh",
+    "power-cuts": "tests.studies.power_cuts.command:power_cuts",
     "judge-page": "tests.studies.judge_page.command:judge_page",
 }
 """Where each study's command is."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.durable import file_sha256, read_error
+from tacauchy_rig.core.store.run_files import file_sha256, read_error
 
 MIB = 2**20
 IMAGE_BYTES = 64 * MIB
@@ -76,7 +76,7 @@ class Source:
                 remedy="look at the file: it is empty, or of another kind than is said",
             )
         if name not in self.hashes:
-            self.hashes[name] = file_sha256(path, what="a file of the source")
+            self.hashes[name] = file_sha256(path, what="a file of the source", links=True)
         return path
 
     def folder(self, name: str, *, field: str) -> Path:

@@ -23,6 +23,11 @@ from tacauchy_rig.core.errors import RecordError
 T = TypeVar("T")
 
 _NON_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
+_MAX_NESTING = 64
+_MAX_INTEGER = 2**1023
+"""The largest that a float can still hold, roughly."""
+_MAX_FIELD = 2**63 - 1
+"""Of a whole number that a field is for."""
 _REMEDY = "the file was edited, or written by another version of this program"
 
 
@@ -95,15 +100,39 @@ def dumps(value: object, *, indent: int | None = 2) -> bytes:
 
 
 def loads(data: bytes, *, source: str) -> Any:
-    """Parse JSON text.
+    """Parse JSON text of no more nesting, numbers and text than the program writes.
 
     Raises:
-        RecordError: It is no JSON; the message names ``source`` and the place.
+        RecordError: It is no such JSON; the message names ``source`` and the place.
     """
     try:
-        return json.loads(data)
-    except ValueError as error:
+        found = json.loads(data)
+        _check_bounds(found)
+    except (ValueError, RecursionError) as error:
         raise RecordError(f"{source}: not valid JSON: {error}", remedy=_REMEDY) from error
+    return found
+
+
+def _check_bounds(found: Any) -> None:
+    """Refuse what would break a reader later.
+
+    Raises:
+        ValueError: Names it.
+    """
+    waiting = [(found, 0)]
+    while waiting:
+        value, depth = waiting.pop()
+        if depth > _MAX_NESTING:
+            raise ValueError(f"it is nested more than {_MAX_NESTING} deep")
+        if isinstance(value, dict):
+            waiting += [(each, depth + 1) for each in value]
+            value = list(value.values())
+        if isinstance(value, list):
+            waiting += [(each, depth + 1) for each in value]
+        elif isinstance(value, str):
+            value.encode()  # half a surrogate pair can be neither printed nor written
+        elif isinstance(value, int) and abs(value) > _MAX_INTEGER:
+            raise ValueError(f"a whole number has more than {_MAX_INTEGER.bit_length()} bits")
 
 
 def _build(kind: Any, data: Any, source: str, field: str) -> Any:
@@ -168,7 +197,7 @@ def _build_scalar(kind: Any, data: Any, source: str, field: str) -> Any:
         _require(data in values, "one of " + ", ".join(map(str, values)), data, source, field)
         return kind(data)
     if kind is int:
-        whole = isinstance(data, int) and not isinstance(data, bool)
+        whole = isinstance(data, int) and not isinstance(data, bool) and abs(data) <= _MAX_FIELD
         _require(whole, "a whole number", data, source, field)
         return data
     _require(isinstance(data, kind), f"a {kind.__name__}", data, source, field)

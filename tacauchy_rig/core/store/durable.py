@@ -5,11 +5,14 @@ from __future__ import annotations
 import contextlib
 import errno
 import hashlib
+import logging
 import os
 import shutil
 from pathlib import Path
 
 from tacauchy_rig.core.errors import RecordError
+
+logger = logging.getLogger(__name__)
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
@@ -36,6 +39,44 @@ def write_atomically(path: Path, data: bytes) -> None:
         raise write_error(path, error) from error
 
 
+def free_name(path: Path, suffix: str) -> Path:
+    """Return a name beside ``path`` that nothing has: with the suffix, and a number if need be."""
+    candidate, number = path.with_name(f"{path.name}.{suffix}"), 1
+    while candidate.exists():
+        number += 1
+        candidate = path.with_name(f"{path.name}.{suffix}-{number}")
+    return candidate
+
+
+def set_aside(path: Path, suffix: str) -> Path:
+    """Give a file another name, with a suffix that says why, and return it.
+
+    Raises:
+        RecordError: The folder cannot be written.
+    """
+    aside = free_name(path, suffix)
+    try:
+        path.rename(aside)
+        sync_folder(path.parent)
+    except OSError as error:
+        raise write_error(path, error) from error
+    return aside
+
+
+def give_second_name(path: Path, name: Path) -> Path:
+    """Keep a file under a second name too; return that.
+
+    Raises:
+        OSError: The folder cannot be written.
+    """
+    try:
+        name.hardlink_to(path)
+    except OSError as error:
+        logger.info("%s: no hard links here (%s); copying", path, error.strerror)
+        shutil.copy2(path, name)
+    return name
+
+
 def sync_folder(folder: Path) -> None:
     """Bring the names in ``folder`` to the disk."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -45,42 +86,9 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def read_bytes(path: Path, *, what: str) -> bytes:
-    """Read a file that has to be there.
-
-    Args:
-        path: The file.
-        what: What the file is, for the message: ``"the run's description"``.
-
-    Raises:
-        RecordError: It is missing, or may not be read.
-    """
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise read_error(path, error, what=what) from error
-
-
 def bytes_sha256(content: bytes) -> str:
     """Return the SHA-256 of some content."""
     return hashlib.sha256(content).hexdigest()
-
-
-def file_sha256(path: Path, *, what: str) -> str:
-    """Return the SHA-256 of a file that has to be there.
-
-    Args:
-        path: The file.
-        what: What it is, for the message.
-
-    Raises:
-        RecordError: It is missing, or may not be read.
-    """
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise read_error(path, error, what=what) from error
 
 
 def write_error(path: Path, error: OSError) -> RecordError:
@@ -110,24 +118,6 @@ def write_error(path: Path, error: OSError) -> RecordError:
     return RecordError(
         f"{path}: cannot be written: {error.strerror or error}",
         remedy="check the disk (dmesg, df -h), or set run.output_directory to another one",
-    )
-
-
-def read_error(path: Path, error: OSError, *, what: str) -> RecordError:
-    """Return the error for the operator after ``path`` could not be read."""
-    if isinstance(error, FileNotFoundError):
-        return RecordError(
-            f"{path}: {what} is missing",
-            remedy=f"check the path; `ls {path.parent}` shows what is there",
-        )
-    if error.errno in _FORBIDDEN:
-        return RecordError(
-            f"{path}: no permission to read {what}: {error.strerror}",
-            remedy=f"ask the owner of the file for permission (ls -l {path} shows it)",
-        )
-    return RecordError(
-        f"{path}: {what} cannot be read: {error.strerror or error}",
-        remedy="check the path and the disk (dmesg)",
     )
 
 

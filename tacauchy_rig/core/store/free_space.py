@@ -7,7 +7,8 @@ from pathlib import Path
 
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.durable import free_bytes, read_error
+from tacauchy_rig.core.store.durable import free_bytes
+from tacauchy_rig.core.store.run_files import read_error
 
 FORCE_MESSAGE_BYTES = 280
 """Of one force sample in a recording, its share of the index included; a test measures it."""

@@ -22,11 +22,13 @@ from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.codec import dumps, from_json, loads, to_json
 from tacauchy_rig.core.store.durable import (
     bytes_sha256,
-    read_bytes,
+    give_second_name,
+    set_aside,
     sync_folder,
     write_atomically,
     write_error,
 )
+from tacauchy_rig.core.store.run_files import read_bytes
 
 logger = logging.getLogger(__name__)
 
@@ -111,8 +113,8 @@ def line_hash(raw: bytes) -> str:
 
 def _parsed(raw: bytes, source: str) -> JournalLine:
     try:
-        content = json.loads(raw)
-    except ValueError:
+        content = loads(raw, source=source)
+    except RecordError:
         logger.warning("%s: incomplete, left by a crash; passed over", source)
         return JournalLine(raw=raw, number=None, previous=None, event=None)
     number = content.pop(_NUMBER, None) if isinstance(content, dict) else None
@@ -167,7 +169,8 @@ class StoreEvent(StrEnum):
         WRITTEN: A file of the run as a whole is about to be written.
         SEALED: The result of an attempt was written.
         RECOVERED: A recording was repacked.
-        CUT_OFF: The session before ended without a word.
+        CUT_OFF: The session before ended without a word; with a trial and an attempt, what is
+            left of that attempt is no longer what its result said, which was set aside.
         REPLAYED: A replay was written.
     """
 
@@ -232,7 +235,7 @@ class HashedFile(Generic[T]):
         self.write(dumps(value))
 
     def write(self, content: bytes) -> None:
-        """Write its bytes, and their hash into the journal.
+        """Write its bytes, and their hash into the journal; the content before is kept beside it.
 
         The line goes out first: a crash between the two leaves the file that an earlier line told
         of.
@@ -243,7 +246,50 @@ class HashedFile(Generic[T]):
         log_hashes(
             self._journal, StoreEvent.WRITTEN, file=self._path.name, sha256=bytes_sha256(content)
         )
+        if self._path.exists() and not self.damage():
+            previous = previous_of(self._path)
+            try:
+                previous.unlink(missing_ok=True)
+                give_second_name(self._path, previous)
+            except OSError as error:
+                raise write_error(previous, error) from error
         write_atomically(self._path, content)
+
+    def damage(self) -> str:
+        """Return why it cannot be read; an empty text where it can, or was never written."""
+        try:
+            self.load()
+        except RecordError as error:
+            return error.message
+        return ""
+
+    def mend(self) -> bool:
+        """Set it aside if it cannot be read, and take the content before, if there is any.
+
+        Returns:
+            Whether it could not be read.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        previous, sha256 = previous_of(self._path), None
+        is_lost = not self._path.exists() and previous.exists()
+        if not is_lost and not self.damage():
+            return False
+        if not is_lost:
+            set_aside(self._path, "torn")
+        before = HashedFile[T](previous, self._kind, journal=self._journal, what=self._what)
+        if previous.exists() and not before.damage():
+            content = read_bytes(previous, what=self._what)
+            write_atomically(self._path, content)
+            sha256 = bytes_sha256(content)
+        log_hashes(self._journal, StoreEvent.WRITTEN, file=self._path.name, sha256=sha256)
+        return True
+
+
+def previous_of(path: Path) -> Path:
+    """Return where the content lies that a file of the run had before it was written anew."""
+    return path.with_name(f"{path.name}.previous")
 
 
 def read_json(kind: Any, path: Path, *, what: str) -> Any:

@@ -6,8 +6,10 @@ import re
 from pathlib import Path
 
 from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.store.run_files import check_tree
 
 RECORDING_NAME = "recording.mcap"
+RESULT_NAME = "result.json"
 SPILL_PATTERN = "unacknowledged-*.mcap"
 
 _ATTEMPT = re.compile(r"attempt-(\d+)")
@@ -78,7 +80,7 @@ class RunPaths:
 
     def result(self, trial: int, attempt: int) -> Path:
         """Return the verdict of an attempt."""
-        return self.attempt(trial, attempt) / "result.json"
+        return self.attempt(trial, attempt) / RESULT_NAME
 
     def spills(self, trial: int, attempt: int) -> list[Path]:
         """Return the messages that a fault kept from the recording, if any."""
@@ -117,16 +119,17 @@ def run_root_of(path: Path) -> Path:
 
 
 def run_folder(root: Path) -> RunPaths:
-    """Return the places in a run's folder.
+    """Return the places in a run's folder, which holds nothing but folders and plain files.
 
     Raises:
-        RecordError: ``root`` is no run's folder.
+        RecordError: ``root`` is no run's folder, or holds what no run holds.
     """
     paths = RunPaths(root)
-    if not paths.run_json.is_file():
+    if not any(path.is_file() for path in (paths.run_json, root / "run.json.previous")):
         raise RecordError(
             f"{root}: not a run folder: it has no run.json",
             remedy="give a folder that `tacauchy-rig run` or `dry-run` made, "
             "such as runs/20250131-101500-NAME",
         )
+    check_tree(root)
     return paths

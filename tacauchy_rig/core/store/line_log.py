@@ -7,7 +7,9 @@ import logging
 from pathlib import Path
 from typing import Any
 
-from tacauchy_rig.core.store.codec import to_json
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.store.codec import loads, to_json
+from tacauchy_rig.core.store.run_files import read_bytes
 
 logger = logging.getLogger(__name__)
 
@@ -53,9 +55,9 @@ def read_log(path: Path) -> list[dict[str, Any]]:
     if not path.is_file():
         return []
     lines = []
-    for line in path.read_text("utf-8", errors="replace").splitlines():
+    for line in read_bytes(path, what="the log").splitlines():
         try:
-            lines.append(json.loads(line))
-        except json.JSONDecodeError:
-            logger.info("%s: a line was cut off", path)
+            lines.append(loads(line, source=str(path)))
+        except RecordError as error:
+            logger.info("%s: passed over", error.message)
     return lines

@@ -1,31 +1,47 @@
-"""What a killed program leaves behind: recordings are repaired, the journal is completed."""
+"""What a killed program or a power cut leaves behind is repaired, completed, or set aside."""
 
 from __future__ import annotations
 
 import fcntl
 import heapq
 import logging
-import os
-import shutil
+import math
 from collections import ChainMap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
 
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.check.files import JournalReading
+from tacauchy_rig.core.run import JournalEvent, TrialRecord
+from tacauchy_rig.core.store.check.files import START, JournalReading
 from tacauchy_rig.core.store.check.run import RunCheck, check_run
-from tacauchy_rig.core.store.durable import file_sha256, read_error, sync_folder, write_error
-from tacauchy_rig.core.store.journal import StoreEvent, log_hashes
-from tacauchy_rig.core.store.layout import RECORDING_NAME, SPILL_PATTERN, RunPaths
+from tacauchy_rig.core.store.durable import (
+    free_name,
+    give_second_name,
+    set_aside,
+    sync_folder,
+    write_error,
+)
+from tacauchy_rig.core.store.journal import (
+    StoreEvent,
+    append_event,
+    log_hashes,
+    read_journal,
+    read_json,
+)
+from tacauchy_rig.core.store.layout import RESULT_NAME, SPILL_PATTERN, RunPaths, run_root_of
 from tacauchy_rig.core.store.recording.messages import RawMessage
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.run_files import file_sha256, open_file
 from tacauchy_rig.core.store.run_store import RunStore
 
 _CHUNK_SIZE = 4 << 20  # [bytes] of a finished file, which nobody kills while it is written
+_BEGIN, _END = "attempt-start", "attempt-end"
+_SPILL_MARGIN_NS = 10**9
+"""A sample may have waited for so long when an attempt began, and come so late after its end."""
 
 logger = logging.getLogger(__name__)
 
@@ -52,15 +68,18 @@ class RecoveryReport:
     problems: tuple[str, ...] = ()
 
 
-def recover_recordings(root: Path) -> list[RecoveryReport]:
-    """Recover every recording of a run; one beyond repair is reported and left as it is."""
-    reports = []
-    for folder in sorted(RunPaths(root).trials.glob("*/attempt-*")):
-        path = folder / RECORDING_NAME
-        if not path.exists() and not list(folder.glob(SPILL_PATTERN)):
+Opener = Callable[[Path], Recording]
+
+
+def recover_recordings(root: Path, *, opener: Opener = Recording.open) -> list[RecoveryReport]:
+    """Recover every recording of a run; one beyond repair is reported and set aside."""
+    paths, reports = RunPaths(root), []
+    for trial, attempt in paths.attempts():
+        path = paths.recording(trial, attempt)
+        if not path.exists() and not paths.spills(trial, attempt):
             continue
         try:
-            reports.append(recover_recording(path))
+            reports.append(recover_recording(path, opener=opener))
         except RecordError as error:
             reports.append(
                 RecoveryReport(path=path, before="not recovered", problems=(str(error),))
@@ -68,35 +87,139 @@ def recover_recordings(root: Path) -> list[RecoveryReport]:
     return reports
 
 
-def recover_recording(path: Path) -> RecoveryReport:
+def recover_recording(path: Path, *, opener: Opener = Recording.open) -> RecoveryReport:
     """Repack a recording that is unfinished or damaged, and merge what its recorder never got.
 
     The new file replaces the old one in one step and the old one stays beside it as ``.torn``.
-    Recovering twice changes nothing.
+    A recording that is the one that its result tells of is never written again. A spill of
+    another attempt is set aside as ``.refused``. Recovering twice changes nothing.
 
     Raises:
-        RecordError: Nothing in it is readable, it is still being written, or the disk is full.
+        RecordError: It is still being written, or the disk is full.
     """
     problems: list[str] = []
-    spills = open_readable(sorted(path.parent.glob(SPILL_PATTERN)), problems)
-    if not path.exists() and spills:
-        return _repacked(path, [], spills, problems, before="missing")
+    if not path.exists():
+        spills = _spills_of(path, None, problems)
+        if spills:
+            return _repacked(path, [], spills, problems, before="missing")
+        return _left(path, "missing", problems)
     with _unused(path):
+        closed_sha256 = _closed_sha256(path)
         try:
-            recording = Recording.open(path)
+            recording = opener(path)
         except RecordError as error:
-            if not spills:
-                raise
+            spills = _spills_of(path, None, problems)
             problems.append(str(error))
-            return _repacked(path, [], spills, problems, before="unreadable")
-        if recording.is_intact and not spills:
-            return RecoveryReport(
-                path=path,
-                before=recording.describe(),
-                message_count=recording.message_count,
-                problems=tuple(problems),
-            )
+            if spills:
+                return _repacked(path, [], spills, problems, before="unreadable")
+            original = set_aside(path, "torn") if closed_sha256 is None else None
+            return _left(path, "unreadable", problems, original=original)
+        spills = _spills_of(path, recording, problems)
+        is_closed = closed_sha256 is not None and closed_sha256 == file_sha256(
+            path, what="the recording"
+        )
+        if is_closed:
+            for spill in spills:
+                _set_aside_known(spill, recording, problems)
+        if is_closed or (recording.is_intact and not spills):
+            count = recording.message_count
+            return _left(path, recording.describe(), problems, message_count=count)
         return _repacked(path, [recording], spills, problems, before=recording.describe())
+
+
+def _left(
+    path: Path,
+    before: str,
+    problems: Sequence[str],
+    *,
+    message_count: int = 0,
+    original: Path | None = None,
+) -> RecoveryReport:
+    """Return that a recording was not written again."""
+    return RecoveryReport(
+        path=path,
+        before=before,
+        message_count=message_count,
+        original=original,
+        problems=tuple(problems),
+    )
+
+
+def _closed_sha256(path: Path) -> str | None:
+    """Return the SHA-256 that a recording had when it was closed; None where no result tells it."""
+    try:
+        record: TrialRecord = read_json(TrialRecord, path.with_name(RESULT_NAME), what="the result")
+    except RecordError:
+        return None
+    return record.recording_sha256
+
+
+def _spills_of(path: Path, recording: Recording | None, problems: list[str]) -> list[Recording]:
+    """Return the spills beside a recording that hold messages of its attempt; refuse the others."""
+    spills = []
+    for place in sorted(path.parent.glob(SPILL_PATTERN)):
+        if not place.stat().st_size:
+            continue
+        try:
+            spill = Recording.open(place)
+        except RecordError as error:
+            _refuse(place, error.message, problems)
+            continue
+        if not spill.message_count:
+            continue
+        if reason := _misfit(spill, path, recording):
+            _refuse(place, reason, problems)
+        else:
+            spills.append(spill)
+    return spills
+
+
+def _refuse(spill: Path, reason: str, problems: list[str]) -> None:
+    aside = set_aside(spill, "refused")
+    problems.append(f"{reason}; it stays as {aside.name}, and nothing of it was merged")
+
+
+def _misfit(spill: Recording, path: Path, recording: Recording | None) -> str:
+    """Return why a spill cannot be of a recording's attempt; an empty text where it can."""
+    attempt = path.parent.name.removeprefix("attempt-")
+    trial = path.parent.parent.name
+    if not (attempt.isdecimal() and trial.isdecimal()):
+        return ""
+    key = (int(trial), int(attempt))
+    stated = {name: spill.metadata.get(name) for name in ("trial", "attempt")}
+    for (name, value), number in zip(stated.items(), key, strict=True):
+        if value is not None and value != str(number):
+            return f"{spill.path}: it is of {name} {value}"
+    first_ns, last_ns = _window(path, key, recording)
+    if spill.start_ns < first_ns - _SPILL_MARGIN_NS or spill.end_ns > last_ns + _SPILL_MARGIN_NS:
+        return (
+            f"{spill.path}: its messages are from {spill.start_ns} to {spill.end_ns} ns, and the "
+            f"attempt was from {first_ns:.0f} to {last_ns:.0f} ns"
+        )
+    return ""
+
+
+def _window(path: Path, key: tuple[int, int], recording: Recording | None) -> tuple[float, float]:
+    """Return when an attempt began and ended [ns], as far as journal and recording tell."""
+    journal = run_root_of(path) / "journal.jsonl"
+    events = read_journal(journal) if journal.exists() else []
+    own = [e for e in events if (e.trial, e.attempt) == key]
+    own += [] if recording is None else recording.events()
+    begun = [e.stamp_ns for e in own if e.name == _BEGIN]
+    ended = [e.stamp_ns for e in own if e.name == _END]
+    first_ns = min(begun, default=-math.inf)
+    later = [e.stamp_ns for e in events if e.name == _BEGIN and e.stamp_ns > first_ns]
+    return first_ns, max(ended) if ended else min(later, default=math.inf)
+
+
+def _set_aside_known(spill: Recording, recording: Recording, problems: list[str]) -> None:
+    """Set aside a spill beside a closed recording, which is never written again."""
+    lacking = sum(index for index, _ in _merged([recording, spill]))
+    if lacking:
+        reason = f"{spill.path}: {lacking} of its messages are not in the closed recording"
+        _refuse(spill.path, reason, problems)
+    else:
+        set_aside(spill.path, "merged")
 
 
 def open_readable(paths: Sequence[Path], problems: list[str]) -> list[Recording]:
@@ -131,10 +254,10 @@ def _repacked(
             remedy="free that much space on this disk, then recover again",
         ) from error
     try:
-        original = _keep(path) if path.exists() else None
+        original = give_second_name(path, free_name(path, "torn")) if path.exists() else None
         temporary.replace(path)
         for spill in spills:
-            spill.path.rename(_free_name(spill.path, "merged"))
+            spill.path.rename(free_name(spill.path, "merged"))
         sync_folder(path.parent)
     except OSError as error:
         raise write_error(path, error) from error
@@ -184,25 +307,6 @@ def _merged(recordings: Sequence[Recording]) -> Iterator[tuple[int, RawMessage]]
             yield index, message
 
 
-def _keep(path: Path) -> Path:
-    """Give the file a second name, so that it is never missing under its first."""
-    original = _free_name(path, "torn")
-    try:
-        original.hardlink_to(path)
-    except OSError as error:
-        logger.info("%s: no hard links here (%s); copying", path, error.strerror)
-        shutil.copy2(path, original)
-    return original
-
-
-def _free_name(path: Path, suffix: str) -> Path:
-    candidate, number = path.with_name(f"{path.name}.{suffix}"), 1
-    while candidate.exists():
-        number += 1
-        candidate = path.with_name(f"{path.name}.{suffix}-{number}")
-    return candidate
-
-
 @contextmanager
 def _unused(path: Path) -> Iterator[None]:
     """Hold the lock that a writer holds.
@@ -210,11 +314,7 @@ def _unused(path: Path) -> Iterator[None]:
     Raises:
         RecordError: A writer is at work.
     """
-    try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    except OSError as error:
-        raise read_error(path, error, what="the recording") from error
-    try:
+    with open_file(path, what="the recording") as descriptor:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
@@ -223,8 +323,6 @@ def _unused(path: Path) -> Iterator[None]:
                 remedy="wait for the run to end, or stop it, then recover",
             ) from error
         yield
-    finally:
-        os.close(descriptor)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -254,16 +352,138 @@ def recover_run(store: RunStore) -> RunRecovery:
         RecordError: Another program works on the run, or it cannot be written.
     """
     with store.lock():
-        reports = recover_recordings(store.paths.root)
+        _remove_unfinished(store.paths.root)
+        store.mend_files()
+        cut_off = CutOff.of(store)
+        if cut_off is not None:
+            cut_off.unfinish()
+        reports = recover_recordings(store.paths.root, opener=store.opened)
         for report in reports:
             if report.changed:
                 _note(store, report)
+        if cut_off is not None:
+            cut_off.complete_journal()
+    return RunRecovery(recordings=reports, was_cut_off=cut_off is not None, check=check_run(store))
+
+
+def _remove_unfinished(root: Path) -> None:
+    """Remove what ``write_atomically`` and ``recover`` had not yet given its name."""
+    for pattern in (".*.new", ".*.recovered"):
+        for path in root.rglob(pattern):
+            path.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True)
+class CutOff:
+    """A session that ended without a word, by a power cut or a kill.
+
+    Attributes:
+        store: The run.
+        journal: As it was found.
+        keys: Trial and attempt of every attempt that the session may have left unfinished.
+    """
+
+    store: RunStore
+    journal: JournalReading
+    keys: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def of(cls, store: RunStore) -> CutOff | None:
+        """Return the session; None where the last one ended properly.
+
+        A journal may have lost its last lines, the session's first among them: then there is an
+        attempt that it does not know. One that passed is none of these: it took longer.
+        """
         journal = JournalReading.of(store.paths.journal)
+        events = journal.events
+        names = (_BEGIN, StoreEvent.SEALED, StoreEvent.CUT_OFF)
+        known = {(e.trial, e.attempt) for e in events if e.name in names}
+        unknown = {key for key in store.paths.attempts() if key not in known}
+        begun: set[tuple[int, int]] = set()
         if journal.is_open:
-            for key in _unsealed(store, journal):
-                store.log_result_hashes(*key)
-            log_hashes(store.paths.journal, StoreEvent.CUT_OFF, lines=len(journal.lines))
-    return RunRecovery(recordings=reports, was_cut_off=journal.is_open, check=check_run(store))
+            first = max(place for place, event in enumerate(events) if event.name == START)
+            begun = {(e.trial, e.attempt) for e in events[first:] if e.name == _BEGIN}
+        elif store.config.is_imported or not unknown or _any_passed(store, unknown):
+            return None
+        return cls(store, journal, tuple(sorted(begun | unknown)))
+
+    def unfinish(self) -> None:
+        """Set aside each result that is torn, or tells of another recording than there is.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        for trial, attempt in self.keys:
+            self.store.paths.attempt(trial, attempt).mkdir(parents=True, exist_ok=True)
+            if why := self._broken(trial, attempt):
+                path = self.store.paths.result(trial, attempt)
+                aside = set_aside(path, "torn").name if path.exists() else None
+                log_hashes(
+                    self.store.paths.journal,
+                    StoreEvent.CUT_OFF,
+                    trial=trial,
+                    attempt=attempt,
+                    why=why,
+                    set_aside=aside,
+                )
+
+    def _broken(self, trial: int, attempt: int) -> str:
+        """Return why the result of an attempt does not count; an empty text where it does."""
+        paths = self.store.paths
+        sealed = self.journal.store_events(StoreEvent.SEALED, trial=trial, attempt=attempt)
+        try:
+            record = self.store.load_result(trial, attempt)
+        except RecordError:
+            return "its result was torn"
+        if record is None:
+            is_known = bool(self.journal.of_attempt(trial, attempt))
+            return "its result is missing" if sealed else "" if is_known else "it had just begun"
+        recording = paths.recording(trial, attempt)
+        if record.recording_sha256 is None:
+            return ""
+        if not recording.exists():
+            return "its recording is missing"
+        is_same = file_sha256(recording, what="the recording") == record.recording_sha256
+        return "" if is_same else "its recording was torn"
+
+    def complete_journal(self) -> None:
+        """Write what the journal lost and the recordings hold, the hashes of results, and an end.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        journal = self.store.paths.journal
+        known = set(map(_identity, self.journal.events))
+        for trial, attempt in self.keys:
+            for event in _recorded_events(self.store.paths.recording(trial, attempt)):
+                is_own = (event.trial, event.attempt) == (trial, attempt)
+                if is_own and _identity(event) not in known:
+                    append_event(journal, event)
+        for key in _unsealed(self.store, self.journal):
+            self.store.log_result_hashes(*key)
+        log_hashes(journal, StoreEvent.CUT_OFF, lines=len(self.journal.lines))
+
+
+def _any_passed(store: RunStore, keys: Iterable[tuple[int, int]]) -> bool:
+    for key in keys:
+        try:
+            record = store.load_result(*key)
+        except RecordError:
+            continue
+        if record is not None and record.passed:
+            return True
+    return False
+
+
+def _identity(event: JournalEvent) -> tuple[object, ...]:
+    return event.stamp_ns, event.name, event.trial, event.attempt
+
+
+def _recorded_events(path: Path) -> list[JournalEvent]:
+    try:
+        return Recording.open(path).events() if path.exists() else []
+    except RecordError:
+        return []
 
 
 def _note(store: RunStore, report: RecoveryReport) -> None:

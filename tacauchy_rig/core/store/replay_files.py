@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,21 @@ from numpy.typing import NDArray
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb, encode_png
-from tacauchy_rig.core.store.durable import read_bytes, write_atomically
+from tacauchy_rig.core.store.durable import write_atomically
+from tacauchy_rig.core.store.run_files import read_bytes
+
+_MAX_UNPACKED_BYTES = 1 << 30
+_DAMAGED = (
+    ValueError,
+    KeyError,
+    EOFError,
+    OSError,
+    RuntimeError,
+    SyntaxError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What NumPy and zipfile raise of files that they did not write."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,13 +108,28 @@ def _pack(arrays: dict[str, NDArray[Any]]) -> bytes:
     return buffer.getvalue()
 
 
+def _check_size(content: io.BytesIO) -> None:
+    """Refuse arrays that would take far more memory than the program ever writes.
+
+    Raises:
+        ValueError: They would.
+        zipfile.BadZipFile: It holds no arrays.
+    """
+    with zipfile.ZipFile(content) as archive:
+        size = sum(each.file_size for each in archive.infolist())
+    if size > _MAX_UNPACKED_BYTES:
+        raise ValueError(f"its arrays take {size / 1e6:.0f} MB")
+
+
 def _unpack(path: Path) -> dict[str, NDArray[Any]]:
     if not path.exists():
         return {}
+    content = io.BytesIO(read_bytes(path, what="the fields"))
     try:
-        with np.load(io.BytesIO(read_bytes(path, what="the fields")), allow_pickle=False) as data:
+        _check_size(content)
+        with np.load(content, allow_pickle=False) as data:
             return dict(data)
-    except (ValueError, EOFError, zipfile.BadZipFile) as error:
+    except (*_DAMAGED, MemoryError) as error:
         raise RecordError(
             f"{path}: damaged: {error}", remedy="replay the run again: `tacauchy-rig replay RUN`"
         ) from error

@@ -24,17 +24,19 @@ from tacauchy_rig.core.imported import Imported, ImportedTrial
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.codec import dumps, loads, to_json
-from tacauchy_rig.core.store.durable import bytes_sha256, file_sha256, write_atomically, write_error
+from tacauchy_rig.core.store.durable import bytes_sha256, write_atomically, write_error
 from tacauchy_rig.core.store.journal import (
     HashedFile,
     StoreEvent,
     log_hashes,
+    previous_of,
     read_journal,
     read_json,
 )
 from tacauchy_rig.core.store.layout import RunPaths, run_folder
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.replay_files import ReplayFields, read_fields, write_fields
+from tacauchy_rig.core.store.run_files import file_sha256
 
 logger = logging.getLogger(__name__)
 
@@ -130,9 +132,29 @@ class RunStore:
             ConfigError: Its configuration is no longer accepted.
         """
         path = run_folder(root).run_json
-        description = read_json(Any, path, what=_DESCRIPTION)
-        _check_description(description, path)
-        return cls(root, description)
+        try:
+            return cls(root, _read_description(path))
+        except RecordError as error:
+            if not previous_of(path).exists():
+                raise
+            logger.warning("%s; taking its content before", error.message)
+        return cls(root, _read_description(previous_of(path)))
+
+    def mend_files(self) -> None:
+        """Set aside what cannot be read of the files of the run as a whole.
+
+        Raises:
+            RecordError: The disk is full or gone.
+        """
+        for file in (
+            self._run_json,
+            self.expected,
+            self.force_check,
+            self.imported,
+            self.optics,
+            self.truth,
+        ):
+            file.mend()
 
     def set_devices(self, devices: Mapping[str, Any]) -> None:
         """Record who answered: name of the device to its DeviceIdentity.
@@ -226,9 +248,12 @@ class RunStore:
         Raises:
             RecordError: As for ``Recording.open``.
         """
-        path = self.paths.recording(trial, attempt)
+        return self.opened(self.paths.recording(trial, attempt))
+
+    def opened(self, path: Path) -> Recording:
+        """Return a recording by its path, as ``recording`` does."""
         state = path.stat() if path.exists() else None
-        key = (trial, attempt, state and (state.st_mtime_ns, state.st_size))
+        key = (path, state and (state.st_mtime_ns, state.st_size))
         if key not in self._recordings:
             self._recordings[key] = Recording.open(path)
         return self._recordings[key]
@@ -360,6 +385,20 @@ def _new_folder(parent: Path, name: str) -> Path:
             return root
 
 
+def _read_description(path: Path) -> dict[str, Any]:
+    try:
+        description: dict[str, Any] = read_json(Any, path, what=_DESCRIPTION)
+    except RecordError as error:
+        if (path.parent / "trials").exists():
+            raise
+        raise RecordError(
+            f"{error.message}; no attempt was recorded in it",
+            remedy="it was cut off while it was made: remove the folder and record a new run",
+        ) from error
+    _check_description(description, path)
+    return description
+
+
 def _check_description(description: Any, path: Path) -> None:
     wanted = {
         "format": int,
@@ -367,6 +406,7 @@ def _check_description(description: Any, path: Path) -> None:
         "config_hash": str,
         "simulated": bool,
         "devices": dict,
+        "created": str,
     }
     for field, kind in wanted.items():
         if not isinstance(description, dict) or not isinstance(description.get(field), kind):

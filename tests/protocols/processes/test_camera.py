@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from drivers.mock.streams import MockCamera
 from drivers.mock.world import MockWorld
+from protocols.control.record import Begin
 from protocols.processes.camera import EXPOSURE_S, ExposureWatch, MarkSender
 from protocols.processes.link import RemoteCamera
 from protocols.processes.messages import Channel
@@ -55,10 +57,15 @@ def test_control_learns_what_the_camera_process_saw(config: RigConfig) -> None:
     camera, remote = MockCamera(MockWorld(SimulatedClock(), config)), RemoteCamera(theirs)
     camera.connect()
     try:
-        MarkSender(ours).send([frame(5 * SECOND_NS, 255)], camera)
+        link = SimpleNamespace(attempt=None)
+        sender = MarkSender(ours, link)
+        sender.send([frame(5 * SECOND_NS, 255)], camera)
         assert [mark.stamp_ns for mark in remote.poll()] == [5 * SECOND_NS]
         expected = replace(camera.health(), clipped_ratio=1.0)
         assert replace(remote.health(), age_s=expected.age_s) == expected
+        remote.ask(Begin(2, 1))
+        sender.take_requests()
+        assert link.attempt == Begin(2, 1)
     finally:
         ours.close()
         theirs.close()

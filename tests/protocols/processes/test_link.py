@@ -8,7 +8,7 @@ import pytest
 
 from protocols.control.record import Begin, End
 from protocols.processes import link as link_module
-from protocols.processes.link import RecorderLink
+from protocols.processes.link import BETWEEN_ATTEMPTS, RecorderLink
 from protocols.processes.messages import Ack, Channel, EntryReader, Failed
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import (
@@ -35,7 +35,10 @@ class FarEnd:
         self.data, data = socket.socketpair()
         self.acks, acks = Channel.pair()
         self.reader = EntryReader()
-        self.link = RecorderLink(data, acks, store=store, source="control")
+        self.told = []
+        self.link = RecorderLink(
+            data, acks, store=store, source="control", on_attempt=self.told.append
+        )
 
     def take(self, count):
         """Receive ``count`` entries."""
@@ -45,9 +48,9 @@ class FarEnd:
             entries += self.reader.feed(self.data.recv(1 << 16))
         return entries
 
-    def acknowledge(self, through, *, kept=0, trial=1):
+    def acknowledge(self, through, *, kept=0):
         """Say that everything up to ``through`` is on disk."""
-        self.acks.send(Ack(through=through, kept_count=kept, trial=trial, attempt=1))
+        self.acks.send(Ack(through=through, kept_count=kept))
 
     def die(self):
         """End as a killed process does."""
@@ -94,6 +97,29 @@ def test_what_a_dead_recorder_left_is_spilled(far):
     spill = Recording.open(store.paths.spill(1, 1, "control"))
     assert spill.force().counter.tolist() == [2, 3, 4]
     assert store.load_result(1, 1) == _record()
+
+
+def test_what_is_spilled_belongs_to_the_attempt_of_its_entries(far):
+    """A recorder that stalls in trial 2 last acknowledged entries of trial 1."""
+    store = far.link._store
+    for entry in (Begin(1, 1), force(1), End(_record(), 15), force(2), Begin(2, 1), force(3)):
+        far.link.put(entry)
+    far.take(6)
+    far.acknowledge(2, kept=1)
+    far.link.poll()
+    far.die()
+    far.link.close(timeout_s=4.0)
+    assert Recording.open(store.paths.spill(2, 1, "control")).force().counter.tolist() == [3]
+    assert not store.paths.spill(1, 1, "control").exists()
+    assert store.load_result(1, 1) == _record()
+
+
+def test_the_camera_is_told_which_attempt_its_frames_belong_to(far):
+    """It sees no beginning and no end itself."""
+    for entry in (Begin(2, 1), force(1), End(_record(), 15)):
+        far.link.put(entry)
+    assert far.told == [Begin(2, 1), BETWEEN_ATTEMPTS]
+    far.acknowledge(3, kept=1)
 
 
 def test_journal_lines_are_not_written_twice(far):

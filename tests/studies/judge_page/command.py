@@ -11,7 +11,8 @@ import typer
 
 from tacauchy_rig.app.cli.output import say, write_text
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.durable import read_bytes, write_atomically
+from tacauchy_rig.core.store.durable import write_atomically
+from tacauchy_rig.core.store.run_files import read_bytes
 from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 
 PICTURE_PX = 800  # wide, for a page on a screen

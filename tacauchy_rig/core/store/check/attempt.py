@@ -91,8 +91,9 @@ class Attempt:
 
     @cached_property
     def sealed_event(self) -> JournalEvent | None:
-        """What the journal says that its files were when they were written."""
-        return next(iter(self.store_events(StoreEvent.SEALED)), None)
+        """What the journal says that its files were; None where a power cut took what it says."""
+        was_cut = self.store_events(StoreEvent.CUT_OFF)
+        return None if was_cut else next(iter(self.store_events(StoreEvent.SEALED)), None)
 
     @property
     def is_whole(self) -> bool:
@@ -183,7 +184,7 @@ def _recording_mismatch(attempt: Attempt) -> Iterator[str]:
         )
     known = repacked[-1].detail.get("recording_sha256") if repacked else in_result or in_journal
     if known is not None:
-        yield from hash_mismatch(attempt.path, known)
+        yield from hash_mismatch(attempt.path.parent, attempt.path.name, known)
     originals = [event.detail.get("original_sha256") for event in repacked]
     if in_result is not None and repacked and in_result not in originals:
         yield (
@@ -196,7 +197,7 @@ def _result_mismatch(attempt: Attempt) -> Iterator[str]:
     sealed_event, journal = attempt.sealed_event, attempt.journal
     if sealed_event is not None:
         path = attempt.store.paths.result(*attempt.key)
-        yield from hash_mismatch(path, sealed_event.detail.get("result_sha256"))
+        yield from hash_mismatch(path.parent, path.name, sealed_event.detail.get("result_sha256"))
     elif attempt.record is not None and journal.has_hashes and not journal.may_lack_hashes:
         yield "journal.jsonl does not know of it"
 

@@ -16,8 +16,8 @@ from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import Criterion, JournalEvent
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.codec import to_json
-from tacauchy_rig.core.store.durable import file_sha256
 from tacauchy_rig.core.store.journal import JournalLine, StoreEvent, line_hash, read_lines
+from tacauchy_rig.core.store.run_files import file_sha256, is_inside
 from tacauchy_rig.core.store.run_store import RunStore
 
 TRIAL = "TRIAL"
@@ -57,14 +57,19 @@ def consistency(
     )
 
 
-def hash_mismatch(path: Path, *known: object, name: str = "") -> Iterator[str]:
+def hash_mismatch(folder: Path, file: str, *known: object, name: str = "") -> Iterator[str]:
     """Yield that a file is missing, or is none of those that are known.
 
     Args:
-        path: The file.
+        folder: Where it lies; what leads out of it is not read.
+        file: The file within it.
         known: SHA-256 that it may have, the newest last.
         name: What it is called; left out, its own name.
     """
+    path = folder / file
+    if not is_inside(file):
+        yield f"{file!r} is no name of a file of the run"
+        return
     if not path.is_file():
         yield f"{name or path.name} is missing"
         return
@@ -141,7 +146,8 @@ class JournalReading:
     @cached_property
     def _ends(self) -> list[str]:
         """Names of the events that begin or end a session."""
-        return [e.name for e in self.events if e.name in (START, END, StoreEvent.CUT_OFF)]
+        names = (START, END, StoreEvent.CUT_OFF)
+        return [e.name for e in self.events if e.name in names and not e.trial]
 
     def store_events(
         self, name: StoreEvent, *, trial: int = 0, attempt: int = 0
@@ -187,8 +193,9 @@ def _broken_links(lines: Sequence[JournalLine]) -> Iterator[str]:
     before = ""
     for place, line in enumerate(lines, start=1):
         where = f"journal.jsonl line {place}"
-        if line.event is None:  # half a line: what follows it holds its hash
-            if place < len(lines) and lines[place].previous != line_hash(line.raw):
+        if line.event is None:  # half a line: the next whole one holds the hash of the last half
+            following = lines[place] if place < len(lines) else line
+            if following.event and following.previous != line_hash(line.raw):
                 yield f"{where} is no event, and the next line tells of another one"
         elif line.number is None or line.previous is None:
             yield f"{where} ({line.event.name}) has no number"
@@ -258,16 +265,20 @@ def _changed_description(store: RunStore, journal: JournalReading) -> Iterator[s
 def _hashes(store: RunStore, journal: JournalReading) -> Iterator[str]:
     written = store.description.get("rig_toml_sha256")
     if written is not None:
-        yield from hash_mismatch(store.paths.rig_toml, written)
+        yield from hash_mismatch(store.paths.root, store.paths.rig_toml.name, written)
     sealed = journal.store_events(StoreEvent.WRITTEN)
     for name in dict.fromkeys(str(event.detail.get("file")) for event in sealed):
         logged = [event for event in sealed if event.detail.get("file") == name]
         known = [event.detail.get("sha256") for event in logged]
         # The line goes out before the file: where it is the journal's last, a crash may have left
         # the file that the line before tells of, or none.
+        if known[-1] is None:
+            if not journal.was_cut:
+                yield f"{name} could not be read and was set aside"
+            continue
         may_be_older = journal.events[-1] is logged[-1]
         if not may_be_older or len(logged) > 1:
-            yield from hash_mismatch(store.paths.root / name, *known[-2 if may_be_older else -1 :])
+            yield from hash_mismatch(store.paths.root, name, *known[-2 if may_be_older else -1 :])
 
 
 def _differing(kept: Any, read: Any, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
@@ -301,6 +312,9 @@ def judge_replays(store: RunStore, journal: JournalReading) -> Iterator[Criterio
 
 
 def _changed_replay(store: RunStore, name: str, journal: JournalReading) -> Iterator[str]:
+    if not is_inside(name):
+        yield f"journal.jsonl tells of a replay {name!r}, which is no name of a folder"
+        return
     path = store.paths.replay_json(name)
     logged = [e for e in journal.store_events(StoreEvent.REPLAYED) if e.detail.get("name") == name]
     if not path.exists():
@@ -314,7 +328,7 @@ def _changed_replay(store: RunStore, name: str, journal: JournalReading) -> Iter
         return
     if logged:
         known = logged[-1].detail.get("replay_sha256")
-        yield from hash_mismatch(path, known, name=f"replay/{name}/replay.json")
+        yield from hash_mismatch(path.parent, path.name, known, name=f"replay/{name}/replay.json")
     elif replay.made_from or "rig_toml_sha256" in store.description:
         yield f"replay/{name} is unknown to journal.jsonl"
     yield from _source_mismatches(store, name, replay)
@@ -325,7 +339,7 @@ def _changed_replay(store: RunStore, name: str, journal: JournalReading) -> Iter
 def _source_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
     for file, known in replay.made_from.items():
         if file != "config":
-            yield from hash_mismatch(store.paths.root / file, known, name=file)
+            yield from hash_mismatch(store.paths.root, file, known, name=file)
         elif known != store.config_hash:
             yield (
                 f"replay/{name} was made with the configuration {short_hash(known)}, the run's is "
@@ -336,7 +350,7 @@ def _source_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[s
 def _file_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
     folder = store.paths.replays / name
     for file, known in replay.files.items():
-        yield from hash_mismatch(folder / file, known, name=f"replay/{name}/{file}")
+        yield from hash_mismatch(folder, file, known, name=f"replay/{name}/{file}")
     for trial in replay.trials if replay.files else ():
         for path in sorted(store.paths.replay_trial(name, trial.index).glob("*")):
             if str(path.relative_to(folder)) not in replay.files:

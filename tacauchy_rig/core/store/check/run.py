@@ -138,6 +138,11 @@ def _notes(journal: JournalReading, attempts: Sequence[Attempt]) -> Iterator[str
         yield "A session of this run was cut off; what was on the disk then was kept."
     yield from _changed_settings(journal)
     for each in attempts:
+        for event in each.store_events(StoreEvent.CUT_OFF):
+            yield (
+                f"Attempt {each.attempt} at trial {each.trial} is unfinished: "
+                f"{event.detail.get('why')}."
+            )
         for event in each.store_events(StoreEvent.RECOVERED):
             yield (
                 f"The recording of trial {each.trial}, attempt {each.attempt} was repacked by "

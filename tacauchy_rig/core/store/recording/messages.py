@@ -14,10 +14,12 @@ from typing import Any
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
 from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 
+from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ArmSample, ForceSample, ImageFrame, JournalEvent
-from tacauchy_rig.core.store.codec import to_json
+from tacauchy_rig.core.store.codec import loads, to_json
 
 PACKAGE = "tacauchy_rig"
 WRENCH_FIELDS = ("fx_n", "fy_n", "fz_n", "mx_n_m", "my_n_m", "mz_n_m")
@@ -168,18 +170,33 @@ def _encoded_frame(frame: ImageFrame) -> RawMessage:
     )
 
 
+def decode(topic: Topic, data: bytes) -> Any:
+    """Decode a message.
+
+    Raises:
+        RecordError: It is none of this topic.
+    """
+    try:
+        return MESSAGES[topic].FromString(data)
+    except DecodeError as error:
+        raise RecordError(
+            f"a message of {topic} does not decode: {error}",
+            remedy="the recording was edited, or written by another program",
+        ) from error
+
+
 def decode_event(data: bytes) -> JournalEvent:
-    """Decode a journal event."""
-    message = EventMessage.FromString(data)
+    """Decode a journal event; errors as for ``decode``."""
+    message = decode(Topic.EVENT, data)
     return JournalEvent(
         stamp_ns=message.stamp_ns,
         name=message.name,
         trial=message.trial,
         attempt=message.attempt,
-        detail=json.loads(message.detail_json),
+        detail=loads(message.detail_json.encode(), source="an event of the recording"),
     )
 
 
 def decode_jpeg(data: bytes) -> bytes:
-    """Return the JPEG bytes of an encoded frame."""
-    return bytes(ImageMessage.FromString(data).data)
+    """Return the JPEG bytes of an encoded frame; errors as for ``decode``."""
+    return bytes(decode(Topic.IMAGE, data).data)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,21 +15,21 @@ import numpy as np
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ImageFrame, JournalEvent
-from tacauchy_rig.core.store.durable import read_error
 from tacauchy_rig.core.store.layout import run_root_of
 from tacauchy_rig.core.store.recording.messages import (
     ARM_STATES,
-    MESSAGES,
     POSE_FIELDS,
     TCP_FORCE_FIELDS,
     VELOCITY_FIELDS,
     WRENCH_FIELDS,
     RawMessage,
     Topic,
+    decode,
     decode_event,
     decode_jpeg,
 )
 from tacauchy_rig.core.store.recording.scan import Entry, Scan, scan_file
+from tacauchy_rig.core.store.run_files import open_file
 
 # Numbers that RecordingWriter gives to its channels, for files whose own list is damaged.
 _USUAL_CHANNELS = {1: Topic.FORCE, 2: Topic.ARM, 3: Topic.EVENT}
@@ -104,8 +103,8 @@ class Recording:
         self.message_count = len(scan.entries)
         self._sizes = {
             channel.id: (
-                int(channel.metadata.get("width", 0)),
-                int(channel.metadata.get("height", 0)),
+                _pixels(channel.metadata.get("width", "")),
+                _pixels(channel.metadata.get("height", "")),
             )
             for channel in scan.channels.values()
         }
@@ -122,7 +121,7 @@ class Recording:
             RecordError: Missing, no permission, empty, or no recording at all. An unfinished or
                 damaged one opens: see ``is_intact`` and ``describe``.
         """
-        with _open(path) as descriptor:
+        with open_file(path, what="the recording") as descriptor:
             scan = scan_file(descriptor)
         if scan.size == 0:
             raise RecordError(
@@ -247,11 +246,10 @@ class Recording:
         return [entries for entries in self._entries.values() if entries]
 
     def _decoded(self, topic: Topic) -> list[Any]:
-        kind = MESSAGES[topic]
-        return [kind.FromString(each.data) for each in self._read(self._entries[topic])]
+        return [decode(topic, each.data) for each in self._read(self._entries[topic])]
 
     def _read(self, entries: Iterable[Entry]) -> Iterator[RawMessage]:
-        with _open(self.path) as descriptor:
+        with open_file(self.path, what="the recording") as descriptor:
             for entry in entries:
                 width, height = self._sizes.get(entry.channel, (0, 0))
                 yield RawMessage(
@@ -268,22 +266,12 @@ class Recording:
         return self._topics.get(entry.channel) or _USUAL_CHANNELS.get(entry.channel, Topic.IMAGE)
 
 
-@contextmanager
-def _open(path: Path) -> Iterator[int]:
-    try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    except OSError as error:
-        raise read_error(path, error, what="the recording") from error
-    try:
-        yield descriptor
-    except OSError as error:
-        raise read_error(path, error, what="the recording") from error
-    finally:
-        os.close(descriptor)
+def _pixels(text: str) -> int:
+    return int(text) if text.isdecimal() and len(text) < len("1000000") else 0
 
 
 def _column(messages: list[Any], name: str) -> Int64Array:
-    return np.array([getattr(message, name) for message in messages], dtype=np.int64)
+    return np.array([getattr(message, name) for message in messages]).astype(np.int64)
 
 
 def _table(messages: list[Any], names: tuple[str, ...]) -> FloatArray:

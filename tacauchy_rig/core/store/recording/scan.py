@@ -19,7 +19,6 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE
 from mcap.records import Channel, Footer, Header, McapRecord, Metadata, Statistics
-from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
 
 _RECORD_HEADER = struct.Struct("<BQ")
@@ -28,6 +27,11 @@ _MESSAGE_HEADER = struct.Struct("<HIQQ")
 # A chunk record whose sizes are below 2^40 and whose compression is the empty text.
 _CHUNK_START = re.compile(rb"(?=\x06.{5}\x00{3}.{28}\x00{4}.{5}\x00{3})", re.DOTALL)
 _SEARCH_BLOCK = 4 << 20
+_SEARCHES = 16
+_MAX_MESSAGES = 5_000_000
+_LATEST_NS = 2**63 - 1
+_MALFORMED = (McapError, struct.error, ValueError)
+"""What its records raise where their checksums are right and their content is not."""
 _DATA_END_SIZE = _RECORD_HEADER.size + 4
 _MESSAGE_INDEX = struct.Struct("<HI")
 
@@ -72,11 +76,13 @@ class Scan:
     channels: dict[int, Channel] = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
+    search_bytes: int = 0
 
 
 def scan_file(descriptor: int) -> Scan:
     """Find every whole message of an open file, in the order in which they were written."""
     scan = Scan(size=os.fstat(descriptor).st_size)
+    scan.search_bytes = _SEARCHES * scan.size
     scan.has_magic = os.pread(descriptor, len(MCAP0_MAGIC), 0) == MCAP0_MAGIC
     if not scan.has_magic and scan.size:
         scan.problems.append("the first bytes are not those of an MCAP file")
@@ -99,10 +105,13 @@ def _walk(descriptor: int, scan: Scan, *, limit: int) -> None:
     offset = len(MCAP0_MAGIC)
     while offset < limit:
         end = _read_record(descriptor, scan, offset, limit)
+        if len(scan.entries) > _MAX_MESSAGES:
+            scan.problems.append(f"it holds more than {_MAX_MESSAGES} messages")
+            return
         if end is not None:
             offset = end
             continue
-        following = _find_chunk(descriptor, offset + 1, limit)
+        following = _find_chunk(descriptor, scan, offset + 1, limit)
         if following is None and not scan.finished:
             scan.torn_bytes = limit - offset
             return
@@ -149,7 +158,7 @@ def _read_description(body: bytes, scan: Scan, opcode: int) -> bool:
             Header.read(stream)
         else:
             scan.metadata.update(Metadata.read(stream).metadata)
-    except (McapError, struct.error, UnicodeDecodeError):
+    except _MALFORMED:
         return False
     return stream.count == len(body)
 
@@ -170,7 +179,22 @@ def _read_summary(descriptor: int, size: int) -> list[McapRecord]:
     body = os.pread(descriptor, end - footer.summary_start, footer.summary_start)
     if zlib.crc32(tail[: FOOTER_SIZE - 4], zlib.crc32(body)) != footer.summary_crc:
         return []
-    return list(StreamReader(BytesIO(body + tail), skip_magic=True).records)
+    try:
+        return [*_summarised(body), footer]
+    except _MALFORMED:
+        return []
+
+
+def _summarised(body: bytes) -> Iterator[McapRecord]:
+    """Yield channels and statistics of a summary; its index of every chunk is left out."""
+    kinds = {Opcode.CHANNEL: Channel, Opcode.STATISTICS: Statistics}
+    start = 0
+    while start + _RECORD_HEADER.size <= len(body):
+        opcode, length = _RECORD_HEADER.unpack_from(body, start)
+        start += _RECORD_HEADER.size
+        if opcode in kinds:
+            yield kinds[opcode].read(ReadDataStream(BytesIO(body[start : start + length])))
+        start += length
 
 
 def _read_chunk(
@@ -194,12 +218,22 @@ def _read_chunk(
     data = os.pread(descriptor, stored, offset + _CHUNK_HEADER.size)
     if len(data) != stored or zlib.crc32(data) != checksum:
         return None
-    return _contents(data, start=offset + _CHUNK_HEADER.size)
+    try:
+        return _contents(data, start=offset + _CHUNK_HEADER.size)
+    except _MALFORMED:
+        return None
 
 
-def _find_chunk(descriptor: int, offset: int, limit: int) -> int | None:
-    """Return where the next whole chunk at or after ``offset`` starts, or None."""
+def _find_chunk(descriptor: int, scan: Scan, offset: int, limit: int) -> int | None:
+    """Return where the next whole chunk at or after ``offset`` starts, or None.
+
+    Bytes that look like many long chunks are not all tried: the work stays a multiple of the size.
+    """
     for candidate in _candidates(descriptor, offset, limit):
+        header = os.pread(descriptor, _CHUNK_HEADER.size, candidate)
+        scan.search_bytes -= min(_CHUNK_HEADER.unpack(header)[-1], limit) if header else 0
+        if scan.search_bytes < 0:
+            return None
         if _read_chunk(descriptor, candidate, limit) is not None:
             return candidate
     return None
@@ -221,6 +255,8 @@ def _contents(data: bytes, *, start: int) -> tuple[list[Channel], list[Entry]] |
         position += _RECORD_HEADER.size
         if opcode == Opcode.MESSAGE:
             channel, sequence, log_time, publish_time = _MESSAGE_HEADER.unpack_from(data, position)
+            if max(log_time, publish_time) > _LATEST_NS or length < _MESSAGE_HEADER.size:
+                return None
             entry = Entry(
                 channel=channel,
                 log_time=log_time,

@@ -8,6 +8,7 @@ compression.
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import hashlib
 import logging
@@ -187,7 +188,13 @@ class RecordingWriter:
         self._channels: dict[tuple[Topic, int, int], int] = {}
         for topic in (Topic.FORCE, Topic.ARM, Topic.EVENT):
             self._channel(topic, 0, 0)
-        self._file.commit()
+        try:
+            self._file.commit()
+        except RecordError:
+            self._file.close()
+            with contextlib.suppress(OSError):  # it is empty
+                path.unlink()
+            raise
 
     @property
     def sha256(self) -> str | None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,9 @@ import pytest
 from mcap.reader import make_reader
 
 from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
+from tacauchy_rig.core.store.codec import dumps
+from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.layout import RunPaths
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
@@ -107,9 +112,69 @@ def test_a_spill_beside_an_empty_recording(tmp_path: Path, samples: Any) -> None
     (tmp_path / "unacknowledged-camera.mcap").touch()
     report = recover_recording(path)
     assert report.message_count == 1
-    assert ["is empty" in problem for problem in report.problems] == [True, True]
+    assert ["is empty" in problem for problem in report.problems] == [True]
     assert (tmp_path / "recording.mcap.torn").stat().st_size == 0
     assert Recording.open(path).is_intact
+
+
+def closed(path: Path) -> bytes:
+    """Give a recording the result that tells its hash; return its content."""
+    content = path.read_bytes()
+    record = TrialRecord(
+        index=1,
+        attempt=1,
+        outcome=Outcome.PASSED,
+        force_target_n=1.0,
+        recording_sha256=hashlib.sha256(content).hexdigest(),
+    )
+    path.with_name("result.json").write_bytes(dumps(record))
+    return content
+
+
+def test_a_closed_recording_is_never_written_again(finished: Path, samples: Any) -> None:
+    """A spill that tells more than it is refused once; one that tells less is done with."""
+    content = closed(finished)
+    folder = finished.parent
+    with RecordingWriter(folder / "unacknowledged-control.mcap", metadata={}) as spill:
+        spill.write([samples.force(39), samples.force(41)])
+    with RecordingWriter(folder / "unacknowledged-camera.mcap", metadata={}) as spill:
+        spill.write([samples.frame(9)])
+    report = recover_recording(finished)
+    assert not report.changed
+    assert "1 of its messages are not in the closed recording" in report.problems[0]
+    assert finished.read_bytes() == content
+    assert sorted(path.name for path in folder.glob("unacknowledged*")) == [
+        "unacknowledged-camera.mcap.merged",
+        "unacknowledged-control.mcap.refused",
+    ]
+    assert recover_recording(finished).problems == ()
+
+
+@pytest.mark.parametrize(
+    ("metadata", "shift_s", "word"),
+    [({"trial": "2"}, 0.0, "it is of trial 2"), ({"trial": "1"}, 9.0, "its messages are from")],
+)
+def test_a_spill_of_another_attempt_is_refused(
+    finished: Path, samples: Any, metadata: dict[str, str], shift_s: float, word: str
+) -> None:
+    """By what it says of itself, or by its stamps, which lie after the attempt's end."""
+    finished.write_bytes(finished.read_bytes()[:50_000])
+    start_ns = samples.force(0).stamp_ns
+    for name, stamp_ns in (("attempt-start", start_ns), ("attempt-end", start_ns + 10**9)):
+        event = JournalEvent(stamp_ns=stamp_ns, name=name, trial=1, attempt=1)
+        append_event(finished.parents[3] / "journal.jsonl", event)
+    (finished.parents[3] / "run.json").write_text("{}", "utf-8")
+    sample = samples.force(41)
+    later = replace(sample, stamp_ns=sample.stamp_ns + round(shift_s * 1e9))
+    with RecordingWriter(
+        finished.parent / "unacknowledged-control.mcap", metadata=metadata
+    ) as spill:
+        spill.write([later])
+    report = recover_recording(finished)
+    assert report.changed
+    assert report.merged_count == 0
+    assert word in report.problems[0]
+    assert (finished.parent / "unacknowledged-control.mcap.refused").exists()
 
 
 def test_a_recording_at_work_is_left_alone(tmp_path: Path, samples: Any) -> None:

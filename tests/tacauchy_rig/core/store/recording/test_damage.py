@@ -202,7 +202,7 @@ def test_a_missing_file(tmp_path: Path) -> None:
 
 def test_a_folder_instead_of_a_file(tmp_path: Path) -> None:
     """A folder is no recording."""
-    with pytest.raises(RecordError, match="the recording cannot be read: Is a directory"):
+    with pytest.raises(RecordError, match="the recording is a folder"):
         Recording.open(tmp_path)
 
 

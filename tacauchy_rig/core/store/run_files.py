@@ -1,0 +1,196 @@
+"""The files of a run, which may come from somebody else: the one place that opens them.
+
+A run holds folders and plain files. A link could lead out of it, a pipe or a device would hold up
+whoever opens it, and a file without bound would fill the memory.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tacauchy_rig.core.errors import RecordError
+
+MAX_DEPTH = 8
+"""Folders below a run's own; the program makes five."""
+MAX_ENTRIES = 200_000
+MAX_BYTES = 256 << 20
+"""Of a file that is read into memory."""
+MAX_HOLE_BYTES = 64 << 20
+"""Of a recording: what a power cut leaves of its end is far less."""
+_MAX_EXTENTS = 10_000
+_EMULATION = "emulation"
+_SERIAL_PORT = "force_sensor.port"
+_FORBIDDEN = {errno.EACCES, errno.EPERM}
+_OPEN = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
+_FOREIGN = "remove it, or ask where the folder comes from: this program never makes such a one"
+
+
+def check_tree(root: Path) -> None:
+    """Refuse a run's folder that holds more than folders and plain files with readable names.
+
+    What it lets pass can be written to as well: no path below ``root`` leads out of it. A live
+    emulator has its sockets and the link to its serial port in a folder of its own.
+
+    Raises:
+        RecordError: Names what is in the way.
+    """
+    waiting, count = [(root, 0)], 0
+    while waiting:
+        folder, depth = waiting.pop()
+        try:
+            with os.scandir(folder) as entries:
+                for entry in entries:
+                    count += 1
+                    if count > MAX_ENTRIES:
+                        raise _refused(root, f"holds more than {MAX_ENTRIES} files")
+                    if _is_folder(root, entry):
+                        waiting.append((Path(entry.path), depth + 1))
+        except OSError as error:
+            raise read_error(folder, error, what="a folder of the run") from error
+        if depth > MAX_DEPTH:
+            raise _refused(folder, f"lies more than {MAX_DEPTH} folders deep")
+
+
+def is_inside(file: str) -> bool:
+    """Return whether a path that a file of the run names stays in the folder it starts from."""
+    parts = Path(file).parts
+    return bool(parts) and not Path(file).is_absolute() and ".." not in parts and is_text(file)
+
+
+def is_text(name: str) -> bool:
+    """Return whether a name is valid, printable text."""
+    return name.isprintable() and not any("\ud800" <= letter <= "\udfff" for letter in name)
+
+
+def _is_folder(root: Path, entry: os.DirEntry[str]) -> bool:
+    """Return whether an entry is a folder.
+
+    Raises:
+        RecordError: It is neither a folder nor a plain file, or its name is no text.
+    """
+    path = Path(entry.path)
+    if not is_text(entry.name):
+        raise _refused(path, "its name is not valid text")
+    mode = entry.stat(follow_symlinks=False).st_mode
+    if not (stat.S_ISDIR(mode) or stat.S_ISREG(mode) or _is_emulators(root, path, mode)):
+        raise _refused(path, f"is {_kind(mode)}")
+    return stat.S_ISDIR(mode)
+
+
+def _is_emulators(root: Path, path: Path, mode: int) -> bool:
+    if path.parent != root / _EMULATION:
+        return False
+    is_port = stat.S_ISLNK(mode) and path.name == _SERIAL_PORT
+    return stat.S_ISSOCK(mode) or (is_port and str(path.readlink()).startswith("/dev/pts/"))
+
+
+def _kind(mode: int) -> str:
+    kinds = {
+        stat.S_IFLNK: "a link",
+        stat.S_IFIFO: "a pipe",
+        stat.S_IFSOCK: "a socket",
+        stat.S_IFDIR: "a folder",
+    }
+    return kinds.get(stat.S_IFMT(mode), "a device")
+
+
+def _refused(path: Path, what: str) -> RecordError:
+    return RecordError(f"{ascii_path(path)}: {what}; a run is not opened with it", remedy=_FOREIGN)
+
+
+def ascii_path(path: Path) -> str:
+    """Return a path that can be printed whatever bytes its names hold."""
+    return "".join(letter if is_text(letter) else ascii(letter)[1:-1] for letter in str(path))
+
+
+@contextmanager
+def open_file(
+    path: Path, *, what: str, max_bytes: int | None = None, links: bool = False
+) -> Iterator[int]:
+    """Open a plain file for reading and yield its descriptor.
+
+    Args:
+        path: The file.
+        what: What it is, for the message: ``"the run's description"``.
+        max_bytes: More than so many are refused.
+        links: Follow links, of a file that is no part of a run.
+
+    Raises:
+        RecordError: It is missing, a link, a pipe or a device, may not be read, or is too large.
+    """
+    try:
+        descriptor = os.open(path, _OPEN | (0 if links else os.O_NOFOLLOW))
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.ENXIO):
+            raise _refused(path, f"{what} is a link or a device") from error
+        raise read_error(path, error, what=what) from error
+    try:
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode):
+            raise _refused(path, f"{what} is {_kind(found.st_mode)}")
+        if max_bytes is not None and found.st_size > max_bytes:
+            size = f"{found.st_size / 1e6:.0f} MB, more than {max_bytes / 1e6:.0f} MB"
+            raise _refused(path, f"{what} has {size}")
+        if found.st_size > MAX_HOLE_BYTES and _hole_bytes(descriptor, found) > MAX_HOLE_BYTES:
+            raise _refused(path, f"{what} claims {found.st_size / 1e6:.0f} MB and has holes")
+        yield descriptor
+    except OSError as error:
+        raise read_error(path, error, what=what) from error
+    finally:
+        os.close(descriptor)
+
+
+def _hole_bytes(descriptor: int, found: os.stat_result) -> int:
+    """Return how much of a file was never written [bytes]."""
+    data = position = 0
+    for _ in range(_MAX_EXTENTS):
+        try:
+            start = os.lseek(descriptor, position, os.SEEK_DATA)
+        except OSError:  # nothing but a hole is left
+            break
+        position = os.lseek(descriptor, start, os.SEEK_HOLE)
+        data += position - start
+    os.lseek(descriptor, 0, os.SEEK_SET)
+    return found.st_size - data
+
+
+def read_bytes(path: Path, *, what: str, max_bytes: int = MAX_BYTES) -> bytes:
+    """Read a file that has to be there; arguments and errors as for ``open_file``."""
+    with (
+        open_file(path, what=what, max_bytes=max_bytes) as descriptor,
+        os.fdopen(descriptor, "rb", closefd=False) as file,
+    ):
+        return file.read(max_bytes)
+
+
+def file_sha256(path: Path, *, what: str, links: bool = False) -> str:
+    """Return the SHA-256 of a file that has to be there; arguments as for ``open_file``."""
+    with (
+        open_file(path, what=what, links=links) as descriptor,
+        os.fdopen(descriptor, "rb", closefd=False) as file,
+    ):
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def read_error(path: Path, error: OSError, *, what: str) -> RecordError:
+    """Return the error for the operator after ``path`` could not be read."""
+    if isinstance(error, FileNotFoundError):
+        return RecordError(
+            f"{path}: {what} is missing",
+            remedy=f"check the path; `ls {path.parent}` shows what is there",
+        )
+    if error.errno in _FORBIDDEN:
+        return RecordError(
+            f"{path}: no permission to read {what}: {error.strerror}",
+            remedy=f"ask the owner of the file for permission (ls -l {path} shows it)",
+        )
+    return RecordError(
+        f"{path}: {what} cannot be read: {error.strerror or error}",
+        remedy="check the path and the disk (dmesg)",
+    )

@@ -1,0 +1,26 @@
+"""A few dozen of the states of the study "power-cuts"."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.studies.power_cuts.observe import observe, recorded_history
+from tests.studies.power_cuts.states import History
+
+
+@pytest.fixture(scope="module")
+def history(tmp_path_factory: pytest.TempPathFactory) -> History:
+    """A run of two sessions."""
+    return recorded_history(tmp_path_factory.mktemp("runs"))
+
+
+@pytest.mark.parametrize("first", [1, 11, 21])
+def test_every_state_has_a_way_forward(history: History, first: int) -> None:
+    """Finished recordings stay, nothing contradicts anything, and the next attempt is free."""
+    seen = [observe(number, history=history, seed=2) for number in range(first, first + 10)]
+    assert [each for each in seen if each.failures] == []
+
+
+def test_a_resumed_state_comes_to_its_end(history: History) -> None:
+    """State 0 is pressed until both trials have passed."""
+    assert observe(0, history=history, seed=2).failures == ()
