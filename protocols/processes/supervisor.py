@@ -32,7 +32,7 @@ from protocols.processes.viewing import Viewer, Viewing
 from protocols.trials.programme import ProgrammeResult, describe_safe, fresh_plan
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError
+from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError, command_line
 from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.journal import append_event
@@ -324,7 +324,7 @@ class Supervisor:
         return describe_safe([t for t in trials if self._store.accepted(t) is not None])
 
     def _result(self, outcome: Outcome, reason: str, *, remedy: str = "") -> SessionResult:
-        resume = f"`tacauchy-rig resume {self._store.paths.root}` continues"
+        resume = f"`{command_line('resume', self._store.paths.root)}` continues"
         return SessionResult(
             outcome=outcome,
             records=last_results(self._store, self._begun),

@@ -122,7 +122,7 @@ def render_html(
         images: Folder of the trials' images, which are put into the page.
         intermediate: Of some trials, the pictures of each state as data URLs, by kind.
     """
-    script = files("reports").joinpath("templates/intermediate.js").read_text("utf-8")
+    script = report_script()
     environment = page_environment(summary)
     environment.globals |= {
         "figure_data": lambda name: png_data(figures / f"{name}.png"),
@@ -134,6 +134,11 @@ def render_html(
         "pressure_bar": gradient(PRESSURE_COLORS),
     }
     return environment.get_template("report.html.jinja").render(summary=summary)
+
+
+def report_script() -> str:
+    """Return the one script of a report."""
+    return files("reports").joinpath("templates/intermediate.js").read_text("utf-8")
 
 
 def page_environment(summary: Mapping[str, Any]) -> Environment:

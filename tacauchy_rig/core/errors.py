@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+
+def command_line(*words: object) -> str:
+    """Return a command of this program as a shell takes it, whatever a path holds."""
+    return shlex.join(["tacauchy-rig", *map(str, words)])
 
 
 class RigError(Exception):

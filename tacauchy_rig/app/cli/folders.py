@@ -11,7 +11,7 @@ import typer
 
 from tacauchy_rig.app.cli.options import JsonFile, RunFolder
 from tacauchy_rig.app.cli.output import complain, say, write_json
-from tacauchy_rig.core.errors import AbortedError
+from tacauchy_rig.core.errors import AbortedError, command_line
 from tacauchy_rig.core.store.recording.export_kind import ExportKind
 
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ def replay_and_show(
     except KeyboardInterrupt:
         raise AbortedError(
             "aborted by Ctrl-C during the replay; what was recorded is kept",
-            remedy=f"`tacauchy-rig replay {run.store.paths.root}` replays it",
+            remedy=f"`{command_line('replay', run.store.paths.root)}` replays it",
         ) from None
     _say_markers([each for model in replay.models for each in model.markers])
     _say_cost(replay)

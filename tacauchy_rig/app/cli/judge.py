@@ -12,7 +12,7 @@ import typer
 
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import complain, say, writable_folder, write_json
-from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError, command_line
 
 if TYPE_CHECKING:
     from reports.evidence.attempt import RunReading
@@ -85,7 +85,7 @@ def judge(
         (ours,) = read_folders([ours_folder], evidence)
     writable_folder(out)
     if ours is None:
-        complain(f"{run} has no replay: `tacauchy-rig replay {run}`, or give --ours")
+        complain(f"{run} has no replay: `{command_line('replay', run)}`, or give --ours")
     judgement = judged(evidence, others, ours=ours)
     for each in judgement.simulators:
         residual, (won, of) = each.means["contact_relative_residual"].mean, each.wins

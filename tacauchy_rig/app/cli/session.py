@@ -25,7 +25,7 @@ from tacauchy_rig.app.cli.watching import (
     watched_by,
 )
 from tacauchy_rig.core.check_result import CheckStatus
-from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError
+from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, command_line
 
 if TYPE_CHECKING:
     from protocols.processes.supervisor import SessionResult
@@ -403,12 +403,12 @@ def _tell_missed(store: RunStore, result: SessionResult) -> None:
     for line in missed_lines(result.records):
         complain(line)
     if result.outcome is Outcome.FAILED:
-        complain(f"{result.reason}\n  -> `tacauchy-rig resume {store.paths.root}` repeats them")
+        complain(f"{result.reason}\n  -> `{command_line('resume', store.paths.root)}` repeats them")
 
 
 def _end_badly(store: RunStore, result: SessionResult) -> None:
     from tacauchy_rig.core.run import Outcome
 
-    remedy = result.remedy or f"`tacauchy-rig resume {store.paths.root}` continues"
+    remedy = result.remedy or f"`{command_line('resume', store.paths.root)}` continues"
     error = AbortedError if result.outcome is Outcome.ABORTED else RecordError
     raise error(result.reason, remedy=f"{remedy}\n  -> run folder {store.paths.root}")

@@ -31,7 +31,7 @@ from tacauchy_rig.app.replay.mounting import (
 from tacauchy_rig.app.replay.optics import Say, say_nothing
 from tacauchy_rig.app.replay.parts import Part
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import REPLAY_NAME, Replay, ReplayModel
@@ -231,7 +231,7 @@ def measured_records(run: RunReading) -> list[TrialRecord]:
         root = run.store.paths.root
         raise RecordError(
             f"{root}: no trial has a measured force to replay",
-            remedy=f"`tacauchy-rig resume {root}` records them",
+            remedy=f"`{command_line('resume', root)}` records them",
         )
     return measured
 

@@ -21,7 +21,7 @@ from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.optics import OpticalCalibration, nominal_optics
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.simulated import MarkerMotion
 from tacauchy_rig.core.store.replay_files import ReplayFields
 
@@ -58,7 +58,7 @@ def render_trial(
         raise RecordError(
             f"{attempt.recording.path}: trial {attempt.record.index} has no "
             "readable no-contact frame",
-            remedy=f"`tacauchy-rig recover {attempt.store.paths.root}`, or repeat the trial",
+            remedy=f"`{command_line('recover', attempt.store.paths.root)}`, or repeat the trial",
         )
     printed = printed_markers(unloaded, sensor.markers, geometry)
     bare = unloaded if printed is None else printed.bare

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -48,8 +49,8 @@ class Row:
         """The difference over the deviations of both; None where neither is known."""
         if self.difference is None or self.one is None or self.other is None:
             return None
-        squares = sum((each or 0.0) ** 2 for each in (self.one[1], self.other[1]))
-        return self.difference / squares**0.5 if squares > 0.0 else None
+        both = math.hypot(*(each or 0.0 for each in (self.one[1], self.other[1])))
+        return self.difference / both if both > 0.0 else None
 
 
 def compare(one: ListedRun, other: ListedRun) -> list[Row]:
@@ -96,9 +97,8 @@ def _modulus(summary: dict[str, Any]) -> Value:
 def _trials(summary: dict[str, Any]) -> dict[int, dict[str, Any]]:
     found = summary.get("trials")
     trials = found if isinstance(found, list) else []
-    return {
-        trial["index"]: trial for trial in trials if isinstance(trial, dict) and "index" in trial
-    }
+    known = [trial for trial in trials if isinstance(trial, dict)]
+    return {trial["index"]: trial for trial in known if isinstance(trial.get("index"), int)}
 
 
 def _of_trial(trial: dict[str, Any], name: str, spread: str | None, factor: float) -> Value:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,8 +13,10 @@ from tacauchy_rig.app.gel_health.comparison import GelState
 from tacauchy_rig.app.gel_health.recorded import compare_runs
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.app.replay.settings import indenter_of
-from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
+from tacauchy_rig.core.errors import ConfigError, RecordError, RigError, command_line
 from tacauchy_rig.core.run import Outcome, TrialRecord
+from tacauchy_rig.core.store.codec import loads
+from tacauchy_rig.core.store.run_files import ascii_path, read_bytes
 from tacauchy_rig.core.store.run_store import RunStore
 
 DESCRIPTION = "run.json"
@@ -38,6 +40,7 @@ class ListedRun:
         passed_count: Trials that passed.
         forces_n: Least and most measured force of these [N]; None where none passed.
         summary: ``summary.json`` of its report; empty where there is none.
+        missed: Criteria that its report says were not met, in words.
         figures: Names of the PDF figures of its report.
         next_command: What to do next with it; empty where nothing is left to do.
     """
@@ -54,6 +57,7 @@ class ListedRun:
     forces_n: tuple[float, float] | None = None
     summary: dict[str, Any] = field(default_factory=dict)
     figures: tuple[str, ...] = ()
+    missed: tuple[str, ...] = ()
     next_command: str = ""
 
     @property
@@ -100,14 +104,18 @@ def find_runs(root: Path, *, only: str = "") -> list[ListedRun]:
 
 def _folders(root: Path) -> list[Path]:
     inside = [each for each in root.iterdir() if each.is_dir() and not each.is_symlink()]
-    return [each for each in inside if (each / DESCRIPTION).is_file()]
+    return [each for each in inside if os.path.lexists(each / DESCRIPTION)]
 
 
 def _found(folder: Path) -> ListedRun:
     try:
         return _read(folder)
-    except RigError as error:
-        return ListedRun(name=folder.name, folder=folder, fault=error.message)
+    except Exception as error:  # noqa: BLE001 - a run from elsewhere must not hide the others
+        return ListedRun(name=ascii_path(Path(folder.name)), folder=folder, fault=_reason(error))
+
+
+def _reason(error: Exception) -> str:
+    return error.message if isinstance(error, RigError) else f"{type(error).__name__}: {error}"
 
 
 def _read(folder: Path) -> ListedRun:
@@ -132,6 +140,7 @@ def _read(folder: Path) -> ListedRun:
         passed_count=len(passed),
         forces_n=(min(forces), max(forces)) if forces else None,
         summary=summary,
+        missed=_missed(summary),
         figures=_figures(folder / FIGURES),
         next_command=_next_command(store, passed, wanted, summary),
     )
@@ -142,25 +151,37 @@ def _next_command(
 ) -> str:
     folder = store.paths.root
     if len(passed) < wanted and not store.config.is_imported:
-        return f"tacauchy-rig resume {folder}"
+        return command_line("resume", folder)
     if not store.replays():
-        return f"tacauchy-rig replay {folder}"
-    return "" if summary else f"tacauchy-rig report {folder}"
+        return command_line("replay", folder)
+    return "" if summary else command_line("report", folder)
 
 
 def _summary(path: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
-    try:
-        found = json.loads(path.read_bytes())
-    except (OSError, ValueError) as error:
-        raise RecordError(
-            f"{path}: it cannot be read: {error}",
-            remedy=f"`tacauchy-rig report {path.parent.parent}` writes it again",
-        ) from error
-    if not isinstance(found, dict):
-        raise RecordError(f"{path}: it is no table", remedy="write the report again")
-    return found
+    found = loads(read_bytes(path, what="the summary of its report"), source=str(path))
+    kinds = {"passed": bool, "verdict": str}
+    for name, kind in kinds.items():
+        if not isinstance(found, dict) or not isinstance(found.get(name), kind):
+            raise RecordError(
+                f"{path}: {name}: missing or of the wrong type",
+                remedy=f"`{command_line('report', path.parent.parent)}` writes it again",
+            )
+    return dict(found)
+
+
+def _missed(summary: dict[str, Any]) -> tuple[str, ...]:
+    """Return the criteria of a report that were not met: where, which, what was asked."""
+    trials = summary.get("trials")
+    places: list[tuple[str, Any]] = [("", summary)]
+    places += [(f"trial {k}: ", t) for k, t in enumerate(trials, 1)] if trials else []
+    return tuple(
+        f"{where}{str(criterion.get('name')).replace('_', ' ')}; asked: {criterion.get('limit')}"
+        for where, place in places
+        for criterion in (place.get("criteria", ()) if isinstance(place, dict) else ())
+        if isinstance(criterion, dict) and criterion.get("passed") is False
+    )
 
 
 def _figures(folder: Path) -> tuple[str, ...]:
@@ -220,8 +241,8 @@ class Health:
     def _judged(self, before: ListedRun, now: ListedRun) -> Judged:
         try:
             return Judged(run=now, state=self.judge(before.folder, now.folder))
-        except RigError as error:
-            return Judged(run=now, state=None, fault=error.message)
+        except Exception as error:  # noqa: BLE001 - likewise
+            return Judged(run=now, state=None, fault=_reason(error))
 
 
 def _age(run: ListedRun) -> int:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from base64 import b64encode
+from collections.abc import Callable, Mapping
+from functools import cache
+from hashlib import sha256
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -13,11 +16,13 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from protocols.processes.page.access import AccessRule
+from reports.page.html import report_script
 from tacauchy_rig.app.results.comparison import charts_of, compare, in_words
 from tacauchy_rig.app.results.runs import Health, ListedRun, find_runs
+from tacauchy_rig.app.twin.watch import watch_script
 
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -34,11 +39,23 @@ _OWN = {
     "content-security-policy": "default-src 'self'; img-src 'self' data:; form-action 'self'; "
     "base-uri 'none'; frame-ancestors 'none'"
 }
-# A report is one file with a script of its own; it runs where it can reach nothing of this page.
-_OF_RUNS = {
-    "content-security-policy": "sandbox allow-scripts allow-popups; default-src 'none'; "
-    "img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'; font-src data:"
-}
+
+
+@cache
+def headers_of_runs() -> dict[str, str]:
+    """Return the headers of a run's files, which may be from somebody else.
+
+    Only the two scripts that this program writes run, in a sandbox of their own; nothing is loaded
+    from and nothing is sent to anywhere.
+    """
+    hashes = (sha256(script.encode()).digest() for script in (report_script(), watch_script()))
+    scripts = " ".join(f"'sha256-{b64encode(each).decode()}'" for each in hashes)
+    return {
+        "content-security-policy": f"sandbox allow-scripts; default-src 'none'; "
+        f"script-src {scripts}; img-src data:; style-src 'unsafe-inline'; font-src data:; "
+        "form-action 'none'; base-uri 'none'; frame-ancestors 'none'",
+        "x-dns-prefetch-control": "off",
+    }
 
 
 class ResultsServer:
@@ -76,7 +93,16 @@ class ResultsServer:
             Route("/results.css", self._styled),
             Route("/run/{name}/{path:path}", self._file),
         ]
-        return self._access.guard(Starlette(routes=routes))
+        inner = Starlette(routes=routes)
+
+        async def app(scope: Scope, receive: Receive, send: Send) -> None:
+            """Admit to a run's files by a key of their own: their scripts can read the address."""
+            parts = str(scope.get("path", "")).split("/", 4)
+            is_file = len(parts) > 3 and parts[2] == "run"
+            rule = self._access.narrowed(parts[3]) if is_file else self._access
+            await rule.guard(inner)(scope, receive, send)
+
+        return app
 
     def _answer(self, page: Callable[[Request], Response]) -> Callable[[Request], Any]:
         """Return a page's answer, made in a thread: recordings take a second to read."""
@@ -87,14 +113,20 @@ class ResultsServer:
         return answer
 
     def _list(self, _request: Request) -> Response:
-        return self._page("list.html.jinja", base="", runs=self._runs(), root=self._root)
+        return self._page(
+            "list.html.jinja",
+            base="",
+            runs=self._runs(),
+            root=self._root,
+            key=lambda name: self._access.narrowed(name).token,
+        )
 
     def _compare(self, request: Request) -> Response:
         runs = {run.name: run for run in self._runs() if not run.fault}
         chosen = [runs.get(request.query_params.get(each, "")) for each in ("a", "b")]
         one, other = chosen
         rows, judged = [], None
-        if one is not None and other is not None:
+        if one is not None and other is not None and one is not other:
             rows = compare(one, other)
             judged = self._health.of(*sorted((one, other), key=lambda run: run.created))
         return self._page(
@@ -102,6 +134,7 @@ class ResultsServer:
             base="",
             runs=list(runs.values()),
             chosen=chosen,
+            preset=[each or run for each, run in zip(chosen, _last_two(runs), strict=True)],
             rows=rows,
             judged=judged,
         )
@@ -121,10 +154,10 @@ class ResultsServer:
 
     def _file(self, request: Request) -> Response:
         run, path = self._named(self._runs(), request), request.path_params["path"]
-        found = None if run is None else _inside(run.folder, path)
+        found = None if run is None or run.fault else _inside(run.folder, path)
         if found is None:
             return PlainTextResponse("there is no such file of a report\n", 404)
-        return FileResponse(found, media_type=MEDIA_TYPES[found.suffix], headers=_OF_RUNS)
+        return FileResponse(found, media_type=MEDIA_TYPES[found.suffix], headers=headers_of_runs())
 
     def _runs(self) -> list[ListedRun]:
         return find_runs(self._root, only=self._only)
@@ -136,6 +169,12 @@ class ResultsServer:
 
     def _page(self, template: str, **facts: object) -> Response:
         return HTMLResponse(self._pages.get_template(template).render(**facts), headers=_OWN)
+
+
+def _last_two(runs: Mapping[str, ListedRun]) -> list[ListedRun | None]:
+    """Return the last run but one and the last, of runs with the newest first."""
+    newest = [*runs.values()][:2]
+    return [newest[-1], newest[0]] if newest else [None, None]
 
 
 def _inside(folder: Path, path: str) -> Path | None:

@@ -72,10 +72,18 @@ def watch_run(
         "basis": twin.follower.stated_error.basis,
         "trials": [{"trial": trial, "frames": frames} for trial, frames in trials],
     }
-    template = resources.files(__package__).joinpath(_TEMPLATE).read_text("utf-8")
-    page = template.replace(_DATA, json.dumps(facts).replace("</", "<\\/"))
+    page = _template().replace(_DATA, json.dumps(facts).replace("</", "<\\/"))
     run.store.paths.watch.write_text(page, "utf-8")
     return run.store.paths.watch
+
+
+def _template() -> str:
+    return resources.files(__package__).joinpath(_TEMPLATE).read_text("utf-8")
+
+
+def watch_script() -> str:
+    """Return the one script of the page."""
+    return _template().partition("<script>")[2].partition("</script>")[0]
 
 
 def _frames(attempt: AttemptReading, twin: Twin, images: CameraImages) -> Iterator[dict[str, Any]]:

@@ -17,7 +17,7 @@ from typing import Any, Self
 from tacauchy_rig.core.calibrated import CalibratedOptics
 from tacauchy_rig.core.config.load import LoadedConfig, restore_config
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.imported import Imported, ImportedTrial
@@ -340,7 +340,7 @@ class RunStore:
             names = ", ".join(self.replays()) or "none"
             raise RecordError(
                 f"{self.paths.root}: has no finished replay {name!r}; it has: {names}",
-                remedy=f"`tacauchy-rig replay {self.paths.root}` makes one",
+                remedy=f"`{command_line('replay', self.paths.root)}` makes one",
             )
         replay: Replay = read_json(Replay, path, what="the replay")
         return replay

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.store.durable import write_error
 from tacauchy_rig.core.store.recording.export_kind import ExportKind
@@ -67,7 +67,7 @@ def export_run(root: Path, out: Path, *, kind: ExportKind) -> list[Path]:
     if not attempts:
         raise RecordError(
             f"{root}: holds no recording to export",
-            remedy=f"`tacauchy-rig resume {root}` presses the trials that are missing",
+            remedy=f"`{command_line('resume', root)}` presses the trials that are missing",
         )
     written = [_write_trials(store, attempts, out / "trials.csv")] if kind is ExportKind.CSV else []
     for trial, attempt in attempts:

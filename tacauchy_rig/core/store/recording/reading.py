@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.run import ImageFrame, JournalEvent
 from tacauchy_rig.core.store.layout import run_root_of
 from tacauchy_rig.core.store.recording.messages import (
@@ -127,7 +127,7 @@ class Recording:
             raise RecordError(
                 f"{path}: the recording is empty (0 bytes): its writer ended before its first "
                 "write, so nothing can be recovered",
-                remedy=f"`tacauchy-rig resume {run_root_of(path)}` presses this trial again",
+                remedy=f"`{command_line('resume', run_root_of(path))}` presses this trial again",
             )
         if not scan.has_magic and not scan.entries:
             raise RecordError(

@@ -94,6 +94,11 @@ class Client:
         """Of the page, token included."""
         return f"http://127.0.0.1:{self.port}/{TOKEN}/"
 
+    def of_run(self, name: str, path: str) -> Answer:
+        """Ask for a file of a run by the key that the list of runs links to."""
+        key = AccessRule(TOKEN, port=self.port).narrowed(name).token
+        return self.get(f"/{key}/run/{name}/{path}", whole=True)
+
     def get(self, path: str, *, whole: bool = False, method: str = "GET", **headers: str) -> Answer:
         """Ask for a path below the token, or for a whole one."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)

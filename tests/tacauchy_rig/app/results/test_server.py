@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ def test_every_run_is_listed_and_says_what_it_came_to(client: Client) -> None:
     assert "&lt;b&gt;six" in page
     assert "<b>six" not in page
     assert f"tacauchy-rig resume {client_root(page)}{ABORTED}" in page
-    assert f"run/{FIRST}/report/report.html" in page
+    assert f"/run/{FIRST}/report/report.html" in page
     assert "notes" not in page
 
 
@@ -49,12 +50,15 @@ def test_health_follows_a_sensor_with_the_limits_of_check_press(client: Client) 
 
 def test_files_of_a_report_are_served_where_their_scripts_reach_nothing(client: Client) -> None:
     """With a policy of their own: a sandbox without our origin."""
-    found = client.get(f"run/{FIRST}/report/report.html")
+    found = client.of_run(FIRST, "report/report.html")
     assert found.status == 200
     policy = found.headers["content-security-policy"]
     assert "sandbox" in policy
     assert "allow-same-origin" not in policy
-    assert client.get(f"run/{FIRST}/report/figures/images.pdf").headers["content-type"] == (
+    assert "allow-popups" not in policy
+    assert "script-src 'sha256-" in policy
+    assert "unsafe-inline" not in policy.partition("script-src")[2].partition(";")[0]
+    assert client.of_run(FIRST, "report/figures/images.pdf").headers["content-type"] == (
         "application/pdf"
     )
 
@@ -81,7 +85,7 @@ def test_nothing_else_of_the_disk_is_served(client: Client, runs: Path, path: st
     secret.write_text("secret", "utf-8")
     (runs / FIRST / "report" / "link.html").symlink_to(secret)
     (runs / FIRST / "report" / "out").symlink_to(runs.parent)
-    found = client.get(f"run/{FIRST}/{path}")
+    found = client.of_run(FIRST, path)
     assert found.status == 404
     assert "secret" not in found.text
 
@@ -90,7 +94,7 @@ def test_a_link_among_the_runs_is_none_of_them(client: Client, runs: Path) -> No
     """It may lead anywhere."""
     (runs / "linked").symlink_to(runs / FIRST)
     assert "linked" not in client.get("").text
-    assert client.get("run/linked/report/report.html").status == 404
+    assert client.of_run("linked", "report/report.html").status == 404
 
 
 @pytest.mark.parametrize(
@@ -115,7 +119,8 @@ def test_looking_changes_nothing(client: Client, runs: Path) -> None:
         return {each: (each.stat().st_mtime_ns, each.stat().st_size) for each in found}
 
     before = state()
-    for page in (*PAGES, f"run/{FIRST}/report/report.html"):
+    assert client.of_run(FIRST, "report/report.html").status == 200
+    for page in PAGES:
         assert client.get(page).status == 200
         for method in ("POST", "PUT", "DELETE"):
             origin = client.address.removesuffix(f"/{TOKEN}/")
@@ -123,11 +128,59 @@ def test_looking_changes_nothing(client: Client, runs: Path) -> None:
     assert state() == before
 
 
+def test_the_address_of_a_report_tells_nothing_of_the_token(client: Client) -> None:
+    """Its key opens the files of its run and nothing else; the token opens no file."""
+    link = client.get("").text.split('href="../')[1].partition('"')[0]
+    key = link.partition("/")[0]
+    assert TOKEN not in link
+    assert client.get(f"/{link}", whole=True).status == 200
+    assert client.get(f"/{key}/", whole=True).status == 403
+    assert client.get(f"/{key}/run/{FIRST}/report/report.html", whole=True).status == 403
+    assert client.get(f"run/{FIRST}/report/report.html").status == 403
+
+
+def test_one_run_is_not_compared_with_itself(client: Client) -> None:
+    """The form begins with two runs, and criteria that a report says were missed are listed."""
+    options = client.get("compare").text.split('value="')
+    chosen = [each.partition('"')[0] for each in options if "selected" in each[:50]]
+    assert chosen == [SECOND, ABORTED]
+    assert "one run: choose two" in client.get(f"compare?a={FIRST}&b={FIRST}").text
+
+
+def test_what_a_report_says_was_missed_stands_beside_the_advice(runs: Path) -> None:
+    """A gel may be kept whose run did not pass."""
+    summary = runs / SECOND / "report" / "summary.json"
+    missed = {"name": "contact_residual", "passed": False, "limit": "<= 0.3"}
+    content = json.loads(summary.read_text("utf-8"))
+    summary.write_text(json.dumps(content | {"passed": False, "criteria": [missed]}), "utf-8")
+    with served(runs) as client:
+        page = client.get(f"compare?a={FIRST}&b={SECOND}").text
+    assert "not passed" in page
+    assert "contact residual; asked: &lt;= 0.3" in page
+
+
+def test_commands_can_be_pasted_into_a_shell(runs: Path) -> None:
+    """A folder's name may hold what a shell would run."""
+    (runs / ABORTED).rename(runs / "a; touch b")
+    with served(runs) as client:
+        assert "resume &#39;" in client.get("").text
+
+
+@pytest.mark.parametrize("content", ["{}", '{"passed": 1, "verdict": ""}', "[" * 10_000])
+def test_a_run_whose_summary_is_none_does_not_hide_the_others(runs: Path, content: str) -> None:
+    """It is listed with its reason."""
+    (runs / FIRST / "report" / "summary.json").write_text(content, "utf-8")
+    with served(runs) as client:
+        page = client.get("").text
+    assert f"{FIRST}/report/summary.json" in page
+    assert f"/run/{SECOND}/report/report.html" in page
+
+
 def test_one_run_alone_is_shown_alone(runs: Path) -> None:
     """Its neighbours are neither listed nor served."""
     with served(runs, only=FIRST) as client:
         assert SECOND not in client.get("").text
-        assert client.get(f"run/{SECOND}/report/report.html").status == 404
+        assert client.of_run(SECOND, "report/report.html").status == 404
 
 
 def test_in_a_browser_by_keyboard_and_on_a_phone(client: Client, chromium: Any) -> None:
@@ -150,4 +203,5 @@ def test_in_a_browser_by_keyboard_and_on_a_phone(client: Client, chromium: Any) 
     page.wait_for_url("**/report.html")
     assert page.title() == "report"
     page.close()
-    assert wrong == []
+    (blocked,) = wrong  # the script of that report is none of this program's
+    assert "Content Security Policy" in blocked
