@@ -22,6 +22,7 @@ STUDIES = {
     "compare": "tests.studies.compare.command:compare",
     "paper-mesh": "tests.studies.paper_mesh.command:paper_mesh",
     "power-cuts": "tests.studies.power_cuts.command:power_cuts",
+    "hostile-runs": "tests.studies.hostile_runs.command:hostile_runs",
     "judge-page": "tests.studies.judge_page.command:judge_page",
 }
 """Where each study's command is."""

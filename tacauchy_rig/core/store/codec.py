@@ -26,8 +26,6 @@ _NON_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 _MAX_NESTING = 64
 _MAX_INTEGER = 2**1023
 """The largest that a float can still hold, roughly."""
-_MAX_FIELD = 2**63 - 1
-"""Of a whole number that a field is for."""
 _REMEDY = "the file was edited, or written by another version of this program"
 
 
@@ -197,7 +195,7 @@ def _build_scalar(kind: Any, data: Any, source: str, field: str) -> Any:
         _require(data in values, "one of " + ", ".join(map(str, values)), data, source, field)
         return kind(data)
     if kind is int:
-        whole = isinstance(data, int) and not isinstance(data, bool) and abs(data) <= _MAX_FIELD
+        whole = isinstance(data, int) and not isinstance(data, bool)
         _require(whole, "a whole number", data, source, field)
         return data
     _require(isinstance(data, kind), f"a {kind.__name__}", data, source, field)

@@ -12,7 +12,8 @@ RECORDING_NAME = "recording.mcap"
 RESULT_NAME = "result.json"
 SPILL_PATTERN = "unacknowledged-*.mcap"
 
-_ATTEMPT = re.compile(r"attempt-(\d+)")
+_TRIAL = re.compile(r"0[1-9]|[1-9][0-9]{1,8}")
+_ATTEMPT = re.compile(r"attempt-([1-9][0-9]{0,8})")
 
 
 class RunPaths:
@@ -93,7 +94,7 @@ class RunPaths:
     def attempts(self) -> list[tuple[int, int]]:
         """Return (trial, attempt) of every attempt that has a folder, ascending."""
         names = (path.name for path in self.trials.glob("*") if path.is_dir())
-        trials = sorted(int(name) for name in names if name.isdigit())
+        trials = sorted(int(name) for name in names if _TRIAL.fullmatch(name))
         return [(trial, attempt) for trial in trials for attempt in self.attempt_indices(trial)]
 
     def attempt_indices(self, trial: int) -> list[int]:

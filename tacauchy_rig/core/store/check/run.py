@@ -120,7 +120,8 @@ def _judge_attempt(attempt: Attempt) -> Iterator[Criterion]:
             yield from judge_streams(attempt, recording, record)
             yield from judge_press(attempt, record)
             yield from judge_contact(attempt, record)
-    except (RecordError, ValueError, TypeError) as error:  # a message that no longer decodes
+    # A message that no longer decodes, or a number that nothing can be compared with.
+    except (RecordError, ValueError, TypeError, OverflowError) as error:
         yield consistency(
             "recording_decodes",
             "every message of the recording decodes",

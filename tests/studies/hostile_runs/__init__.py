@@ -1,0 +1,1 @@
+"""Run folders that somebody made to do harm, and what each command makes of them."""
