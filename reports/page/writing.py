@@ -205,6 +205,9 @@ def write_report(report: ValidationReport, folder: Path) -> ReportPaths:
     """
     paths = ReportPaths(folder)
     try:
+        for path in folder.rglob("*"):
+            if path.is_file() and path.stat().st_nlink > 1:
+                path.unlink()  # its other name, anywhere, keeps its content
         _write(report, paths)
     except OSError as error:
         raise RecordError(

@@ -26,6 +26,8 @@ MAX_HOLE_BYTES = 64 << 20
 _MAX_EXTENTS = 10_000
 _EMULATION = "emulation"
 _SERIAL_PORT = "force_sensor.port"
+_WRITTEN_IN_PLACE = (".lock", "journal.jsonl")
+"""All other files are written anew beside the old one."""
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
 _OPEN = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
 _FOREIGN = "remove it, or ask where the folder comes from: this program never makes such a one"
@@ -77,7 +79,10 @@ def _is_folder(root: Path, entry: os.DirEntry[str]) -> bool:
     path = Path(entry.path)
     if not is_text(entry.name):
         raise _refused(path, "its name is not valid text")
-    mode = entry.stat(follow_symlinks=False).st_mode
+    found = entry.stat(follow_symlinks=False)
+    mode = found.st_mode
+    if path.parent == root and entry.name in _WRITTEN_IN_PLACE and found.st_nlink > 1:
+        raise _refused(path, "has a second name (a hard link), under which it would change too")
     if not (stat.S_ISDIR(mode) or stat.S_ISREG(mode) or _is_emulators(root, path, mode)):
         raise _refused(path, f"is {_kind(mode)}")
     return stat.S_ISDIR(mode)

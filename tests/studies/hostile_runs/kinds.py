@@ -110,6 +110,10 @@ def _deep(root: Path, _outside: Path, _: Random) -> None:
     (root / "/".join(["d"] * 200)).mkdir(parents=True)
 
 
+def _hard_link(name: str, root: Path, outside: Path, _: Random) -> None:
+    _clear(root / name).hardlink_to(outside / "secret.txt")
+
+
 def _loop(root: Path, _outside: Path, _: Random) -> None:
     (root / "report" / "again").symlink_to(root)
 
@@ -235,6 +239,8 @@ def _all() -> Iterator[tuple[str, Change]]:
         yield f"pipe: {name}", partial(_pipe, name)
         yield f"terabyte: {name}", partial(_sparse, name)
     yield "terabyte: report/report.html", partial(_sparse, "report/report.html")
+    for name in (".lock", "journal.jsonl", "report/report.html", "report/summary.json"):
+        yield f"hard link: {name}", partial(_hard_link, name)
     yield "a link to the run itself", _loop
     yield "a socket", _socket
     yield "a link to /dev/zero", _device

@@ -10,7 +10,7 @@ import os
 import re
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 
@@ -187,13 +187,16 @@ def _read_summary(descriptor: int, size: int) -> list[McapRecord]:
 
 def _summarised(body: bytes) -> Iterator[McapRecord]:
     """Yield channels and statistics of a summary; its index of every chunk is left out."""
-    kinds = {Opcode.CHANNEL: Channel, Opcode.STATISTICS: Statistics}
+    readers: dict[int, Callable[[ReadDataStream], McapRecord]] = {
+        Opcode.CHANNEL: Channel.read,
+        Opcode.STATISTICS: Statistics.read,
+    }
     start = 0
     while start + _RECORD_HEADER.size <= len(body):
         opcode, length = _RECORD_HEADER.unpack_from(body, start)
         start += _RECORD_HEADER.size
-        if opcode in kinds:
-            yield kinds[opcode].read(ReadDataStream(BytesIO(body[start : start + length])))
+        if opcode in readers:
+            yield readers[opcode](ReadDataStream(BytesIO(body[start : start + length])))
         start += length
 
 
