@@ -23,6 +23,7 @@ from reports.page.html import report_script
 from tacauchy_rig.app.results.comparison import charts_of, compare, in_words
 from tacauchy_rig.app.results.runs import Health, ListedRun, find_runs
 from tacauchy_rig.app.twin.watch import watch_script
+from tacauchy_rig.core.store.run_files import MAX_BYTES
 
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -186,4 +187,5 @@ def _inside(folder: Path, path: str) -> Path | None:
         inside = found.relative_to(folder.resolve()).as_posix().startswith(OPENED)
     except (OSError, ValueError, RuntimeError):
         return None
-    return found if inside and found.is_file() and found.suffix in MEDIA_TYPES else None
+    is_served = inside and found.is_file() and found.suffix in MEDIA_TYPES
+    return found if is_served and found.stat().st_size <= MAX_BYTES else None
