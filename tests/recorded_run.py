@@ -29,6 +29,7 @@ from tests.mock_bench import MockBench, SimulatedClock
 
 MOCKS = ('robot.driver="mock"', 'force_sensor.driver="mock"', 'camera.driver="mock"')
 TWO_PRESSES = (
+    'robot.model="cb3"',
     'protocol.force_targets=["1.2 N", "2 N"]',
     'protocol.air_press_height="2 mm"',
     'protocol.approach_height="0.5 mm"',
@@ -40,7 +41,7 @@ TWO_PRESSES = (
     'protocol.reference_duration="0.3 s"',
     'protocol.dwell_duration="1 s"',
 )
-"""Short ways: a run takes two seconds of processor time."""
+"""Short ways, and an arm that reports its state a quarter as often as an e-Series."""
 
 
 class KeptOnDisk:

@@ -1,90 +1,98 @@
 """Studies in their smallest form, by their command: what they need still works together.
 
-One emulated run of three presses with a tilted tool serves those that take a run. Small forms of
-the other studies stand in the folders of the studies.
+A run of three light presses in simulated time, seen coarsely and pressed by a tilted tool, serves
+those that take a run; it is replayed truly once. Small forms of the other studies stand in the
+folders of the studies.
 """
 
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from sim.scene.scene import Preset
+from tacauchy_rig.app.cli.app import app
+from tacauchy_rig.app.replay.opening import open_run
+from tests.recorded_run import new_run, press_run
+from tests.studies import __main__ as studies
+from tests.studies.verdict import bench as bench_module
+from tests.studies.verdict.bench import Bench, bench_of
+from tests.studies.verdict.coarse import seen_coarsely, with_own_images
+
 TRIALS = 3
-PRESS = (
-    "--set=emulation.seed=41",
-    # Preset fast lets an image be 10 % off: it leaves a degree out.
-    '--set=emulation.tilt=["-1.6 deg", "1.2 deg"]',
-    '--set=protocol.force_targets=["1.5 N", "3 N", "4.5 N"]',
-    "--set=replay.preset=fast",
-    "--set=limits.stale_force=500 ms",
-    "--set=limits.stale_robot=500 ms",
-    "--set=limits.stale_image=2 s",
-    "--set=robot.watchdog=2 Hz",
+TILT = '["-1.6 deg", "0 deg"]'
+RUN = (
+    'protocol.force_targets=["1 N", "1.5 N", "2 N"]',
+    "replay.preset=fast",
+    "replay.pose=stated",
+    f"replay.tilt={TILT}",
+    f"emulation.tilt={TILT}",
 )
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(2000)]
-
-
-def _run(place: Path, module: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", module, *arguments],
-        cwd=place,
-        capture_output=True,
-        text=True,
-        timeout=1800,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        check=False,
-    )
+pytestmark = pytest.mark.timeout(600)
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A dry run of three presses, replayed and reported."""
-    place = tmp_path_factory.mktemp("dry-run")
-    done = _run(place, "tacauchy_rig.app.cli.app", "dry-run", *PRESS)
-    assert done.returncode in (0, 1), done.stdout + done.stderr
-    (folder,) = (place / "runs").iterdir()
-    return folder
+    """A run of three presses, recorded and replayed."""
+    place = tmp_path_factory.mktemp("runs")
+    store = new_run(place, f'sensor.name="{seen_coarsely(place)}"', *RUN)
+    press_run(store)
+    assert app(["replay", str(store.paths.root)], standalone_mode=False) in (0, 1)
+    return store.paths.root
+
+
+@pytest.fixture(scope="module")
+def bench(recorded: Path) -> Bench:
+    """Its true replay, whose images are taken for the recorded ones."""
+    return with_own_images(bench_of(open_run(recorded), preset=Preset.FAST))
+
+
+@pytest.fixture
+def _one_bench(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let all studies start from the one true replay."""
+    monkeypatch.setattr(bench_module, "bench_of", lambda *_, **__: bench)
 
 
 def study(place: Path, name: str, *arguments: str) -> dict[str, Any]:
     """Run a study; return its JSON. It ends with 0, or with 1 where a criterion is missed."""
-    done = _run(
-        place, "tests.studies", name, *arguments, "--out", "page.md", "--json", "found.json"
-    )
-    assert done.returncode in (0, 1), done.stdout + done.stderr
-    assert (place / "page.md").read_text("utf-8").startswith("# ")
-    found: dict[str, Any] = json.loads((place / "found.json").read_text("utf-8"))
-    return {**found, "exit_code": done.returncode}
+    page, found = place / "page.md", place / "found.json"
+    words = [name, *arguments, "--out", str(page), "--json", str(found)]
+    exit_code = studies.app(words, standalone_mode=False)
+    assert exit_code in (0, 1)
+    assert page.read_text("utf-8").startswith("# ")
+    return {**json.loads(found.read_text("utf-8")), "exit_code": exit_code}
 
 
+@pytest.mark.usefixtures("_one_bench")
 def test_mounting(recorded: Path, tmp_path: Path) -> None:
-    """Friction and tilt as found explain more of the contact, in each of the three presses."""
+    """Friction and tilt as they are explain more of the contact, in each of the three presses."""
     found = study(tmp_path, "mounting", str(recorded), "--preset", "fast", "--drawn", "1")
     assert found["residuals"]["passed"]
     assert len(found["residuals"]["rows"]) == TRIALS
+    assert found["leans"]["rows"]
     assert "emulation.tilt" in (tmp_path / "page.md").read_text("utf-8")
 
 
+@pytest.mark.usefixtures("_one_bench")
 def test_residual(recorded: Path, tmp_path: Path) -> None:
-    """Every planted cause has a row."""
-    found = study(tmp_path, "residual", str(recorded), "--draws", "1")
-    assert found["planted"]["rows"]
+    """A run with nothing wrong and one whose cell misreads have a row each."""
+    found = study(tmp_path, "residual", str(recorded), "--draws", "1", "--only", "force")
+    assert [row[1] for row in found["planted"]["rows"]] == ["none", "force"]
 
 
+@pytest.mark.usefixtures("_one_bench")
 def test_verdict(recorded: Path, tmp_path: Path) -> None:
     """A replay that shows no contact is caught."""
     found = study(tmp_path, "verdict", str(recorded), "--only", "no contact*")
     assert found["wrong"]["passed"]
+    assert len(found["true"]["rows"]) == TRIALS
 
 
 def test_page(tmp_path: Path) -> None:
     """The page stops a run by button and by key, and a run with a page loses no sample."""
-    found = study(tmp_path, "page", "--stops", "2", "--pairs", "2")
+    smallest = ("--trials", "1", "--stops", "2", "--pairs", "2", "--work", str(tmp_path / "runs"))
+    found = study(tmp_path, "page", *smallest)
     assert all(table["rows"] for table in found["tables"])

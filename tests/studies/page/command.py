@@ -20,6 +20,7 @@ NOTE = (
 def page_check(
     stops: Annotated[int, typer.Option("--stops", min=2, help="By button and by key, each.")] = 50,
     pairs: Annotated[int, typer.Option("--pairs", min=2, help="Of the guard's reaction.")] = 20,
+    trials: Annotated[int, typer.Option("--trials", min=1, help="Pressed with a page.")] = 6,
     out: Annotated[Path, typer.Option("--out", help="The page.")] = Path(
         "docs/results/page_check.md"
     ),
@@ -28,7 +29,7 @@ def page_check(
     ),
     json_file: JsonFile = None,
 ) -> None:
-    """Stop by page and key, react with a page and without, and press six times with a page.
+    """Stop by page and key, react with a page and without, and press with a page.
 
     Example: python -m tests.studies page --stops 50 --pairs 20
     """
@@ -36,8 +37,9 @@ def page_check(
     from tests.studies.page import measures
 
     work.mkdir(parents=True, exist_ok=True)
-    say("six trials with a page")
-    tables = [measures.rate_table(measures.watched_run(work.resolve() / "rates", 3))]
+    say(f"{trials} trials with a page")
+    watched = measures.watched_run(work.resolve() / "rates", watchers=3, trials=trials)
+    tables = [measures.rate_table(watched)]
     say("stops by button and by key")
     tables.append(measures.stop_table(measures.stops(work / "stops", stops, say)))
     say("the guard with a page and without")

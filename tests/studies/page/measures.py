@@ -33,6 +33,7 @@ WEIGHT_KG = 0.1
 SLOWED = 0.98
 """Of the speed before: below it the arm has begun to stop."""
 Say = Callable[[str], None]
+Row = dict[str, str | float | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,9 +139,12 @@ def _reaction_ms(bench: Bench, session: Session) -> float:
     return (next(slow) - int(beyond[0])) * 1e-6
 
 
-def watched_run(folder: Path, watchers: int) -> list[dict[str, str | float | None]]:
-    """Run six emulated trials with a page and browsers on it; return rates and losses of each."""
-    loaded = load_config(None, overrides=[f'run.output_directory="{folder}/runs"'])
+def watched_run(folder: Path, *, watchers: int, trials: int) -> list[Row]:
+    """Run emulated trials with a page and browsers on it; return rates and losses of each."""
+    forces_n = load_config().config.protocol.force_targets[:trials]
+    targets = ", ".join(f'"{force_n} N"' for force_n in forces_n)
+    overrides = [f'run.output_directory="{folder}/runs"', f"protocol.force_targets=[{targets}]"]
+    loaded = load_config(None, overrides=overrides)
     store = RunStore.create(
         folder / "runs", loaded, config_text=default_text(), simulated=True, versions={}
     )
@@ -200,11 +204,11 @@ def _reactions(pairs: Pairs, one: str, other: str) -> Table:
     )
 
 
-def rate_table(rows: Sequence[dict[str, str | float | None]]) -> Table:
-    """Return rates of six trials with a page."""
+def rate_table(rows: Sequence[Row]) -> Table:
+    """Return rates of trials with a page."""
     return table_of_rows(
         rows,
-        title="Six trials with a watched page",
+        title="Trials with a watched page",
         criterion="nothing lost, 100 Hz and 25 Hz to 1 %",
         passed=all(
             row["lost force"] == row["lost images"] == 0
@@ -215,7 +219,7 @@ def rate_table(rows: Sequence[dict[str, str | float | None]]) -> Table:
     )
 
 
-def _row(name: str, times_ms: Sequence[float]) -> dict[str, str | float | None]:
+def _row(name: str, times_ms: Sequence[float]) -> Row:
     middle, late = np.percentile(times_ms, (50, 95))
     return {
         "": name,

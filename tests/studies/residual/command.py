@@ -12,6 +12,7 @@ from sim.scene.scene import Preset
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.options import Jobs, JsonFile
 from tacauchy_rig.app.cli.output import say, show_table, write_json, write_text
+from tacauchy_rig.core.selection import selected
 
 if TYPE_CHECKING:
     from reports.scores.residual_split import Cause
@@ -27,6 +28,9 @@ def residual_check(
     preset: Annotated[Preset, typer.Option("--preset", help="Of the replays.")] = Preset.FAST,
     draws: Annotated[int, typer.Option("--draws", min=1, help="Of each cause and run.")] = 3,
     seed: Annotated[int, typer.Option("--seed", help="Of the first draw.")] = 1,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", help="Causes, such as 'li*'; may be repeated.")
+    ] = None,
     out: Annotated[Path, typer.Option("--out", help="The page.")] = Path(
         "docs/results/residual_check.md"
     ),
@@ -44,13 +48,14 @@ def residual_check(
     from tests.studies.verdict.bench import bench_of
     from tests.studies.verdict.planted import PLANTS, planted_table
 
+    causes = selected(list(PLANTS), only or [], names=lambda cause: (cause.value,), kind="cause")
     found: list[Ranked] = []
     for folder in folders:
         run = open_run(folder)
         calibrate = emulated_calibration(run.store)
         bench = bench_of(run, preset=preset, calibrate=calibrate, on_progress=say)
         tasks: list[tuple[Cause | None, int]] = [(None, seed)]
-        tasks += [(cause, seed + k) for k in range(draws) for cause in PLANTS]
+        tasks += [(cause, seed + k) for k in range(draws) for cause in causes]
         done = parallel_map(partial(_looked, bench=bench), tasks, jobs=jobs)
         found += [ranked for _, ranked in done if ranked is not None]
     table = planted_table(found)

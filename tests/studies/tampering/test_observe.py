@@ -47,8 +47,7 @@ Missed = Callable[[TamperCase, Care], set[str]]
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of two presses that nobody touched."""
-    # A CB3 reports its state a quarter as often as an e-Series, so that a check reads less.
-    store = new_run(tmp_path_factory.mktemp("runs"), 'robot.model="cb3"')
+    store = new_run(tmp_path_factory.mktemp("runs"))
     store.truth.write(b'{"young_pa": 440000.0}\n')
     press_run(store)
     assert check_run(store).passed

@@ -14,7 +14,6 @@ from reports.comparison.criteria import judge_modulus
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.core.errors import ConvergenceError
-from tacauchy_rig.core.registry import Kind, load
 from tests.recorded_run import new_run, press_run
 from tests.reports.conftest import run_evidence
 from tests.studies.verdict.bench import Bench, bench_of
@@ -28,6 +27,7 @@ from tests.studies.verdict.check import (
     tasks_of,
     with_measured_gel,
 )
+from tests.studies.verdict.coarse import seen_coarsely, with_own_images
 from tests.studies.verdict.wrong_models import STEPS_TO_DOUBLE, WRONG_MODELS, WrongModel
 
 
@@ -143,28 +143,6 @@ def test_a_press_beside_its_place_is_caught_from_a_size_on(tmp_path: Path) -> No
     assert not {"contact_offset", "contact_residual"} & {*true, *near}, (true, near)
     assert "contact_offset" in far
     assert "contact_residual" in none
-
-
-def seen_coarsely(folder: Path) -> Path:
-    """Write the file of a sensor whose images are as small as the mock camera's after the crop."""
-    text: str = load(Kind.SENSOR, "gelsight-mini").read_text("utf-8")
-    for fine, coarse in (("= 320", "= 40"), ("= 240", "= 30"), ("0.0634 mm", "0.5072 mm")):
-        assert fine in text
-        text = text.replace(fine, coarse)
-    path = folder / "coarse.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
-
-
-def with_own_images(bench: Bench) -> Bench:
-    """Return a bench whose recordings show just what its true replay does."""
-    trials = []
-    for trial in bench.recorded.trials:
-        image = bench.images[trial.index]
-        assert trial.images is not None
-        shown = replace(trial.images, real=image, first_half=image, second_half=image)
-        trials.append(replace(trial, images=shown))
-    return replace(bench, recorded=replace(bench.recorded, trials=tuple(trials)))
 
 
 def named(name: str) -> WrongModel:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tacauchy_rig.core.store.run_store import RunStore
-from tests.recorded_run import new_run, press_run
+from tests.recorded_run import pressed_run
 
 NO_CONTACT, PRESSED = "rest.png", "press.png"
 SPEC = """
@@ -31,9 +31,7 @@ indenter = "sphere:diameter=4mm"
 @pytest.fixture(scope="session")
 def ours(tmp_path_factory: pytest.TempPathFactory) -> RunStore:
     """Two presses of the mock rig."""
-    store = new_run(tmp_path_factory.mktemp("ours"))
-    press_run(store)
-    return store
+    return pressed_run(tmp_path_factory.mktemp("ours"))
 
 
 def image(level: int) -> bytes:

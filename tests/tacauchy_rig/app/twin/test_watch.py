@@ -17,7 +17,7 @@ from tacauchy_rig.app.twin.images import CameraImages
 from tacauchy_rig.app.twin.watch import FRAMES_PER_S, _lasting, watch_run
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RecordError
-from tests.recorded_run import new_run, press_run
+from tests.recorded_run import new_run, pressed_run
 
 
 @pytest.fixture(scope="module")
@@ -26,8 +26,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
 
     Its twin would be pressed by any noise of the cell that it were given.
     """
-    store = new_run(tmp_path_factory.mktemp("runs"))
-    press_run(store)
+    store = pressed_run(tmp_path_factory.mktemp("runs"))
 
     def enlarged(images: CameraImages, jpeg: bytes) -> ImageArray:
         found = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
