@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from sim.scene.scene import Preset
-from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.app.replay.opening import open_run
+from tacauchy_rig.core.store.replay_files import ReplayFields
 from tests.recorded_run import new_run, press_run
 from tests.studies import __main__ as studies
 from tests.studies.verdict import bench as bench_module
@@ -35,25 +35,22 @@ pytestmark = pytest.mark.timeout(600)
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of three presses, recorded and replayed."""
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
+    """The true replay of three presses, whose images are taken for the recorded ones."""
     place = tmp_path_factory.mktemp("runs")
     store = new_run(place, f'sensor.name="{seen_coarsely(place)}"', *RUN)
     press_run(store)
-    assert app(["replay", str(store.paths.root)], standalone_mode=False) in (0, 1)
-    return store.paths.root
-
-
-@pytest.fixture(scope="module")
-def bench(recorded: Path) -> Bench:
-    """Its true replay, whose images are taken for the recorded ones."""
-    return with_own_images(bench_of(open_run(recorded), preset=Preset.FAST))
+    found = bench_of(open_run(store.paths.root), preset=Preset.FAST)
+    images = {index: ReplayFields(image=image) for index, image in found.images.items()}
+    store.save_replay(found.pressed.replay, images)
+    return with_own_images(found)
 
 
 @pytest.fixture
-def _one_bench(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let all studies start from the one true replay."""
+def recorded(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Their run, of which all studies take the one true replay."""
     monkeypatch.setattr(bench_module, "bench_of", lambda *_, **__: bench)
+    return bench.run.store.paths.root
 
 
 def study(place: Path, name: str, *arguments: str) -> dict[str, Any]:
@@ -66,7 +63,6 @@ def study(place: Path, name: str, *arguments: str) -> dict[str, Any]:
     return {**json.loads(found.read_text("utf-8")), "exit_code": exit_code}
 
 
-@pytest.mark.usefixtures("_one_bench")
 def test_mounting(recorded: Path, tmp_path: Path) -> None:
     """Friction and tilt as they are explain more of the contact, in each of the three presses."""
     found = study(tmp_path, "mounting", str(recorded), "--preset", "fast", "--drawn", "1")
@@ -76,14 +72,12 @@ def test_mounting(recorded: Path, tmp_path: Path) -> None:
     assert "emulation.tilt" in (tmp_path / "page.md").read_text("utf-8")
 
 
-@pytest.mark.usefixtures("_one_bench")
 def test_residual(recorded: Path, tmp_path: Path) -> None:
     """A run with nothing wrong and one whose cell misreads have a row each."""
-    found = study(tmp_path, "residual", str(recorded), "--draws", "1", "--only", "force")
-    assert [row[1] for row in found["planted"]["rows"]] == ["none", "force"]
+    found = study(tmp_path, "residual", str(recorded), "--draws", "1", "--only", "force*")
+    assert [row[1] for row in found["planted"]["rows"]] == ["none", "force error"]
 
 
-@pytest.mark.usefixtures("_one_bench")
 def test_verdict(recorded: Path, tmp_path: Path) -> None:
     """A replay that shows no contact is caught."""
     found = study(tmp_path, "verdict", str(recorded), "--only", "no contact*")

@@ -38,7 +38,7 @@ def test_the_abstract_can_be_quoted(report: ValidationReport, evidence: RunEvide
 def test_images_of_no_contact_do_not_pass(evidence: RunEvidence) -> None:
     """The unloaded frame in place of every simulated image misses by name, in every trial."""
     trials = tuple(
-        replace(t, simulated_image=t.images.reference) for t in evidence.trials if t.images
+        replace(t, simulated_image=t.images.reference) for t in evidence.trials[:2] if t.images
     )
     report = compare(replace(evidence, trials=trials))
     assert not report.passed
@@ -52,11 +52,10 @@ def test_images_of_no_contact_do_not_pass(evidence: RunEvidence) -> None:
 
 def test_shuffled_images_do_not_pass(evidence: RunEvidence) -> None:
     """Two neighbours' images exchanged: a wrong force wins in both, and only there."""
-    images = [t.simulated_image for t in evidence.trials]
-    images[2], images[3] = images[3], images[2]
-    trials = tuple(
-        replace(t, simulated_image=image) for t, image in zip(evidence.trials, images, strict=True)
-    )
+    four = evidence.trials[1:5]
+    images = [t.simulated_image for t in four]
+    images[1], images[2] = images[2], images[1]
+    trials = tuple(replace(t, simulated_image=image) for t, image in zip(four, images, strict=True))
     report = compare(replace(evidence, trials=trials))
     lost = [
         t.index

@@ -12,6 +12,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
+from matplotlib.figure import Figure
 
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import camera_of
@@ -26,8 +27,10 @@ METRICS = {"ssim", "ncc", "histogram_correlation", "psnr_db", "mse"}
 def incomplete_written(
     incomplete: ValidationReport, tmp_path_factory: pytest.TempPathFactory
 ) -> ReportPaths:
-    """The incomplete run's report on disk."""
-    return write_report(incomplete, tmp_path_factory.mktemp("incomplete"))
+    """The incomplete run's report on disk; its figures are drawn, but not encoded."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Figure, "savefig", lambda _, path, **__: path.write_bytes(b""))
+        return write_report(incomplete, tmp_path_factory.mktemp("incomplete"))
 
 
 def read_strictly(path: Path) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from sim.studies.verification.height_map import (
 @pytest.mark.parametrize(
     ("name", "preset"),
     [
-        ("cylinder", Preset.BALANCED),
+        pytest.param("cylinder", Preset.BALANCED, marks=pytest.mark.slow),
         ("ball", Preset.FAST),
         pytest.param("edge", Preset.BALANCED, marks=pytest.mark.slow),
     ],
