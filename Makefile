@@ -20,8 +20,7 @@ test: $(VENV)/.tools
 	$(BIN)/python -m pytest -n 2 --dist worksteal --durations=50 -m "not slow"
 
 test-slow: $(VENV)/.tools
-	$(BIN)/python -m pytest -n 2 --dist worksteal --durations=20 -m "slow and not alone"
-	$(BIN)/python -m pytest -m "slow and alone"
+	$(BIN)/python -m pytest -n 2 --dist worksteal --durations=20 -m "slow"
 
 check: lint types contracts dependencies
 

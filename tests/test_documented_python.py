@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
+from tacauchy_rig.app.replay import replay
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.journal import append_event
@@ -92,6 +93,8 @@ def test_a_recorded_run_is_read_replayed_and_scored(
 ) -> None:
     """The three examples on a run, in the order of the page."""
     monkeypatch.chdir(place)
+    # The coarse presses that tell uncertainties take most of the time, and no example shows them.
+    monkeypatch.setattr(replay, "_uncertainties", lambda parts, *_: ([() for _ in parts], None))
     attempt = run(RUNS["Open a run"], {})["attempt"]
     assert attempt.force_curve.value[attempt.force_curve.time_s > 0.0] == pytest.approx(FORCE_N)
     trial = run(RUNS["Replay it"], {})["trial"]

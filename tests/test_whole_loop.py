@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-MODELS = ("cb3", pytest.param("e-series", marks=(pytest.mark.slow, pytest.mark.alone)))
+MODELS = ("cb3", pytest.param("e-series", marks=pytest.mark.slow))
 
 
 @pytest.fixture(scope="module", params=MODELS)

@@ -30,7 +30,6 @@ def test_slivers_cost_few_iterations() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_stiff_layers_meet_the_laminate() -> None:
     """The row itself: both ways round."""
     outcome = stiff_layers()

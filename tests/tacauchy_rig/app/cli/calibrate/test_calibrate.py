@@ -227,6 +227,7 @@ def test_presses_of_a_scale_are_taken_as_they_are(tmp_path: Path) -> None:
     assert "--sensor crops the image of a target" in refused.message
 
 
+@pytest.mark.slow
 def test_contradictory_presses_are_refused(tmp_path: Path) -> None:
     """Circles that belong to other images cannot be learnt from."""
     folder = _folder(tmp_path / "presses", count=8)
