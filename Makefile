@@ -16,11 +16,12 @@ unexport PYTHONDONTWRITEBYTECODE
 dry-run: $(VENV)/.product
 	$(BIN)/tacauchy-rig dry-run
 
+# Three workers on two cores: tests on emulated devices wait in real time.
 test: $(VENV)/.tools
-	$(BIN)/python -m pytest -n 2 --dist worksteal --durations=50 -m "not slow"
+	$(BIN)/python -m pytest -n 3 --dist worksteal --durations=50 -m "not slow"
 
 test-slow: $(VENV)/.tools
-	$(BIN)/python -m pytest -n 2 --dist worksteal --durations=20 -m "slow"
+	$(BIN)/python -m pytest -n 3 --dist worksteal --durations=20 -m "slow"
 
 check: lint types contracts dependencies
 
@@ -51,14 +52,20 @@ format: $(VENV)/.tools
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-$(VENV)/.product: pyproject.toml constraints.txt
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+# Without --no-compile pip compiles every package for half a minute; most modules are never imported.
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile \
+	-c constraints.txt -e
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.product: pyproject.toml constraints.txt | $(BIN)/python
+	$(INSTALL) .
 	touch $@
 
-$(VENV)/.tools: $(VENV)/.product
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
-	touch $@
+$(VENV)/.tools: pyproject.toml constraints.txt | $(BIN)/python
+	$(INSTALL) ".[dev]"
+	touch $(VENV)/.product $@
 
 clean:
 	rm -rf $(VENV) site .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis

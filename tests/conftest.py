@@ -47,9 +47,9 @@ def chromium() -> Iterator[Any]:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip what this machine cannot run, and say so; begin with what takes longest."""
-    # Its run takes a minute and serves the whole module: begun last, it would be made by every
-    # worker that takes one of its tests over.
-    items.sort(key=lambda item: item.path.name != "test_whole_loop.py")
+    # Their runs take a minute and serve a whole module: begun last, they would be made by every
+    # worker that takes one of their tests over.
+    items.sort(key=lambda item: item.path.name not in ("test_whole_loop.py", "test_reduced.py"))
     no_gpu = pytest.mark.skip(reason="no CUDA device")
     cuda = _has_cuda() if any("gpu" in item.keywords for item in items) else False
     for item in items:
