@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import random
 import socket
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from urllib.parse import urlsplit
 
 from drivers.emulators.arm.controller import ControllerSettings
 from drivers.emulators.camera.stream import CameraSettings
+from drivers.emulators.camera.video_device import VIDEO_DEVICE, preloaded
 from drivers.emulators.faults import Device, parse_fault
 from drivers.emulators.force_sensor.box import BoxSettings
 from drivers.emulators.plant.gel import Plant
@@ -29,7 +31,10 @@ UR_PORTS = (30004, 29999, 30003)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EmulatedAddresses:
-    """Where the emulated devices answer; None for a device that is not emulated."""
+    """Where the emulated devices answer; None for a device that is not emulated.
+
+    A camera that is played through V4L2 has the path of its device for a URL.
+    """
 
     robot_host: str | None = None
     force_sensor_port: str | None = None
@@ -119,6 +124,7 @@ class Emulation:
         self.processes: dict[str, EmulatedProcess] = {}
         self._robot_host = ""
         self.addresses = EmulatedAddresses()
+        self.preloaded: dict[str, str] = {}
 
     def __enter__(self) -> Self:
         self.start()
@@ -136,6 +142,9 @@ class Emulation:
         """End every emulator."""
         for process in self.processes.values():
             process.stop()
+        for name in self.preloaded:
+            os.environ.pop(name, None)
+        self.preloaded = {}
 
     def start(self) -> EmulatedAddresses:
         """Start every emulator and return where they answer.
@@ -190,6 +199,10 @@ class Emulation:
             url = ready.get("url", url)
         if url is not None:
             self.camera_port = urlsplit(url).port or 0
+        if self.config.emulation.video_device is not None and Device.CAMERA in self.devices:
+            # Processes that are started from now on see the device.
+            self.preloaded = preloaded(self.folder / VIDEO_DEVICE)
+            os.environ.update(self.preloaded)
         self._send_planned_faults()
         host = self._robot_host or None
         return EmulatedAddresses(robot_host=host, force_sensor_port=port, camera_url=url)
@@ -226,6 +239,7 @@ class Emulation:
                 width=camera.width,
                 height=camera.height,
                 rate=camera.rate,
+                video_device=self.config.emulation.video_device,
                 **shared,
             )
             self._launch(device.value, "camera.stream", stream)

@@ -25,11 +25,14 @@ DIMENSIONS = {
         ("size_x", "size_y", "height", "dome_radius_x", "dome_radius_y"), Dimension.LENGTH
     ),
     "material": MATERIAL,
-    "camera": dict.fromkeys(("pixel_x", "pixel_y", "centre_x", "centre_y"), Dimension.LENGTH),
+    "camera": {
+        **dict.fromkeys(("pixel_x", "pixel_y", "centre_x", "centre_y"), Dimension.LENGTH),
+        "rate": Dimension.FREQUENCY,
+    },
     "markers": dict.fromkeys(("pitch_x", "pitch_y", "radius"), Dimension.LENGTH),
 }
-_PLAIN = {"camera": ("width", "height", "crop"), "markers": ("columns", "rows")}
-_OPTIONAL = {"pad.dome_radius_x", "pad.dome_radius_y"}
+_PLAIN = {"camera": ("width", "height", "crop", "min_rate"), "markers": ("columns", "rows")}
+_OPTIONAL = {"pad.dome_radius_x", "pad.dome_radius_y", "camera.rate"}
 _LISTS = {"lamps", "layers", "relaxation"}
 SURFACE_KEYS = ("surface", "unit", "source")
 
@@ -286,6 +289,7 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
         layers = _layers(data, numbers)
         pad = _pad(data["pad"], numbers, folder or Path())
         camera, markers = _camera(data, numbers), _markers(data, numbers)
+        _require_rates(data["camera"], numbers)
         tetwild = tetwild_options_of(data.get("mesh", {}), origin="mesh")
         terms = read_relaxation(data.get("relaxation", []))
     return Sensor(
@@ -349,6 +353,19 @@ def _camera(data: dict[str, Any], numbers: dict[str, Measured]) -> CameraGeometr
         centre_y_px=0.5 * (height - 1) - centre_y / pixel_y,
         crop_fraction=parse_quantity(crop, dimension=Dimension.RATIO, field="camera.crop"),
     )
+
+
+def _require_rates(camera: dict[str, Any], numbers: dict[str, Measured]) -> None:
+    """Check the rates, which the configuration reads (``tacauchy_rig.core.config.load``)."""
+    least, rate = camera.get("min_rate"), numbers.get("camera.rate")
+    if least is None:
+        return
+    least_hz = parse_quantity(str(least), dimension=Dimension.FREQUENCY, field="camera.min_rate")
+    if rate is not None and least_hz > rate.value:
+        raise ConfigError(
+            f"camera.min_rate {least_hz:g} Hz is above camera.rate {rate.value:g} Hz",
+            remedy="state the rate that the camera delivers, and the least that suffices",
+        )
 
 
 def _markers(data: dict[str, Any], numbers: dict[str, Measured]) -> MarkerGrid | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -22,6 +23,14 @@ _ENCODING = (
     *(cv2.IMWRITE_JPEG_QUALITY, 94),
     *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420),
 )
+
+
+def encode_jpeg(image: ImageArray) -> bytes:
+    """Return a BGR image [rows, columns, 3] as the JPEG that a GelSight Mini would send."""
+    encoded, data = cv2.imencode(".jpg", image, _ENCODING)
+    if not encoded:
+        raise DeviceError(f"emulated camera: a frame of {image.shape} could not be encoded")
+    return data.tobytes()
 
 
 class NoisePool:
@@ -92,13 +101,20 @@ class PressKey:
 
 
 class FrameFactory:
-    """Makes JPEG frames of one plant.
+    """Makes frames of one plant: JPEG, or whatever ``encode`` makes of a BGR image.
 
     ``prepare`` may run in another thread than the rest: what it makes is published whole.
     """
 
-    def __init__(self, plant: Plant, width: int, height: int) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        width: int,
+        height: int,
+        encode: Callable[[ImageArray], bytes] = encode_jpeg,
+    ) -> None:
         self.plant = plant
+        self._encode = encode
         self._factor = rendering_factor(width, height)
         self._camera = GelCamera(
             plant.truth, view_of(plant.truth, (width, height)).scaled(self._factor)
@@ -131,7 +147,7 @@ class FrameFactory:
                 self._contacts.popitem(last=False)
 
     def compose(self, key: PressKey, number: int) -> bytes:
-        """Return the JPEG of ``key``, with ``number`` drawn in where a border is cropped away."""
+        """Return the frame of ``key``, with ``number`` drawn in where a border is cropped away."""
         image = self._unloaded.copy()
         with self._lock:
             contact = self._contacts.get(key)
@@ -157,10 +173,7 @@ class FrameFactory:
         raw = self._noise.added(enlarged(image, self._factor))
         if self._stamped:
             draw_number(raw, number)
-        encoded, data = cv2.imencode(".jpg", raw, _ENCODING)
-        if not encoded:
-            raise DeviceError(f"emulated camera: a frame of {raw.shape} could not be encoded")
-        return data.tobytes()
+        return self._encode(raw)
 
 
 def _gain(key: PressKey) -> float:

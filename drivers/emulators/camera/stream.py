@@ -1,44 +1,54 @@
-"""An emulated camera: a process that serves an HTTP multipart JPEG stream of the plant.
+"""An emulated camera: a process that serves frames of the plant over HTTP, or to a V4L2 device.
 
 ``python -m drivers.emulators.camera.stream --folder DIR --width 640 --height 480 --rate 25``
-prints one JSON line with its URL. Frames are captured on absolute deadlines and leave the camera's
-latency later; their numbers are drawn in, and ``camera_trace.jsonl`` holds what each one shows.
+prints one JSON line with its URL or path. Frames are captured on absolute deadlines and leave the
+camera's latency later; their numbers are drawn in, and ``camera_trace.jsonl`` holds what each one
+shows.
 """
 
 from __future__ import annotations
 
-import contextlib
 import json
 import logging
 import random
-import socket
 import sys
-import threading
 import time
-from collections import deque
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from functools import partial
 from typing import TextIO
+from urllib.parse import urlsplit
 
 import cv2
 
+from drivers.emulators.camera.frame_server import FrameServer, mjpeg_server
 from drivers.emulators.camera.frames import (
     DEPTH_STEP_M,
     LIGHT_STEP,
     PLACE_STEP_M,
     FrameFactory,
     PressKey,
+    encode_jpeg,
+)
+from drivers.emulators.camera.video_device import (
+    VIDEO_DEVICE,
+    description_of,
+    encoder_of,
+    serve_device,
+    without_a_packet,
 )
 from drivers.emulators.faults import Device, Fault, FaultKind, FaultyLine
 from drivers.emulators.process import Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, GelSettings, SharedWorld, WorldState
 from drivers.emulators.silent_faults import SilentImageFaults
+from tacauchy_rig.core.config.model import VideoDeviceName
 from tacauchy_rig.core.errors import DeviceError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraSettings(GelSettings):
-    """How one emulated camera is set up; it serves an HTTP multipart JPEG stream of the gel.
+    """How one emulated camera is set up: an HTTP multipart JPEG stream of the gel, or V4L2.
 
     The world lies in the folder if none is given.
 
@@ -48,6 +58,7 @@ class CameraSettings(GelSettings):
         width: Of the frames [px].
         height: Of the frames [px].
         rate: Frames per second.
+        video_device: Camera to play through V4L2, in place of the stream.
     """
 
     host: str = "127.0.0.1"
@@ -55,6 +66,7 @@ class CameraSettings(GelSettings):
     width: int = 640
     height: int = 480
     rate: float = 25.0
+    video_device: VideoDeviceName | None = None
 
 
 class BackgroundRenderer:
@@ -85,12 +97,22 @@ class BackgroundRenderer:
 _GARBLED_BYTES = 64
 
 
+def _garbled(jpeg: bytes, source: random.Random) -> bytes:
+    """Overwrite bytes and cut the end off, as a bad cable does."""
+    damaged = bytearray(jpeg[: source.randrange(len(jpeg) // 2, len(jpeg))])
+    for _ in range(_GARBLED_BYTES):
+        damaged[source.randrange(len(damaged) // 4, len(damaged))] ^= 0x5A
+    return bytes(damaged)
+
+
 class FaultyOutput:
     """Turns the frame that should go out into the frames that do."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(
+        self, seed: int, damage: Callable[[bytes, random.Random], bytes] = _garbled
+    ) -> None:
         self._images = SilentImageFaults()
-        self._line = FaultyLine(seed, _garbled)
+        self._line = FaultyLine(seed, damage)
 
     def frames(self, jpeg: bytes, faults: list[Fault], *, now_s: float) -> list[bytes]:
         """Return what to send at ``now_s`` [s] in place of ``jpeg``, oldest first."""
@@ -98,14 +120,6 @@ class FaultyOutput:
         active = {fault.kind: fault for fault in faults}
         self._line.put(self._images.frame(jpeg, faults), active, due_ns=now_ns)
         return [] if FaultKind.STALL in active else self._line.due(now_ns)
-
-
-def _garbled(jpeg: bytes, source: random.Random) -> bytes:
-    """Overwrite bytes and cut the end off, as a bad cable does."""
-    damaged = bytearray(jpeg[: source.randrange(len(jpeg) // 2, len(jpeg))])
-    for _ in range(_GARBLED_BYTES):
-        damaged[source.randrange(len(damaged) // 4, len(damaged))] ^= 0x5A
-    return bytes(damaged)
 
 
 TRACE_FILE = "camera_trace.jsonl"
@@ -125,15 +139,17 @@ class EmulatedCamera:
         settings: CameraSettings,
         service: Service,
         factory: FrameFactory,
-        server: MjpegServer,
+        output: FaultyOutput,
+        server: FrameServer,
+        plug_in: Callable[[], FrameServer],
     ) -> None:
         self._service = service
         self._factory = factory
-        self._server: MjpegServer | None = server
-        self._address = (server.host, server.port)
+        self._output = output
+        self._server: FrameServer | None = server
+        self._plug_in = plug_in
         self._world_path = settings.world or settings.folder / WORLD_FILE
         self._world: SharedWorld | None = None
-        self._output = FaultyOutput(settings.seed)
         self._renderer = BackgroundRenderer(factory)
         self._period_s = 1.0 / settings.rate
         truth = factory.plant.truth
@@ -208,7 +224,7 @@ class EmulatedCamera:
             self._server.close()
             self._server = None
         elif not unplugged and self._server is None:
-            self._server = _listen(*self._address)
+            self._server = self._plug_in()
         return faults
 
     def _write_trace(self, number: int, capture_s: float, depth_m: float) -> None:
@@ -231,12 +247,22 @@ class EmulatedCamera:
 
 def _serve(settings: CameraSettings, service: Service) -> None:
     cv2.setNumThreads(1)
-    factory = FrameFactory(settings.plant(), settings.width, settings.height)
+    name = settings.video_device
+    encode = encode_jpeg if name is None else encoder_of(name)
+    factory = FrameFactory(settings.plant(), settings.width, settings.height, encode)
     keep_time(mostly_sleeps=False)
-    server = _listen(settings.host, settings.port)
-    camera = EmulatedCamera(settings, service, factory, server)
+    if name is None:
+        server = _listen(settings.host, settings.port)
+        port = urlsplit(server.address).port or 0
+        plug_in = partial(_listen, settings.host, port)  # again where it answers now
+    else:
+        plug_in = partial(serve_device, settings.folder / VIDEO_DEVICE, description_of(name))
+        server = plug_in()
+    damage = _garbled if encode is encode_jpeg else without_a_packet
+    output = FaultyOutput(settings.seed, damage)
+    camera = EmulatedCamera(settings, service, factory, output, server, plug_in)
     service.announce(
-        url=server.url,
+        url=server.address,
         width=settings.width,
         height=settings.height,
         rate_hz=settings.rate,
@@ -246,114 +272,14 @@ def _serve(settings: CameraSettings, service: Service) -> None:
     camera.run()
 
 
-def _listen(host: str, port: int) -> MjpegServer:
+def _listen(host: str, port: int) -> FrameServer:
     try:
-        return MjpegServer(host, port)
+        return mjpeg_server(host, port)
     except OSError as error:
         raise DeviceError(
             f"emulated camera: {host}:{port} cannot be listened on ({error.strerror})",
             remedy="give another --port, or 0 for a free one",
         ) from error
-
-
-_BOUNDARY = "frame"
-_BACKLOG = 4  # frames that wait for a slow reader before the oldest is lost
-_HEADER = (
-    "HTTP/1.0 200 OK\r\nCache-Control: no-store\r\nConnection: close\r\n"
-    f"Content-Type: multipart/x-mixed-replace; boundary={_BOUNDARY}\r\n\r\n"
-).encode()
-
-_logger = logging.getLogger(__name__)
-
-
-class MjpegServer:
-    """One address, any number of readers, each with a thread and a short queue."""
-
-    def __init__(self, host: str, port: int) -> None:
-        self._listener = socket.create_server((host, port), backlog=4)
-        self.host, self.port = self._listener.getsockname()[:2]
-        self._lock = threading.Lock()
-        self._readers: list[_Reader] = []
-        self._open = True
-        threading.Thread(target=self._accept, name="accept", daemon=True).start()
-
-    @property
-    def url(self) -> str:
-        """Where the stream can be opened."""
-        return f"http://{self.host}:{self.port}/stream.mjpg"
-
-    def publish(self, jpeg: bytes) -> None:
-        """Queue a frame for every reader."""
-        with self._lock:
-            readers = self._readers = [reader for reader in self._readers if reader.alive]
-        for reader in readers:
-            reader.put(jpeg)
-
-    def close(self) -> None:
-        """Hang up on every reader and free the port."""
-        self._open = False
-        with contextlib.suppress(OSError):
-            self._listener.shutdown(socket.SHUT_RDWR)
-        self._listener.close()
-        with self._lock:
-            readers, self._readers = self._readers, []
-        for reader in readers:
-            reader.hang_up()
-
-    def _accept(self) -> None:
-        while self._open:
-            try:
-                connection, address = self._listener.accept()
-            except OSError:
-                return
-            _logger.info("reader %s:%d connected", *address[:2])
-            reader = _Reader(connection)
-            with self._lock:
-                self._readers.append(reader)
-
-
-class _Reader:
-    def __init__(self, connection: socket.socket) -> None:
-        self._connection = connection
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._queue: deque[bytes] = deque(maxlen=_BACKLOG)
-        self._wake = threading.Condition()
-        self.alive = True
-        threading.Thread(target=self._serve, name="reader", daemon=True).start()
-
-    def put(self, jpeg: bytes) -> None:
-        with self._wake:
-            self._queue.append(jpeg)
-            self._wake.notify()
-
-    def hang_up(self) -> None:
-        self.alive = False
-        with contextlib.suppress(OSError):
-            self._connection.shutdown(socket.SHUT_RDWR)
-        with self._wake:
-            self._wake.notify()
-
-    def _serve(self) -> None:
-        try:
-            self._connection.settimeout(5.0)
-            self._connection.recv(4096)
-            self._connection.settimeout(None)
-            self._connection.sendall(_HEADER)
-            while self.alive:
-                with self._wake:
-                    self._wake.wait_for(lambda: self._queue or not self.alive)
-                    waiting = [self._queue.popleft()] if self._queue else []
-                for jpeg in waiting:
-                    self._send(jpeg)
-        except OSError as error:
-            _logger.info("reader left: %s", error)
-        finally:
-            self.alive = False
-            self._connection.close()
-
-    def _send(self, jpeg: bytes) -> None:
-        head = f"--{_BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
-        self._connection.sendall(b"".join((head.encode(), jpeg, b"\r\n")))
 
 
 if __name__ == "__main__":

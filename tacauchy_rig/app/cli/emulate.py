@@ -65,6 +65,8 @@ def start(
             say(f'[camera]          driver = "uvc"     device = "{found.camera_url}"')
             say(f"                  width = {camera.width}  height = {camera.height}")
             say(f'                  rate = "{camera.rate:g} Hz"')
+            for name, value in emulation.preloaded.items():
+                say(f"for programs that open it: export {name}={value}")
         pids = {name: process.process.pid for name, process in emulation.processes.items()}
         write_json(json_file, {"folder": place, "addresses": found, "process_ids": pids})
         say("a whole rig.toml around these lines: docs/reference/devices.md")

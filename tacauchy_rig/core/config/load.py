@@ -17,6 +17,7 @@ from tacauchy_rig.core.config.explain import explain
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.rules import ARM_REQUIRES, broken_rules, required_but_missing
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.registry import Kind, load, unknown
 
 BUILT_IN = "built-in default"
 # Fields that recorded runs may have and that mean nothing any more.
@@ -71,17 +72,35 @@ def load_config(path: Path | None = None, *, overrides: Sequence[str] = ()) -> L
     """
     written: dict[str, Any] = {}
     sources: dict[str, str] = {}
-    layers = [(BUILT_IN, tomllib.loads(default_text()))]
-    if path is not None:
-        layers.append((str(path), _read_toml(path)))
-    layers += [("--set", parse_override(text)) for text in overrides]
-    for source, tables in layers:
+    built_in = (BUILT_IN, tomllib.loads(default_text()))
+    given = [] if path is None else [(str(path), _read_toml(path))]
+    given += [("--set", parse_override(text)) for text in overrides]
+    for source, tables in (built_in, *_of_sensor([built_in, *given]), *given):
         for field, value in leaves(tables):
             written[field] = value
             sources[field] = source
     defaulted = {field for field, source in sources.items() if source == BUILT_IN}
     config = check_config(nest(written), defaulted=defaulted)
     return LoadedConfig(config=config, written=written, sources=sources)
+
+
+def _of_sensor(
+    layers: Sequence[tuple[str, dict[str, Any]]],
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield what the sensor's file says of its camera, where it says something.
+
+    A file that cannot be read is left to the command that needs the sensor.
+    """
+    named = [tables["sensor"] for _, tables in layers if isinstance(tables.get("sensor"), dict)]
+    name = str({key: value for table in named for key, value in table.items()}["name"])
+    try:
+        file = Path(name) if unknown(Kind.SENSOR, name) else load(Kind.SENSOR, name)
+        camera = tomllib.loads(file.read_text("utf-8"))["camera"]
+        rate = {"rate": camera["rate"]["value"]} if "rate" in camera else {}
+        least = {"min_image_rate": camera["min_rate"]} if "min_rate" in camera else {}
+    except (ConfigError, OSError, ValueError, LookupError, TypeError):
+        return
+    yield f"sensor {name}", {"camera": rate, "protocol": least}
 
 
 def restore_config(written: Mapping[str, Any]) -> RigConfig:

@@ -54,6 +54,15 @@ def _is_sign(value: int) -> int:
 Sign = Annotated[int, AfterValidator(_is_sign)]
 
 
+def _is_lamp(value: int) -> int:
+    if not 0 <= value <= 15:
+        raise ValueError(f"{value} is no brightness of a lamp; write 0 to 15")
+    return value
+
+
+Lamp = Annotated[int, AfterValidator(_is_lamp)]
+
+
 class DeviceSection(Section):
     """A device by the name that the registry knows it by.
 
@@ -161,8 +170,9 @@ class ForceSensorSection(DeviceSection, ceilings="force_sensor"):
 class CameraSection(DeviceSection, ceilings="camera"):
     """The camera: by name or serial number, ``/dev/...`` path, or URL; never by list order.
 
-    ``delay`` is how much later than the arm's state of the same moment a frame is stamped; reports
-    correct it.
+    ``rate`` is what it delivers, left out the sensor file's. ``delay`` is how much later than the
+    arm's state of the same moment a frame is stamped; reports correct it. ``leds`` are a DIGIT's
+    red, green and blue lamps, 0 to 15.
     """
 
     driver: Annotated[str, _driver(Kind.CAMERA)]
@@ -173,6 +183,7 @@ class CameraSection(DeviceSection, ceilings="camera"):
     exposure: int | None = None
     gain: int | None = None
     white_balance: int | None = None
+    leds: tuple[Lamp, Lamp, Lamp] | None = None
     connect_timeout: Time = Field(gt=0, le=60)
     delay: Time
 
@@ -359,15 +370,24 @@ class ReportSection(Section, ceilings="report"):
     max_force_mismatch: Force = Field(gt=0)
 
 
+class VideoDeviceName(StrEnum):
+    """Cameras that the emulated one can play through V4L2."""
+
+    GELSIGHT_MINI = "gelsight-mini"
+    DIGIT = "digit"
+
+
 class EmulationSection(Section, ceilings="emulation"):
     """The emulated world, for every device whose driver is ``emulated``.
 
     ``friction`` is Coulomb's coefficient between indenter and gel; ``tilt``, how far the indenter's
-    axis leans towards base x and y, takes the place of what the seed draws.
+    axis leans towards base x and y, takes the place of what the seed draws. The camera serves a
+    stream over HTTP, or with ``video_device`` plays that camera through V4L2.
     """
 
     seed: int = Field(ge=0)
     robot_host: str
+    video_device: VideoDeviceName | None = None
     markers: bool = False
     friction: Ratio = Field(default=0.0, ge=0)
     tilt: tuple[Angle, Angle] | None = None
