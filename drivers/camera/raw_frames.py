@@ -12,7 +12,7 @@ from drivers.camera.v4l2 import PixelFormat
 from tacauchy_rig.core.arrays import ImageArray
 
 _JPEG_START = b"\xff\xd8\xff"
-_QUALITY = 98
+_QUALITY = 96
 _ENCODING = (
     *(cv2.IMWRITE_JPEG_QUALITY, _QUALITY),
     *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422),
@@ -48,9 +48,9 @@ def encoded(raw: ImageArray, pixel_format: PixelFormat) -> bytes:
     return bytes(cv2.imencode(".jpg", image, _ENCODING)[1])
 
 
-_BANDS, _COLUMNS = 12, 160
+_BANDS, _COLUMNS = 24, 160
 _LEAST_SHIFT = 2  # of the columns above
-_LEAST_CHANGE = 3.0  # grey levels; less is noise and light
+_LEAST_CHANGE = 1.0  # grey levels, over the mean of some 80 pixels; less is noise
 _EXPLAINED = 0.5  # of the change, by a shift, makes it a roll
 _FIRST_FRAMES = 5
 
@@ -59,7 +59,7 @@ class RollWatch:
     """Finds frames that are rolled sideways, wholly or from some row on.
 
     Bytes that USB loses in an uncompressed frame move the rest of it towards the left, and no
-    checksum tells. Each of 12 bands of rows is compared with the same band of a reference, as it is
+    checksum tells. Each of 24 bands of rows is compared with the same band of a reference, as it is
     and rolled by any number of columns. The reference is the frame that most of the first five
     agree with, so frames that are all rolled alike from the first on are not found.
     """

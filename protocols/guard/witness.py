@@ -27,7 +27,7 @@ AVERAGED_S = 0.05
 POINT_M = 20e-6
 """Travel between two points of a press that are remembered [m]."""
 SEEN_TRAVEL_M = 0.1e-3
-"""Travel over which the camera must go on seeing a contact: five frames at 25 fps and 0.5 mm/s.
+"""Travel over which the camera must go on seeing a contact: three frames at 15 fps and 0.5 mm/s.
 Within it a gel of 0.1 MPa under a 5 mm punch (1.4 N/mm) passes a contact force of 0.05 N, and so
 does a Mini's under a face that is tilted by 2 degrees (0.04 mm)."""
 _SIGN_REMEDY = (

@@ -234,7 +234,7 @@ def hold(cycle: Cycle, drive: PressDrive, record: TrialRecord) -> TrialRecord:
 
 
 FREQUENCIES_HZ = (1.1, 2.9)
-"""No multiples of one another; the faster one has 8 frames a period at 25 fps."""
+"""No multiples of one another; the faster one has 6 frames a period at 18.75 fps."""
 SPEED_SHARE = 0.45
 """Of ``robot.press_speed``, each; what is left leads the arm back to the path."""
 RETURN_PER_S = 2.0

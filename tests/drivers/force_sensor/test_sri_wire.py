@@ -24,6 +24,8 @@ from tacauchy_rig.core.config.model import Checksum
 from tacauchy_rig.core.run import Vector6
 
 MANUAL = bytes.fromhex("AA55001BC4C7016AF4C0EF7D33C04962C9C0A25CC6BDA6198FBDAFDA693E6E")
+# Another box's, from a comment in public code; here its first three values are known.
+OTHERS = bytes.fromhex("AA55001B0000C148F2C171712FC29DE194C178A96BC17057E5C19B8CE3C1E7")
 MANUAL_VALUES = (-7.637940, -2.804561, -6.293248, -0.096856, -0.069873, 0.228373)
 ONES: Vector6 = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
 
@@ -36,6 +38,14 @@ def test_manual_example_decodes() -> None:
     (frame,) = FrameParser().feed(MANUAL)
     assert frame.counter == 50375
     assert frame.wrench.as_vector() == pytest.approx(MANUAL_VALUES, abs=5e-7)
+
+
+def test_a_frame_of_another_box_decodes() -> None:
+    """Its checksum holds, it is the first of its stream, and it encodes back to its bytes."""
+    (frame,) = FrameParser().feed(OTHERS)
+    assert frame.counter == 0
+    assert frame.wrench.force == pytest.approx((-30.286, -43.861, -18.610), abs=5e-4)
+    assert encode_frame(frame.counter, frame.wrench.as_vector()) == OTHERS
 
 
 def test_manual_example_encodes_back() -> None:

@@ -209,11 +209,11 @@ def rate_table(rows: Sequence[Row]) -> Table:
     return table_of_rows(
         rows,
         title="Trials with a watched page",
-        criterion="nothing lost, 100 Hz and 25 Hz to 1 %",
+        criterion="nothing lost, 100 Hz and 18.75 Hz to 1 %",
         passed=all(
             row["lost force"] == row["lost images"] == 0
             and abs(float(row["force [Hz]"] or 0.0) - 100.0) <= 1.0
-            and abs(float(row["images [Hz]"] or 0.0) - 25.0) <= 0.25
+            and abs(float(row["images [Hz]"] or 0.0) - 18.75) <= 0.1875
             for row in rows
         ),
     )

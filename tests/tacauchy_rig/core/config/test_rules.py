@@ -57,7 +57,7 @@ BROKEN = [
     (
         ['camera.rate="10 fps"'],
         (
-            "camera.rate: 10 fps is below protocol.min_image_rate 20 fps: every press would fail; "
+            "camera.rate: 10 fps is below protocol.min_image_rate 15 fps: every press would fail; "
             "raise rate or lower min_image_rate"
         ),
     ),

@@ -32,7 +32,7 @@ def test_the_estimate_follows_the_configuration() -> None:
     more = ", ".join('"1 N"' for _ in range(12))
     longer = estimate_session(load_config(overrides=[f"protocol.force_targets=[{more}]"]).config)
     assert default.trial_s == pytest.approx(2 + 0.5 + 3 + 8 + 2 / 0.3 + 15 + 1.2 + 3)
-    images = 25 * 640 * 480 * 0.25
+    images = 18.75 * 640 * 480 * 0.25
     assert default.rate_bytes_s == pytest.approx(images + 500 * 350 + 100 * 280)
     assert default.total_bytes == pytest.approx(7 * default.trial_s * default.rate_bytes_s + 200e6)
     assert large.rate_bytes_s > 20 * default.rate_bytes_s
@@ -59,9 +59,9 @@ def test_a_disk_that_is_too_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     config = load_config(overrides=["camera.width=3280", "camera.height=2464"]).config
     with pytest.raises(RecordError) as caught:
         check_free_space(tmp_path / "runs", config)
-    assert "runs: 100.0 MB free, but this session may record 14." in caught.value.message
+    assert "runs: 100.0 MB free, but this session may record 11." in caught.value.message
     assert "6 trials of up to 39 s" in caught.value.message
-    assert "3280x2464 images at 25 Hz" in caught.value.message
+    assert "3280x2464 images at 18.75 Hz" in caught.value.message
     assert "run.output_directory" in caught.value.remedy
 
 
