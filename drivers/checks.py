@@ -294,6 +294,8 @@ def exposure_check(settings: dict[str, str]) -> CheckResult:
     name = "camera.exposure"
     if "auto_exposure" not in settings:
         return skipped(name, "a stream has no exposure to set")
+    if float(settings["exposure"]) < 0.0:
+        return skipped(name, "the camera has no control of its exposure")
     is_locked = float(settings["auto_exposure"]) == MANUAL_EXPOSURE
     found = f"{settings['exposure']}, gain {settings['gain']}"
     return judged(

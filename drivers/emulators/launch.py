@@ -125,6 +125,7 @@ class Emulation:
         self._robot_host = ""
         self.addresses = EmulatedAddresses()
         self.preloaded: dict[str, str] = {}
+        self._environment: dict[str, str] = {}
 
     def __enter__(self) -> Self:
         self.start()
@@ -144,7 +145,8 @@ class Emulation:
             process.stop()
         for name in self.preloaded:
             os.environ.pop(name, None)
-        self.preloaded = {}
+        os.environ.update(self._environment)
+        self.preloaded, self._environment = {}, {}
 
     def start(self) -> EmulatedAddresses:
         """Start every emulator and return where they answer.
@@ -202,6 +204,8 @@ class Emulation:
         if self.config.emulation.video_device is not None and Device.CAMERA in self.devices:
             # Processes that are started from now on see the device.
             self.preloaded = preloaded(self.folder / VIDEO_DEVICE)
+            before = {name: os.environ.get(name) for name in self.preloaded}
+            self._environment = {name: value for name, value in before.items() if value}
             os.environ.update(self.preloaded)
         self._send_planned_faults()
         host = self._robot_host or None

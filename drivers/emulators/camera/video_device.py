@@ -123,4 +123,5 @@ def preloaded(path: Path) -> dict[str, str]:
             f"{said.decode(errors='replace')}".strip(),
             remedy="install a C compiler that answers to `cc`, such as gcc",
         ) from error
-    return {"LD_PRELOAD": str(library), "VIDEO_DEVICE": str(path)}
+    libraries = filter(None, (str(library), os.environ.get("LD_PRELOAD")))
+    return {"LD_PRELOAD": ":".join(libraries), "VIDEO_DEVICE": str(path)}

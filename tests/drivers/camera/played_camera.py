@@ -1,7 +1,7 @@
 """What a program sees of a V4L2 device that is preloaded into it; the tests' other process.
 
-Each line of the standard input asks for one connection, as JSON: overrides of the configuration and
-how many frames to take. The answer is what came, as one line of JSON.
+Each line of the standard input asks for something, as JSON: mostly for one connection, with
+overrides of the configuration and how many frames to take. The answer is one line of JSON.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 import cv2
 
 from drivers.camera.uvc import UvcCamera
+from drivers.checks import device_checks
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import DeviceError
 
@@ -53,6 +54,10 @@ for line in sys.stdin:
     answer: dict[str, Any] = {}
     if "wedge" in asked:
         wedge(asked["wedge"])
+    elif "measure_s" in asked:
+        config = load_config(overrides=asked["overrides"]).config
+        checks = device_checks(config, measure_s=asked["measure_s"])
+        answer = {check.name: [check.status.value, check.finding] for check in checks}
     else:
         answer = taken(asked["overrides"], asked["count"])
     sys.stdout.write(json.dumps(answer) + "\n")
