@@ -257,9 +257,9 @@ def test_rolled_frames_are_withheld(bench: Bench) -> None:
     """A frame that has lost a packet is rolled from there on: counted, never recorded."""
     whole = [encode_yuyv(each) for each in pictures(640, 480)]
     rolled = whole[0][:200_000] + whole[0][200_000 + _LOST_BYTES :]
-    with bench.plugged(DIGIT, [*whole, *whole, *whole, rolled]):
-        found = bench.take(640, 480, count=26)
-    assert found["corrupt"] >= 2
+    with bench.plugged(DIGIT, [*whole, rolled]):
+        found = bench.take(640, 480, count=20)
+    assert found["corrupt"] >= 1
     reference = decoded(found["frames"][0])
     for frame in found["frames"]:
         assert np.abs(decoded(frame).astype(float) - reference).mean() < 3.0

@@ -50,7 +50,7 @@ def test_what_was_measured_agrees_with_the_mock_world(laboratory):
     assert abs(record.force_drift_n - 0.0007 * span_s) < 0.005
     assert record.rates["force_lost_count"] == 0
     assert round(record.rates["force_rate_hz"]) == 100
-    assert round(record.rates["image_rate_hz"], 1) == 18.8  # what a GelSight Mini delivers
+    assert abs(record.rates["image_rate_hz"] - 18.75) < 0.1  # what a GelSight Mini delivers
 
 
 def test_raw_force_is_recorded_untouched(laboratory):

@@ -30,7 +30,7 @@ def test_the_default_is_a_dry_run() -> None:
     loaded = load_config()
     assert loaded.config.robot.driver == "emulated"
     assert not loaded.config.moves_real_hardware
-    assert set(loaded.sources.values()) == {BUILT_IN}
+    assert set(loaded.sources.values()) == {BUILT_IN, "sensor gelsight-mini"}
     assert loaded.config.protocol.force_targets[0] == 1.2556
     assert loaded.config.protocol.force_targets[-1] == 4.7332
 
@@ -96,7 +96,8 @@ def test_a_recorded_configuration_is_restored() -> None:
     """What a run keeps of its configuration is enough to build it again."""
     loaded = load_config(overrides=["camera.width=1280"])
     assert restore_config(loaded.written) == loaded.config
-    assert restore_config({}) == load_config().config
+    fallbacks = ['camera.rate="25 fps"', 'protocol.min_image_rate="15 fps"']
+    assert restore_config({}) == load_config(overrides=fallbacks).config
 
 
 @given(limit=st.floats(1e-6, 0.5e-3))
@@ -327,3 +328,30 @@ def test_a_folder_instead_of_a_file(tmp_path: Path) -> None:
     """What cannot be read is named, with the reason."""
     with pytest.raises(ConfigError, match=r"cannot be read: .*Is a directory"):
         load_config(tmp_path)
+
+
+def test_rates_of_the_camera_come_from_the_sensors_file(tmp_path: Path) -> None:
+    """Between the built-in defaults and rig.toml; a file that states none leaves the defaults."""
+    rates = ("camera.rate", "protocol.min_image_rate")
+
+    def found(text: str, *overrides: str) -> tuple[float, float, set[str]]:
+        path = tmp_path / "rig.toml"
+        path.write_text(text)
+        loaded = load_config(path, overrides=overrides)
+        config = loaded.config
+        sources = {loaded.sources[rate] for rate in rates}
+        return config.camera.rate, config.protocol.min_image_rate, sources
+
+    assert found("") == (18.75, 15.0, {"sensor gelsight-mini"})
+    assert found('[sensor]\nname = "digit"\n') == (30.0, 15.0, {"sensor digit"})
+    assert found('[sensor]\nname = "digit"\n', "sensor.name=9dtact")[2] == {"sensor 9dtact"}
+    own = tmp_path / "own.toml"
+    own.write_text('[camera]\nrate = { value = "40 Hz" }\n')
+    named = f"sensor.name={own}"
+    assert found("", named) == (40.0, 15.0, {f"sensor {own}", BUILT_IN})
+    asked = found('[camera]\nrate = "22 fps"\n', named, 'protocol.min_image_rate="12 fps"')
+    assert asked == (22.0, 12.0, {str(tmp_path / "rig.toml"), "--set"})
+    for text in ("[camera]\nwidth = 3\n", "no TOML", "camera = 3\n"):
+        own.write_text(text)
+        assert found("", named) == (25.0, 15.0, {BUILT_IN})
+    assert found("", "sensor.name=nowhere") == (25.0, 15.0, {BUILT_IN})

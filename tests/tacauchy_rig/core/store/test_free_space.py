@@ -59,7 +59,7 @@ def test_a_disk_that_is_too_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     config = load_config(overrides=["camera.width=3280", "camera.height=2464"]).config
     with pytest.raises(RecordError) as caught:
         check_free_space(tmp_path / "runs", config)
-    assert "runs: 100.0 MB free, but this session may record 11." in caught.value.message
+    assert "runs: 100.0 MB free, but this session may record 10." in caught.value.message
     assert "6 trials of up to 39 s" in caught.value.message
     assert "3280x2464 images at 18.75 Hz" in caught.value.message
     assert "run.output_directory" in caught.value.remedy
