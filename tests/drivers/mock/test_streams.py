@@ -37,11 +37,11 @@ def test_force_feels_the_gel(bench):
 
 
 def test_frames_come_at_their_rate(bench):
-    """25 JPEG images a second."""
+    """JPEG images at the rate of the configured camera, 18.75 a second."""
     bench.camera.drain()
     bench.world.clock.sleep(2.0)
     frames = bench.camera.drain()
-    assert 49 <= len(frames) <= 51
+    assert 37 <= len(frames) <= 38
     assert all(frame.jpeg[:2] == b"\xff\xd8" for frame in frames)
 
 
