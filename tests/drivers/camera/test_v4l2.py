@@ -80,13 +80,18 @@ class Bench:
         until: int | None = None,
         rate_hz: float = 50.0,
     ) -> Iterator[None]:
-        """Plug a device in that sends ``frames`` over and over; ``until`` so many are sent."""
+        """Plug a device in that sends ``frames`` over and over.
+
+        With ``until`` it is unplugged when it has sent so many while somebody listened.
+        """
         Path(f"{self.path}.calls").unlink(missing_ok=True)
         server = serve_device(self.path, description)
         ended = threading.Event()
-        start_s = time.monotonic()
 
         def send() -> None:
+            while until is not None and not self.is_streaming and not ended.wait(0.005):
+                pass
+            start_s = time.monotonic()
             for number in itertools.count() if until is None else range(until):
                 server.publish(frames[number % len(frames)])
                 if ended.wait(max(0.0, start_s + (number + 1) / rate_hz - time.monotonic())):
@@ -123,6 +128,12 @@ class Bench:
         """Return a configuration of the device, of this size [px]."""
         device = ('camera.driver="uvc"', f"camera.device={self.path}")
         return (*device, f"camera.width={width}", f"camera.height={height}")
+
+    @property
+    def is_streaming(self) -> bool:
+        """Whether a program has begun to stream."""
+        path = Path(f"{self.path}.calls")
+        return path.exists() and "stream on" in path.read_text()
 
     @property
     def calls(self) -> list[str]:
@@ -257,8 +268,8 @@ def test_rolled_frames_are_withheld(bench: Bench) -> None:
     """A frame that has lost a packet is rolled from there on: counted, never recorded."""
     whole = [encode_yuyv(each) for each in pictures(640, 480)]
     rolled = whole[0][:200_000] + whole[0][200_000 + _LOST_BYTES :]
-    with bench.plugged(DIGIT, [*whole, rolled]):
-        found = bench.take(640, 480, count=20)
+    with bench.plugged(DIGIT, [*whole, rolled], rate_hz=15.0):
+        found = bench.take(640, 480, count=11)
     assert found["corrupt"] >= 1
     reference = decoded(found["frames"][0])
     for frame in found["frames"]:
