@@ -11,7 +11,7 @@ RATES = {
     "outcome": "passed",
     "force [Hz]": 100.02,
     "lost force": 0,
-    "images [Hz]": 24.99,
+    "images [Hz]": 18.74,
     "lost images": 0,
     "control loop, 99 % [ms]": 5.4,
 }
