@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sim.correction import WAY
 from sim.mesh.elements import ElementOrder
 from sim.optics.height.height_map import HeightMaps
 from sim.scene.indenter import Sphere
@@ -25,7 +26,7 @@ from sim.studies.accuracy.judging import (
     finished,
     front_of,
 )
-from sim.studies.accuracy.press import FULL, SHORT, Configuration, Row, reseeded
+from sim.studies.accuracy.press import FULL, SHORT, Configuration, Row, observe, reseeded
 from sim.studies.accuracy.study import Accuracy, seed_table
 from sim.studies.accuracy.tolerance import COLUMNS, HELD_OUT
 from tacauchy_rig.core.arrays import ImageArray
@@ -83,6 +84,21 @@ def test_a_locking_element_is_seen_as_too_stiff() -> None:
     assert linear.errors["force"] > 0.05
     assert linear.errors["depth"] < 0.0
     assert any(row.on_front for row in rows)
+
+
+def test_a_corrected_configuration_is_softer_than_its_mesh() -> None:
+    """By the bias that such meshes have: deeper at the force, and with less force at a depth."""
+    raw_only = Configuration(name="raw", preset=Preset.FAST, path_refinement=WAY)
+    raw, corrected = (
+        observe(_SCENE, each, _GEOMETRY)
+        for each in (raw_only, replace(raw_only, name="corrected", is_corrected=True))
+    )
+    assert raw.bias == 0.0 < corrected.bias < 0.1
+    assert raw.depth_m < corrected.depth_m < 1.1 * raw.depth_m
+    forces = [each.force_at(1.02 * raw.depth_m) for each in (raw, corrected)]
+    assert forces[0] == pytest.approx((1.0 + corrected.bias) * forces[1], rel=1e-6)
+    assert raw.row.solve_s > 0.0
+    assert raw.row.setup_s > 0.0
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1e3), st.floats(0.0, 1.0)), min_size=1))

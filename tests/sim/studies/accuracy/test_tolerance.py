@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
-from sim.error import Tolerance, keeping
+import pytest
+
+from sim.error import Tolerance, keeping, keeping_corrected
 from sim.scene.indenter import describe
 from sim.scene.scene import Preset
 from sim.studies.accuracy.tolerance import (
@@ -16,6 +19,9 @@ from sim.studies.accuracy.tolerance import (
     SEEN_BEFORE,
     HeldOut,
     check_tolerance,
+    corrected_at,
+    judged_depth,
+    pressed,
     tolerance_table,
 )
 from tacauchy_rig.core.tables import Table
@@ -39,6 +45,17 @@ def test_a_scene_is_named_by_what_is_pressed_into_what() -> None:
     assert HELD_OUT[0].name == "4.4 mm punch, 0.18 mm fillet, nu 0.455, 0.33 mm deep"
     assert HELD_OUT[6].name == "8.2 mm ball, disc 4.8 mm, nu 0.445, to 0.4 N"
     assert len({each.name for each in (*HELD_OUT, *SEEN_BEFORE)}) == 20
+
+
+def test_what_is_judged_is_corrected() -> None:
+    """Where a tolerance chose two meshes; on one the force is the mesh's own."""
+    scene = keeping_corrected(HELD_OUT[0].scene, Tolerance(relative=0.05))
+    depth = judged_depth(scene)
+    known = corrected_at(scene, depth)
+    assert known is not None
+    assert pressed(scene, depth)[0] == pytest.approx(known.force_n, rel=1e-9)
+    raw, _ = pressed(replace(scene, path_refinement=None), depth)
+    assert raw == pytest.approx((1.0 + known.bias_relative) * known.force_n, rel=3e-3)
 
 
 def test_a_refusal_is_a_row_that_was_not_kept() -> None:
