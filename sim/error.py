@@ -29,7 +29,7 @@ from sim.effects.outputs import PressOutputs
 from sim.effects.plan import plan_effects
 from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
-from tacauchy_rig.core.errors import ConfigError, RigError
+from tacauchy_rig.core.errors import ConfigError, RigError, TimeLimitError
 from tacauchy_rig.core.quantities import UNITS, Dimension, parse_quantity, split_quantity
 from tacauchy_rig.core.simulated import Alternative
 
@@ -321,6 +321,8 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
     fast = FAST.applied(replace(scene, tolerance=_UNDECIDED_TOLERANCE))
     try:
         error, force = _error_on_fast(fast)
+    except TimeLimitError:
+        raise
     except RigError as failure:
         raise ConfigError(
             f"no preset is known to keep {tolerance} here: {failure.message}",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -16,12 +18,19 @@ from sim.effects.plan import plan_effects
 from sim.error import NOT_ASKED, ErrorEstimate, alternatives, estimated, guaranteed, setting_of
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.stress import surface_stress
+from sim.mesh.elements import ElementOrder
 from sim.scene.scene import Scene
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.errors import ConvergenceError
+from tacauchy_rig.core.long_task import doing, time_limit, told
 from tacauchy_rig.core.simulated import Alternative
+
+# The paper's two algorithms are at most 20 and 41 % apart in presses whose force is right, under
+# sharp punches pressed by 30 % of the gel; where an indenter had passed through, 197 %.
+_GAP_MOST, _APART_MOST = 0.5, 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,26 +109,41 @@ class PressResult:
 
 
 def press(
-    scene: Scene, *, model: Model | None = None, device: str = "cpu", estimate_error: bool = False
+    scene: Scene,
+    *,
+    model: Model | None = None,
+    device: str = "cpu",
+    estimate_error: bool = False,
+    time_limit_s: float | None = None,
+    on_progress: Callable[[str], None] | None = None,
 ) -> PressResult:
     """Press as a scene asks; if asked, also on longer edges to estimate the outputs' errors.
 
+    Args:
+        time_limit_s: How long it may take [s]. A press that has an answer by then is returned, if
+            need be without an estimate of its errors.
+        on_progress: Told every few seconds what is done, by another thread.
+
     Raises:
-        ConvergenceError: No equilibrium, or the force cannot be reached.
-        ConfigError: The scene cannot be built.
+        ConvergenceError: No equilibrium, the force cannot be reached, or the answer contradicts
+            itself.
+        ConfigError: The scene cannot be built, or is beyond what the gel can bear.
+        TimeLimitError: There is no answer in time.
     """
-    started = time.perf_counter()
-    plan = plan_effects(scene)
-    end = end_state(scene, plan, model=model, device=device)
-    path, point = end.path, end.point
-    solve_s = path.counts.wall_s
-    wall = {"setup": time.perf_counter() - started - solve_s, "solve": solve_s}
-    error, started, found = NOT_ASKED, time.perf_counter(), outputs_of(path, point)
-    if estimate_error:
-        error = estimated(scene, plan, found, way=end.way)
-        wall["estimate"] = time.perf_counter() - started
-    corrected = correction(scene, plan, found, end.way)
-    return measure(scene, path, point, plan=plan, wall_s=wall, error=error, corrected=corrected)
+    telling = told(on_progress) if on_progress else nullcontext()
+    with time_limit(time_limit_s), telling, doing("press"):
+        started = time.perf_counter()
+        plan = plan_effects(scene)
+        end = end_state(scene, plan, model=model, device=device)
+        path, point = end.path, end.point
+        solve_s = path.counts.wall_s
+        wall = {"setup": time.perf_counter() - started - solve_s, "solve": solve_s}
+        error, started, found = NOT_ASKED, time.perf_counter(), outputs_of(path, point)
+        if estimate_error:
+            error = estimated(scene, plan, found, way=end.way)
+            wall["estimate"] = time.perf_counter() - started
+        corrected = correction(scene, plan, found, end.way)
+        return measure(scene, path, point, plan=plan, wall_s=wall, error=error, corrected=corrected)
 
 
 def measure(
@@ -132,7 +156,11 @@ def measure(
     error: ErrorEstimate = NOT_ASKED,
     corrected: Corrected | None = None,
 ) -> PressResult:
-    """Evaluate an equilibrium."""
+    """Evaluate an equilibrium.
+
+    Raises:
+        ConvergenceError: The gel's stress and the indenter's force contradict each other.
+    """
     judged = guaranteed(scene)
     stated = error.relative.get(judged) if corrected is None else corrected.error_relative
     model = path.model
@@ -143,6 +171,7 @@ def measure(
     balance = float(np.linalg.norm(point.force_n + reaction + path.body_force_n(point)))
     size = float(np.linalg.norm(point.force_n))
     traction_gap, apart = stress_gaps(model, point, recovered)
+    _refuse_contradiction(model, point, traction_gap, apart)
     return PressResult(
         force_n=_vector(point.force_n),
         moment_nm=_vector(contact.moment_nm),
@@ -175,6 +204,21 @@ def measure(
         model=model,
         point=point,
     )
+
+
+def _refuse_contradiction(model: Model, point: PathPoint, gap: float, apart: float) -> None:
+    """End where the gel's stress tells another force than the contact; linear elements may."""
+    if model.reference.order is not ElementOrder.P2:
+        return
+    if point.depth_m <= model.contact_options.distance_m:  # a few points of a face touch
+        return
+    if gap > _GAP_MOST or apart > _APART_MOST:
+        raise ConvergenceError(
+            f"the gel's stress and the indenter's force of {point.force_n[2]:.4f} N at "
+            f"{point.depth_m * 1e3:.4f} mm contradict each other: the sum of the tractions is "
+            f"{gap:.0%} off the force, their field {apart:.0%} off that of the contact",
+            remedy="press less deep, give the indenter a fillet, or take a finer --preset",
+        )
 
 
 def stress_gaps(model: Model, point: PathPoint, recovered: SurfaceTraction) -> tuple[float, float]:

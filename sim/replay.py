@@ -42,6 +42,7 @@ from sim.solve.force_search import ForceMatch, find_force, push_to_force
 from sim.solve.loading_path import LoadingPath
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.long_task import time_limit
 from tacauchy_rig.core.simulated import Replay, ReplayLayer, ReplayModel, ReplayTrial
 from tacauchy_rig.core.versions import installed
 
@@ -184,6 +185,7 @@ def replay_forces(
     name: str = "force-matched",
     reference: ReferencePath | None = None,
     stiffer: float = 1.0,
+    time_limit_s: float | None = None,
 ) -> tuple[Replay, list[TrialFields]]:
     """Press until F_z agrees with each measured force, the smallest first, on one path.
 
@@ -200,12 +202,14 @@ def replay_forces(
         reference: Another gel's loading path to these forces: where it is usable, each force is
             reached from its states.
         stiffer: How many times as stiff as that gel this one is.
+        time_limit_s: How long one press may take [s].
 
     Returns:
         The replay, and the fields of each trial in the order of ``forces_n``.
 
     Raises:
         ConvergenceError: A force cannot be reached; the message names how far the press got.
+        TimeLimitError: A press takes longer than it may.
     """
     say = on_progress or (lambda _index, _text: None)
     started = time.perf_counter()
@@ -226,12 +230,13 @@ def replay_forces(
             path = path_for(scene, plan, model=path.model, keeps_all=True)
             passed = IntermediateStates(path, forces_n[position])
         force_n, solving = forces_n[position], time.perf_counter()
-        if reference is None:
-            match = _met(scene, plan, path, force_n)
-        else:
-            match = reference.continue_to(path, force_n, stiffer=stiffer, above_n=last_n)
-        solve_s, last_n = time.perf_counter() - solving, force_n
-        done, fields = _trial(scene, plan, path, errors, (position, force_n), match, solve_s)
+        with time_limit(time_limit_s):
+            if reference is None:
+                match = _met(scene, plan, path, force_n)
+            else:
+                match = reference.continue_to(path, force_n, stiffer=stiffer, above_n=last_n)
+            solve_s, last_n = time.perf_counter() - solving, force_n
+            done, fields = _trial(scene, plan, path, errors, (position, force_n), match, solve_s)
         states = (*passed.before(done.force_simulated_n), intermediate_state(path, match.point))
         trials[position] = done, replace(fields, intermediate=states)
         say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")

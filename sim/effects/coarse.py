@@ -14,6 +14,7 @@ from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.scene_path import follow, path_for
 from sim.scene.scene import Preset, Scene
+from tacauchy_rig.core.long_task import doing
 
 # How many times shorter than the scene's the edges are, the coarsest first. Preset paper has but
 # one mesh.
@@ -90,6 +91,7 @@ def _pressed(scene: Scene, ratio: float) -> CoarsePress:
     started = time.process_time()
     coarse = replace(scene, refinement=ratio * scene.refinement)
     plan = full_plan(coarse)
-    path = path_for(coarse, plan)
-    outputs = outputs_of(path, follow(coarse, path))
+    with doing("a coarse press, to choose effects and estimate errors"):
+        path = path_for(coarse, plan)
+        outputs = outputs_of(path, follow(coarse, path))
     return CoarsePress(ratio=ratio, outputs=outputs, processor_s=time.process_time() - started)

@@ -19,7 +19,7 @@ from sim.effects import estimates
 from sim.effects.coarse import COARSE_RATIOS, coarse_press
 from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.scene.scene import Effect, Output, Preset, Scene
-from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.errors import RigError, TimeLimitError
 
 # Relative error of F_z that all effects left out may have together.
 PRESET_TOLERANCE = {
@@ -120,6 +120,8 @@ def _judged(scene: Scene, plan: EffectPlan, effect: Effect, saved: float) -> Eff
         return _with(plan, effect, reason=f"on untried: {why}")
     try:
         costs, spent = _tried(scene, plan, effect)
+    except TimeLimitError:
+        raise
     except RigError as error:
         return _with(plan, effect, reason=f"on, as a coarse press failed: {error.message}")
     plan = replace(plan, tried_s=plan.tried_s + spent)

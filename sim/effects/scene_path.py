@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sim.effects.effect_plan import EffectPlan
-from sim.effects.estimates import expected_depth
+from sim.effects.estimates import expected_depth, most_force
 from sim.effects.presets import build_model, regularised_indenter
 from sim.material.elastic_body import densities_of
 from sim.scene.indenter import tilted
@@ -16,6 +16,8 @@ from sim.solve.loading_path import STEP_SHARE, Hold, LoadingPath
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Inertia, weight
 from sim.solve.path_point import PathPoint
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.long_task import doing
 
 # Residual over the contact force of a press with a wide barrier; where a tolerance is asked for, a
 # thousandth of it, at most, and a load is then met no closer than that.
@@ -51,9 +53,18 @@ def path_for(
         keeps_all: Keep every equilibrium on the way.
 
     Raises:
-        ConfigError: The scene cannot be built.
+        ConfigError: The scene cannot be built, or its force is far beyond what the gel carries.
     """
-    model = model or build_model(scene, plan=plan, refinement=refinement, device=device)
+    force_n = scene.target.force_n
+    if force_n is not None and force_n > most_force(scene):
+        raise ConfigError(
+            f"a force of {force_n:g} N is more than the gel can carry: by a coarse estimate less "
+            f"than {most_force(scene):.3g} N press the indenter to its base",
+            remedy="press with less force",
+        )
+    if model is None:
+        with doing("meshing"):
+            model = build_model(scene, plan=plan, refinement=refinement, device=device)
     density = densities_of(model.mesh, scene.materials)
     step_s = scene.duration_s / TIME_STEPS
     return LoadingPath(
@@ -98,6 +109,7 @@ def follow(scene: Scene, path: LoadingPath) -> PathPoint:
 
     Raises:
         ConvergenceError: No equilibrium, or the force cannot be reached.
+        ConfigError: The depth is more than the gel has room for.
     """
     depth, force = scene.target.depth_m, scene.target.force_n
     if depth is not None:

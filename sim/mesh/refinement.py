@@ -29,6 +29,7 @@ from sim.mesh.tet_mesh import TetMesh, oriented, tet_volumes
 from sim.scene.pad import BoxPad, Pad
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.long_task import check_time
 
 _EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
 # An edge of 3/2 becomes two of 3/4: lengths are the target's on average, by and large.
@@ -68,8 +69,10 @@ def bisected(mesh: TetMesh, size_at: Callable[[FloatArray], FloatArray]) -> TetM
 
     Raises:
         ConfigError: The target asks for more tetrahedra than can be solved for.
+        TimeLimitError: The time is over.
     """
     while True:
+        check_time()
         ends, lengths, of_tets, longest = _edges(mesh)
         middles = mesh.vertices[ends].mean(axis=1)
         too_long = lengths > _TOO_LONG * size_at(middles)

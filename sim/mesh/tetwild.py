@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib
+import math
+import subprocess
+import sys
 import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +18,7 @@ from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import Pad, ParametricPad, SurfacePad
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.long_task import check_time, time_left_s
 
 # The sizing field's grid reaches so far beyond the pad, in half extents, and has so many points.
 _GRID_REACH = 1.1
@@ -75,24 +79,61 @@ def wild_mesh(
     snap = _SNAP_ENVELOPES * sizing.envelope_share * float(np.linalg.norm(np.ptp(surface[0], 0)))
     _refuse_thin(pad, interface_shares, snap)
     background = _background(pad, sizing) if graded else {}
-    pytetwild = importlib.import_module("pytetwild")
-    # The mesher drops a file of its own where it runs.
-    with tempfile.TemporaryDirectory() as aside, contextlib.chdir(aside):
-        found, tets = pytetwild.tetrahedralize(
-            *surface,
-            edge_length_abs=sizing.coarse_m,
-            epsilon=sizing.envelope_share,
-            stop_energy=sizing.stop_energy,
-            optimize=True,
-            num_threads=1,
-            **background,
-        )
-    vertices, tets = np.array(found, dtype=np.float64), np.asarray(tets)
+    vertices, tets = _tetrahedralized(
+        vertices=surface[0],
+        faces=surface[1],
+        edge_length_abs=sizing.coarse_m,
+        epsilon=sizing.envelope_share,
+        stop_energy=sizing.stop_energy,
+        optimize=True,
+        num_threads=1,
+        **background,
+    )
     vertices[vertices[:, 2] < snap, 2] = 0.0
     layers = None
     if interface_shares:
         layers = _snapped_layers(vertices, tets, pad, interface_shares, snap)
     return oriented(TetMesh(vertices=vertices, tets=tets, name=name, layers=layers))
+
+
+# It would hold Python's lock until it has finished, and drops a file of its own where it runs.
+_MESHER = """
+import numpy, pytetwild
+given = {name: each if each.ndim else each.item() for name, each in numpy.load("given.npz").items()}
+vertices, tets = pytetwild.tetrahedralize(given.pop("vertices"), given.pop("faces"), **given)
+numpy.savez("made.npz", vertices=vertices, tets=tets)
+"""
+
+
+def _tetrahedralized(**given: Any) -> tuple[FloatArray, IntArray]:
+    """Return vertices [m] and tetrahedra that fTetWild makes in a process of its own.
+
+    Raises:
+        ConfigError: It made none.
+        TimeLimitError: The time was over before.
+    """
+    left_s = time_left_s()
+    with tempfile.TemporaryDirectory() as aside:
+        np.savez(Path(aside) / "given.npz", **given)
+        try:
+            subprocess.run(
+                [sys.executable, "-c", _MESHER],
+                cwd=aside,
+                timeout=left_s if math.isfinite(left_s) else None,
+                check=True,
+                capture_output=True,
+                text=True,
+            )
+        except subprocess.TimeoutExpired:
+            check_time()
+            raise
+        except subprocess.CalledProcessError as error:
+            said = (error.stderr.strip() or f"it ended with {error.returncode}").splitlines()[-1]
+            raise ConfigError(
+                f"fTetWild cannot fill the pad: {said}", remedy="use other mesh settings (--mesh)"
+            ) from error
+        with np.load(Path(aside) / "made.npz") as made:
+            return np.asarray(made["vertices"], dtype=np.float64), made["tets"]
 
 
 def _background(pad: Pad, sizing: WildSizing) -> dict[str, Any]:

@@ -39,9 +39,11 @@ from sim.solve.descents import Descents
 from sim.solve.linear_solver import StiffnessFactor
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Potential
+from sim.solve.refusals import faces_gel
 from sim.solve.starts import TANGLED_SHARE, inverted_share, refuse_deep_overlap, untangle
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
+from tacauchy_rig.core.long_task import check_time
 
 # A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1.5e-11
@@ -150,6 +152,7 @@ class EquilibriumSolver:
         )
         self._begins_anew = True
         self._was_held = True
+        self._extensions: tuple[float, ...] = (model.contact_options.extension, *EXTENSIONS)
 
     @property
     def evaluations(self) -> int:
@@ -162,9 +165,17 @@ class EquilibriumSolver:
         self._descents.replace_potentials(potentials)
 
     def settle(
-        self, state: State, *, load_n: float | None = None, options: SolverOptions
+        self,
+        state: State,
+        *,
+        load_n: float | None = None,
+        must_touch: bool = False,
+        options: SolverOptions,
     ) -> Equilibrium:
         """Move ``state`` to equilibrium, held or, on the modelled part, pushed by a load [N].
+
+        Args:
+            must_touch: An equilibrium in which nothing presses is none.
 
         Raises:
             ConvergenceError: No equilibrium was found; ``state`` is left where the steps stopped.
@@ -177,12 +188,13 @@ class EquilibriumSolver:
             descents.renew_gel()
         self.energies_j, grip_start, spent, self._passes = [], state.grip, 0, 0
         begins_anew, before = self._begins_anew, self.evaluations
+        start, error = state.copy(), None
         self._begins_anew = True  # where this one fails
         self.factor.held = load_n is None
         floor = options.residual_floor_n
         if floor is None:
             floor = _FLOOR_SHARE * self.model.young_pa * self.model.height_m**2
-        for extension in (contact.extension, *EXTENSIONS):
+        for extension in self._extensions:
             state.extension = extension
             descents.begin(
                 pushed=int(load_n is not None),
@@ -203,12 +215,39 @@ class EquilibriumSolver:
             if status == Status.DONE:
                 latest = first if extension != contact.extension else before
                 self._begins_anew = self.evaluations - latest > self.reuse.evaluations_max
-                return self._equilibrium(state, spent + self._passes)
+                found = self._equilibrium(state, spent + self._passes)
+                error = self._passed_through(state, found, must_touch=must_touch)
+                if error is None:
+                    return found
+                # The next states would pass through this barrier, too.
+                self._extensions = tuple(each for each in self._extensions if each < extension) or (
+                    extension,
+                )
+                state.positions, state.tip = start.positions.copy(), start.tip.copy()
             begins_anew = True
+        if error is not None:
+            raise error
         gap = float(descents.get("gap_min")[0])
         raise ConvergenceError(
             f"the gel is pressed through the contact barrier: smallest gap {gap * 1e9:.3g} nm",
             remedy="give the indenter a fillet, coarsen the mesh at its rim, or widen the barrier",
+        )
+
+    def _passed_through(
+        self, state: State, found: Equilibrium, *, must_touch: bool
+    ) -> ConvergenceError | None:
+        """Return what is wrong with an equilibrium in which the indenter is inside the gel."""
+        if self.model.contact_options.bonded:
+            return None
+        forces, outward = found.contact.forces, self.model.surface.area_vectors(state.positions)
+        faces = faces_gel(forces, outward, friction=self.model.contact_options.friction)
+        if faces and (found.push_n[2] > 0.0 or not must_touch):
+            return None
+        return ConvergenceError(
+            "the indenter has passed through the gel's surface and "
+            + ("touches it from inside" if forces.any() else "touches nothing"),
+            remedy="press less deep, or take a finer --preset, which has more points under the "
+            "indenter",
         )
 
     def energy_j(self, state: State) -> float:
@@ -229,10 +268,12 @@ class EquilibriumSolver:
 
         Raises:
             ConvergenceError: There is no way down, or too many steps were taken.
+            TimeLimitError: The time is over.
         """
         descents = self._descents
         counted = 0
         while True:
+            check_time()
             descents.step()
             steps = int(descents.get("steps")[0])
             if steps > counted:

@@ -21,10 +21,12 @@ from sim.solve.equilibrium import EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Inertia, Potential
 from sim.solve.path_point import PathCounts, PathPoint
+from sim.solve.refusals import base_depth_m
 from sim.solve.starts import OVERLAP_SHARE
 from sim.solve.stepping import CarryPhase, DepthPhase, ForcePhase, Phase, Stepping
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
+from tacauchy_rig.core.long_task import check_time
 
 # Height of an indenter that touches nothing, in heights of the pad.
 _CLEARANCE_HEIGHTS = 10.0
@@ -77,6 +79,7 @@ def touch_height(
     distance = model.contact_options.distance_m
     state = model.rest_state(tip=np.array([*centre_m, high]), rotation=rotation)
     for _ in range(_TRIES):
+        check_time()
         gap = float(model.surface.gaps(unloaded, indenter, state).min()) - distance
         if abs(gap) < _EXACT_SHARE * model.height_m:
             break
@@ -174,6 +177,12 @@ class LoadingPath:
             solver=self.solver,
             touch_m=self.touch_m,
             counts=self.counts,
+            base_depth_m=base_depth_m(
+                self.indenter,
+                self.rotation,
+                reach_m=_extent(self.model) - np.array(self.centre_m),
+                touch_m=self.touch_m,
+            ),
             potentials=self.potentials,
             inertia=self.inertia,
             keeps_all=self.keeps_all,
@@ -256,7 +265,15 @@ class LoadingPath:
         Raises:
             ConvergenceError: An increment failed even at the smallest step; the message names the
                 last depth that was reached, ``last`` holds it.
+            ConfigError: The indenter would be below the gel's base, or at it.
         """
+        most_m = self._stepping.base_depth_m
+        if depth_m >= most_m:
+            raise ConfigError(
+                f"a depth of {depth_m * 1e3:.4f} mm is more than the gel has room for: at "
+                f"{most_m * 1e3:.4f} mm the indenter is at its base",
+                remedy="press less deep",
+            )
         point = start or self.last
         if point is None:
             point = self._first(depth_m, duration_s)
@@ -368,9 +385,13 @@ class LoadingPath:
     def _go(self, point: PathPoint, phase: Phase, duration_s: float | None) -> PathPoint:
         return self._stepping.go(point, phase, duration_s=duration_s, options=self.options)
 
-    def _settle(self, state: State, *, intermediate: bool) -> PathPoint:
+    def _settle(self, state: State, *, intermediate: bool, must_touch: bool = False) -> PathPoint:
         return self._stepping.settle(
-            state, load_n=None, intermediate=intermediate, options=self.options
+            state,
+            load_n=None,
+            must_touch=must_touch,
+            intermediate=intermediate,
+            options=self.options,
         )
 
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
@@ -381,7 +402,12 @@ class LoadingPath:
         # Points that take hold, or have mass, remember an intermediate state as it is found.
         remembers = self.model.contact_options.is_tangential or self.inertia is not None
         intermediate = depth < depth_m and not remembers
-        return self._stepping.accept(self._settle(self.untouched(depth), intermediate=intermediate))
+        point = self._settle(
+            self.untouched(depth),
+            intermediate=intermediate,
+            must_touch=self._stepping.must_touch(depth),
+        )
+        return self._stepping.accept(point)
 
     @property
     def _first_step_m(self) -> float:
@@ -413,6 +439,12 @@ class LoadingPath:
                 slope = min(slope, (missed - known[1]) / (at - known[0]))
             known, at = (at, missed), min(0.0, at - missed / slope)
         return math.exp(at)
+
+
+def _extent(model: Model) -> FloatArray:
+    """Return the least and the greatest x and y of a pad [m], shape [2, 2]."""
+    half = np.abs(model.nodes[:, :2]).max(axis=0)
+    return np.stack([-half, half])
 
 
 def _part(share: float, duration_s: float | None) -> float | None:

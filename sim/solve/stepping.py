@@ -24,6 +24,7 @@ from sim.solve.path_point import PathCounts, PathPoint, predicted_state
 from sim.solve.starts import OVERLAP_SHARE, overlap_fraction
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
+from tacauchy_rig.core.long_task import doing
 
 logger = logging.getLogger(__name__)
 
@@ -37,6 +38,11 @@ _FORCE_STEP_MIN_SHARE = 1e-3
 _STEP_MIN_SHARE = 2e-5
 # Of the longest step: what overlap leaves of a step must be more, or the step is refused.
 _OVERLAP_LEFT_MIN_SHARE = 1e-6
+# Of the pad's height: first touch is found to less.
+_TOUCHES_FROM_SHARE = 1e-6
+# A press also stops where so many steps failed and those between brought it no farther than this
+# share of the longest step.
+_FAILED_STEPS, _PROGRESS_LEAST_SHARE = 8, 0.25
 # Steps are cut by this where they fail, and may grow by the other where they do not.
 _CUT, _GROWTH = 4.0, 2.0
 # Of a phase, where a gel relaxes: its stress is taken to change evenly in a step.
@@ -158,12 +164,29 @@ class CarryPhase(Phase):
         return self.shift_m, np.array([0.0, 0.0, self.twist_rad])
 
 
+def _hardly_moves(failed_at: Sequence[float], longest: float) -> bool:
+    """Return whether the last failed steps began at places that hardly differ."""
+    recent = failed_at[-_FAILED_STEPS:]
+    return len(recent) == _FAILED_STEPS and (
+        abs(recent[-1] - recent[0]) < _PROGRESS_LEAST_SHARE * longest
+    )
+
+
+def _stopped(point: PathPoint, phase: Phase, error: ConvergenceError) -> ConvergenceError:
+    return ConvergenceError(
+        f"the press stopped at {point.depth_m * 1e3:.4f} mm and {point.force_n[2]:.4f} N on the "
+        f"way to {phase.goal}: {error.message}",
+        remedy=error.remedy,
+    )
+
+
 @dataclass(slots=True, kw_only=True)
 class Stepping:
     """Steps through equilibria, and has a gel that relaxes or has mass remember them.
 
     Attributes:
         touch_m: Tip height from which depth counts [m].
+        base_depth_m: Where the indenter is at the gel's base [m].
         potentials: Further energies of the nodes besides inertia, such as weight.
         last: The equilibrium that was reached last, also when a phase ended in an error.
         history: (depth [m], F_z [N]) of every equilibrium so far.
@@ -173,6 +196,7 @@ class Stepping:
     solver: EquilibriumSolver
     touch_m: float
     counts: PathCounts
+    base_depth_m: float = math.inf
     potentials: Sequence[Potential] = ()
     inertia: Inertia | None = None
     keeps_all: bool = False
@@ -193,6 +217,11 @@ class Stepping:
         """What goes on from where a step ended, and not from any point of the path."""
         both = (self.solver.model.relaxation, self.inertia)
         return tuple(each for each in both if each is not None)
+
+    def must_touch(self, depth_m: float) -> bool:
+        """Return whether an indenter that came down to a depth [m] cannot but touch."""
+        deep = depth_m > _TOUCHES_FROM_SHARE * self.solver.model.height_m
+        return deep and not self._memories
 
     def begin(self, duration_s: float | None) -> None:
         """Begin a step of a time [s]; None is for ever."""
@@ -243,27 +272,45 @@ class Stepping:
             self._alike.clear()
             self._alike.append((phase.start, point))
             self._direction = phase.direction
-        at, step = phase.start, min(phase.longest(point.stiffness_n_m), even)
-        while phase.is_short_of(at):
-            advance = self._advance(phase.end - at, step)
-            try:
-                found, taken = self._increment(point, phase, at, advance, pace, options)
-            except ConvergenceError as error:
-                step = abs(advance) / _CUT
-                logger.debug("increment of %.3g failed: %s", advance, error.message)
-                if step < phase.longest(point.stiffness_n_m) * _STEP_MIN_SHARE:
-                    raise ConvergenceError(
-                        f"the press stopped at {point.depth_m * 1e3:.4f} mm and "
-                        f"{point.force_n[2]:.4f} N on the way to {phase.goal}: {error.message}",
-                        remedy=error.remedy,
-                    ) from error
-                continue
-            point = self.accept(found)
-            self._alike.append((self._alike[-1][0] + taken, point))
-            at = phase.end if abs(phase.end - at - taken) <= phase.exact else at + taken
-            step = min(phase.longest(point.stiffness_n_m), _GROWTH * max(step, abs(taken)), even)
+        at, step, failed_at = phase.start, min(phase.longest(point.stiffness_n_m), even), []
+        with doing(f"pressing to {phase.goal}") as tell:
+            while phase.is_short_of(at):
+                advance = self._advance(phase.end - at, step)
+                try:
+                    found, taken = self._increment(point, phase, at, advance, pace, options)
+                except ConvergenceError as error:
+                    step = abs(advance) / _CUT
+                    failed_at.append(at)
+                    logger.debug("increment of %.3g failed: %s", advance, error.message)
+                    longest = phase.longest(point.stiffness_n_m)
+                    if step < longest * _STEP_MIN_SHARE or _hardly_moves(failed_at, longest):
+                        raise _stopped(point, phase, error) from error
+                    continue
+                self._refuse_too_deep(found, phase)
+                point = self.accept(found)
+                tell(f"{point.depth_m * 1e3:.4f} mm, {point.force_n[2]:.4f} N")
+                self._alike.append((self._alike[-1][0] + taken, point))
+                at = phase.end if abs(phase.end - at - taken) <= phase.exact else at + taken
+                step = min(
+                    phase.longest(point.stiffness_n_m), _GROWTH * max(step, abs(taken)), even
+                )
         self.counts.wall_s += time.perf_counter() - started
         return point
+
+    def _refuse_too_deep(self, point: PathPoint, phase: Phase) -> None:
+        """End where an indenter has come to the gel's base, or beyond.
+
+        Raises:
+            ConvergenceError: It has; shorter steps would lead there too.
+        """
+        if point.depth_m >= self.base_depth_m:
+            last = self.last or point
+            raise ConvergenceError(
+                f"the gel does not carry {phase.goal}: at {last.force_n[2]:.4f} N the indenter is "
+                f"{last.depth_m * 1e3:.4f} mm deep, and at {self.base_depth_m * 1e3:.4f} mm it "
+                "is at the gel's base",
+                remedy="press with less force",
+            )
 
     def _advance(self, left: float, step: float) -> float:
         """Return the next step's length; of a gel with mass what is left is parted evenly.
@@ -292,6 +339,9 @@ class Stepping:
         found = self.settle(
             state,
             load_n=phase.load_at(at + taken),
+            must_touch=isinstance(phase, DepthPhase)
+            and advance > 0.0
+            and self.must_touch(at + taken),
             intermediate=self.inertia is None and phase.is_short_of(at + taken),
             options=options,
             before=point,
@@ -400,6 +450,7 @@ class Stepping:
         state: State,
         *,
         load_n: float | None,
+        must_touch: bool = False,
         intermediate: bool,
         options: SolverOptions,
         before: PathPoint | None = None,
@@ -409,6 +460,7 @@ class Stepping:
         Args:
             state: Where to start from; it becomes the point's.
             load_n: Force that the indenter is pushed with [N]; None holds it where it is.
+            must_touch: An equilibrium in which nothing presses is none.
             intermediate: To 0.01 % will do.
             before: The point that was gone on from.
 
@@ -420,7 +472,7 @@ class Stepping:
             load_n = load_n / model.mesh.symmetry.copies
             wanted = min(wanted, options.load_relative)
         options = replace(options, residual_relative=_INTERMEDIATE if intermediate else wanted)
-        found = solver.settle(state, load_n=load_n, options=options)
+        found = solver.settle(state, load_n=load_n, must_touch=must_touch, options=options)
         if model.contact_options.bonded:
             model.surface.refresh_grip(solver.indenter, state)
         model.surface.drag_anchors(solver.indenter, state)

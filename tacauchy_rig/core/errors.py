@@ -47,6 +47,10 @@ class ConvergenceError(RigError):
     """The simulator found no equilibrium; the last good state is named in the message."""
 
 
+class TimeLimitError(RigError):
+    """A computation did not end within the time that it was given."""
+
+
 class RecordError(RigError):
     """A run folder or recording is missing, unfinished, damaged, or cannot be written."""
 

@@ -14,6 +14,7 @@ STUDIES = {
     "verdict": "tests.studies.verdict.command:verdict_check",
     "budget": "tests.studies.budget.command:budget_check",
     "gel": "tests.studies.gel.command:gel_check",
+    "beyond": "tests.studies.beyond.command:beyond_check",
     "press": "tests.studies.press.command:press_check",
     "mounting": "tests.studies.mounting.command:mounting_check",
     "residual": "tests.studies.residual.command:residual_check",

@@ -15,6 +15,7 @@ from tacauchy_rig.app.cli.compilation import compilation_told
 from tacauchy_rig.app.cli.lazy import lazy_group
 from tacauchy_rig.app.cli.output import complain, say
 from tacauchy_rig.core.errors import AbortedError, RigError
+from tacauchy_rig.core.long_task import told
 from tacauchy_rig.core.store.durable import write_error
 from tacauchy_rig.core.threads import take_one_thread
 
@@ -161,7 +162,7 @@ def run_program(program: typer.Typer) -> None:
     debug = "--debug" in sys.argv
     take_one_thread()
     try:
-        with compilation_told():
+        with compilation_told(), told(complain):
             program(standalone_mode=True)
     except RigError as error:
         if debug:

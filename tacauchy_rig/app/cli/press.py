@@ -17,6 +17,8 @@ from sim.scene.scene import Output, Scene, SceneTerms
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import complain, say, show_table, write_json
 from tacauchy_rig.app.cli.scene_options import DeviceOption, OutputOption, states_a_scene
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.tables import table_of
 
 if TYPE_CHECKING:
@@ -44,11 +46,18 @@ PressFolder = Annotated[
 ]
 
 
+TimeLimit = Annotated[
+    str | None,
+    typer.Option("--time-limit", metavar="TIME", help="How long it may take, such as 60s or 5min."),
+]
+
+
 @states_a_scene
 def press(
     terms: SceneTerms,
     device: DeviceOption = "cpu",
     estimate_error: EstimateErrorOption = True,
+    time_limit: TimeLimit = None,
     output: OutputOption = None,
     json_file: JsonFile = None,
     out: PressFolder = None,
@@ -60,12 +69,17 @@ def press(
     from sim.device import warp_device
     from sim.press import press as simulate_press
     from sim.press_command import scene_of
+    from tacauchy_rig.core.long_task import doing
+    from tacauchy_rig.core.long_task import time_limit as limited_to
 
+    limit_s = _seconds(time_limit)
     # What is written is asked for.
-    scene = scene_of(replace(terms, output=tuple(output or ()) if out is None else tuple(Output)))
-    if terms.law == LawName.PAPER_EQ4:
-        _warn_of_rest_stress(scene.material)
-    result = simulate_press(scene, device=warp_device(device), estimate_error=estimate_error)
+    terms = replace(terms, output=tuple(output or ()) if out is None else tuple(Output))
+    with limited_to(limit_s):
+        scene = scene_of(terms)
+        if terms.law == LawName.PAPER_EQ4:
+            _warn_of_rest_stress(scene.material)
+        result = simulate_press(scene, device=warp_device(device), estimate_error=estimate_error)
     _show(scene, result)
     _show_interfaces(result)
     write_json(json_file, result.as_json())
@@ -73,7 +87,9 @@ def press(
         from tacauchy_rig.app.replay.press_folder import write_press
 
         write_json(out / "press.json", result.as_json())
-        for path in write_press(out, scene, result):
+        with doing("writing fields and figures"):
+            paths = list(write_press(out, scene, result))
+        for path in paths:
             say(f"wrote      {path}")
         if not scene.sensor:
             say("no image, height map or markers: a bare pad has no camera; name a --sensor")
@@ -133,6 +149,20 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
             "alternatives": [asdict(other) for other in others],
         },
     )
+
+
+def _seconds(text: str | None) -> float | None:
+    """Read ``--time-limit`` [s].
+
+    Raises:
+        ConfigError: It is no time above zero.
+    """
+    if text is None:
+        return None
+    limit_s: float = parse_quantity(text, dimension=Dimension.TIME, field="--time-limit")
+    if not limit_s > 0.0:
+        raise ConfigError(f"--time-limit {text} leaves no time", remedy="give a time above 0 s")
+    return limit_s
 
 
 def cost_lines(

@@ -33,6 +33,7 @@ from tacauchy_rig.app.replay.parts import Part
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.force_depth import ForceDepthCurve
+from tacauchy_rig.core.long_task import time_limit
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import REPLAY_NAME, Replay, ReplayModel
 
@@ -104,6 +105,7 @@ def _pressed(
         on_progress=lambda _, text: on_progress(f"  {text}"),
         reference=path,
         stiffer=1.0 if fit is None else fit.factor,
+        time_limit_s=part.config.replay.time_limit,
     )
     trials = tuple(
         replace(trial, index=record.index, force_measured_n=_measured_n(record))
@@ -183,7 +185,8 @@ def _fitted(
         if forces_n and is_tilted:
             path = reference_path(inputs.upright.scene(forces_n), forces_n, keep_states=False)
         elif forces_n:
-            path = _loading_path(inputs, part.config, forces_n)
+            with time_limit(part.config.replay.time_limit):
+                path = _loading_path(inputs, part.config, forces_n)
         curve = ForceDepthCurve.merged([() if path is None else path.history])
         simulated.append((records, tilted_curve(curve, inputs) if is_tilted else curve))
         loaded.append(None if is_tilted else path)

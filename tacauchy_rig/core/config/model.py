@@ -340,7 +340,7 @@ class ReplaySection(Section, ceilings="replay"):
     ``press --indenter`` has it, takes the place of ``[indenter]``: ``mesh:tool.stl,unit=mm`` is one
     of triangles. ``tilt`` is that of the indenter's axis towards x and y, ``offset`` where it comes
     down relative to ``sensor.surface``; with ``pose`` ``found`` the values from moments and images
-    take their place.
+    take their place. ``time_limit`` is that of one press.
     """
 
     force_tolerance: Force = Field(gt=0)
@@ -357,6 +357,7 @@ class ReplaySection(Section, ceilings="replay"):
     pose: PoseSource = PoseSource.STATED
     tilt: tuple[Angle, Angle] | None = None
     offset: tuple[Length, Length] | None = None
+    time_limit: Time = Field(default=1800.0, gt=0)
 
 
 class ReportSection(Section, ceilings="report"):

@@ -1,0 +1,108 @@
+"""A long computation: how long it may take, and what it is doing.
+
+Callers limit the time and listen; what computes says what it does and asks, far down, whether time
+is left. Both hold for the thread that began them.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from threading import Event, Thread
+
+from tacauchy_rig.core.errors import TimeLimitError
+
+_SILENT_S, _TICK_SHARE = 3.0, 0.2
+
+_end: ContextVar[tuple[float, float]] = ContextVar("_end", default=(math.inf, math.inf))
+_steps: ContextVar[list[str] | None] = ContextVar("_steps", default=None)
+
+
+@contextmanager
+def time_limit(limit_s: float | None) -> Iterator[None]:
+    """Let what runs within take so long at most [s]; of limits within limits the nearest counts."""
+    if limit_s is None:
+        yield
+        return
+    token = _end.set(min(_end.get(), (time.monotonic() + limit_s, limit_s)))
+    try:
+        yield
+    finally:
+        _end.reset(token)
+
+
+def time_left_s() -> float:
+    """Return how much time is left [s]; infinite without a limit."""
+    return _end.get()[0] - time.monotonic()
+
+
+def check_time() -> None:
+    """End where the time is over.
+
+    Raises:
+        TimeLimitError: It is; the message says what was being done.
+    """
+    end, limit_s = _end.get()
+    if time.monotonic() > end:
+        done = ": ".join(_steps.get() or ["computing"])
+        raise TimeLimitError(
+            f"not finished after the time limit of {limit_s:g} s ({done})",
+            remedy="allow more time, press less deep, or take a coarser preset",
+        )
+
+
+@contextmanager
+def doing(what: str) -> Iterator[Callable[[str], None]]:
+    """Say what is done within; the function given says how far it is.
+
+    Raises:
+        TimeLimitError: No time is left to begin it.
+    """
+    check_time()
+    known = _steps.get()
+    steps: list[str] = [] if known is None else known
+    token = _steps.set(steps)
+    depth = len(steps)
+    steps.append(what)
+
+    def at(detail: str) -> None:
+        steps[depth:] = [f"{what}: {detail}"]
+
+    try:
+        yield at
+    finally:
+        del steps[depth:]
+        _steps.reset(token)
+
+
+@contextmanager
+def told(say: Callable[[str], None], *, silent_s: float = _SILENT_S) -> Iterator[None]:
+    """Say every few seconds [s] what is done within, once it has been done for as long.
+
+    Args:
+        say: Called by another thread.
+    """
+    steps: list[str] = []
+    token, over = _steps.set(steps), Event()
+
+    def tell() -> None:
+        began = said = time.monotonic()
+        while not over.wait(_TICK_SHARE * silent_s):
+            now = time.monotonic()
+            if not steps:
+                began = said = now
+            elif now - said >= silent_s:
+                said = now
+                say(f"  {now - began:.0f} s: {': '.join(steps.copy())}")
+
+    teller = Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        over.set()
+        teller.join()
+        _steps.reset(token)
