@@ -132,7 +132,9 @@ class Cycle:
             except BreachError as breach:
                 breaches.append(breach)
         if breaches:
-            raise max(breaches, key=lambda breach: _SEVERITY.index(breach.reaction))
+            raise self._explained(
+                max(breaches, key=lambda breach: _SEVERITY.index(breach.reaction))
+            )
         if self.last_state is None:
             raise BreachError(
                 "robot: it has reported no state", limit="robot", reaction=Reaction.HOLD, remedy=""
@@ -180,6 +182,20 @@ class Cycle:
         """End any motion; never raises."""
         self._follow.forget()
         self.rig.arm.stop()
+
+    def _explained(self, breach: BreachError) -> BreachError:
+        """Return what stopped an arm that was not fed in time: this computer, not the robot."""
+        held_up_s, fed_s = self._streams.held_up_s, 1.0 / self.config.robot.watchdog
+        if breach.limit != "robot" or held_up_s < fed_s:
+            return breach
+        return BreachError(
+            f"this computer was too busy: the control loop was held up for {held_up_s * 1e3:.0f} "
+            f"ms, and the robot's watchdog stops the arm after {fed_s * 1e3:.0f} ms "
+            f"({breach.message})",
+            limit=breach.limit,
+            reaction=breach.reaction,
+            remedy="end other programs, then `tacauchy-rig resume` continues with this trial",
+        )
 
     def _pace(self) -> float:
         clock = self.rig.clock

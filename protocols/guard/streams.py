@@ -46,6 +46,11 @@ class StreamGuard:
         else:
             self._undisturbed_s += turn_s
 
+    @property
+    def held_up_s(self) -> float:
+        """How long the computer was held up within the last second [s]; 0 where it was not."""
+        return 0.0 if self._undisturbed_s > 1.0 else self._held_up_s
+
     def note_force(self, sample: ForceSample) -> None:
         """Take the newest force sample: how much later than its number says did it arrive?
 
@@ -116,10 +121,10 @@ class StreamGuard:
             raise BreachError(text, limit=name, reaction=reaction, remedy=remedy)
 
     def _excuse(self) -> str:
-        if self._undisturbed_s > 1.0 or self._held_up_s == 0.0:
+        if self.held_up_s == 0.0:
             return ""
         return (
-            f" (this computer was held up for {self._held_up_s * 1e3:.0f} ms, "
+            f" (this computer was held up for {self.held_up_s * 1e3:.0f} ms, "
             f"{self._undisturbed_s * 1e3:.0f} ms ago)"
         )
 

@@ -157,6 +157,11 @@ class Launched:
         self.kill()
         self.channel.close()
 
+    def release(self) -> None:
+        """Let go of its channel, and let it end by itself."""
+        self.channel.close()
+        self.process.returncode = 0  # nobody waits for it any more
+
     def describe_end(self) -> str:
         """Return how it ended, in words, with the last line of its log."""
         code = self.process.poll()

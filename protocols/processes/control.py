@@ -200,9 +200,9 @@ class Broadcast:
 
     def put(self, entry: Entry) -> None:
         """Hand an entry on, and remember what is to be shown of it."""
-        self._sink.put(entry)
-        if self._feeds and isinstance(entry, tuple):
+        if self._feeds and isinstance(entry, tuple):  # first: a recorder that is gone raises
             self._waiting = (*self._waiting, *entry)[-PENDING_MAX:]
+        self._sink.put(entry)
 
     def show(self, cycle: Cycle) -> None:
         """Show what passed since the last time, if it is time."""

@@ -12,7 +12,7 @@ import select
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from drivers.interfaces import DeviceIdentity
@@ -28,7 +28,7 @@ from protocols.processes.messages import (
     Ready,
     ViewerOptions,
 )
-from protocols.processes.viewing import Viewer, Viewing
+from protocols.processes.viewing import CONTROL_ENDED, Viewer, Viewing
 from protocols.trials.programme import ProgrammeResult, describe_safe, fresh_plan
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.model import RigConfig
@@ -57,10 +57,12 @@ class SessionResult(ProgrammeResult):
         died: Processes that ended before they were told to, and how.
         acknowledged: Samples, frames and events that the recorder acknowledged, by producer, as
             far as the producer lived to tell.
+        page: The page that was kept; None without one.
     """
 
     died: dict[str, str]
     acknowledged: dict[str, int]
+    page: Viewing | None = field(default=None, repr=False, compare=False)
 
     @property
     def exit_code(self) -> int:
@@ -78,6 +80,7 @@ class Supervisor:
         viewing: Those who watch.
         on_event: Told of every event, and of progress five times a second.
         abort: A person's request to stop.
+        keep_page: The page goes on after a run that went through to its end.
     """
 
     def __init__(
@@ -88,8 +91,10 @@ class Supervisor:
         *,
         on_event: Callable[[JournalEvent], None],
         abort: Abort,
+        keep_page: bool = False,
     ) -> None:
         self._store, self._job, self._viewing = store, job, viewing
+        self._keep_page = keep_page
         self._on_event = on_event
         self._abort = abort
         self._children: dict[str, Launched] = {}
@@ -118,7 +123,8 @@ class Supervisor:
                 self._store, self._begun, reason=f"the watching program failed: {error}"
             )
         self._ended.set()
-        self._viewing.close()
+        if error is not None or not self._keep_page:
+            self._viewing.close()
         for child in self._children.values():
             child.close()
 
@@ -142,6 +148,7 @@ class Supervisor:
         self._note("run-start", pids=pids)
         self._children["control"].channel.send(Order.GO)
         self._watch()
+        self._viewing.send(_event(CONTROL_ENDED))
         self._end_children()
         complete_results(
             self._store,
@@ -155,8 +162,10 @@ class Supervisor:
             reason=result.reason,
             acknowledged=result.acknowledged,
         )
-        self._viewing.end()
-        return result
+        went_through = result.outcome in (Outcome.PASSED, Outcome.FAILED)
+        self._keep_page &= went_through and bool(self._viewing.address)
+        self._viewing.end(keep_page=self._keep_page)
+        return replace(result, page=self._viewing) if self._keep_page else result
 
     def _pass_abort_on(self, reason: str) -> None:
         control = self._children.get("control")
@@ -392,6 +401,7 @@ def run_session(
     again: Set[int] = frozenset(),
     page: PageOptions | None = None,
     viewers: Sequence[ViewerOptions] = (),
+    keep_page: bool = False,
 ) -> SessionResult:
     """Run every trial without a passed attempt, with a process each for control, camera, record.
 
@@ -405,6 +415,8 @@ def run_session(
         again: Trials to press once more though they have a passed attempt.
         page: The operator's page; None for none. Its address comes as the event ``page``.
         viewers: Further viewers.
+        keep_page: Leave the page open after a run that went through to its end; ``page`` of the
+            result is then for the caller to release.
 
     Raises:
         ConfigError: The page's port is taken.
@@ -420,7 +432,9 @@ def run_session(
             expected=expected,
         )
         viewing = Viewing(page, job, viewers)
-        with Supervisor(store, job, viewing, on_event=on_event, abort=abort) as parent:
+        with Supervisor(
+            store, job, viewing, on_event=on_event, abort=abort, keep_page=keep_page
+        ) as parent:
             return parent.run()
 
 

@@ -22,6 +22,10 @@ LOOPBACK = "127.0.0.1"
 BACKLOG = 256
 TOKEN_BYTES = 24
 PAGE = "page"
+CONTROL_ENDED = "control-ended"
+"""Name of the event that says that the arm rests, and that nothing new will be measured."""
+AFTERWARDS = "afterwards"
+"""Name of events that tell what is done with a recorded run: ``state``, ``text``, ``passed``."""
 _MODULE = "protocols.processes.page.server"
 PRODUCERS = ("control", "camera")
 SILENT_S = 5.0
@@ -98,10 +102,25 @@ class Viewing:
             if happened := viewer.restart_if_ended():
                 yield name, happened
 
-    def end(self) -> None:
-        """Let every viewer finish."""
+    def end(self, *, keep_page: bool = False) -> None:
+        """Let every viewer finish, or all but the page."""
+        for name, viewer in self._viewers.items():
+            if name != PAGE or not keep_page:
+                viewer.end()
+
+    def tell_page(self, state: str, text: str, *, passed: bool | None = None) -> None:
+        """Tell a page that was kept what is done with the recorded run."""
+        detail = {"state": state, "text": text, "passed": passed}
+        event = JournalEvent(stamp_ns=time.monotonic_ns(), name=AFTERWARDS, detail=detail)
+        for viewer in self.running():
+            viewer.receive()  # it says that it lives
+            viewer.channel.send(event)
+
+    def release(self) -> None:
+        """Leave a page that was kept to those who watch it, and let go of all sockets."""
         for viewer in self._viewers.values():
-            viewer.end()
+            viewer.release()
+        self.close()
 
     def close(self) -> None:
         """End every viewer and let go of all sockets."""
@@ -210,6 +229,12 @@ class Viewer:
         while not self._child.has_ended and time.monotonic() < deadline:
             time.sleep(0.01)
         self.close()
+
+    def release(self) -> None:
+        """Let it end by itself."""
+        if self._child is not None:
+            self._child.release()
+            self._child = None
 
     def close(self) -> None:
         """End it at once, if it runs."""

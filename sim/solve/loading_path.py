@@ -244,7 +244,11 @@ class LoadingPath:
         """
         started = time.perf_counter()
         found = self._stepping.settle(
-            state, load_n=load_n, intermediate=False, options=self.options
+            state,
+            load_n=load_n,
+            must_touch=self._stepping.must_touch(self.touch_m - float(state.tip[2])),
+            intermediate=False,
+            options=self.options,
         )
         self.counts.wall_s += time.perf_counter() - started
         return self._stepping.accept(replace(found, stiffness_n_m=stiffness_n_m))

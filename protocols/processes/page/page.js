@@ -11,6 +11,8 @@ const PHASES = {
   "search": "searching for contact", "press": "pressing to the target",
   "dwell": "holding the force, recording images", "retract": "retracting from the gel",
   "drift-check": "checking the force sensor's drift", "verdict": "judging", "fault": "making the arm safe",
+  "sway": "going up and down a little to measure delays",
+  "stopped": "the arm has stopped; finishing the record", "closing": "finishing the record",
   "ended": "the run has ended", "": "waiting for the run",
 };
 let setup = null, run = null, live = null, heardMs = performance.now(), stopped = false;
@@ -46,7 +48,7 @@ function showSetup() {
 
 function showRun() {
   const phase = run.phase;
-  $("phase").textContent = run.ended ? `the run has ended: ${run.outcome}` : PHASES[phase] || phase;
+  $("phase").textContent = run.ended ? ending() : PHASES[phase] || phase;
   document.title = `${run.trial ? `${run.trial}/${setup.targets_n.length} ` : ""}${run.ended ? run.outcome : phase}`;
   $("trial").textContent = run.trial
     ? `trial ${run.trial} of ${setup.targets_n.length}${run.attempt > 1 ? `, attempt ${run.attempt}` : ""}`
@@ -60,10 +62,35 @@ function showRun() {
   $("stop").disabled = run.ended;
   $("journal").replaceChildren(...run.journal.slice().reverse().map(journalLine));
   if (run.ended) {
-    say(`The run has ended: ${run.outcome}. ${run.reason || "All planned trials are done."}`,
-      run.outcome === "passed" ? "good" : "");
+    sayEnding();
   } else if (run.reason) {
     say(run.reason, "");
+  }
+}
+
+// What the terminal says, too: a recorded run is judged by its report, not by its trials.
+function ending() {
+  const words = { analysing: "recording complete, analysing", failed: "recording complete, not analysed" };
+  const state = run.afterwards.state;
+  if (state === "reported") return `report: ${run.afterwards.passed ? "passed" : "not passed"}`;
+  if (state) return words[state];
+  return ["passed", "failed"].includes(run.outcome)
+    ? `recording complete: all trials ${run.outcome === "passed" ? "passed" : "done, some failed"}`
+    : `the run has ended: ${run.outcome}`;
+}
+
+function sayEnding() {
+  const after = run.afterwards;
+  if (!after.state) {
+    say(run.reason || "All planned trials are done.", run.outcome === "passed" ? "good" : "");
+    return;
+  }
+  say(after.text, after.state === "analysing" ? "plain" : after.passed ? "good" : "");
+  if (after.state === "reported") {
+    const link = part("a", "open the report");
+    link.href = "report";
+    link.target = "_blank";
+    $("alert").append(" ", link);
   }
 }
 
@@ -96,7 +123,7 @@ function showChecks() {
   const judged = run.trials.filter((trial) => trial.checks && trial.checks.length).pop();
   $("checks-of").textContent = judged ? `of trial ${judged.index}` : "";
   const rows = judged ? judged.checks.map((check) => row([
-    `${check.passed ? "✓" : "✗"} ${check.name}`,
+    `${check.passed ? "✓" : "✗"} ${check.name.replaceAll("_", " ")}`,
     `${Number(check.measured.toPrecision(4))} ${check.unit}`, check.limit.replace("<=", "≤").replace(">=", "≥"),
   ], check.passed ? "" : "failed")) : [row(["none yet: each verdict adds some"])];
   $("checks").tBodies[0].replaceChildren(...rows);
@@ -107,7 +134,7 @@ function journalLine(event) {
   const ago = live ? `${Math.max(0, live.now_s - event.stamp_s).toFixed(0)} s ago` : "";
   const detail = Object.entries(event.detail)
     .filter(([, value]) => value !== "" && (typeof value !== "object" || Array.isArray(value)))
-    .map(([name, value]) => (name === event.name ? value : `${name} ${short(value)}`)).join(", ");
+    .map(([name, value]) => (name === event.name ? value : quantity(name, value))).join(", ");
   line.append(part("time", ago.padEnd(10)), ` ${event.trial ? `trial ${event.trial} ` : ""}${event.name} ${detail}`.slice(0, 300));
   line.firstChild.dataset.stamp = event.stamp_s;
   return line;
@@ -179,8 +206,8 @@ function contactHeight() {
 
 function showAges() {
   const sinceS = (performance.now() - heardMs) * 1e-3;
-  const over = run && run.ended;
-  const silent = !over && sinceS > SILENT_S;
+  const over = run && ["stopped", "closing", "ended"].includes(run.phase);
+  const silent = !(run && run.ended) && sinceS > SILENT_S;
   for (const card of document.querySelectorAll("[data-stream]")) {
     const stream = live && live.streams[card.dataset.stream];
     const limit = (setup && setup.stale_s[card.dataset.stream]) || 1.0;
@@ -309,7 +336,7 @@ function showTwin(name, stream) {
   }
   card.querySelector("canvas").hidden = !stream.picture;
   card.querySelector("p").textContent = Object.entries(stream.numbers)
-    .map(([key, value]) => `${key} ${short(value)}`).join(" · ");
+    .map(([key, value]) => quantity(key, value)).join(" · ");
 }
 
 // ---- the trace --------------------------------------------------------------------------------
@@ -321,7 +348,7 @@ function drawTrace() {
   const target = run && run.target_n, soft = setup.soft_force_n, hard = setup.hard_force_n;
   const highest = Math.max(0.5, 1.25 * (target || 0), 1.1 * Math.max(0, ...trace.map((point) => point[1])));
   const top = highest > 0.8 * soft ? Math.max(highest, 1.08 * soft) : highest;
-  const left = 42, bottom = height - 20;
+  const left = 50, bottom = height - 20;
   const x = (seconds) => left + (width - left - 6) * (1 + (seconds - live.now_s) / SPAN_S);
   const y = (newtons) => bottom - (bottom - 8) * (newtons + 0.05 * top) / (1.05 * top);
   context.font = "12px system-ui, sans-serif";
@@ -331,7 +358,7 @@ function drawTrace() {
     rule(context, left, width, y(newtons), colour("--line"));
     context.fillStyle = colour("--dim");
     context.textAlign = "right";
-    context.fillText(Number(newtons.toFixed(3)), left - 6, y(newtons) + 4);
+    context.fillText(`${Number(newtons.toFixed(3))} N`, left - 6, y(newtons) + 4);
   }
   context.textAlign = "center";
   for (let ago = 0; ago <= SPAN_S; ago += 10) {
@@ -429,6 +456,18 @@ function row(cells, kind = "") {
 
 function colour(name) { return colours[name] ??= getComputedStyle(document.documentElement).getPropertyValue(name); }
 function age(seconds) { return seconds === null ? "–" : `${(seconds * 1e3).toFixed(0)} ms`; }
+// The unit that a name ends with, what it is shown in, and how many of those it is.
+const UNITS = [["_m_s", "mm/s", 1e3], ["_nm", "N mm", 1e3], ["_ms", "ms", 1], ["_px", "px", 1],
+  ["_rad", "°", 180 / Math.PI], ["_hz", "Hz", 1], ["_m", "mm", 1e3], ["_n", "N", 1], ["_s", "s", 1], ["_relative", "%", 100]];
+function quantity(name, value) {
+  const found = UNITS.find(([ending]) => name.endsWith(ending));
+  const bare = (found ? name.slice(0, -found[0].length) : name).replaceAll("_", " ");
+  const numbers = found ? [value].flat() : [];
+  if (!numbers.length || !numbers.every((number) => typeof number === "number")) return `${bare} ${short(value)}`;
+  const fine = found[1] === "mm" && Math.max(...numbers.map(Math.abs)) < 1e-5;
+  const [unit, times] = fine ? ["µm", 1e6] : found.slice(1);
+  return `${bare} ${numbers.map((number) => short(number * times)).join(", ")} ${unit}`;
+}
 function short(value) { return typeof value === "number" ? Number(value.toPrecision(4)) : value; }
 function clock(seconds) {
   const whole = Math.round(seconds);

@@ -33,6 +33,13 @@ CONNECTIONS_MAX = 300
 KEEP_ALIVE_S = 5
 ALIVE_S = 0.5
 LAST_WORDS_S = 0.4
+LINGER_S, LINGER_POLL_S = 3600.0, 2.0
+"""How long a page that somebody watches outlives the program, for its link to the report."""
+REPORT_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
+    "script-src 'unsafe-inline'"
+)
+"""A report may run its own script; it reads and sends nothing."""
 SOURCES = ("control", "camera", "twin")
 FILES = {"": ("page.html", "text/html"), "page.js": ("page.js", "text/javascript")}
 FILES["page.css"] = ("page.css", "text/css")
@@ -56,6 +63,7 @@ class PageServer:
         routes += [
             Route("/events", self._events),
             Route("/picture/{stream}", self._picture),
+            Route("/report", self._report),
             Route("/stop", self._ask_to_stop, methods=["POST"]),
         ]
         config = uvicorn.Config(
@@ -116,11 +124,27 @@ class PageServer:
             self._watchers -= 1
 
     async def _picture(self, request: Request) -> Response:
-        picture = self._view.picture(request.path_params["stream"])
+        # One of an earlier session is read from its recording.
+        picture = await asyncio.to_thread(self._view.picture, request.path_params["stream"])
         if picture is None:
             return PlainTextResponse("no such picture yet\n", 404)
         data = await asyncio.to_thread(reduced, picture)
         return Response(data, media_type=media_type(data))
+
+    async def _report(self, _request: Request) -> Response:
+        report = await asyncio.to_thread(self._view.report)
+        if report is None:
+            return PlainTextResponse("no report yet\n", 404)
+        return Response(
+            report,
+            media_type="text/html; charset=utf-8",
+            headers={"content-security-policy": REPORT_POLICY},
+        )
+
+    @property
+    def watchers(self) -> int:
+        """How many pages watch."""
+        return self._watchers
 
     async def _ask_to_stop(self, _request: Request) -> Response:
         heard = self._stop()
@@ -217,6 +241,9 @@ async def _serve(
         view.check_disk()
         await _either(ended, serving)
     await asyncio.sleep(LAST_WORDS_S)  # for the last event to reach the browsers
+    linger_until_s = loop.time() + LINGER_S
+    while view.is_reported and server.watchers and loop.time() < linger_until_s:
+        await asyncio.sleep(LINGER_POLL_S)
     server.end()
     await serving
 

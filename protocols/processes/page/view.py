@@ -10,9 +10,10 @@ from typing import Any
 
 from protocols.processes.feed import Shown
 from protocols.processes.messages import Job
+from protocols.processes.viewing import AFTERWARDS, CONTROL_ENDED
 from protocols.trials.time_left import TimeLeft
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.run import JournalEvent, Phase
+from tacauchy_rig.core.run import JournalEvent, Phase, TrialRecord
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -43,8 +44,10 @@ class View:
         self._journal: deque[JournalEvent] = deque(maxlen=JOURNAL_LINES)
         self._phase = ""
         self._trial = self._attempt = 0
+        self._running = (0, 0)  # trial and attempt that are pressed now
         self._target_n: float | None = None
         self._outcome = self._reason = ""
+        self._afterwards: dict[str, Any] = {}
         self._pictures: dict[str, bytes] = {}
         self._left = TimeLeft(job.config, job.plan, job.expected)
         self._disk: tuple[float, dict[str, int]] = (0.0, {})
@@ -78,9 +81,18 @@ class View:
     def note(self, event: JournalEvent) -> None:
         """Take in an event."""
         self._left.note(event)
+        if event.name == "progress" and event.detail.get("phase") == Phase.FAULT:
+            self._enter(Phase.FAULT)
         if event.name in _NOT_SHOWN:
             return
         self.version += 1
+        if event.name == AFTERWARDS:
+            self._afterwards = event.detail
+            return
+        if event.name == CONTROL_ENDED:
+            self._running = 0, 0
+            self._phase = "stopped" if self._phase == "stopped" else "closing"
+            return
         self._journal.append(event)
         if event.trial:
             self._trial, self._attempt = event.trial, event.attempt
@@ -92,12 +104,21 @@ class View:
             case "attempt-start":
                 self._target_n = event.detail["force_target_n"]
                 self._outcome = self._reason = ""
-            case "fault" | "abort":
-                self._phase, self._reason = "fault", str(event.detail.get("reason", ""))
+                self._running = event.trial, event.attempt
+            case "attempt-end":
+                self._running = 0, 0
+            case "fault" | "abort":  # written once the arm is safe
+                self._phase, self._reason = "stopped", str(event.detail.get("reason", ""))
             case "run-end":
                 self.ended, self._phase = True, "ended"
                 self._outcome = str(event.detail["outcome"])
                 self._reason = str(event.detail["reason"])
+
+    def _enter(self, phase: str) -> None:
+        """Enter a phase that no event tells of before it is over."""
+        if self._phase != phase:
+            self._phase = phase
+            self.version += 1
 
     def check_disk(self) -> None:
         """Look now and then how much room there is; results may have come, too."""
@@ -137,6 +158,7 @@ class View:
             "ended": self.ended,
             "outcome": self._outcome,
             "reason": self._reason,
+            "afterwards": self._afterwards,
             "trials": [self._trial_row(planned.index) for planned in self._job.plan],
             "journal": [_line(event) for event in self._journal],
             "disk": self._disk[1],
@@ -169,15 +191,50 @@ class View:
         """Return a stream's newest picture, ``reference``, or that of a ``trial-1``."""
         if name in self._streams:
             return self._streams[name].picture
+        if name not in self._pictures:
+            for planned in self._job.plan:
+                if name == f"trial-{planned.index}" and self._recorded(planned.index):
+                    self._recall(name, planned.index)
         return self._pictures.get(name)
 
+    @property
+    def is_reported(self) -> bool:
+        """Whether a report of this session's run was written."""
+        return self._afterwards.get("state") == "reported"
+
+    def report(self) -> bytes | None:
+        """Return the report's page; None before it is written."""
+        path = self._store.paths.report / "report.html"
+        return path.read_bytes() if self.is_reported and path.is_file() else None
+
+    def _recorded(self, index: int) -> TrialRecord | None:
+        """Return the last result of a trial; of one that is pressed again, none until it ends."""
+        record = self._store.latest(index)
+        is_on = index == self._running[0]
+        return None if record is None or (is_on and record.attempt != self._running[1]) else record
+
+    def _recall(self, name: str, index: int) -> None:
+        """Take the last frame of the dwell of a trial of an earlier session from its recording."""
+        record = self._recorded(index)
+        if record is None or record.dwell_end_ns is None:
+            return
+        try:
+            recording = self._store.recording(index, record.attempt)
+            stamps = recording.frame_stamps()[0]
+            held = stamps[stamps <= record.dwell_end_ns]
+            for frame in recording.frames(int(held[-1]), int(held[-1])) if len(held) else ():
+                self._pictures[name] = frame.jpeg
+        except RecordError:
+            return
+
     def _trial_row(self, index: int) -> dict[str, Any]:
+        record = self._recorded(index)
+        held = record is not None and record.dwell_end_ns is not None
         row: dict[str, Any] = {
             "index": index,
             "target_n": self._job.config.protocol.force_targets[index - 1],
-            "has_picture": f"trial-{index}" in self._pictures,
+            "has_picture": held or f"trial-{index}" in self._pictures,
         }
-        record = self._store.latest(index)
         if record is not None:
             row |= {
                 "attempt": record.attempt,

@@ -11,6 +11,7 @@ import typer
 
 from tacauchy_rig.app.cli.options import JsonFile, RunFolder
 from tacauchy_rig.app.cli.output import complain, say, write_json
+from tacauchy_rig.app.cli.watching import PageTeller, tell_nobody
 from tacauchy_rig.core.errors import AbortedError, command_line
 from tacauchy_rig.core.store.recording.export_kind import ExportKind
 
@@ -158,19 +159,29 @@ def _say_mended(report: RecoveryReport) -> None:
 
 
 def replay_and_show(
-    run: RunReading, calibration: BackgroundCalibration, *, tolerance: Tolerance | None = None
+    run: RunReading,
+    calibration: BackgroundCalibration,
+    *,
+    tolerance: Tolerance | None = None,
+    on_page: PageTeller = tell_nobody,
 ) -> None:
-    """Replay a run, and print the stated error of its forces.
+    """Replay a run, and print the stated error of its forces; the page is told, too.
 
     Raises:
         AbortedError: Ctrl-C; what was recorded stays, and can be replayed.
     """
     from tacauchy_rig.app.replay.replay import replay_run
+    from tacauchy_rig.core.long_task import told
+
+    def tell(text: str) -> None:
+        say(text)
+        on_page("analysing", text.strip())
 
     try:
-        replay = replay_run(
-            run, tolerance=tolerance, calibrate=calibration.calibrate, on_progress=say
-        )
+        with told(tell):
+            replay = replay_run(
+                run, tolerance=tolerance, calibrate=calibration.calibrate, on_progress=tell
+            )
     except KeyboardInterrupt:
         raise AbortedError(
             "aborted by Ctrl-C during the replay; what was recorded is kept",
@@ -180,12 +191,18 @@ def replay_and_show(
     _say_cost(replay)
 
 
-def report_and_exit(run: RunReading, json_file: Path | None) -> None:
+def report_and_exit(
+    run: RunReading, json_file: Path | None, *, on_page: PageTeller = tell_nobody
+) -> None:
     """Write the report of a run, say where it is, and end: 0 passed, 1 not."""
     from tacauchy_rig.app.replay.report import report_run
+    from tacauchy_rig.core.long_task import doing
 
     say("writing the report")
-    report, paths = report_run(run)
+    on_page("analysing", "writing the report")
+    with doing("writing the report"):
+        report, paths = report_run(run)
+    on_page("reported", report.verdict, passed=report.passed)
     say(report.verdict)
     say(f"report {paths.html.resolve()}")
     write_json(json_file, json.loads(paths.summary.read_text("utf-8")))

@@ -21,6 +21,7 @@ from tacauchy_rig.app.cli.watching import (
     Page,
     Twin,
     Watched,
+    page_told,
     viewers_of,
     watched_by,
 )
@@ -205,7 +206,8 @@ def press_new(path: Path | None, overrides: Sequence[str]) -> RunStore:
     loaded = load_config(path, overrides=overrides)
     text = default_text() if path is None else path.read_text("utf-8")
     store = _created(loaded, text, press_only=True)
-    result = _press_confirmed(store, store.config, Request(watched=Watched(port=None)))
+    request = Request(watched=Watched(port=None), press_only=True)
+    result = _press_confirmed(store, store.config, request)
     if result.exit_code:
         raise RecordError(result.reason, remedy=f"see the journal of {store.paths.root}")
     return store
@@ -269,12 +271,13 @@ def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> N
         # A twin takes what the devices leave of the processors.
         is_busy = bool(request.watched.twin) or len(os.sched_getaffinity(0)) < 2
         begin = partial(calibration.begin, LOWEST_PRIORITY)
-        _press_confirmed(store, config, request, None if is_busy else begin)
-        if is_busy:
-            calibration.begin()
-        recorded = open_run(store.paths.root)
-        replay_and_show(recorded, calibration)
-    report_and_exit(recorded, request.json_file)
+        result = _press_confirmed(store, config, request, None if is_busy else begin)
+        with page_told(result.page) as tell:
+            if is_busy:
+                calibration.begin()
+            recorded = open_run(store.paths.root)
+            replay_and_show(recorded, calibration, on_page=tell)
+            report_and_exit(recorded, request.json_file, on_page=tell)
 
 
 def _press_confirmed(
@@ -373,7 +376,13 @@ def press(
         stack.enter_context(progress)
         page = page_options(config, port=watched.port)
         return record_run(
-            store, running, on_event=progress, again=again, page=page, viewers=viewers
+            store,
+            running,
+            on_event=progress,
+            again=again,
+            page=page,
+            viewers=viewers,
+            keep_page=not request.press_only,
         )
 
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import threading
 import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Protocol
 
 import typer
 
 from tacauchy_rig.app.cli.output import say
 from tacauchy_rig.core.config.model import IndenterKind, RigConfig
-from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError, RigError
 
 if TYPE_CHECKING:
     from protocols.processes.messages import ContactOutline, PageOptions, ViewerOptions
+    from protocols.processes.viewing import Viewing
 
 Page = Annotated[
     str,
@@ -149,6 +152,33 @@ def contact_outline(config: RigConfig) -> ContactOutline | None:
         flat_radius_m=0.0 if is_ball else radius_m - config.indenter.fillet,
         ball_radius_m=radius_m if is_ball else 0.0,
     )
+
+
+class PageTeller(Protocol):
+    """Tells the operator's page what is done with a recorded run."""
+
+    def __call__(self, state: str, text: str, /, *, passed: bool | None = None) -> None:
+        """Tell it: ``analysing``, ``reported`` or ``failed``."""
+
+
+def tell_nobody(_state: str, _text: str, /, *, passed: bool | None = None) -> None:
+    """Tell nobody: there is no page."""
+
+
+@contextmanager
+def page_told(page: Viewing | None) -> Iterator[PageTeller]:
+    """Give what tells a page that was kept, of an error too; then leave it to who watches it."""
+    if page is None:
+        yield tell_nobody
+        return
+    try:
+        page.tell_page("analysing", "simulating the presses")
+        yield page.tell_page
+    except (RigError, KeyboardInterrupt) as error:
+        page.tell_page("failed", str(error) or "aborted by Ctrl-C")
+        raise
+    finally:
+        page.release()
 
 
 def open_in_browser(address: str) -> None:

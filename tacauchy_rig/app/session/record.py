@@ -70,6 +70,7 @@ def record_run(
     again: Set[int] = frozenset(),
     page: PageOptions | None = None,
     viewers: Sequence[ViewerOptions] = (),
+    keep_page: bool = False,
 ) -> SessionResult:
     """Press every trial without a passed attempt; Ctrl-C, SIGTERM and a lost terminal end it.
 
@@ -83,6 +84,7 @@ def record_run(
         again: Trials to press once more though they have a passed attempt.
         page: The operator's page; None for none. Its address comes as the event ``page``.
         viewers: Further viewers.
+        keep_page: As ``run_session`` has it.
 
     Raises:
         ConfigError: The page's port is taken.
@@ -102,6 +104,7 @@ def record_run(
             again=again,
             page=page,
             viewers=viewers,
+            keep_page=keep_page,
         )
 
 

@@ -9,9 +9,13 @@ import time
 
 import pytest
 
-from tacauchy_rig.core.run import Outcome
+from protocols.processes.messages import Job, PageOptions
+from protocols.processes.supervisor import plan_session
+from protocols.processes.viewing import CONTROL_ENDED, Viewing
+from tacauchy_rig.core.run import JournalEvent, Outcome
 from tests.protocols.processes.page.conftest import running
 
+HEADED = "words => document.getElementById('phase').textContent === words"
 STALE = "document.querySelector('#image-card .stale')"
 
 
@@ -158,3 +162,37 @@ def test_the_terminal_stops_while_the_server_hangs(session):
     result = session.end()
     assert result.outcome is Outcome.ABORTED
     assert "a key was pressed" in result.reason
+
+
+def test_the_page_tells_what_the_terminal_tells_after_the_arm(make_store, tab):
+    """Finishing, analysing, the verdict of the report with a link that outlives the program."""
+    store = make_store()
+    plan = plan_session(store)
+    job = Job(root=store.paths.root, config=store.config, plan=plan, descriptors={})
+    viewing = Viewing(PageOptions(), job)
+    viewing.start()
+    try:
+        page = tab(viewing.address)
+        viewing.send(made_event(CONTROL_ENDED))
+        page.wait_for_function(HEADED, arg="finishing the record")
+        overrun = made_event("air-press", overrun_m=5e-7, drift_n=0.01)
+        viewing.send(overrun)
+        viewing.send(made_event("run-end", outcome="passed", reason=""))
+        viewing.tell_page("analysing", "meshing")
+        page.wait_for_function(HEADED, arg="recording complete, analysing")
+        assert page.inner_text("#alert") == "meshing"
+        assert "overrun 0.5 µm, drift 0.01 N" in page.inner_text("#journal")
+        store.paths.report.mkdir()
+        (store.paths.report / "report.html").write_text("<p>the report</p>")
+        viewing.tell_page("reported", "Not passed.", passed=False)
+        page.wait_for_function(HEADED, arg="report: not passed")
+    finally:
+        viewing.release()
+    with page.expect_popup() as opened:
+        page.click("#alert a")
+    assert opened.value.inner_text("p") == "the report"
+
+
+def made_event(name, **detail):
+    """Return an event of now."""
+    return JournalEvent(stamp_ns=time.monotonic_ns(), name=name, detail=detail)

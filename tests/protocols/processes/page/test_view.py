@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -13,8 +14,10 @@ from protocols.processes.messages import Job, PageOptions
 from protocols.processes.page.server import WIDEST_PX, media_type, reduced
 from protocols.processes.page.view import TRACE_SAMPLES, StreamView, View
 from protocols.processes.supervisor import plan_session
-from tacauchy_rig.core.run import JournalEvent
+from protocols.processes.viewing import AFTERWARDS, CONTROL_ENDED
+from tacauchy_rig.core.run import ImageFrame, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.journal import append_event
+from tacauchy_rig.core.store.recording.writing import RecordingWriter
 
 NAME = "any"
 
@@ -140,6 +143,59 @@ def test_the_end_is_told_with_its_reason(view):
     view.note(event("run-end", outcome="aborted", reason="a key was pressed"))
     assert view.ended
     assert (view.run()["outcome"], view.run()["reason"]) == ("aborted", "a key was pressed")
+
+
+def test_what_is_done_with_a_recorded_run_is_told(view):
+    """From the end of control on: finishing, analysing, the report's verdict."""
+    view.note(event(CONTROL_ENDED))
+    assert view.run()["phase"] == "closing"
+    view.note(event("run-end", outcome="passed", reason=""))
+    view.note(event(AFTERWARDS, state="analysing", text="meshing", passed=None))
+    told = view.run()
+    assert (told["ended"], told["afterwards"]["state"]) == (True, "analysing")
+    assert view.report() is None
+    view.note(event(AFTERWARDS, state="reported", text="Not passed.", passed=False))
+    assert view.is_reported
+    assert [each["name"] for each in told["journal"]] == ["run-end"]
+
+
+def test_an_arm_is_made_safe_before_it_has_stopped(view):
+    """The event comes once it is safe; until then progress says so."""
+    view.note(event("phase", 1, phase="press"))
+    view.note(event("progress", 1, phase="fault"))
+    assert view.run()["phase"] == "fault"
+    view.note(event("fault", 1, reason="limits.soft_force"))
+    assert (view.run()["phase"], view.run()["reason"]) == ("stopped", "limits.soft_force")
+
+
+def test_after_a_resume_earlier_trials_have_pictures_and_the_running_one_no_old_outcome(store):
+    """The last frame of the dwell, out of the recording; an attempt that is cut off counts less."""
+    frames = [
+        ImageFrame(stamp_ns=n, counter=n, device_stamp_s=None, width=4, height=3, jpeg=b"%d" % n)
+        for n in range(1, 6)
+    ]
+    store.paths.attempt(1, 1).mkdir(parents=True)
+    with RecordingWriter(store.paths.recording(1, 1), metadata={}) as writer:
+        writer.write(frames)
+    done = TrialRecord(
+        index=1,
+        attempt=1,
+        outcome=Outcome.PASSED,
+        force_target_n=1.0,
+        dwell_start_ns=2,
+        dwell_end_ns=4,
+    )
+    store.save_result(done)
+    store.save_result(replace(done, index=2, outcome=Outcome.ABORTED, dwell_end_ns=None))
+    view = View(job_of(store))
+    first, second = view.run()["trials"][:2]
+    assert (first["has_picture"], view.picture("trial-1")) == (True, b"4")
+    assert (second["outcome"], second["has_picture"]) == ("aborted", False)
+    begun = replace(event("attempt-start", 2, force_target_n=1.0), attempt=2)
+    view.note(begun)
+    assert "outcome" not in view.run()["trials"][1]
+    view.note(replace(begun, name="attempt-end"))
+    assert view.run()["trials"][1]["outcome"] == "aborted"
 
 
 def test_a_gap_of_counters_is_a_loss():
