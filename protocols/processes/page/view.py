@@ -15,6 +15,7 @@ from protocols.trials.time_left import TimeLeft
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, Phase, TrialRecord
 from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.run_files import read_bytes
 from tacauchy_rig.core.store.run_store import RunStore
 
 TRACE_SAMPLES = 6000
@@ -204,8 +205,12 @@ class View:
 
     def report(self) -> bytes | None:
         """Return the report's page; None before it is written."""
-        path = self._store.paths.report / "report.html"
-        return path.read_bytes() if self.is_reported and path.is_file() else None
+        if not self.is_reported:
+            return None
+        try:
+            return read_bytes(self._store.paths.report / "report.html", what="report")
+        except RecordError:
+            return None
 
     def _recorded(self, index: int) -> TrialRecord | None:
         """Return the last result of a trial; of one that is pressed again, none until it ends."""
