@@ -11,6 +11,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,14 @@ import pytest
 
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.opening import open_run
+from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.store.replay_files import ReplayFields
 from tests.recorded_run import new_run, press_run
 from tests.studies import __main__ as studies
 from tests.studies.verdict import bench as bench_module
 from tests.studies.verdict.bench import Bench, bench_of
-from tests.studies.verdict.coarse import seen_coarsely, with_own_images
+from tests.studies.verdict.check import look_at
+from tests.studies.verdict.wrong_models import WRONG_MODELS
 
 ROOT = Path(__file__).resolve().parents[2]
 TRIALS = 3
@@ -57,6 +60,28 @@ def recorded(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Path:
     return bench.run.store.paths.root
 
 
+def seen_coarsely(folder: Path) -> Path:
+    """Write the file of a sensor whose images are as small as the mock camera's after the crop."""
+    text: str = load(Kind.SENSOR, "gelsight-mini").read_text("utf-8")
+    for fine, coarse in (("= 320", "= 40"), ("= 240", "= 30"), ("0.0634 mm", "0.5072 mm")):
+        assert fine in text
+        text = text.replace(fine, coarse)
+    path = folder / "coarse.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def with_own_images(bench: Bench) -> Bench:
+    """Return a bench whose recordings show just what its true replay does."""
+    trials = []
+    for trial in bench.recorded.trials:
+        image = bench.images[trial.index]
+        assert trial.images is not None
+        shown = replace(trial.images, real=image, first_half=image, second_half=image)
+        trials.append(replace(trial, images=shown))
+    return replace(bench, recorded=replace(bench.recorded, trials=tuple(trials)))
+
+
 def study(place: Path, name: str, *arguments: str) -> dict[str, Any]:
     """Run a study; return its JSON. It ends with 0, or with 1 where a criterion is missed."""
     page, found = place / "page.md", place / "found.json"
@@ -86,6 +111,17 @@ def test_verdict(recorded: Path, tmp_path: Path) -> None:
     found = study(tmp_path, "verdict", str(recorded), "--only", "no contact*")
     assert found["wrong"]["passed"]
     assert len(found["true"]["rows"]) == TRIALS
+
+
+def test_a_press_beside_its_place_is_caught_from_a_size_on(bench: Bench) -> None:
+    """Images that are the replay's own show 0.1 mm, and nothing where nothing is wrong."""
+    models = {model.name: model for model in WRONG_MODELS}
+    beside, unloaded = models["press beside its place"], models["no contact in any image"]
+    tasks = [(beside, 0.0), (beside, 0.0125), (beside, 0.1), (unloaded, 0.0)]
+    true, near, far, none = (look_at(task, bench=bench).missed for task in tasks)
+    assert not {"contact_offset", "contact_residual"} & {*true, *near}, (true, near)
+    assert "contact_offset" in far
+    assert "contact_residual" in none
 
 
 def test_page(tmp_path: Path) -> None:

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from reports.comparison.compare import compare
 from reports.comparison.criteria import judge_modulus
-from sim.scene.scene import Preset
-from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.core.errors import ConvergenceError
-from tests.recorded_run import new_run, press_run
 from tests.reports.conftest import run_evidence
-from tests.studies.verdict.bench import Bench, bench_of
+from tests.studies.verdict.bench import Bench
 from tests.studies.verdict.check import (
     CANNOT,
     Finding,
@@ -27,7 +23,6 @@ from tests.studies.verdict.check import (
     tasks_of,
     with_measured_gel,
 )
-from tests.studies.verdict.coarse import seen_coarsely, with_own_images
 from tests.studies.verdict.wrong_models import STEPS_TO_DOUBLE, WRONG_MODELS, WrongModel
 
 
@@ -129,20 +124,6 @@ def test_images_of_other_forces_are_caught(name: str) -> None:
     )
     assert missed_of(compare(true)) == ()
     assert "force_margin" in look_at((named(name), 0.0), bench=bench).missed  # type: ignore[arg-type]
-
-
-@pytest.mark.slow
-def test_a_press_beside_its_place_is_caught_from_a_size_on(tmp_path: Path) -> None:
-    """A mock run is replayed; once its images are the replay's own, 0.1 mm beside is seen."""
-    store = new_run(tmp_path, f'sensor.name="{seen_coarsely(tmp_path)}"')
-    press_run(store)
-    bench = with_own_images(bench_of(open_run(store.paths.root), preset=Preset.FAST))
-    beside, unloaded = named("press beside its place"), named("no contact in any image")
-    tasks = [(beside, 0.0), (beside, 0.0125), (beside, 0.1), (unloaded, 0.0)]
-    true, near, far, none = (look_at(task, bench=bench).missed for task in tasks)
-    assert not {"contact_offset", "contact_residual"} & {*true, *near}, (true, near)
-    assert "contact_offset" in far
-    assert "contact_residual" in none
 
 
 def named(name: str) -> WrongModel:

@@ -10,6 +10,7 @@ import pytest
 
 from sim.scene.indenter import MeshIndenter, Sphere
 from tacauchy_rig.app.importing.importer import import_run
+from tacauchy_rig.app.replay import replay as replaying
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.app.replay.parts import parts_of
 from tacauchy_rig.app.replay.replay import replay_run
@@ -131,8 +132,12 @@ def test_two_balls_at_two_places_with_and_without_force(small: Path) -> None:
 
 
 @pytest.mark.slow
-def test_presses_without_a_force_are_replayed_to_their_depths(small: Path) -> None:
+def test_presses_without_a_force_are_replayed_to_their_depths(
+    small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The simulator meets the depths, and no force is made up as measured."""
+    # Nothing here reads the coarse presses that tell uncertainties; they take most of the time.
+    monkeypatch.setattr(replaying, "_uncertainties", lambda parts, *_: ([() for _ in parts], None))
     blob(small, "press.png")
     ball = "sphere:diameter=6mm"
     rows = (f",0.2,0,0,{ball}", f",0.3,0,0,{ball}")
