@@ -30,7 +30,7 @@ from tacauchy_rig.core.errors import DeviceError
 
 _OUTPUTS = ["timestamp", "robot_mode", "runtime_state", "safety_status_bits", "actual_TCP_pose"]
 _OUTPUT_RATE_HZ = 125.0  # the slower of the two generations' cycles
-_COMMAND_REGISTER = b"input_int_register_0,"
+_COMMAND_REGISTER = b"input_int_register_0"
 _PACKETS_SEEN = 3
 _PORT_PURPOSE = {
     RTDE_PORT: "RTDE, the controller's data exchange",
@@ -273,7 +273,7 @@ class _RtdeDialogue:
 
     def watch(self) -> list[dict[str, tuple[float, ...]]]:
         """Return a few states, having seen the controller's clock move."""
-        names = ",".join(_OUTPUTS) + ","
+        names = ",".join(_OUTPUTS)
         request = struct.pack(">d", _OUTPUT_RATE_HZ) + names.encode()
         reply = self.ask(PacketKind.SETUP_OUTPUTS, request)
         if b"NOT_FOUND" in reply or not reply:
