@@ -256,7 +256,8 @@ def _serve(settings: CameraSettings, service: Service) -> None:
         port = urlsplit(server.address).port or 0
         plug_in = partial(_listen, settings.host, port)  # again where it answers now
     else:
-        plug_in = partial(serve_device, settings.folder / VIDEO_DEVICE, description_of(name))
+        offer = description_of(name, width=settings.width, height=settings.height)
+        plug_in = partial(serve_device, settings.folder / VIDEO_DEVICE, offer)
         server = plug_in()
     damage = _garbled if encode is encode_jpeg else without_a_packet
     output = FaultyOutput(settings.seed, damage)

@@ -83,9 +83,13 @@ class _DeviceServer(FrameServer):
         super().close()
 
 
-def description_of(name: VideoDeviceName) -> str:
-    """Return what a known camera offers, as the library reads it."""
-    return resources.files(_PACKAGE).joinpath(f"{name.value}.txt").read_text("ascii")
+def description_of(name: VideoDeviceName, *, width: int = 640, height: int = 480) -> str:
+    """Return what a known camera offers, as the library reads it.
+
+    A GelSight Mini, whose one size few computers can emulate in time, offers the given one too.
+    """
+    text = resources.files(_PACKAGE).joinpath(f"{name.value}.txt").read_text("ascii")
+    return text.format(width=width, height=height)
 
 
 def encoder_of(name: VideoDeviceName) -> Callable[[ImageArray], bytes]:
