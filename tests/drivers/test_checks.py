@@ -14,12 +14,14 @@ import numpy as np
 import pytest
 
 from drivers.checks import (
+    _image_rate_check,
     device_checks,
     exposure_check,
     latency_timer_check,
     missing_devices,
     require_devices,
 )
+from drivers.interfaces import StreamHealth
 from tacauchy_rig.core.check_result import CheckResult, CheckStatus
 from tacauchy_rig.core.config.load import load_config, restore_config
 from tacauchy_rig.core.config.model import RigConfig, RobotModel
@@ -165,6 +167,8 @@ def test_camera_below_the_protocols_least_rate_fails(serve_mjpeg: ServeMjpeg) ->
 def test_automatic_exposure_is_warned_of() -> None:
     """V4L2's automatic exposure is told; a locked one is fine."""
     settings = {"auto_exposure": "3", "exposure": "156", "gain": "0"}
+    absent = {"auto_exposure": "-1", "exposure": "-1", "gain": "0"}
+    assert exposure_check(absent).status is CheckStatus.SKIP
     assert exposure_check(settings).status is CheckStatus.WARN
     assert exposure_check({**settings, "auto_exposure": "1"}).status is CheckStatus.OK
 
@@ -223,3 +227,20 @@ def test_those_that_are_there_pass(emulate_ur, run_box, tmp_path: Path) -> None:
         config = real(host=robot.host, port=port)
         assert list(missing_devices(config)) == []
         assert list(missing_devices(config)) == []
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "status"),
+    [
+        (18.75, CheckStatus.OK),
+        (18.7, CheckStatus.OK),
+        (16.0, CheckStatus.WARN),
+        (14.9, CheckStatus.FAIL),
+    ],
+)
+def test_a_mini_is_judged_by_the_rate_that_it_delivers(rate_hz: float, status: CheckStatus) -> None:
+    """It advertises 25 Hz; its sensor file asks for 18.75 Hz and says that 15 Hz suffice."""
+    health = StreamHealth(received_count=40, rate_hz=rate_hz)
+    result = _image_rate_check([], health, load_config().config)
+    assert result.status is status
+    assert "for 18.75 fps asked" in result.finding
