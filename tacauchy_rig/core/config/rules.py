@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Set
 from typing import NamedTuple
+from urllib.parse import urlsplit
 
 from tacauchy_rig.core.config.model import RigConfig
 
@@ -37,6 +38,15 @@ def broken_rules(config: RigConfig, *, placed: bool = True) -> Iterator[BrokenRu
         yield from _workspace_rules(config)
         yield from _height_rules(config)
     yield from _device_rules(config)
+    yield from _address_rules(config.camera.device)
+
+
+def _address_rules(device: str) -> Iterator[BrokenRule]:
+    """Yield what is wrong with a camera's address, where it is one."""
+    try:
+        _ = urlsplit(device).port if "://" in device else None
+    except ValueError as error:
+        yield BrokenRule("camera.device", f'"{device}": {error}', "give a port from 1 to 65535")
 
 
 def _limit_rules(config: RigConfig) -> Iterator[BrokenRule]:

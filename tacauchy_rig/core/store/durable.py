@@ -96,19 +96,19 @@ def write_error(path: Path, error: OSError) -> RecordError:
     if error.errno in _FULL:
         return RecordError(
             f"{path}: no space left to write ({_space(path)}): {error.strerror}",
-            remedy="free some space, or set run.output_directory to a disk that has it",
+            remedy=f"free some space, or {_elsewhere(path)} to a disk that has it",
         )
     if error.errno in _FORBIDDEN:
         return RecordError(
             f"{path}: no permission to write: {error.strerror}",
             remedy="give yourself write permission there (ls -ld shows it), "
-            "or set run.output_directory to a folder of your own",
+            f"or {_elsewhere(path)} to a folder of your own",
         )
     if error.errno == errno.EROFS:
         return RecordError(
             f"{path}: its disk is read-only",
-            remedy="mount it for writing (`dmesg` says whether it failed), or set "
-            "run.output_directory to another one",
+            remedy="mount it for writing (`dmesg` says whether it failed), or "
+            f"{_elsewhere(path)} to another one",
         )
     if isinstance(error, FileExistsError):
         return RecordError(
@@ -117,8 +117,14 @@ def write_error(path: Path, error: OSError) -> RecordError:
         )
     return RecordError(
         f"{path}: cannot be written: {error.strerror or error}",
-        remedy="check the disk (dmesg, df -h), or set run.output_directory to another one",
+        remedy=f"check the disk (dmesg, df -h), or {_elsewhere(path)} to another one",
     )
+
+
+def _elsewhere(path: Path) -> str:
+    """Return which setting says where a file goes: of a run, or of what is kept between runs."""
+    in_cache = not {".cache", "tacauchy-rig"}.isdisjoint(path.parts)
+    return "set the variable XDG_CACHE_HOME" if in_cache else "set run.output_directory"
 
 
 def free_bytes(path: Path) -> int:

@@ -14,10 +14,9 @@ def history(tmp_path_factory: pytest.TempPathFactory) -> History:
     return recorded_history(tmp_path_factory.mktemp("runs"))
 
 
-@pytest.mark.parametrize("first", [1, 11, 21])
-def test_every_state_has_a_way_forward(history: History, first: int) -> None:
+def test_every_state_has_a_way_forward(history: History) -> None:
     """Finished recordings stay, nothing contradicts anything, and the next attempt is free."""
-    seen = [observe(number, history=history, seed=2) for number in range(first, first + 10)]
+    seen = [observe(number, history=history, seed=2) for number in range(1, 13)]
     assert [each for each in seen if each.failures] == []
 
 

@@ -20,6 +20,13 @@ BROKEN = [
         "limits.hard_force: 6 N is not above soft_force 6 N; raise hard_force",
     ),
     (
+        ['camera.device="http://127.0.0.1:188119/s"'],
+        (
+            'camera.device: "http://127.0.0.1:188119/s": Port out of range 0-65535; give a port '
+            "from 1 to 65535"
+        ),
+    ),
+    (
         ['force_sensor.capacity="8 N"'],
         (
             "limits.hard_force: 10 N exceeds the force sensor's capacity 8 N; lower hard_force, or "
