@@ -33,6 +33,7 @@ from tacauchy_rig.core.store.check.attempt import RESULT_HASH, RESULT_WHOLE
 from tacauchy_rig.core.store.check.files import consistency
 from tacauchy_rig.core.store.check.run import RunCheck, check_run
 from tacauchy_rig.core.store.journal import read_journal
+from tacauchy_rig.core.store.run_files import open_file, read_bytes
 from tacauchy_rig.core.store.run_store import RunStore
 
 FORCE_TRACE = "force_trace.jsonl"
@@ -124,7 +125,7 @@ def stated_of_run(config: RigConfig, check: ForceCheck | None) -> dict[str, Stat
 
 
 def _bytes_of(path: Path) -> bytes:
-    return path.read_bytes() if path.is_file() else b""
+    return read_bytes(path, what="the picture of the optics") if path.is_file() else b""
 
 
 def _target_n(store: RunStore, index: int, record: TrialRecord | None) -> float:
@@ -329,8 +330,12 @@ def read_true_dwells(trace: Path, windows: Mapping[int, tuple[int, int]]) -> dic
     """
     if not trace.is_file():
         return {}
+    largest = 1 << 30
     samples: dict[int, list[tuple[float, float]]] = {index: [] for index in windows}
-    with trace.open(encoding="utf-8") as lines:
+    with (
+        open_file(trace, what="what the emulators noted", max_bytes=largest) as descriptor,
+        open(descriptor, encoding="utf-8", errors="replace", closefd=False) as lines,
+    ):
         for stamp, force, depth in _trace_rows(lines):
             for index, (start, end) in windows.items():
                 if start <= stamp <= end:
@@ -343,7 +348,9 @@ def _trace_rows(lines: Iterator[str]) -> Iterator[tuple[int, float, float]]:
     for line in lines:
         try:
             row = json.loads(line)
-        except ValueError:
+        except (ValueError, RecursionError):
             continue  # the emulator was killed while it wrote its last line
-        if row.get("force_true_n") is not None and row.get("depth_true_m") is not None:
-            yield row["stamp_ns"], row["force_true_n"], row["depth_true_m"]
+        names = ("stamp_ns", "force_true_n", "depth_true_m")
+        values = [row.get(name) if isinstance(row, dict) else None for name in names]
+        if all(isinstance(value, int | float) for value in values):
+            yield values[0], values[1], values[2]

@@ -53,6 +53,8 @@ def read_triangles(path: Path, unit: MeshUnit) -> tuple[FloatArray, IntArray]:
             f"{path}: {kind or 'a file without an ending'} is no kind of triangle file known here",
             remedy="give an .stl or .obj file",
         )
+    if path.exists() and not path.is_file():
+        raise ConfigError(f"{path} is no plain file", remedy="check the path")
     try:
         path.open("rb").close()
     except OSError as error:

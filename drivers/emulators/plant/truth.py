@@ -14,6 +14,7 @@ from pydantic import TypeAdapter
 from drivers.emulators.plant.quad_mesh import GelDisc
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.store.run_files import read_bytes
 
 TRUTH_FILE = "truth.json"
 _POISSON_OFFSETS = (-0.01, -0.005, 0.0, 0.005, 0.01)  # few, because each needs a press table
@@ -180,8 +181,8 @@ def read_truth(path: Path) -> PlantTruth:
         RecordError: Absent or not such a file.
     """
     try:
-        return _TRUTH.validate_json(path.read_text())
-    except (OSError, ValueError) as error:
+        return _TRUTH.validate_json(read_bytes(path, what="the truth"))
+    except ValueError as error:
         raise RecordError(f"truth of the emulated world {path}: {error}") from error
 
 

@@ -169,6 +169,8 @@ def load_photometric(path: Path) -> PhotometricModel:
         ConfigError: The file is missing or is not such a model.
     """
     remedy = "write one with: tacauchy-rig calibrate optics FOLDER ... --out calibration.npz"
+    if path.exists() and not path.is_file():
+        raise ConfigError(f"{path} is no plain file", remedy=remedy)
     try:
         with np.load(path, allow_pickle=False) as data:
             if str(data["format"]) != FORMAT:

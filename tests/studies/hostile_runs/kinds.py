@@ -238,7 +238,11 @@ def _all() -> Iterator[tuple[str, Change]]:
     for name in ("run.json", "journal.jsonl", f"{_TRIAL}/recording.mcap", "report/summary.json"):
         yield f"pipe: {name}", partial(_pipe, name)
         yield f"terabyte: {name}", partial(_sparse, name)
-    yield "terabyte: report/report.html", partial(_sparse, "report/report.html")
+    for name in ("report/report.html", "truth.json", "emulation/force_trace.jsonl"):
+        yield f"terabyte: {name}", partial(_sparse, name)
+    row = b'{"stamp_ns": "x", "force_true_n": [], "depth_true_m": 1}'
+    trace = b"\n".join((b"[]", row, b"\xff\xfe", _nested(9999)))
+    yield "emulation: lines of other kinds", partial(_write, "emulation/force_trace.jsonl", trace)
     for name in (".lock", "journal.jsonl", "report/report.html", "report/summary.json"):
         yield f"hard link: {name}", partial(_hard_link, name)
     yield "a link to the run itself", _loop
