@@ -350,7 +350,7 @@ def _trace_rows(lines: Iterator[str]) -> Iterator[tuple[int, float, float]]:
             row = json.loads(line)
         except (ValueError, RecursionError):
             continue  # the emulator was killed while it wrote its last line
-        names = ("stamp_ns", "force_true_n", "depth_true_m")
-        values = [row.get(name) if isinstance(row, dict) else None for name in names]
-        if all(isinstance(value, int | float) for value in values):
-            yield values[0], values[1], values[2]
+        found = row if isinstance(row, dict) else {}
+        stamp, force, depth = (found.get(f) for f in ("stamp_ns", "force_true_n", "depth_true_m"))
+        if isinstance(stamp, int) and all(isinstance(v, int | float) for v in (force, depth)):
+            yield stamp, force or 0.0, depth or 0.0

@@ -136,7 +136,9 @@ def test_trace_is_averaged_over_the_dwell(tmp_path: Path) -> None:
         for k in range(100)
     ]
     rows[3]["depth_true_m"] = None
-    trace.write_text("\n".join(json.dumps(row) for row in rows) + '\n{"number": 1')
+    odd = ["[]", '{"stamp_ns": 10, "force_true_n": "x", "depth_true_m": []}']
+    lines = [*odd, *(json.dumps(row) for row in rows)]
+    trace.write_text("\n".join(lines) + '\n{"number": 1')
     found = read_true_dwells(trace, {1: (0, 490), 2: (5000, 6000)})
     assert found == {1: TrueDwell(force_n=2.0, depth_m=pytest.approx(1e-4))}
     assert read_true_dwells(tmp_path / "absent.jsonl", {1: (0, 490)}) == {}
