@@ -414,6 +414,11 @@ def _check_description(description: Any, path: Path) -> None:
                 f"{path}: {field}: missing or of the wrong type",
                 remedy="the file was edited, or is not this program's",
             )
+    if not all(isinstance(device, dict) for device in description["devices"].values()):
+        raise RecordError(
+            f"{path}: devices: one of them is no table",
+            remedy="the file was edited, or is not this program's",
+        )
     if description["format"] != FORMAT:
         raise RecordError(
             f"{path}: written in format {description['format']}; this program reads {FORMAT}",

@@ -35,7 +35,9 @@ from tests.studies.tampering.copy import Care, RunCopy
 from tests.tacauchy_rig.app.results.made_runs import reported, served
 from tests.tacauchy_rig.core.store.made_replay import made_replay
 
-LIMIT_S = 60.0
+LIMIT_S = {signal.ITIMER_PROF: 60.0, signal.ITIMER_REAL: 300.0}
+"""Of a command: processor time, and time on the wall, which on a busy machine says less."""
+_SIGNALS = {signal.ITIMER_PROF: signal.SIGPROF, signal.ITIMER_REAL: signal.SIGALRM}
 SHORT = ('robot.model="cb3"', 'replay.preset="fast"')
 NEIGHBOUR = "20260101-neighbour"
 COMMANDS: dict[str, Sequence[str]] = {
@@ -170,7 +172,7 @@ def _tried(command: str, root: Path, out: Path) -> tuple[str, str]:
         ):
             return work()
     except _TooLongError:
-        return "too long", f"it went on for more than {LIMIT_S:g} s"
+        return "too long", "it went on for too long"
     except RigError as error:
         return "refused", "" if error.message.isprintable() else _unprintable(error)
     except SystemExit as end:
@@ -224,13 +226,15 @@ def _limited() -> Iterator[None]:
     def end(*_: object) -> None:
         raise _TooLongError
 
-    before = signal.signal(signal.SIGALRM, end)
-    signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
+    before = {timer: signal.signal(number, end) for timer, number in _SIGNALS.items()}
+    for timer, limit_s in LIMIT_S.items():
+        signal.setitimer(timer, limit_s)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        for timer, number in _SIGNALS.items():
+            signal.setitimer(timer, 0.0)
+            signal.signal(number, before[timer])
 
 
 @contextlib.contextmanager

@@ -158,7 +158,9 @@ def _changed_settings(journal: JournalReading) -> Iterator[str]:
         if event.name == "attempt-start":
             since = f"after trial {event.trial}, attempt {event.attempt}"
         elif event.name == "resume-set":
-            for change in event.detail.get("changes", ()):
+            changes = event.detail.get("changes")
+            tables = changes if isinstance(changes, list) else []
+            for change in (each for each in tables if isinstance(each, dict)):
                 old = change.get("old") or "nothing"
                 yield (
                     f"`resume --set` changed {change.get('field')} from {old} to "
