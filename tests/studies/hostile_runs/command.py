@@ -23,8 +23,8 @@ def hostile_runs(
 ) -> None:
     """Make run folders of every hostile kind, and let every command read each.
 
-    A command fails that changes a file outside, takes a minute of processor time, or meets an error that nobody
-    foresaw; `serve` fails, too, if it no longer shows the run beside the hostile one.
+    A command fails that changes a file outside, takes a minute of processor time, or meets an
+    error that nobody foresaw; `serve` fails, too, if it no longer shows the other run.
 
     Example: python -m tests.studies hostile-runs --only 'link*'
     """

@@ -78,12 +78,17 @@ class _TooLongError(BaseException):
     """The time is up; nothing that catches errors catches it."""
 
 
-def recorded(parent: Path) -> Path:
-    """Press two trials in simulated time, with a made-up replay and a report; return the run."""
+def recorded(parent: Path, *, is_large: bool = True) -> Path:
+    """Press two trials in simulated time, with a made-up replay and a report; return the run.
+
+    Args:
+        parent: Where its folder is made.
+        is_large: Its images are as large as reports need.
+    """
     store = new_run(parent, *SHORT)
     press_run(store)
     copy = RunCopy(store.paths.root, Care.RESEALED)
-    for trial in store.trial_indices():
+    for trial in store.trial_indices() if is_large else ():
         copy.change_messages(trial, _enlarged)
     copy.reseal()
     store.truth.write(b'{"young_pa": 440000.0}\n')

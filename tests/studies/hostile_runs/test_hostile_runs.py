@@ -15,7 +15,7 @@ READERS = ("recover", "export csv", "serve")
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run that nobody touched."""
-    return recorded(tmp_path_factory.mktemp("runs"))
+    return recorded(tmp_path_factory.mktemp("runs"), is_large=False)
 
 
 def test_there_are_many_kinds() -> None:
