@@ -32,6 +32,19 @@ def test_frames_end_where_one_press_does() -> None:
     assert found.stiffness_n_m > 0.0
 
 
+def test_a_corrected_scene_ends_on_its_own_mesh() -> None:
+    """Frames on the way's mesh, and the end that ``press`` finds."""
+    shallow = stated_scene(select_scenes("shallow")[0].stated)
+    scene, is_stated = within(shallow, "5%", corrected=True)
+    found, alone = press_in_frames(scene, is_timed=False), press(scene)
+    assert is_stated
+    assert found.corrected is not None
+    assert alone.corrected is not None
+    assert found.force_n[2] == pytest.approx(alone.force_n[2], rel=2e-3)
+    assert found.corrected.force_n == pytest.approx(alone.corrected.force_n, rel=2e-3)
+    assert found.tet_count == alone.tet_count
+
+
 def test_a_motion_takes_half_of_the_frames() -> None:
     """Down in ten, then along in ten; straight presses go down in all."""
     sliding, straight = (
@@ -76,7 +89,7 @@ def test_a_tolerance_that_nothing_promises_still_chooses() -> None:
 def test_a_batch_presses_the_scene_too() -> None:
     """Friction and all: the first environment's force is that of the press alone."""
     stated = {"indenter": "sphere:diameter=10mm", "depth": "0.1mm", "contact": "friction:0.5"}
-    alone = press_scene(stated, Manner())
+    alone = press_in_frames(within(stated_scene(stated), "5%")[0])  # on the batch's mesh
     one, two = (press_scene(stated, Manner(environments=count)) for count in (1, 2))
     assert one.force_n == pytest.approx(two.force_n, rel=1e-4, abs=1e-6)
     assert two.force_n[2] == pytest.approx(alone.force_n[2], rel=5e-3)
