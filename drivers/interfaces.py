@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import Protocol, TypeVar
 
 from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.run import ArmSample, ForceSample, ImageFrame, Pose, Vector6
 
@@ -107,6 +108,10 @@ class StreamingDevice(Protocol[SampleT]):
 
     def close(self) -> None:
         """Stop the stream and release the device. Safe to call twice."""
+
+
+class ProgramEndedError(DeviceError):
+    """The robot's own program ended without a stop: its watchdog was not fed, or a person did."""
 
 
 class Arm(Protocol):

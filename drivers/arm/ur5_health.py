@@ -16,6 +16,7 @@ from drivers.arm.ur5_wire import (
     runtime_state_name,
     safety_reason,
 )
+from drivers.interfaces import ProgramEndedError
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ArmSample
 
@@ -116,11 +117,13 @@ class ArmHealth:
             mode = robot_mode_name(sample.robot_mode)
             raise self.lose(f"the arm is not running ({mode})", "power it on at the pendant")
         if sample.runtime_state != RuntimeState.PLAYING:
-            raise self.lose(
-                "the program on the controller ended "
-                f"(runtime state {runtime_state_name(sample.runtime_state)})",
-                f"it ends when it is not fed for {1e3 / self._watchdog_hz:.0f} ms, or at the "
-                "pendant; see what held this computer up, then start again",
+            state = runtime_state_name(sample.runtime_state)
+            raise self.remember(
+                ProgramEndedError(
+                    f"{self._device}: the program on the controller ended (runtime state {state})",
+                    remedy=f"it ends when it is not fed for {1e3 / self._watchdog_hz:.0f} ms, or "
+                    "at the pendant; see what held this computer up, then start again",
+                )
             )
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from drivers.interfaces import Rig
+from drivers.interfaces import ProgramEndedError, Rig
 from protocols.control.rates import RateMeter
 from protocols.control.record import Sink
 from protocols.guard.abort import Abort
@@ -186,7 +186,7 @@ class Cycle:
     def _explained(self, breach: BreachError) -> BreachError:
         """Return what stopped an arm that was not fed in time: this computer, not the robot."""
         held_up_s, fed_s = self._streams.held_up_s, 1.0 / self.config.robot.watchdog
-        if breach.limit != "robot" or held_up_s < fed_s:
+        if not isinstance(breach.__cause__, ProgramEndedError) or held_up_s < fed_s:
             return breach
         return BreachError(
             f"this computer was too busy: the control loop was held up for {held_up_s * 1e3:.0f} "

@@ -110,11 +110,13 @@ def presses(
     from drivers.emulators.plant.truth import draw_truth
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulation import emulated_unit
+    from tacauchy_rig.core.long_task import doing
 
     known = load_sensor(sensor)
     writable_folder(out)
     truth = draw_truth(seed, unit=emulated_unit(known))
-    write_ball_presses(truth, out, count=count, first=first, noise_free=noise_free)
+    with doing("pressing balls into the emulated gel"):
+        write_ball_presses(truth, out, count=count, first=first, noise_free=noise_free)
     x, y = known.camera.scale_x_m, known.camera.scale_y_m
     say(f"{count} presses of a {BALL_DIAMETER_M * 1e3:.2f} mm ball on an emulated {known.title}")
     say(f"--ball-diameter {BALL_DIAMETER_M * 1e3:.2f}mm --scale {1e-3 / x:.2f},{1e-3 / y:.2f}px/mm")

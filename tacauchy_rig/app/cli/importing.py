@@ -30,8 +30,10 @@ def import_(
     """
     from tacauchy_rig.app.importing.importer import import_run
     from tacauchy_rig.app.replay.settings import check_names
+    from tacauchy_rig.core.long_task import doing
 
-    store = import_run(source, parent=out, overrides=overrides or (), check=check_names)
+    with doing("importing"):
+        store = import_run(source, parent=out, overrides=overrides or (), check=check_names)
     imported = store.imported.load()
     if imported is not None:
         say(f"imported {len(imported.trials)} presses from {imported.source} ({imported.kind})")
