@@ -5,17 +5,19 @@ from __future__ import annotations
 import socket
 
 import pytest
+import typer
 
 from tacauchy_rig.app.cli.watching import (
     Watched,
     contact_outline,
     page_options,
+    page_told,
     viewers_of,
     watched_by,
 )
 from tacauchy_rig.app.viewers import options
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError, RigError
 
 
 @pytest.mark.parametrize(
@@ -103,3 +105,39 @@ def test_the_twin_is_shown_where_both_are_wanted() -> None:
     viewers = viewers_of(Watched(port=None, twin="force", foxglove=port))
     assert [viewer.name for viewer in viewers] == ["twin", "foxglove"]
     assert viewers[1].sources == ("twin",)
+
+
+class ToldPage:
+    """A page that was kept after a run."""
+
+    def __init__(self) -> None:
+        self.told: list[tuple[str, str]] = []
+        self.released = 0
+
+    def tell_page(self, state: str, text: str, *, passed: bool | None = None) -> None:
+        """Keep what it is told."""
+        del passed
+        self.told.append((state, text))
+
+    def release(self) -> None:
+        """Count."""
+        self.released += 1
+
+
+def fail(page: ToldPage) -> None:
+    """Analyse in vain."""
+    with page_told(page):  # type: ignore[arg-type]
+        raise RigError("F_z cannot be reached", remedy="press less")
+
+
+def test_a_page_is_told_that_a_run_could_not_be_analysed_and_is_let_go() -> None:
+    """With the error that the terminal shows; an exit code is no error."""
+    page = ToldPage()
+    with pytest.raises(RigError):
+        fail(page)
+    assert [state for state, _ in page.told] == ["analysing", "failed"]
+    assert "cannot be reached" in page.told[-1][1]
+    with pytest.raises(typer.Exit), page_told(page):  # type: ignore[arg-type]
+        raise typer.Exit(1)
+    assert page.told[-1][0] == "analysing"
+    assert page.released == 2
