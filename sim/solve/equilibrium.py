@@ -309,18 +309,18 @@ class EquilibriumSolver:
         if status == Status.NOT_FINITE:
             return ConvergenceError(
                 f"the residual is not finite after {found['steps']:.0f} steps",
-                remedy="press in smaller steps or use the stable-neo-hookean law",
+                remedy="press less deep, or use the stable-neo-hookean law",
             )
         if status == Status.NO_DESCENT:
             return ConvergenceError(
                 "the line search found no descent along a direction of slope "
                 f"{found['slope']:.3g} J",
-                remedy="press in smaller steps",
+                remedy="press less deep, give the indenter a fillet, or take a finer --preset",
             )
         return ConvergenceError(
             f"no equilibrium after {found['steps']:.0f} steps: residual {found['residual']:.3g} N "
             f"at a contact force of {found['scale']:.4g} N",
-            remedy="press in smaller steps, or refine the mesh near the indenter's rim",
+            remedy="press less deep, give the indenter a fillet, or take a finer --preset",
         )
 
     def _look_at_start(self, state: State) -> None:

@@ -171,14 +171,14 @@ def replay_and_show(
         AbortedError: Ctrl-C; what was recorded stays, and can be replayed.
     """
     from tacauchy_rig.app.replay.replay import replay_run
-    from tacauchy_rig.core.long_task import told
+    from tacauchy_rig.core.long_task import doing, told
 
     def tell(text: str) -> None:
         say(text)
         on_page("analysing", text.strip())
 
     try:
-        with told(tell):
+        with told(tell), doing("replay"):
             replay = replay_run(
                 run, tolerance=tolerance, calibrate=calibration.calibrate, on_progress=tell
             )
