@@ -40,6 +40,7 @@ class ArmHealth:
         self._lost: DeviceError | None = None
         self._controller_time_s = -1.0
         self._changed_s = self._looked_s = time.monotonic()
+        self._wall_offset_s = time.time() - time.monotonic()
 
     def require_alive(self) -> None:
         """Raise the first loss again, if there was one.
@@ -60,7 +61,18 @@ class ArmHealth:
         return self._lost
 
     def broken(self) -> DeviceError:
-        """Return the loss of a connection that was closed or replaced."""
+        """Return the loss of a connection that was closed or replaced.
+
+        The client library times its connection by this computer's clock and date: where those were
+        set, the network is not to blame.
+        """
+        jump_s = time.time() - time.monotonic() - self._wall_offset_s
+        if abs(jump_s) > _CLOCK_JUMP_S:
+            return self.lose(
+                f"the connection ended when this computer's clock was set by {jump_s:+.0f} s",
+                "let the time service adjust the clock slowly while a run goes on, then "
+                "`tacauchy-rig resume`",
+            )
         return self.lose(
             "the connection broke",
             "check the network and the controller, then start again; nothing reconnects by itself",

@@ -20,6 +20,7 @@ from protocols.guard.breach import BreachError, Reaction
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.model import RigConfig, RobotModel
 from tacauchy_rig.core.expected_press import ExpectedPress
+from tacauchy_rig.core.force_history import CREEP_SHARE
 from tacauchy_rig.core.run import FZ, ArmSample
 
 AVERAGED_S = 0.05
@@ -57,6 +58,7 @@ class Witness:
     Attributes:
         stage: What is judged now.
         band: Least and most force of the gel; None without a curve.
+        points: Depths of this press below contact [m] and the force at each [N].
     """
 
     def __init__(self, config: RigConfig, expected: ExpectedPress | None) -> None:
@@ -74,8 +76,8 @@ class Witness:
         rate_hz = config.force_sensor.rate
         self._forces: deque[float] = deque(maxlen=max(1, round(AVERAGED_S * rate_hz)))
         self._slow: deque[float] = deque(maxlen=max(1, round(WINDOW_S * rate_hz)))
-        self._contact_z_m = 0.0
-        self._points: list[tuple[float, float]] = []
+        self._contact_z_m = self._depth_m = 0.0
+        self.points: list[tuple[float, float]] = []
         self._earlier: list[tuple[float, float]] = []
         self._seen_from_m: float | None = None
 
@@ -89,7 +91,11 @@ class Witness:
         """Judge a press from the height at which the force sensor found contact [m]."""
         self.stage = Stage.PRESS
         self._contact_z_m = contact_z_m
-        self._points = [(0.0, self._contact_force_n)]
+        self.points = [(0.0, self._contact_force_n)]
+
+    def path(self) -> tuple[tuple[float, float], ...]:
+        """Return depths below contact [m] and the force at each [N], from contact to now."""
+        return (*self.points, (self._depth_m, self.cell_n))
 
     def remember_press(self) -> None:
         """Hold later presses against the one that was just held: it was into the same gel.
@@ -104,13 +110,18 @@ class Witness:
             known_m = self._earlier[-1][0]
         self._earlier += [
             (depth_m + later_m, force_n - self._zero_error_n)
-            for depth_m, force_n in self._points
+            for depth_m, force_n in self.points
             if depth_m + later_m > known_m
         ]
 
     def rest(self) -> None:
         """Judge nothing: the arm leaves the gel, or is far from it."""
         self.stage = Stage.REST
+
+    @property
+    def cell_n(self) -> float:
+        """Pressing force as the force sensor has it, averaged [N]."""
+        return sum(self._forces) / len(self._forces)
 
     @property
     def arm_force_n(self) -> float | None:
@@ -181,7 +192,7 @@ class Witness:
         if self._seen_from_m is None:
             self._seen_from_m = z_m
         travel_m = self._seen_from_m - z_m
-        cell_n = sum(self._forces) / len(self._forces)
+        cell_n = self.cell_n
         if travel_m < SEEN_TRAVEL_M or cell_n >= self._contact_force_n:
             return
         raise BreachError(
@@ -195,17 +206,20 @@ class Witness:
         )
 
     def _check_gel(self, z_m: float) -> None:
-        if self.band is None:
-            return
-        depth_m, cell_n = self._contact_z_m - z_m, sum(self._forces) / len(self._forces)
-        passed = [point for point in self._points if point[0] < depth_m] or self._points[:1]
-        most_n = self.band.most(passed, depth_m) + self._zero_error_n
+        depth_m, cell_n = self._contact_z_m - z_m, self.cell_n
+        self._depth_m = depth_m
+        if self.band is not None:
+            self._check_band(self.band, depth_m, cell_n)
+        if depth_m >= self.points[-1][0] + POINT_M:
+            self.points.append((depth_m, cell_n))
+
+    def _check_band(self, band: PressBand, depth_m: float, cell_n: float) -> None:
+        passed = [point for point in self.points if point[0] < depth_m] or self.points[:1]
+        most_n = band.most(passed, depth_m) + self._zero_error_n
         passed += [point for point in self._earlier if point[0] < depth_m]
-        least_n = self.band.least(passed, depth_m) - self._zero_error_n
+        least_n = band.least(passed, depth_m) - self._zero_error_n
         if not least_n <= cell_n <= most_n:
-            raise self._gel_breach(self.band, depth_m, cell_n, (least_n, most_n))
-        if depth_m >= self._points[-1][0] + POINT_M:
-            self._points.append((depth_m, cell_n))
+            raise self._gel_breach(band, depth_m, cell_n, (least_n, most_n))
 
     def _gel_breach(
         self, band: PressBand, depth_m: float, cell_n: float, bounds: tuple[float, float]
@@ -355,9 +369,6 @@ class ArmEstimate:
         return sum(self._forces_n) / len(self._forces_n) if self._forces_n else None
 
 
-CREEP_SHARE = 0.1
-"""Of a force, what a held gel may lose of it: silicone gels lose 5 to 8 %. Whether a stated modulus
-is that of a quick press or of a held one is seldom said, so that it is left open both ways."""
 DEEPEST_SHARE = 0.5
 """Of the gel's height: deeper, neither the gel nor its simulation has been tried."""
 _STRIPS = 40

@@ -113,11 +113,13 @@ def _millimetres(position: Vector3) -> str:
 
 LEAST_TRAVEL_M = 50e-6
 """Commanded travel below which nothing is concluded: a servo at its target hardly moves."""
-LEAST_SHARE = 0.25
+LEAST_SHARE, MOST_SHARE = 0.25, 1.75
+MOST_AHEAD_M = 100e-6
+"""Beyond ``MOST_SHARE``: what an arm still goes of the velocity before, 1 mm/s for 100 ms."""
 
 
 class FollowGuard:
-    """Finds an arm that was given a velocity and does not move: stuck, or paused at the pendant.
+    """Finds an arm that does not do the velocity it was given: stuck, paused, or too fast.
 
     Commanded and measured travel along z are compared over a window of at least ``window_s`` and
     ``LEAST_TRAVEL_M``, so that it works at 0.5 mm/s and at 0.02 mm/s. A controller's delay (below
@@ -151,7 +153,7 @@ class FollowGuard:
         """Judge the arm at height ``z_m``; once a turn.
 
         Raises:
-            BreachError: It has covered less than a quarter of what was commanded.
+            BreachError: It has covered less than a quarter of what was commanded, or much more.
         """
         if self._speed_m_s == 0.0:
             return
@@ -161,17 +163,30 @@ class FollowGuard:
         self._past.append((now_ns, self._commanded_m, z_m))
         while len(self._past) > 1 and self._is_enough(self._past[1], now_ns):
             self._past.popleft()
-        if not self._is_enough(self._past[0], now_ns):
-            return
         before_ns, commanded_before_m, z_before_m = self._past[0]
         commanded_m, gone_m = self._commanded_m - commanded_before_m, z_m - z_before_m
+        duration_s = (now_ns - before_ns) * 1e-9
+        if abs(gone_m) > MOST_SHARE * abs(commanded_m) + MOST_AHEAD_M:
+            raise _overrunning(commanded_m, gone_m, duration_s=duration_s)
+        if not self._is_enough(self._past[0], now_ns):
+            return
         if gone_m * commanded_m < LEAST_SHARE * commanded_m**2:
-            raise _stalled(commanded_m, gone_m, duration_s=(now_ns - before_ns) * 1e-9)
+            raise _stalled(commanded_m, gone_m, duration_s=duration_s)
 
     def _is_enough(self, since: tuple[int, float, float], now_ns: int) -> bool:
         since_ns, commanded_m, _ = since
         long_enough = now_ns - since_ns >= self._window_ns
         return long_enough and abs(self._commanded_m - commanded_m) > LEAST_TRAVEL_M
+
+
+def _overrunning(commanded_m: float, gone_m: float, *, duration_s: float) -> BreachError:
+    return BreachError(
+        f"robot: it goes further than told: commanded {commanded_m * 1e3:+.3f} mm in "
+        f"{duration_s:.1f} s, measured {gone_m * 1e3:+.3f} mm (up is positive)",
+        limit="limits.overshoot",
+        reaction=Reaction.RETRACT,
+        remedy="see the pendant: whether another program moves the arm, and its speed and units",
+    )
 
 
 def _stalled(commanded_m: float, gone_m: float, *, duration_s: float) -> BreachError:

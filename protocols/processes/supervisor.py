@@ -35,6 +35,7 @@ from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError, command_line
 from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
+from tacauchy_rig.core.store.force_series import force_series
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -329,8 +330,7 @@ class Supervisor:
         return self._result(Outcome.FAULT, f"{deaths}. {watchdog} {self._safe_trials()}")
 
     def _safe_trials(self) -> str:
-        trials = [planned.index for planned in self._job.plan]
-        return describe_safe([t for t in trials if self._store.accepted(t) is not None])
+        return describe_safe([trial.index for trial in plan_session(self._store) if trial.done])
 
     def _result(self, outcome: Outcome, reason: str, *, remedy: str = "") -> SessionResult:
         resume = f"`{command_line('resume', self._store.paths.root)}` continues"
@@ -373,19 +373,24 @@ def _discard(_: JournalEvent) -> None:
 def plan_session(store: RunStore, *, again: Set[int] = frozenset()) -> tuple[PlannedTrial, ...]:
     """Return what is left to do: trials without a passed attempt, numbered after earlier ones.
 
+    An attempt whose force sensor was found faulty since does not count.
+
     Args:
         store: The run's folder.
         again: Trials to press once more though they have a passed attempt.
     """
-    plan = []
+    plan, doubted = [], force_series(store).doubted
     for planned in fresh_plan(store.config):
         passed = store.accepted(planned.index)
+        done = passed is not None and planned.index not in again
+        done = done and passed is not None and (passed.index, passed.attempt) not in doubted
         plan.append(
             replace(
                 planned,
                 next_attempt=store.next_attempt(planned.index),
-                done=planned.index not in again and passed is not None,
+                done=done,
                 contact_z_m=None if passed is None else passed.contact_z_m,
+                record=passed if done else None,
             )
         )
     return tuple(plan)

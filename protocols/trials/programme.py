@@ -14,6 +14,7 @@ from protocols.steps.preflight import press_air, run_preflight
 from protocols.trials.trial import PlannedTrial, run_trial
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, RigError
+from tacauchy_rig.core.force_history import FORCE_HISTORY, FORCE_LIMITS
 from tacauchy_rig.core.run import Outcome, Phase, TrialRecord
 
 ResultT = TypeVar("ResultT")
@@ -53,18 +54,23 @@ def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) 
     records: dict[int, TrialRecord] = {}
     found_m = [planned.contact_z_m for planned in plan if planned.contact_z_m is not None]
     cycle.contact_z_m = min(found_m, default=None)
+    earlier = [planned.record for planned in plan if planned.record is not None]
     try:
         _prepare(cycle, journal)
         for planned in plan:
             if not planned.done:
-                _try(cycle, journal, planned, records)
+                _try(cycle, journal, planned, records, earlier)
     except RigError as error:
         safe = [planned.index for planned in plan if planned.done]
         safe += [index for index, record in records.items() if record.passed]
+        is_doubted = isinstance(error, BreachError) and error.limit in FORCE_LIMITS | {
+            FORCE_HISTORY
+        }
+        what = describe_doubted if is_doubted else describe_safe
         return ProgrammeResult(
             outcome=Outcome.ABORTED if isinstance(error, AbortedError) else Outcome.FAULT,
             records=tuple(records.values()),
-            reason=f"{error.message} {describe_safe(sorted(safe))}",
+            reason=f"{error.message} {what(sorted(safe))}",
             remedy=error.remedy or "`tacauchy-rig resume` continues with the next unfinished trial",
         )
     finally:
@@ -115,16 +121,23 @@ def _end_step(cycle: Cycle, journal: Journal, error: RigError) -> None:
 
 
 def _try(
-    cycle: Cycle, journal: Journal, planned: PlannedTrial, records: dict[int, TrialRecord]
+    cycle: Cycle,
+    journal: Journal,
+    planned: PlannedTrial,
+    records: dict[int, TrialRecord],
+    earlier: list[TrialRecord],
 ) -> None:
     """Run attempts until one passes; ``records`` keeps the last one whatever happens."""
     last = planned.next_attempt + cycle.config.protocol.attempts - 1
     for attempt in range(planned.next_attempt, last + 1):
-        records[planned.index], error = run_trial(cycle, journal, planned, attempt=attempt)
+        records[planned.index], error = run_trial(
+            cycle, journal, planned, attempt=attempt, earlier=earlier
+        )
         cut = {"of_trial": planned.index, "of_attempt": attempt}
         if error and not _goes_again(cycle, journal, error, is_last=attempt == last, **cut):
             raise error
         if records[planned.index].passed:
+            earlier.append(records[planned.index])
             break
 
 
@@ -150,6 +163,14 @@ def describe_safe(indices: Sequence[int]) -> str:
     if indices[-1] - indices[0] + 1 == len(indices):
         return f"Trials {indices[0]} to {indices[-1]} are safe."
     return f"Trials {', '.join(map(str, indices))} are safe."
+
+
+def describe_doubted(indices: Sequence[int]) -> str:
+    """Return that trials which passed are not kept, as a sentence."""
+    if not indices:
+        return describe_safe(indices)
+    which = describe_safe(indices).removesuffix(" safe.")
+    return f"{which} in doubt as well: the same force sensor measured them."
 
 
 LATE_IMAGE = "limits.stale_image"

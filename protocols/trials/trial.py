@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from drivers.interfaces import TouchMode
 from protocols.control.cycle import Cycle
 from protocols.control.rates import RateMeter
 from protocols.control.record import Begin, End, Journal
-from protocols.guard.breach import BreachError, reaction_to
+from protocols.guard.breach import BreachError, Reaction, reaction_to
 from protocols.guard.force import Contact
 from protocols.steps.motion import approach, home_pose, make_safe, move_to, retract
 from protocols.steps.press import PressDrive, hold, press_to_target, settle, sway
@@ -18,6 +18,12 @@ from protocols.steps.search import search_contact
 from protocols.steps.window import force_drift, judge_tare, listen, take_quiet_tare, take_tare
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, RecordError, RigError
+from tacauchy_rig.core.force_history import (
+    FORCE_HISTORY,
+    WEIGH_REMEDY,
+    ForceHistory,
+    judge_forces,
+)
 from tacauchy_rig.core.run import Criterion, Outcome, Phase, TrialRecord
 
 logger = logging.getLogger(__name__)
@@ -32,6 +38,7 @@ class PlannedTrial:
         next_attempt: Number of its next attempt; attempts are never overwritten.
         done: True when an earlier session has an attempt that passed.
         contact_z_m: Height at which an earlier session's passed attempt found the gel [m].
+        record: Of the attempt that passed, where ``done``.
     """
 
     index: int
@@ -39,16 +46,25 @@ class PlannedTrial:
     next_attempt: int = 1
     done: bool = False
     contact_z_m: float | None = None
+    record: TrialRecord | None = None
 
 
 def run_trial(
-    cycle: Cycle, journal: Journal, trial: PlannedTrial, *, attempt: int
+    cycle: Cycle,
+    journal: Journal,
+    trial: PlannedTrial,
+    *,
+    attempt: int,
+    earlier: Sequence[TrialRecord] = (),
 ) -> tuple[TrialRecord, RigError | None]:
     """Run one attempt; its record is kept whatever happens.
 
+    ``earlier`` are the trials that passed before: the forces of all of them must agree.
+
     Returns:
         The record, and what cut the attempt off (a breach, an abort or a refusal), after the arm
-        was made safe; None where it ran to its end.
+        was made safe, or what is wrong with the force sensor after all; None where it ran to its
+        end.
     """
     index, target_n = trial.index, trial.force_target_n
     findings = Findings(
@@ -63,7 +79,7 @@ def run_trial(
         cycle.sink.put(Begin(index, attempt))
         journal.write("attempt-start", force_target_n=target_n)
         _press_once(cycle, journal, findings)
-        record = _judge(cycle, journal, findings)
+        record, error = _judge(cycle, journal, findings, earlier)
     except RigError as problem:
         error = problem
         record = _record_fault(cycle, journal, findings, problem)
@@ -71,18 +87,35 @@ def run_trial(
     return record, error
 
 
-def _judge(cycle: Cycle, journal: Journal, findings: Findings) -> TrialRecord:
+def _judge(
+    cycle: Cycle, journal: Journal, findings: Findings, earlier: Sequence[TrialRecord]
+) -> tuple[TrialRecord, BreachError | None]:
     journal.enter(Phase.VERDICT)
+    error = None
     rates = cycle.rates.report()
     criteria = tuple(judge(findings, cycle.config, rates))
+    if all(criterion.passed for criterion in criteria):
+        history = judge_forces((*earlier, findings.record), cycle.config.robot.model)
+        criteria += (history.criterion(),)
+        error = _wrong_sensor(history) if history.fault else None
     missed = [criterion.name for criterion in criteria if not criterion.passed]
     is_cut = findings.record.force_measured_n is None
-    return replace(
+    record = replace(
         findings.record,
         outcome=Outcome.FAILED if missed or is_cut else Outcome.PASSED,
         rates=rates,
         reason=f"missed: {', '.join(missed)}" if missed else "",
         criteria=criteria,
+    )
+    return record, error
+
+
+def _wrong_sensor(history: ForceHistory) -> BreachError:
+    return BreachError(
+        f"{history.fault}. The arm is at home.",
+        limit=FORCE_HISTORY,
+        reaction=Reaction.HOLD,
+        remedy=WEIGH_REMEDY,
     )
 
 
@@ -116,6 +149,8 @@ def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
     journal.enter(Phase.PRESS, contact_z_m=contact_z_m, force_target_n=target_n)
     drive = PressDrive(cycle, target_n=target_n, contact_z_m=contact_z_m)
     press_to_target(cycle, drive)
+    depth_m, force_n = zip(*cycle.witness.path(), strict=True)
+    findings.record = replace(findings.record, press_depth_m=depth_m, press_force_n=force_n)
     findings.settled = settle(cycle, drive)
     journal.enter(Phase.DWELL, force_n=cycle.last_force_n)
     findings.record = hold(cycle, drive, findings.record)
@@ -160,7 +195,8 @@ def _record_fault(
         f"{error.message} during {phase.value} of trial {findings.record.index}. {end.text}"
     )
     rates = cycle.rates.report()
-    return replace(findings.record, outcome=outcome, rates=rates, reason=error.message)
+    limit = error.limit if isinstance(error, BreachError) else ""
+    return replace(findings.record, outcome=outcome, rates=rates, reason=error.message, limit=limit)
 
 
 def _finish(cycle: Cycle, journal: Journal, record: TrialRecord) -> None:

@@ -89,7 +89,13 @@ def abstract_of(
 def _force_check(evidence: RunEvidence) -> tuple[str, ...]:
     if evidence.imported is not None:
         return ()
-    return _written("force_check", check=evidence.force_check, allowed=evidence.unchecked_allowed)
+    return _written(
+        "force_check",
+        check=evidence.force_check,
+        after=evidence.weighed_after,
+        history=evidence.force_history,
+        allowed=evidence.unchecked_allowed,
+    )
 
 
 def _missed_by_name(trials: Sequence[TrialResult]) -> list[tuple[list[str], Criterion]]:

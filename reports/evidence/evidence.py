@@ -17,6 +17,7 @@ from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.figure_style import IMPORTED_MARK, SIMULATED_MARK
 from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.force_depth import ForceDepthCurve
+from tacauchy_rig.core.force_history import ForceHistory
 from tacauchy_rig.core.imported import Imported
 from tacauchy_rig.core.run import Criterion, TrialRecord
 from tacauchy_rig.core.simulated import ReplayModel, ReplayTrial, model_of
@@ -287,6 +288,8 @@ class RunEvidence:
         others: The same of further indenters and places.
         sync_mode: What ties force and images together in time (``run.sync_mode``).
         force_check: How the cell read a known weight before the run; None where that was not tried.
+        force_history: What all trials together say of the force sensor.
+        weighed_after: A known weight was hung on the cell after the last trial, and it was right.
         unchecked_allowed: Whether it may press without such a check whatever its arm feels.
         world: The emulated world of a dry run; comparisons with it are made by ``compare``.
         truth: Further comparisons, made by the caller.
@@ -309,6 +312,8 @@ class RunEvidence:
     others: tuple[ReplayModel, ...] = ()
     sync_mode: str = "host_clock"
     force_check: ForceCheck | None = None
+    force_history: ForceHistory = field(default_factory=lambda: ForceHistory(trials=(), sources=()))
+    weighed_after: bool = False
     unchecked_allowed: bool = False
     world: EmulatedWorld | None = None
     truth: tuple[TruthComparison, ...] = ()

@@ -32,6 +32,7 @@ from tacauchy_rig.core.simulated import Replay, model_of
 from tacauchy_rig.core.store.check.attempt import RESULT_HASH, RESULT_WHOLE
 from tacauchy_rig.core.store.check.files import consistency
 from tacauchy_rig.core.store.check.run import RunCheck, check_run
+from tacauchy_rig.core.store.force_series import ForceSeries, force_series
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.run_files import open_file, read_bytes
 from tacauchy_rig.core.store.run_store import RunStore
@@ -61,6 +62,7 @@ def load_evidence(
     """
     store, config = run.store, run.store.config
     check, force_check = check_run(store), readable(store.force_check.load)
+    series = force_series(store)
     _require_a_result(check, run)
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
     curves = {} if replay is None else {i: stated_curve(replay, i) for i in replayed}
@@ -75,7 +77,11 @@ def load_evidence(
             replay=replayed.get(index),
             force_depth_simulated=curves.get(index),
             kind=0 if replay is None else _kind(replay, index),
-            checks=(*_checks(check, index, run.records[index]), *damaged.get(index, ())),
+            checks=(
+                *_checks(check, index, run.records[index]),
+                *damaged.get(index, ()),
+                *_doubts(series, run.records[index]),
+            ),
             place_known=_is_place_known(store, index),
             **seen.get(index, {}),
             **_recorded(run.attempt(index)),
@@ -95,6 +101,8 @@ def load_evidence(
         others=() if replay is None else replay.others,
         sync_mode=config.run.sync_mode.value,
         force_check=force_check,
+        force_history=series.history,
+        weighed_after=series.weighed is not None,
         unchecked_allowed=config.limits.allow_unchecked_force,
         world=_world(store, run.records),
         checks=check.run,
@@ -103,6 +111,12 @@ def load_evidence(
         optics_picture=_bytes_of(store.paths.calibration_picture),
         notes=(*check.notes, *_of_other_attempts(check, run)),
     )
+
+
+def _doubts(series: ForceSeries, record: TrialRecord | None) -> Iterator[Criterion]:
+    doubt = None if record is None else series.criterion(record.index, record.attempt)
+    if doubt is not None:
+        yield doubt
 
 
 def stated_of_run(config: RigConfig, check: ForceCheck | None) -> dict[str, Stated]:

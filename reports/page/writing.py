@@ -82,6 +82,11 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
             "passed": evidence.force_check.passed,
             "ratio": evidence.force_check.ratio,
         },
+        "force_history": {
+            **to_plain(evidence.force_history),
+            "uncertainty": to_plain(evidence.force_history.uncertainty),
+            "weighed_after": evidence.weighed_after,
+        },
         "journal": to_plain(evidence.journal),
         "model": {} if evidence.model is None else to_plain(evidence.model),
         "other_models": to_plain(evidence.others),

@@ -9,7 +9,7 @@ values are SI.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -253,6 +253,9 @@ class TrialRecord:
             above the gel; None where it has no estimate.
         force_expected_n: Least and most force of the stated gel at that depth [N]; None where
             nothing was expected.
+        press_depth_m: Depths below contact at which the force was kept on the way to the target.
+        press_force_n: Force at each of ``press_depth_m`` [N].
+        limit: What cut the attempt off, by its name; empty where nothing did.
         dwell_start_ns: First and last arrival stamp of the window that counts.
         reference_start_ns: Window of no-contact frames taken before the press.
         rates: Achieved rates, losses and latencies (keys carry their unit, such as
@@ -273,6 +276,9 @@ class TrialRecord:
     depth_measured_m: float | None = None
     arm_force_n: float | None = None
     force_expected_n: tuple[float, float] | None = None
+    press_depth_m: tuple[float, ...] = ()
+    press_force_n: tuple[float, ...] = ()
+    limit: str = ""
     tare_before: Tare | None = None
     tare_after: Tare | None = None
     dwell_start_ns: int | None = None
@@ -287,6 +293,12 @@ class TrialRecord:
     def passed(self) -> bool:
         """True when the attempt ran to its end and met every criterion."""
         return self.outcome is Outcome.PASSED
+
+    def doubted(self, criterion: Criterion) -> TrialRecord:
+        """Return the record of an attempt that missed ``criterion`` in hindsight."""
+        outcome = Outcome.FAILED if self.passed else self.outcome
+        criteria = (*(c for c in self.criteria if c.name != criterion.name), criterion)
+        return replace(self, outcome=outcome, reason=criterion.remedy, criteria=criteria)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,6 +9,7 @@ from tacauchy_rig.app.cli.lazy import lazy_group
 
 STUDIES = {
     "fault-table": "tests.studies.fault_table.command:fault_table",
+    "force-faults": "tests.studies.force_faults.command:force_faults",
     "tampering": "tests.studies.tampering.command:tamper_table",
     "page": "tests.studies.page.command:page_check",
     "verdict": "tests.studies.verdict.command:verdict_check",

@@ -14,6 +14,7 @@ from protocols.processes.viewing import AFTERWARDS, CONTROL_ENDED
 from protocols.trials.time_left import TimeLeft
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, Phase, TrialRecord
+from tacauchy_rig.core.store.force_series import ForceSeries, force_series
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.run_files import read_bytes
 from tacauchy_rig.core.store.run_store import RunStore
@@ -51,6 +52,7 @@ class View:
         self._afterwards: dict[str, Any] = {}
         self._pictures: dict[str, bytes] = {}
         self._left = TimeLeft(job.config, job.plan, job.expected)
+        self._doubts = ForceSeries()
         self._disk: tuple[float, dict[str, int]] = (0.0, {})
         if job.again:
             self._catch_up()
@@ -111,6 +113,7 @@ class View:
             case "fault" | "abort":  # written once the arm is safe
                 self._phase, self._reason = "stopped", str(event.detail.get("reason", ""))
             case "run-end":
+                self._doubts = self._find_doubts()
                 self.ended, self._phase = True, "ended"
                 self._outcome = str(event.detail["outcome"])
                 self._reason = str(event.detail["reason"])
@@ -241,6 +244,8 @@ class View:
             "has_picture": held or f"trial-{index}" in self._pictures,
         }
         if record is not None:
+            doubt = self._doubts.criterion(index, record.attempt)
+            record = record if doubt is None else record.doubted(doubt)
             row |= {
                 "attempt": record.attempt,
                 "outcome": record.outcome.value,
@@ -250,6 +255,12 @@ class View:
                 "checks": [asdict(criterion) for criterion in record.criteria],
             }
         return row
+
+    def _find_doubts(self) -> ForceSeries:
+        try:
+            return force_series(self._store)
+        except RecordError:
+            return ForceSeries()
 
     def _catch_up(self) -> None:
         try:

@@ -341,6 +341,7 @@ def press(
     from tacauchy_rig.app.cli.watching import page_options
     from tacauchy_rig.app.session.expected import kept_expectation
     from tacauchy_rig.app.session.record import record_run
+    from tacauchy_rig.core.run import Outcome
 
     watched, again = request.watched, request.again
     viewers = viewers_of(watched)  # before anything is started for nothing
@@ -373,17 +374,22 @@ def press(
             expected=kept_expectation(store),
             open_page=watched.open_page,
         )
-        stack.enter_context(progress)
         page = page_options(config, port=watched.port)
-        return record_run(
-            store,
-            running,
-            on_event=progress,
-            again=again,
-            page=page,
-            viewers=viewers,
-            keep_page=not request.press_only,
-        )
+        with progress:
+            result = record_run(
+                store,
+                running,
+                on_event=progress,
+                again=again,
+                page=page,
+                viewers=viewers,
+                keep_page=not request.press_only,
+            )
+        if result.outcome is Outcome.PASSED:
+            _check_force_after(
+                store, running, request.weight, store.paths.emulation if chosen else None
+            )
+        return result
 
 
 def _check_force(
@@ -402,6 +408,30 @@ def _check_force(
         ask = ask_for_weight(weight)
     check = check_cell(store, config, weight, ask=ask)
     say(f"force checked: {check.finding}")
+
+
+def _check_force_after(
+    store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
+) -> None:
+    """Check the cell once more after the last trial where it had to be, or was, checked before.
+
+    Raises:
+        ForceCheckError: The cell is wrong by now.
+    """
+    from tacauchy_rig.app.session.cell import ForceCheckError, needs_weight
+
+    before = store.force_check.load()
+    if weight is None and before is not None and needs_weight(config):
+        weight = before.weight
+    if weight is None:
+        return
+    try:
+        _check_force(store, config, weight, emulation)
+    except ForceCheckError as error:
+        error.message = f"after the last trial {error.message}. No trial of this run is safe."
+        raise
+    except AbortedError as error:
+        say(f"force not checked at the end: {error.message}")
 
 
 def _tell_missed(store: RunStore, result: SessionResult) -> None:

@@ -125,6 +125,18 @@ def test_an_earlier_loss_outlives_a_later_one() -> None:
         health.require_running(_sample(safety_bits=SafetyBit.PROTECTIVE_STOP))
 
 
+def test_a_clock_that_was_set_is_named_instead_of_the_network(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The client library's connection ends when the computer's clock is set by an hour."""
+    health = ArmHealth("robot x", stale_limit_s=0.1, watchdog_hz=10.0)
+    now_s = time.time()
+    monkeypatch.setattr(time, "time", lambda: now_s + 3600.0)
+    error = health.broken()
+    assert "clock was set by +3600 s" in error.message
+    assert "network" not in f"{error.message} {error.remedy}"
+
+
 def test_a_standing_time_stamp_is_a_loss() -> None:
     """Data are judged by the controller's clock, not by their being there."""
     health = ArmHealth("robot x", stale_limit_s=_STALE_S, watchdog_hz=10.0)

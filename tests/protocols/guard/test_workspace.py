@@ -194,3 +194,21 @@ def test_a_stop_begins_anew():
             guard.forget()
     with pytest.raises(BreachError, match=r"measured 0\.000 mm"):
         drive(new_guard(), -0.0003, follows=0.0, seconds=len(turns) * TURN_NS * 1e-9)
+
+
+@pytest.mark.parametrize("speed", [-0.0005, -0.0003, 0.0005])
+def test_an_arm_four_times_as_fast_as_told_is_stopped_within_a_fifth_of_a_second(speed):
+    """Before it has gone half a millimetre; one that is a fifth too fast is let go on."""
+    with pytest.raises(BreachError, match="goes further than told") as caught:
+        drive(new_guard(), speed, follows=4.0, seconds=0.2)
+    assert caught.value.reaction is Reaction.RETRACT
+    drive(new_guard(), speed, follows=1.2, seconds=3.0)
+
+
+def test_an_arm_that_slows_down_late_is_let_go_on():
+    """It still goes at 1 mm/s for 80 ms after it was told 0.1 mm/s."""
+    guard, z = new_guard(), 0.0
+    for turn in range(200):
+        guard.command(-0.001 if turn < 100 else -0.0001)
+        guard.check(z, now_ns=turn * TURN_NS)
+        z -= (0.001 if turn * TURN_NS < 100 * TURN_NS + 80_000_000 else 0.0001) * TURN_NS * 1e-9

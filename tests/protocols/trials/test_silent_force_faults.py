@@ -8,46 +8,15 @@ from __future__ import annotations
 import random
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from drivers.emulators.faults import parse_fault
-from drivers.mock.world import Gel
 from protocols.steps.search import BEYOND_M
 from protocols.trials.programme import fresh_plan, run_programme
-from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.run import Outcome
+from tests.studies.force_faults.mini_gel import EXPECTED, MiniGel
 
 TARGETS_N = (1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332)
-CURVE = np.array(
-    [
-        (0.0, 0.0, 0.0),
-        (0.05, 0.0211, 0.0409),
-        (0.1, 0.031, 0.0608),
-        (0.2, 0.0481, 0.0901),
-        (0.4, 0.0815, 0.1342),
-        (0.7, 0.131, 0.1872),
-        (1.0, 0.1801, 0.2367),
-        (1.5, 0.2614, 0.3189),
-        (2.0, 0.3426, 0.4009),
-        (3.3, 0.5565, 0.616),
-        (4.73, 0.7897, 0.8587),
-        (7.2, 1.2051, 1.2363),
-    ]
-)
-"""Force [N], depth under a straight and under a 2 degrees tilted face [mm]."""
-FORCE_N, DEPTH_MM, TILTED_MM = CURVE.T
-EXPECTED = ExpectedPress(
-    sensor="gelsight-mini",
-    made="a table of this test",
-    depth_m=tuple((DEPTH_MM * 1e-3).tolist()),
-    force_n=tuple(FORCE_N.tolist()),
-    low=0.73,
-    high=1.24,
-    lean_m=84e-6,
-    depth_error_m=35e-6,
-    gel_height_m=4e-3,
-)
 SHORT = (
     'protocol.tare_duration="0.4 s"',
     'robot.home=["0 mm", "-400 mm", "203 mm"]',
@@ -71,23 +40,6 @@ CAUSES = {
     "swap-axes": ("axes",),
     "old-data": ("lags", "old data", "identical"),
 }
-
-
-class MiniGel(Gel):
-    """A Mini's gel, so many times as stiff, under a face that is tilted by up to 2 degrees."""
-
-    def __init__(self, *, stiffness: float = 1.0, tilt_share: float = 0.0) -> None:
-        super().__init__()
-        self._factor = stiffness
-        self._depth_mm = DEPTH_MM + tilt_share * (TILTED_MM - DEPTH_MM)
-
-    def press(self, depth_m: float, *, duration_s: float) -> float:
-        """Relax as any mock gel does, along the table's force instead of a straight line."""
-        depth_mm = max(depth_m, 0.0) * 1e3
-        last = np.diff(FORCE_N[-2:]) / np.diff(self._depth_mm[-2:])
-        beyond = float(last[0]) * max(0.0, depth_mm - self._depth_mm[-1])
-        force_n = self._factor * (float(np.interp(depth_mm, self._depth_mm, FORCE_N)) + beyond)
-        return super().press(force_n / self.stiffness_n_m, duration_s=duration_s)
 
 
 def see_nothing(lab):

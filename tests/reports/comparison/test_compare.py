@@ -9,6 +9,7 @@ from reports.comparison.compare import compare
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import RunEvidence
 from tacauchy_rig.core.force_check import ForceCheck, Weight, judge_weight
+from tacauchy_rig.core.force_history import ForceHistory, TrialForce
 from tacauchy_rig.core.run import Tare
 
 
@@ -128,6 +129,9 @@ def test_the_verdict_says_whether_the_cell_was_checked(evidence: RunEvidence) ->
         "the cell read 1.003 of the weight of 200 g (tolerance 0.061)"
         in compare(replace(empty, force_check=check)).verdict
     )
+    at_end = "Force not checked at the end"
+    assert at_end in compare(replace(empty, force_check=check)).verdict
+    assert at_end not in compare(replace(empty, force_check=check, weighed_after=True)).verdict
     expired = replace(check, expired="2026-01-03")
     assert "had expired" in compare(replace(empty, force_check=expired)).verdict
     allowed = compare(replace(empty, unchecked_allowed=True)).verdict
@@ -136,6 +140,12 @@ def test_the_verdict_says_whether_the_cell_was_checked(evidence: RunEvidence) ->
     assert "allow_unchecked_force" not in checked
     wrong = compare(replace(empty, force_check=_weighed(0.1))).verdict
     assert "Force not checked: the cell read 0.1 of a weight of 200 g" in wrong
+    trial = TrialForce(index=1, gain=0.97, gain_uncertainty=0.03)
+    history = ForceHistory(trials=(trial,), sources=("the arm's estimate", "the stated gel"))
+    agreed = compare(replace(empty, force_history=history)).verdict
+    assert "estimate and the stated gel agree with the force of every trial to within 9 %" in agreed
+    faulty = replace(history, fault="the gain changed")
+    assert "found faulty: the gain changed" in compare(replace(empty, force_history=faulty)).verdict
 
 
 def _weighed(scale: float) -> ForceCheck:

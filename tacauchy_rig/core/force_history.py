@@ -1,0 +1,482 @@
+"""What the force sensor's readings are worth over a run, by all that is independent of it.
+
+The unknown is the gain of the sensor in each trial: its reading over the true force, as a natural
+logarithm, so that 0 is right. Four sources tell of it, each with a stated uncertainty:
+
+- the arm's own estimate at each dwell, with a gain and an offset that all trials share;
+- the force-depth curves of the trials: one gel gave all of them, so they differ by gain, zero and
+  depth of contact alone;
+- the stated gel at the depth of each dwell, with a stiffness that all trials share;
+- a known weight that was hung on the sensor after the last trial.
+
+Generalised least squares (A. C. Aitken, "On least squares and linear combination of observations",
+1936) joins them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.force_check import SCALE_SHARE, ForceCheck
+from tacauchy_rig.core.run import Criterion, TrialRecord
+
+FORCE_HISTORY = "force_history"
+FORCE_LIMITS = frozenset(
+    f"witness.{name}" for name in ("arm", "gel", "depth", "camera", "noise", "old-data", "sideways")
+)
+"""Limits of the guard that a force sensor passes which is faulty."""
+WEIGH_REMEDY = (
+    "hang a known weight on the force sensor: `tacauchy-rig resume RUN --check-weight 200g` checks "
+    "it and presses again what it measured"
+)
+DEVIATIONS = 3.0
+"""Standard deviations beyond the tolerance ``SCALE_SHARE`` at which a gain is called wrong."""
+COVERAGE = 2.0
+CREEP_SHARE = 0.1
+"""Of a force, what a held gel may lose of it: silicone gels lose 5 to 8 %. Whether a stated modulus
+is that of a quick press or of a held one is seldom said, so that it is left open both ways."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmAccuracy:
+    """Standard uncertainties of an arm: of its force averaged over a dwell, and of its heights.
+
+    Attributes:
+        gain: Of its estimate, the same in all trials [1].
+        offset_n: The same in all trials [N]: joint friction that the direction of motion decides.
+        scatter_n: From trial to trial [N]: noise and drift.
+        depth_share: Of the way from contact, from trial to trial [1].
+        contact_m: Of the height of contact, from trial to trial [m].
+    """
+
+    gain: float
+    offset_n: float
+    scatter_n: float
+    depth_share: float
+    contact_m: float
+
+
+ARM_ACCURACY = {
+    RobotModel.E_SERIES: ArmAccuracy(
+        gain=0.02, offset_n=0.05, scatter_n=0.06, depth_share=0.02, contact_m=10e-6
+    ),
+    RobotModel.CB3: ArmAccuracy(
+        gain=0.05, offset_n=2.5, scatter_n=0.6, depth_share=0.03, contact_m=15e-6
+    ),
+}
+"""Of no arm that we measured: docs/explanation/witness.md."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialForce:
+    """What the sources say of the sensor in one trial.
+
+    Attributes:
+        index: Of the trial.
+        gain: Reading over true force [1].
+        gain_uncertainty: Standard uncertainty of it [1].
+        zero_n: Zero of its curve relative to the other trials [N]; None without a curve.
+        zero_uncertainty_n: Standard uncertainty of it [N].
+    """
+
+    index: int
+    gain: float
+    gain_uncertainty: float
+    zero_n: float | None = None
+    zero_uncertainty_n: float | None = None
+
+    @property
+    def uncertainty(self) -> float:
+        """How far the true force may be from the reading, as a share of it [1]; 95 %."""
+        return abs(1.0 - self.gain) + COVERAGE * self.gain_uncertainty
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceHistory:
+    """Judgement of a sensor over the trials of a run.
+
+    Attributes:
+        trials: In the order in which they were pressed.
+        sources: What was compared, in words.
+        fault: What is wrong, in words; empty where nothing was found.
+        excess: By how many times its limit the worst quantity is off [1]; above 1 is a fault.
+    """
+
+    trials: tuple[TrialForce, ...]
+    sources: tuple[str, ...]
+    fault: str = ""
+    excess: float = 0.0
+
+    @property
+    def uncertainty(self) -> float:
+        """How far the least certain force may be from the reading, as a share of it [1]; 95 %."""
+        return max((trial.uncertainty for trial in self.trials), default=math.inf)
+
+    def criterion(self) -> Criterion:
+        """Return whether the force sensor agrees with all that was compared with it."""
+        return Criterion.judged(
+            FORCE_HISTORY,
+            self.excess,
+            passed=not self.fault,
+            limit=f"at most 1 of what {' and '.join(self.sources)} allow",
+            unit="",
+            remedy=f"{self.fault}: {WEIGH_REMEDY}",
+        )
+
+
+def judge_forces(
+    records: Sequence[TrialRecord], model: RobotModel, *, weighed: ForceCheck | None = None
+) -> ForceHistory:
+    """Judge the force sensor by all trials that were pressed with it.
+
+    Args:
+        records: Trials with a measured force, in the order in which they were pressed.
+        model: Generation of the arm.
+        weighed: The check by a known weight after the last of them.
+    """
+    records = [r for r in records if r.force_measured_n is not None and r.force_measured_n > 0.0]
+    if not records:
+        return ForceHistory(trials=(), sources=())
+    accuracy = ARM_ACCURACY[model]
+    curves = _fit_curves(records, accuracy)
+    found = [
+        source
+        for source in (
+            _arm_source(records, accuracy),
+            _curve_source(records, curves, accuracy),
+            _gel_source(records),
+            None if weighed is None else _weight_source(len(records), weighed),
+        )
+        if source is not None
+    ]
+    gain, covariance, misfit = _join(found, len(records))
+    zeros = {k: (curves.zero_n[i], curves.zero_sd_n[i]) for i, k in enumerate(curves.of)}
+    trials = tuple(
+        TrialForce(
+            index=record.index,
+            gain=math.exp(gain[k]),
+            gain_uncertainty=math.exp(gain[k]) * math.sqrt(covariance[k, k]),
+            zero_n=zeros.get(k, (None, None))[0],
+            zero_uncertainty_n=zeros.get(k, (None, None))[1],
+        )
+        for k, record in enumerate(records)
+    )
+    excess, fault = max(
+        _wrong_gain(trials),
+        _changed_gain(trials, gain, covariance),
+        _disagreement(found, misfit, len(records)),
+        _creep(records),
+    )
+    return ForceHistory(
+        trials=trials,
+        sources=tuple(source.name for source in found),
+        fault=fault if excess > 1.0 else "",
+        excess=excess,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Source:
+    """Observations of the logarithms of the gains.
+
+    Attributes:
+        observed: Shape (m,).
+        design: What a gain changes of each, shape (m, trials).
+        covariance: Shape (m, m).
+    """
+
+    name: str
+    observed: FloatArray
+    design: FloatArray
+    covariance: FloatArray
+
+
+def _arm_source(records: Sequence[TrialRecord], accuracy: ArmAccuracy) -> _Source | None:
+    felt = [k for k, record in enumerate(records) if record.arm_force_n is not None]
+    if not felt:
+        return None
+    cell_n = np.array([records[k].force_measured_n for k in felt], dtype=float)
+    arm_n = np.array([records[k].arm_force_n for k in felt], dtype=float)
+    # A coarse arm may feel nothing: its uncertainty says the same then.
+    arm_n = np.maximum(arm_n, 0.1 * cell_n)
+    true_n = np.maximum(cell_n, arm_n)
+    covariance = (
+        accuracy.gain**2
+        + accuracy.offset_n**2 / np.outer(true_n, true_n)
+        + np.diag((accuracy.scatter_n / true_n) ** 2)
+    )
+    return _Source(
+        name="the arm's estimate",
+        observed=np.log(cell_n / arm_n),
+        design=np.eye(len(records))[felt],
+        covariance=covariance,
+    )
+
+
+_STIFFNESS_SD = 0.05
+"""Of the stated gel from trial to trial [1]: creep and depth."""
+
+
+def _gel_source(records: Sequence[TrialRecord]) -> _Source | None:
+    known = [
+        k
+        for k, record in enumerate(records)
+        if record.force_expected_n is not None and record.force_expected_n[0] > 0.0
+    ]
+    if not known:
+        return None
+    least_n, most_n = np.array([records[k].force_expected_n for k in known]).T
+    cell_n = np.array([records[k].force_measured_n for k in known])
+    middle_n = 0.5 * (least_n + most_n)
+    # The bounds hold 95 %: half of their distance is two standard deviations. What the most certain
+    # trial leaves open is the stiffness, the same in all of them.
+    deviation = 0.25 * (most_n - least_n) / middle_n
+    common = float(deviation.min())
+    return _Source(
+        name="the stated gel",
+        observed=np.log(cell_n / middle_n),
+        design=np.eye(len(records))[known],
+        covariance=common**2 + np.diag(deviation**2 - common**2 + _STIFFNESS_SD**2),
+    )
+
+
+_WEIGHT_SD = 0.01
+"""Of the gain between the last trial and the weight [1]."""
+
+
+def _weight_source(count: int, check: ForceCheck) -> _Source:
+    uncertainty = check.tolerance_n / check.weight.force_n - SCALE_SHARE
+    return _Source(
+        name=f"the weight of {check.weight} after the last trial",
+        observed=np.array([math.log(max(check.ratio, 0.05))]),
+        design=np.eye(count)[-1:],
+        covariance=np.array([[_WEIGHT_SD**2 + uncertainty**2]]),
+    )
+
+
+def _join(sources: Sequence[_Source], count: int) -> tuple[FloatArray, FloatArray, float]:
+    """Return logarithms of the gains, their covariance, and the weighted square of what is left.
+
+    Where nothing tells of a gain it may be anything: a prior of three e-folds.
+    """
+    information, told, square = np.eye(count) / 9.0, np.zeros(count), 0.0
+    for source in sources:
+        weight = np.linalg.inv(source.covariance)
+        information += source.design.T @ weight @ source.design
+        told += source.design.T @ weight @ source.observed
+        square += float(source.observed @ weight @ source.observed)
+    covariance = np.linalg.inv(information)
+    gain = covariance @ told
+    return gain, covariance, max(square - float(told @ gain), 0.0)
+
+
+Finding = tuple[float, str]
+"""By how many times its limit something is off, and what it is, in words."""
+
+
+def _wrong_gain(trials: Sequence[TrialForce]) -> Finding:
+    def off(trial: TrialForce) -> float:
+        share = trial.gain_uncertainty / trial.gain
+        return abs(math.log(trial.gain)) / (SCALE_SHARE + DEVIATIONS * share)
+
+    worst = max(trials, key=off)
+    return off(worst), (
+        f"in trial {worst.index} the force sensor read {worst.gain:.2f} +- "
+        f"{COVERAGE * worst.gain_uncertainty:.2f} times the true force"
+    )
+
+
+def _changed_gain(
+    trials: Sequence[TrialForce], gain: FloatArray, covariance: FloatArray
+) -> Finding:
+    change = gain[:, None] - gain[None, :]
+    variance = np.diag(covariance)
+    deviation = np.sqrt(np.maximum(variance[:, None] + variance[None, :] - 2.0 * covariance, 0.0))
+    off = np.abs(change) / (SCALE_SHARE + DEVIATIONS * deviation)
+    before, after = sorted(divmod(int(off.argmax()), len(trials)))
+    return float(off.max()), (
+        f"the force sensor's gain changed by {math.expm1(change[after, before]):+.0%} +- "
+        f"{COVERAGE * deviation[after, before]:.0%} from trial {trials[before].index} to "
+        f"trial {trials[after].index}"
+    )
+
+
+_MISFIT_DEVIATIONS = 5.0
+
+
+def _disagreement(sources: Sequence[_Source], misfit: float, count: int) -> Finding:
+    """Compare the square of what is left with a chi-squared distribution, as a normal one.
+
+    Wilson and Hilferty, "The distribution of chi-square", 1931.
+    """
+    degrees = sum(len(source.observed) for source in sources) - count
+    if degrees <= 0:
+        return 0.0, ""
+    spread = 2.0 / (9.0 * degrees)
+    score = ((misfit / degrees) ** (1.0 / 3.0) - (1.0 - spread)) / math.sqrt(spread)
+    names = ", ".join(source.name for source in sources)
+    return score / _MISFIT_DEVIATIONS, f"these sources disagree on the force: {names}"
+
+
+_HELD_M = 3e-6
+"""Standard uncertainty of the way that a held tip goes [m]."""
+
+
+def _creep(records: Sequence[TrialRecord]) -> Finding:
+    """Judge how much deeper a press went at a constant reading: a gel gives way by so much only."""
+    shares, deviations = [], []
+    for record in records:
+        way = _held_way(record)
+        if way is not None:
+            shares.append(way[0])
+            deviations.append(way[1])
+    if not shares:
+        return 0.0, ""
+    weight = 1.0 / np.square(deviations)
+    mean = float(weight @ shares / weight.sum())
+    limit = CREEP_SHARE + DEVIATIONS / math.sqrt(weight.sum())
+    return mean / limit, (
+        f"while the reading was held constant the presses went deeper by {mean:.0%} of the force, "
+        f"a gel by {CREEP_SHARE:.0%} at most: the force sensor loses force under load"
+    )
+
+
+def _held_way(record: TrialRecord) -> tuple[float, float] | None:
+    """Return the force of the way from reaching the target to the dwell, and its uncertainty.
+
+    Both are shares of the force.
+    """
+    depth_m, force_n = np.array(record.press_depth_m), np.array(record.press_force_n)
+    if len(depth_m) < _MIN_POINTS or record.depth_measured_m is None:
+        return None
+    near = depth_m >= depth_m[-1] - 0.1e-3
+    if near.sum() < 3:
+        return None
+    stiffness_n_m = float(np.polyfit(depth_m[near], force_n[near], 1)[0])
+    measured_n = record.force_measured_n or math.nan
+    way_n = stiffness_n_m * (record.depth_measured_m - float(depth_m[-1]))
+    share = (way_n - (measured_n - float(force_n[-1]))) / measured_n
+    return share, stiffness_n_m * _HELD_M / measured_n + 0.01
+
+
+_MIN_POINTS = 4
+_NODE_M = 25e-6
+_POINT_SD_N, _POINT_SHARE = 0.01, 0.01
+"""Of a point of a curve: noise averaged over 50 ms; relaxation where a press slows down."""
+_ZERO_SD_N = 0.03
+_BEND_SD_N = 0.05
+_ROUNDS = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Curves:
+    """Gains of presses against that of the first.
+
+    Attributes:
+        of: Positions of the records that have a curve.
+        gain: Logarithms, the first of them 0.
+        covariance: Of those.
+        zero_n: Zero of each [N].
+    """
+
+    of: tuple[int, ...]
+    gain: FloatArray
+    covariance: FloatArray
+    zero_n: tuple[float, ...]
+    zero_sd_n: tuple[float, ...]
+
+
+def _fit_curves(records: Sequence[TrialRecord], accuracy: ArmAccuracy) -> _Curves:
+    """Fit one force-depth curve to all presses, and gain, zero and contact of each.
+
+    Gauss-Newton on force = zero + gain * curve(depth + shift), with the curve linear between nodes.
+    """
+    of = tuple(k for k, r in enumerate(records) if len(r.press_depth_m) >= _MIN_POINTS)
+    if len(of) < 2:
+        return _Curves(
+            of=(), gain=np.zeros(0), covariance=np.zeros((0, 0)), zero_n=(), zero_sd_n=()
+        )
+    count = len(of)
+    depth_m = np.concatenate([records[k].press_depth_m for k in of])
+    force_n = np.concatenate([records[k].press_force_n for k in of])
+    press = np.repeat(np.arange(count), [len(records[k].press_depth_m) for k in of])
+    nodes = math.ceil((depth_m.max() + 0.1e-3) / _NODE_M) + 3
+    start_m = -2.0 * _NODE_M
+    grid_m = start_m + _NODE_M * np.arange(nodes)
+    order = np.argsort(depth_m)
+    curve = np.interp(grid_m, depth_m[order], force_n[order])
+    gain, zero_n, shift_m = np.zeros(count), np.zeros(count), np.zeros(count)
+    weight = 1.0 / np.hypot(_POINT_SD_N, _POINT_SHARE * force_n)
+    priors = np.zeros((3 * count + nodes - 2, nodes + 3 * count))
+    row = np.arange(count)
+    priors[row, nodes + row] = np.where(row == 0, 1e6, 1.0)  # the first is the reference
+    priors[count + row, nodes + count + row] = 1.0 / _ZERO_SD_N
+    priors[2 * count + row, nodes + 2 * count + row] = 1.0 / accuracy.contact_m
+    bend = np.arange(nodes - 2)
+    for step, value in enumerate((1.0, -2.0, 1.0)):
+        priors[3 * count + bend, bend + step] = value / _BEND_SD_N
+    for _ in range(_ROUNDS):
+        place = np.clip((depth_m + shift_m[press] - start_m) / _NODE_M, 0.0, nodes - 1.001)
+        cell = place.astype(int)
+        part = place - cell
+        slope = (curve[cell + 1] - curve[cell]) / _NODE_M
+        level = curve[cell] + part * _NODE_M * slope
+        factor = np.exp(gain[press])
+        rows = np.zeros((len(depth_m), nodes + 3 * count))
+        at = np.arange(len(depth_m))
+        rows[at, cell] = factor * (1.0 - part)
+        rows[at, cell + 1] = factor * part
+        rows[at, nodes + press] = factor * level
+        rows[at, nodes + count + press] = 1.0
+        rows[at, nodes + 2 * count + press] = factor * slope
+        left_n = force_n - zero_n[press] - factor * level
+        state = np.concatenate([curve, gain, zero_n, shift_m])
+        matrix = np.vstack([rows * weight[:, None], priors])
+        aim = np.concatenate([left_n * weight, -priors @ state])
+        normal = matrix.T @ matrix
+        scale = 1.0 / np.sqrt(np.diag(normal))  # units differ by 1e6
+        inverse = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
+        state = state + inverse @ (matrix.T @ aim)
+        curve, gain = state[:nodes], np.clip(state[nodes : nodes + count], -2.0, 2.0)
+        zero_n = state[nodes + count : nodes + 2 * count]
+        shift_m = state[nodes + 2 * count :]
+    part_of = slice(nodes, nodes + count)
+    zero_sd = np.sqrt(np.diag(inverse)[nodes + count : nodes + 2 * count])
+    return _Curves(
+        of=of,
+        gain=gain,
+        covariance=inverse[part_of, part_of],
+        zero_n=tuple(zero_n.tolist()),
+        zero_sd_n=tuple(zero_sd.tolist()),
+    )
+
+
+def _curve_source(
+    records: Sequence[TrialRecord], curves: _Curves, accuracy: ArmAccuracy
+) -> _Source | None:
+    """Return the gains of later presses against the first, at the dwell.
+
+    What a reading lost while it was held adds to what its curve tells.
+    """
+    if not curves.of:
+        return None
+    held = [_held_way(records[k]) or (0.0, CREEP_SHARE) for k in curves.of]
+    lost = np.array([share for share, _ in held])
+    # Each press has errors of its own, the first as well: they are in every difference.
+    own = np.diag([accuracy.depth_share**2 + deviation**2 for _, deviation in held])
+    differ = np.eye(len(curves.of))[1:]
+    differ[:, 0] = -1.0
+    design = np.zeros((len(curves.of), len(records)))
+    design[np.arange(len(curves.of)), curves.of] = 1.0
+    return _Source(
+        name="the force-depth curves of the trials",
+        observed=differ @ (curves.gain - lost),
+        design=differ @ design,
+        covariance=differ @ (curves.covariance + own) @ differ.T,
+    )

@@ -1,0 +1,1 @@
+"""Slow and late faults of force sensor and arm, in simulated time."""
