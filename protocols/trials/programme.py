@@ -170,7 +170,8 @@ def describe_doubted(indices: Sequence[int]) -> str:
     if not indices:
         return describe_safe(indices)
     which = describe_safe(indices).removesuffix(" safe.")
-    return f"{which} in doubt as well: the same force sensor measured them."
+    it = "it" if len(indices) == 1 else "them"
+    return f"{which} in doubt as well: the same sensor measured {it}."
 
 
 LATE_IMAGE = "limits.stale_image"

@@ -1,0 +1,127 @@
+"""Slow faults in simulated time, in small; and the runner against the whole protocol."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from protocols.trials.programme import fresh_plan, run_programme
+from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.run import Outcome, TrialRecord
+from tests.studies.force_faults.command import HONEST, pressed, tables_of
+from tests.studies.force_faults.mini_gel import EXPECTED, MiniGel
+from tests.studies.force_faults.runner import Runner, config_of
+from tests.studies.force_faults.worlds import TRIALS, Fault, Kind, Place, faulty_world, honest_world
+
+
+def of(model, seed=1):
+    """Return the first honest world from a seed on whose arm is a model."""
+    return next(w for w in map(honest_world, range(seed, seed + 50)) if w.model is model)
+
+
+@pytest.mark.parametrize("model", list(RobotModel))
+def test_an_honest_world_passes_and_its_errors_are_within_what_is_stated(model):
+    """All six trials, on either arm."""
+    run = Runner(of(model), config_of(model)).run()
+    assert not run.reason
+    assert len(run.passed) == TRIALS
+    assert run.beyond() < 0.0
+    assert run.most_n < 0.0
+
+
+@pytest.mark.parametrize("model", list(RobotModel))
+def test_a_gain_that_sinks_by_a_quarter_over_the_run_leaves_no_trial_safe(model):
+    """By less than the guard sees from one press to the next."""
+    sinking = Fault(kind=Kind.RAMP, size=0.25, trial=1)
+    run = Runner(replace(of(model), sensor=sinking), config_of(model)).run()
+    assert run.is_doubted
+    assert not run.passed
+
+
+def test_a_gain_that_falls_in_the_last_trial_of_a_coarse_arm_is_found_by_the_weight():
+    """After the dwell nothing else would tell."""
+    late = Fault(kind=Kind.STEP, size=0.2, trial=6, moment=0.9)
+    world = replace(of(RobotModel.CB3), sensor=late)
+    run = Runner(world, config_of(world.model)).run()
+    assert run.is_doubted
+    assert run.reason.startswith("weight: ")
+    unweighed = Runner(replace(world, weighed=False), config_of(world.model)).run()
+    assert len(unweighed.passed) == TRIALS
+
+
+def test_the_tables_name_what_failed():
+    """A trial that passes with a wrong force is a failure, by its seed."""
+    honest = pressed((HONEST, of(RobotModel.E_SERIES)))
+    found = pressed((Place.SENSOR.value, faulty_world(3, Place.SENSOR)))
+    assert all(table.passed for table in tables_of([honest, found]))
+    bad = replace(found, beyond=0.3, passed=6)
+    honest_table, faulty_table, _, failures = tables_of([honest, bad])
+    assert honest_table.passed
+    assert not faulty_table.passed
+    assert failures.rows[0][0] == bad.world.seed
+    rejected = [replace(honest, passed=0)] * 2
+    assert not tables_of([*rejected, *[honest] * 198])[0].passed
+
+
+@pytest.mark.slow
+def test_the_runner_presses_as_the_whole_protocol_does(laboratory):
+    """The same gel and arm, two targets: forces, depths, curves and judgement agree."""
+    world = replace(of(RobotModel.E_SERIES), tilt_share=0.3, depth_share=(0.0,) * 6, gain=1.0)
+    ours = Runner(world, config_of(world.model)).run()
+    lab = laboratory(
+        'protocol.force_targets=["1.2556 N", "1.9511 N"]',
+        'robot.home=["0 mm", "-400 mm", "206 mm"]',
+        'protocol.air_press_height="3 mm"',
+        expected=EXPECTED,
+        gel=MiniGel(
+            stiffness=world.stiffness,
+            tilt_share=world.tilt_share,
+            relaxed_fraction=world.relaxed_fraction,
+            relaxation_time_s=world.relaxation_time_s,
+        ),
+        noise_n=world.noise_n,
+        drift_n_s=world.drift_n_s,
+        motion_delay_s=world.motion_delay_s,
+    )
+    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    assert result.outcome is Outcome.PASSED, result.reason
+    for theirs, mine in zip(result.records, ours.records, strict=False):
+        assert mine.force_measured_n == pytest.approx(theirs.force_measured_n, abs=0.015)
+        assert mine.depth_measured_m == pytest.approx(theirs.depth_measured_m, abs=8e-6)
+        assert mine.arm_force_n == pytest.approx(theirs.arm_force_n, abs=0.3)
+        assert len(mine.press_depth_m) == pytest.approx(len(theirs.press_depth_m), abs=3)
+        assert {c.name for c in theirs.criteria} >= {"force_history", "force_mean"}
+
+
+def test_a_trial_that_contradicts_earlier_ones_ends_the_run_and_keeps_none_of_them(laboratory):
+    """An earlier session's trial was measured by a sensor that read seven tenths of the force."""
+    lab = laboratory(
+        'protocol.force_targets=["1.2556 N", "1.9511 N", "2.6466 N"]',
+        'robot.home=["0 mm", "-400 mm", "203 mm"]',
+        'protocol.approach_height="1.1 mm"',
+        'protocol.air_press_height="1.5 mm"',
+        'protocol.tare_duration="0.4 s"',
+        expected=EXPECTED,
+        gel=MiniGel(),
+    )
+    wrong = TrialRecord(
+        index=1,
+        attempt=1,
+        outcome=Outcome.PASSED,
+        force_target_n=1.2556,
+        force_measured_n=1.2556,
+        arm_force_n=1.2556 / 0.7,
+        depth_measured_m=0.31e-3,
+        force_expected_n=(1.0, 2.4),
+    )
+    first, second, third = fresh_plan(lab.config)
+    plan = (replace(first, done=True, record=wrong), second, third)
+    result = run_programme(lab.cycle, lab.journal, plan)
+    assert result.outcome is Outcome.FAULT
+    assert "gain changed by +" in result.reason
+    assert result.reason.endswith("Trial 1 is in doubt as well: the same sensor measured it.")
+    assert "--check-weight" in result.remedy
+    (record,) = result.records
+    assert record.reason == "missed: force_history"
+    assert len(record.press_depth_m) > 10
