@@ -271,7 +271,7 @@ def _join(sources: Sequence[_Source], count: int) -> tuple[FloatArray, FloatArra
         information += source.design.T @ weight @ source.design
         told += source.design.T @ weight @ source.observed
         square += float(source.observed @ weight @ source.observed)
-    covariance = np.linalg.inv(information)
+    covariance: FloatArray = np.asarray(np.linalg.inv(information), dtype=float)
     gain = covariance @ told
     return gain, covariance, max(square - float(told @ gain), 0.0)
 

@@ -18,6 +18,8 @@ from protocols.processes.viewing import AFTERWARDS, CONTROL_ENDED
 from tacauchy_rig.core.run import ImageFrame, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tests.tacauchy_rig.core.store.test_force_series import keep
+from tests.tacauchy_rig.core.test_force_history import RIGHT, pressed
 
 NAME = "any"
 
@@ -216,3 +218,14 @@ def test_a_large_picture_is_made_smaller_and_others_are_left_alone():
     assert reduced(small) is small
     assert reduced(b"\x89PNG...") == b"\x89PNG..."
     assert (media_type(b"\x89PNG"), media_type(small)) == ("image/png", "image/jpeg")
+
+
+def test_a_trial_that_is_doubted_at_the_end_is_shown_as_failed(view, store):
+    """It passed, and the same force sensor was found faulty afterwards."""
+    first, second, *_ = pressed(RIGHT)
+    keep(store, first, replace(second, outcome=Outcome.FAULT, limit="witness.gel", reason="sunk"))
+    view.note(event("run-end", outcome="fault", reason="sunk"))
+    row = view.run()["trials"][0]
+    assert row["outcome"] == "failed"
+    assert row["reason"].startswith("sunk: ")
+    assert not row["checks"][-1]["passed"]

@@ -10,10 +10,14 @@ import typer
 
 from protocols.processes.supervisor import SessionResult
 from tacauchy_rig.app.cli import session
+from tacauchy_rig.app.session.cell import ForceCheckError
 from tacauchy_rig.app.session.record import missed_lines
 from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.errors import AbortedError, RigError
+from tacauchy_rig.core.force_check import Weight
 from tacauchy_rig.core.run import Criterion, Outcome, TrialRecord
 from tacauchy_rig.core.store.run_store import RunStore
+from tests.tacauchy_rig.core.test_force_history import weighed
 
 RATE = Criterion(
     name="image_rate_hz",
@@ -67,3 +71,37 @@ def test_the_program_tells_it_and_ends_with_one(
     told = capfd.readouterr().err.splitlines()
     assert told[:3] == [*LINES, "trials without a passed attempt: 3"]
     assert f"tacauchy-rig resume {store.paths.root}" in told[3]
+
+
+def test_a_weight_that_had_to_be_hung_before_is_asked_for_again_after_the_last_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A coarse arm, the weight of the kept check; an input that ends and a wrong cell are told."""
+    loaded = load_config(overrides=['robot.model="cb3"'])
+    store = RunStore.create(
+        tmp_path, loaded, config_text=default_text(), simulated=True, versions={}
+    )
+    hung: list[str] = []
+
+    def hang(_store: object, _config: object, weight: Weight, _emulation: object) -> None:
+        hung.append(str(weight))
+
+    monkeypatch.setattr(session, "_check_force", hang)
+    session._check_force_after(store, store.config, None, None)
+    assert hung == []
+    store.force_check.save(weighed(1.0))
+    session._check_force_after(store, store.config, None, None)
+    assert hung == ["200 g"]
+
+    def raising(error: RigError) -> None:
+        def fail(*_: object) -> None:
+            raise error
+
+        monkeypatch.setattr(session, "_check_force", fail)
+
+    raising(AbortedError("the input ended"))
+    session._check_force_after(store, store.config, None, None)
+    assert "force not checked at the end: the input ended" in capfd.readouterr().out
+    raising(ForceCheckError("the cell is wrong"))
+    with pytest.raises(ForceCheckError, match="after the last trial the cell is wrong"):
+        session._check_force_after(store, store.config, None, None)
