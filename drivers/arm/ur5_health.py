@@ -52,7 +52,18 @@ class ArmHealth:
             raise self._lost
 
     def lose(self, reason: str, remedy: str) -> DeviceError:
-        """Return the error to raise, and remember it: a lost arm stays lost."""
+        """Return the error to raise, and remember it: a lost arm stays lost.
+
+        The client library times its connection by this computer's clock and date: where those were
+        set meanwhile, neither network nor controller is to blame.
+        """
+        jump_s = time.time() - time.monotonic() - self._wall_offset_s
+        if abs(jump_s) > _CLOCK_JUMP_S:
+            reason += f", after this computer's clock was set by {jump_s:+.0f} s"
+            remedy = (
+                "let the time service adjust the clock slowly while a run goes on, then "
+                "`tacauchy-rig resume`"
+            )
         return self.remember(DeviceError(f"{self._device}: {reason}", remedy=remedy))
 
     def remember(self, error: DeviceError) -> DeviceError:
@@ -61,18 +72,7 @@ class ArmHealth:
         return self._lost
 
     def broken(self) -> DeviceError:
-        """Return the loss of a connection that was closed or replaced.
-
-        The client library times its connection by this computer's clock and date: where those were
-        set, the network is not to blame.
-        """
-        jump_s = time.time() - time.monotonic() - self._wall_offset_s
-        if abs(jump_s) > _CLOCK_JUMP_S:
-            return self.lose(
-                f"the connection ended when this computer's clock was set by {jump_s:+.0f} s",
-                "let the time service adjust the clock slowly while a run goes on, then "
-                "`tacauchy-rig resume`",
-            )
+        """Return the loss of a connection that was closed or replaced."""
         return self.lose(
             "the connection broke",
             "check the network and the controller, then start again; nothing reconnects by itself",
