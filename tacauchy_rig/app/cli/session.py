@@ -26,7 +26,7 @@ from tacauchy_rig.app.cli.watching import (
     watched_by,
 )
 from tacauchy_rig.core.check_result import CheckStatus
-from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, command_line
+from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, RigError, command_line
 
 if TYPE_CHECKING:
     from protocols.processes.supervisor import SessionResult
@@ -386,9 +386,12 @@ def press(
                 keep_page=not request.press_only,
             )
         if result.outcome is Outcome.PASSED:
-            _check_force_after(
-                store, running, request.weight, store.paths.emulation if chosen else None
-            )
+            played = store.paths.emulation if chosen else None
+            try:
+                _check_force_after(store, running, request.weight, played)
+            except RigError:
+                with page_told(result.page):  # which tells it and lets go of it
+                    raise
         return result
 
 
