@@ -41,7 +41,7 @@ from typing import Any
 import warp as wp
 
 from sim.contact.indenter_distance import (
-    MeshBody,
+    Body,
     Poses,
     distance_curvature,
     local_point,
@@ -219,11 +219,43 @@ def held_back(
     return density, along
 
 
+@wp.func
+def held_stiffness(
+    surface: TouchedSurface,
+    body: Any,
+    grip: GripArrays,
+    b: wp.int32,
+    f: wp.int32,
+    q: wp.int32,
+    x: wp.vec3d,
+):
+    """Return the traction [Pa] of what a point holds on to, and its stiffness [Pa/m]."""
+    pull = wp.vec3d()
+    stiffness = wp.mat33d()
+    share = grip.held[b, f, q]
+    if share > wp.float64(0.0):
+        lagged = grip.loads[b, f, q]
+        u = grip_offset(body, share, lagged, grip.anchors[b, f, q], x)
+        length = wp.length(u)
+        load = wp.length(lagged)
+        _more, across, along = tangential_contact(surface, b, load, length)
+        tangent = wp.identity(n=3, dtype=wp.float64)
+        if load > wp.float64(0.0):
+            held = body.rotation * (lagged / load)
+            tangent = tangent - wp.outer(held, held)
+        stiffness += tangent * (share * across)
+        if length > wp.float64(1.0e-30):
+            t = u / length
+            stiffness += wp.outer(t, t) * (share * (along - across))
+        pull = u * across
+    return pull, stiffness
+
+
 # A lagged pressure that is none.
 _TINY_PA = wp.constant(wp.float64(1.0e-12))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ContactKernels:
     """The kernels for one kind of body, with or without what resists along the surface.
 
@@ -234,12 +266,16 @@ class ContactKernels:
         hold: Holds points that touch and frees the others; takes over their pressure, corrects
             what ``touch`` gave, and tells the pressure's change and size [N].
         drag: Lets anchors of sliding points follow.
+        stiffen: Semidefinite stiffness of every point [N/m], and which nodes are touched.
+        wrench: Adds force [N] and moment about the tip [N m] on the indenter.
     """
 
     touch: Any
     force: Any
     hold: Any
     drag: Any
+    stiffen: Any
+    wrench: Any
 
 
 @wp.func
@@ -261,7 +297,7 @@ def add_traction(
 @cache
 def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
     """Build the kernels."""
-    gap_of = nearby_gap if body_kind is MeshBody else signed_distance
+    gap_of = signed_distance if body_kind is Body else nearby_gap
 
     @wp.kernel(enable_backward=False, module="unique")
     def touch(
@@ -327,22 +363,9 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             if curved:
                 stiffness += distance_curvature(here, x) * slope
         if wp.static(grips):
-            share = grip.held[b, f, q]
-            if share > wp.float64(0.0):
-                lagged = grip.loads[b, f, q]
-                u = grip_offset(here, share, lagged, grip.anchors[b, f, q], x)
-                length = wp.length(u)
-                load = wp.length(lagged)
-                _more, across, along = tangential_contact(surface, b, load, length)
-                tangent = wp.identity(n=3, dtype=wp.float64)
-                if load > wp.float64(0.0):
-                    held = here.rotation * (lagged / load)
-                    tangent = tangent - wp.outer(held, held)
-                stiffness += tangent * (share * across)
-                if length > wp.float64(1.0e-30):
-                    t = u / length
-                    stiffness += wp.outer(t, t) * (share * (along - across))
-                pull += u * across
+            along, tangent = held_stiffness(surface, here, grip, b, f, q, x)
+            pull += along
+            stiffness += tangent
         point_out[b, f, q] = x
         gap_out[b, f, q] = distance
         force_out[b, f, q] = pull * surface.areas[f, q]
@@ -430,9 +453,71 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
                     grip.anchors[b, f, q] = at - wp.transpose(here.rotation) * u
                     grip.held[b, f, q] = wp.float64(1.0)
 
+    @wp.kernel(enable_backward=False, module="unique")
+    def stiffen(
+        # Model:
+        surface: TouchedSurface,
+        body: Any,
+        numbers: wp.array2d(dtype=wp.int32),
+        # Data in:
+        wanted: wp.array(dtype=wp.int32),
+        poses: Poses,
+        grip: GripArrays,
+        positions: wp.array2d(dtype=wp.vec3d),
+        # Data out:
+        stiffness_out: wp.array3d(dtype=wp.mat33f),
+        touching_out: wp.array2d(dtype=wp.int32),
+    ):
+        # ``numbers`` are those of the faces' nodes among the surface's, -1 for what is fixed.
+        b, f, q = wp.tid()
+        if wanted[b] == 1:
+            x = surface_point(surface, positions[b], f, q)
+            here = posed(body, poses, b)
+            distance, n = gap_of(here, x)
+            stiffness = wp.mat33d()
+            if distance < surface.distance:
+                _energy, _slope, change = normal_contact(surface, b, distance / surface.distance)
+                stiffness = wp.outer(n, n) * change
+            if wp.static(grips):
+                _along, tangent = held_stiffness(surface, here, grip, b, f, q, x)
+                stiffness += tangent
+            stiffness_out[b, f, q] = wp.mat33f(stiffness * surface.areas[f, q])
+            if wp.trace(stiffness) > wp.float64(0.0):
+                for k in range(surface.faces.shape[1]):
+                    if numbers[f, k] >= 0:
+                        touching_out[b, numbers[f, k]] = 1
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def wrench(
+        # Model:
+        surface: TouchedSurface,
+        body: Any,
+        # Data in:
+        poses: Poses,
+        grip: GripArrays,
+        positions: wp.array2d(dtype=wp.vec3d),
+        # Data out:
+        wrench_out: wp.array2d(dtype=wp.float64),
+    ):
+        b, f, q = wp.tid()
+        x = surface_point(surface, positions[b], f, q)
+        here = posed(body, poses, b)
+        distance, n = gap_of(here, x)
+        v = wp.vec3d()
+        if distance < surface.distance:
+            _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
+            v = n * slope
+        if wp.static(grips):
+            _more, along = held_back(surface, here, grip, b, f, q, x)
+            v += along
+        if wp.dot(v, v) > wp.float64(0.0):
+            force = v * surface.areas[f, q]
+            moment = wp.cross(x - poses.tips[b], force)
+            for k in range(3):
+                wp.atomic_add(wrench_out, b, k, force[k])
+                wp.atomic_add(wrench_out, b, 3 + k, moment[k])
+
     def built(kernel: Any) -> Any:
         return wp.overload(kernel, {"body": body_kind})
 
-    return ContactKernels(
-        touch=built(touch), force=built(force), hold=built(hold), drag=built(drag)
-    )
+    return ContactKernels(*(built(each) for each in (touch, force, hold, drag, stiffen, wrench)))

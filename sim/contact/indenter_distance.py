@@ -9,14 +9,17 @@ propose the wrong one of two faces.
 
 from __future__ import annotations
 
+from dataclasses import fields
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from sim.device import Device, filled
-from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
+from sim.scene.indenter import Cylinder, Indenter, IndenterSet, MeshIndenter, Sphere
 from sim.scene.triangle_rays import DeviceSurface, on_device
+from sim.scene.triangle_surface import TriangleSurface
 from tacauchy_rig.core.arrays import FloatArray
 
 _FACE = wp.constant(0)
@@ -82,7 +85,7 @@ def nearest_on_surface(surface: DeviceSurface, p: wp.vec3d) -> Nearest:
     """Return the nearest point of a surface, from the face that the tree proposes."""
     scaled = wp.vec3f((p - surface.centre) * surface.per_size)
     query = wp.mesh_query_point_no_sign(surface.tree, scaled, wp.float32(1.0e6))
-    best = nearest_on_face(surface, query.face if query.result else 0, p)
+    best = nearest_on_face(surface, surface.first_face + (query.face if query.result else 0), p)
     for _ in range(_MOVES_MAX):
         here = best
         for k in range(3):
@@ -165,6 +168,31 @@ class MeshBody:
 
 
 @wp.struct
+class AnyBody:
+    """The indenter of one environment at its pose, out of several that may be of any kind.
+
+    The triangles of all lie in the arrays of ``mesh``.
+    """
+
+    which: wp.array(dtype=wp.int32)  # body of an environment, shape [environment_count]
+    # of every body, shape [body_count]
+    meshes: wp.array(dtype=wp.int32)  # 1 where it is made of triangles
+    balls: wp.array(dtype=wp.int32)
+    radii: wp.array(dtype=wp.float64)
+    fillets: wp.array(dtype=wp.float64)
+    trees: wp.array(dtype=wp.uint64)
+    centres: wp.array(dtype=wp.vec3d)
+    per_sizes: wp.array(dtype=wp.float64)
+    halves: wp.array(dtype=wp.vec3d)
+    first_faces: wp.array(dtype=wp.int32)
+    is_mesh: wp.bool
+    analytic: Body
+    mesh: MeshBody
+    position: wp.vec3d
+    rotation: wp.mat33d
+
+
+@wp.struct
 class Poses:
     """The indenter's pose in every environment, shape [environment_count] each."""
 
@@ -181,13 +209,40 @@ def posed(body: Any, poses: Poses, b: wp.int32):
     return made
 
 
-def body_kind(indenter: Indenter) -> Any:
+@wp.func  # type: ignore[no-redef]
+def posed(body: AnyBody, poses: Poses, b: wp.int32):  # noqa: F811 - Warp overloads by type
+    """Return the indenter of an environment at its pose."""
+    made = body
+    k = body.which[b]
+    made.position = poses.tips[b]
+    made.rotation = poses.rotations[b]
+    made.is_mesh = body.meshes[k] == 1
+    made.analytic.is_ball = body.balls[k] == 1
+    made.analytic.radius = body.radii[k]
+    made.analytic.fillet = body.fillets[k]
+    made.analytic.position = made.position
+    made.analytic.rotation = made.rotation
+    made.mesh.surface.tree = body.trees[k]
+    made.mesh.surface.centre = body.centres[k]
+    made.mesh.surface.per_size = body.per_sizes[k]
+    made.mesh.surface.half = body.halves[k]
+    made.mesh.surface.first_face = body.first_faces[k]
+    made.mesh.position = made.position
+    made.mesh.rotation = made.rotation
+    return made
+
+
+def body_kind(indenter: Indenter | IndenterSet) -> Any:
     """Return the type of an indenter's description."""
+    if isinstance(indenter, IndenterSet):
+        return AnyBody
     return MeshBody if isinstance(indenter, MeshIndenter) else Body
 
 
-def body_of(indenter: Indenter, *, device: str = "cpu") -> Any:
+def body_of(indenter: Indenter | IndenterSet, *, device: str = "cpu") -> Any:
     """Return the device's description of an indenter, without a pose; a mesh is uploaded once."""
+    if isinstance(indenter, IndenterSet):
+        return _bodies_of(indenter, device)
     if isinstance(indenter, MeshIndenter):
         return filled(MeshBody, surface=uploaded_surface(indenter, device)[0])
     if isinstance(indenter, Cylinder):
@@ -195,6 +250,42 @@ def body_of(indenter: Indenter, *, device: str = "cpu") -> Any:
     if isinstance(indenter, Sphere):
         return filled(Body, radius=indenter.radius_m, fillet=indenter.radius_m, is_ball=True)
     return filled(Body, radius=_PLATE_M)
+
+
+def _bodies_of(indenters: IndenterSet, device: str) -> Any:
+    """Return the description of several bodies, their triangles in common arrays."""
+    on, count = Device(device), len(indenters.bodies)
+    names = ("meshes", "balls", "first_faces", "radii", "fillets", "per_sizes")
+    table: dict[str, Any] = {name: np.zeros(count) for name in names}
+    table |= {name: np.zeros((count, 3)) for name in ("centres", "halves")}
+    table |= {"trees": np.zeros(count, dtype=np.uint64), "which": np.array(indenters.which)}
+    pooled: dict[str, list[Any]] = {field.name: [] for field in fields(TriangleSurface)}
+    vertex_count = face_count = slot_count = 0
+    for k, indenter in enumerate(indenters.bodies):
+        if not isinstance(indenter, MeshIndenter):
+            own = body_of(indenter, device=device)
+            table["balls"][k], table["radii"][k] = own.is_ball, own.radius
+            table["fillets"][k] = own.fillet
+            continue
+        uploaded, surface = uploaded_surface(indenter, device)[0], indenter.surface
+        table["meshes"][k], table["trees"][k] = 1, uploaded.tree
+        table["centres"][k], table["halves"][k] = uploaded.centre, uploaded.half
+        table["per_sizes"][k], table["first_faces"][k] = uploaded.per_size, face_count
+        shifts = {"faces": vertex_count, "neighbours": face_count, "ring_faces": face_count}
+        for name, parts in pooled.items():
+            values = getattr(surface, name)
+            if name == "ring_starts":
+                values = values[:-1] + slot_count
+            parts.append(values + shifts.get(name, 0))
+        vertex_count += len(surface.vertices)
+        face_count += len(surface.faces)
+        slot_count += len(surface.ring_faces)
+    mesh = MeshBody()
+    if face_count:
+        pooled["ring_starts"].append(np.array([slot_count]))
+        arrays = {name: np.concatenate(parts) for name, parts in pooled.items()}
+        mesh.surface = on.tables(DeviceSurface, arrays)
+    return on.tables(AnyBody, table, mesh=mesh)
 
 
 def poses_at(tips: FloatArray, rotations: FloatArray, device: Device) -> Any:
@@ -256,6 +347,30 @@ def nearby_gap(body: MeshBody, x: wp.vec3d):
     return gap, body.rotation * n
 
 
+@wp.func  # type: ignore[no-redef]
+def signed_distance(body: AnyBody, x: wp.vec3d):  # noqa: F811 - Warp overloads by type
+    """Return the gap [m], positive outside, and its gradient in the pad's frame."""
+    gap = wp.float64(0.0)
+    n = wp.vec3d()
+    if body.is_mesh:
+        gap, n = signed_distance(body.mesh, x)
+    else:
+        gap, n = signed_distance(body.analytic, x)
+    return gap, n
+
+
+@wp.func  # type: ignore[no-redef]
+def nearby_gap(body: AnyBody, x: wp.vec3d):  # noqa: F811 - Warp overloads by type
+    """Return the gap [m] and its gradient; far from triangles too small a gap."""
+    gap = wp.float64(0.0)
+    n = wp.vec3d()
+    if body.is_mesh:
+        gap, n = nearby_gap(body.mesh, x)
+    else:
+        gap, n = signed_distance(body.analytic, x)
+    return gap, n
+
+
 @wp.func
 def distance_curvature(body: Body, x: wp.vec3d) -> wp.mat33d:
     """Return the second derivative of the gap [1/m] in the pad's frame.
@@ -292,3 +407,12 @@ def distance_curvature(body: Body, x: wp.vec3d) -> wp.mat33d:
 def distance_curvature(body: MeshBody, x: wp.vec3d) -> wp.mat33d:  # noqa: ARG001, F811
     """Return zero: faces are flat, and edges are left out as a sharp rim is."""
     return wp.mat33d()
+
+
+@wp.func  # type: ignore[no-redef]
+def distance_curvature(body: AnyBody, x: wp.vec3d) -> wp.mat33d:  # noqa: F811
+    """Return the second derivative of the gap [1/m] in the pad's frame."""
+    found = wp.mat33d()
+    if not body.is_mesh:
+        found = distance_curvature(body.analytic, x)
+    return found

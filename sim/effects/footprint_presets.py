@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim.effects.mesh_choice import has_brick, mesh_depth
 from sim.mesh.footprint import Footprint, footprint, sizing_field
-from sim.mesh.refinement import bisected, brick_mesh, with_rim_fitted, with_top_fitted
+from sim.mesh.refinement import bisected_level, brick_mesh, with_rim_fitted, with_top_fitted
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.indenter import Cylinder, TurnedIndenter, tilted
 from sim.scene.material import interface_shares
-from sim.scene.pad import BoxPad, Pad, SurfacePad
+from sim.scene.pad import BoxPad, Pad
 from sim.scene.scene import Preset, Scene
-from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 _SPACING_M = 0.8e-3
@@ -107,28 +105,12 @@ def footprint_mesh(
         coarse_m=coarse_m / refinement,
     )
     reach_m = 2.0 * (scene.tetwild.epsilon_r or _EPSILON_R) * diagonal(pad)
-    fitted = with_top_fitted(_bisected_level(base, pad, size_at), pad, reach_m=reach_m)
+    fitted = with_top_fitted(bisected_level(base, pad, size_at), pad, reach_m=reach_m)
     rim_reach_m = _RIM_REACH_SHARE * edge_m / refinement
     fitted = with_rim_fitted(fitted, pad, touched.rim, reach_m=rim_reach_m)
     mesh = replace(fitted, name=f"footprint, {scene.preset.value}, on {base.name}")
     refuse_flat(mesh, scene.tetwild.dihedral_min_rad or _DIHEDRAL_MIN_RAD)
     return mesh
-
-
-def _bisected_level(
-    base: TetMesh, pad: Pad, size_at: Callable[[FloatArray], FloatArray]
-) -> TetMesh:
-    """Refine as if the top were flat: what halves an edge of a dome's top lies on the dome."""
-    if isinstance(pad, SurfacePad):
-        return bisected(base, size_at)
-
-    def share(points: FloatArray) -> FloatArray:
-        height = pad.height_at(points[:, 0], points[:, 1]) / pad.height_m
-        return np.column_stack([np.ones((len(points), 2)), height])
-
-    level = replace(base, vertices=base.vertices / share(base.vertices))
-    fine = bisected(level, lambda points: size_at(points * share(points)))
-    return replace(fine, vertices=fine.vertices * share(fine.vertices))
 
 
 def _base_mesh(scene: Scene) -> TetMesh:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from sim.mesh.elements import boundary_faces
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, oriented, tet_volumes
-from sim.scene.pad import BoxPad, Pad
+from sim.scene.pad import BoxPad, Pad, SurfacePad
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.long_task import check_time
@@ -84,6 +84,20 @@ def bisected(mesh: TetMesh, size_at: Callable[[FloatArray], FloatArray]) -> TetM
                 f"the mesh would have more than {_TETS_MAX} tetrahedra",
                 remedy="use a coarser preset, or larger mesh settings",
             )
+
+
+def bisected_level(base: TetMesh, pad: Pad, size_at: Callable[[FloatArray], FloatArray]) -> TetMesh:
+    """Refine as if the top were flat: what halves an edge of a dome's top lies on the dome."""
+    if isinstance(pad, SurfacePad):
+        return bisected(base, size_at)
+
+    def share(points: FloatArray) -> FloatArray:
+        height = pad.height_at(points[:, 0], points[:, 1]) / pad.height_m
+        return np.column_stack([np.ones((len(points), 2)), height])
+
+    level = replace(base, vertices=base.vertices / share(base.vertices))
+    fine = bisected(level, lambda points: size_at(points * share(points)))
+    return replace(fine, vertices=fine.vertices * share(fine.vertices))
 
 
 def _edges(mesh: TetMesh) -> tuple[IntArray, FloatArray, IntArray, IntArray]:

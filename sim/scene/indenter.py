@@ -112,6 +112,19 @@ class MeshIndenter:
         return np.asarray(np.ptp(self.surface.vertices, axis=0))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IndenterSet:
+    """Bodies that press in the environments of a batch.
+
+    Attributes:
+        bodies: Each once.
+        which: The one of every environment, by its place.
+    """
+
+    bodies: tuple[Indenter, ...]
+    which: tuple[int, ...]
+
+
 Indenter = Cylinder | Sphere | Plane | MeshIndenter
 
 

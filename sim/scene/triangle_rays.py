@@ -32,6 +32,7 @@ class DeviceSurface:
     centre: wp.vec3d
     per_size: wp.float64
     half: wp.vec3d  # half the extents of its box
+    first_face: wp.int32  # of the tree's faces, where the arrays hold several surfaces
     vertices: wp.array(dtype=wp.vec3d)
     faces: wp.array2d(dtype=wp.int32)
     neighbours: wp.array2d(dtype=wp.int32)

@@ -83,6 +83,7 @@ class Descents:
         positions: Of the nodes [m], shape [environment_count, node_count].
         grip: What tangential contact remembers; ``grip_start`` from before the step.
         threads: Of a block that has an environment.
+        sources: What the inverse is asked for; ``found`` what it answers.
     """
 
     def __init__(
@@ -107,7 +108,7 @@ class Descents:
             )
         self.model, self._inverse, self.count = model, inverse, count
         self._device = device = Device(model.device)
-        self._gel, self._indenter = gel, indenter
+        self._gel, self.indenter = gel, indenter
         self._aside = wp.Stream(device.name) if device.is_gpu else None
         few = _THREADS_OF_FEW if count <= _FEW else _THREADS
         self.threads = few if device.is_gpu else 1
@@ -245,7 +246,7 @@ class Descents:
         if not self._device.is_gpu or not self._inverse.scaled:
             asked = np.flatnonzero(self.state.act.numpy() == Act.SOLVE).astype(np.int32)
         if asked is None or len(asked):
-            self._inverse.apply(asked, self._sources, self._found)
+            self._inverse.apply(asked, self.sources, self.found)
 
     def _allocate(self, memory: int, rows: int) -> None:
         device, count = self._device, self.count
@@ -258,10 +259,8 @@ class Descents:
         self.memory = device.zeroed(Memory, (count, memory), **shapes)
         inverse = self._inverse
         wide = max(rows, inverse.row_count)
-        self._sources = device.zeros((inverse.column_count, wide), inverse.kind)
-        self._found = device.zeros(
-            self._sources.shape, wp.float32 if inverse.scaled else wp.float64
-        )
+        self.sources = device.zeros((inverse.column_count, wide), inverse.kind)
+        self.found = device.zeros(self.sources.shape, wp.float32 if inverse.scaled else wp.float64)
 
     def _record(self, *, pulls: bool) -> None:
         """Record the launches, which are then made again and again."""
@@ -281,15 +280,15 @@ class Descents:
             )
             for again in (False, True)
         )
-        asks = [self.state, evaluated, self.memory, self._sources]
+        asks = [self.state, evaluated, self.memory, self.sources]
         self._prepare = recorded(prepare, [self._dofs, scaled, *asks])
-        found = [self._found, *own, evaluated, self.busy]
+        found = [self.found, *own, evaluated, self.busy]
         self._turn = recorded(turn, [self._limits, self._dofs, scaled, units, *found])
         self.renew_gel()
         self._touch, self._hold = self._contact_launches(surface)
 
     def _contact_launches(self, surface: ContactSurface) -> tuple[Any, Any]:
-        made, device = surface.kernels(self._indenter), self._device
+        made, device = surface.kernels(self.indenter), self._device
         body = self.body
         shape = tuple(self.contact_buffers[1].shape)
         at = [self.surface, body, self.state.wanted, self.poses, self.grip, self.positions]

@@ -1,0 +1,342 @@
+"""Warp kernels that correct the undeformed gel's inverse for the nodes in contact.
+
+Contact adds a stiffness C at the touching nodes: the stiffness is K = K0 + N C N^T, N picking those
+nodes, and Woodbury's identity gives
+
+    K^-1 = K0^-1 - K0^-1 N S^-1 N^T K0^-1,  S = C^-1 + N^T K0^-1 N
+
+so that only the block of K0^-1 at the surface (``compliance``) and a small dense system for every
+environment are needed. Nothing in them depends on the indenter, its place or its path. A load adds
+the indenter's height: a further unknown, held by a weak spring ``held``, to which every touching
+node is tied. One averaged normal for a node instead of three directions takes up to eight times as
+many evaluations under a punch's rim.
+
+A block of threads has one environment; on a CPU it is one thread.
+"""
+
+# Annotations are evaluated where they stand: those of native functions name a type given below.
+import re
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from sim.solve.descent_state import Act, Descent
+
+CAPACITY = 232
+"""Touching nodes of an environment at most; more are left uncorrected."""
+
+# Steps after which the correction is made anew: the first ones change what touches.
+_EARLY, _LATE = wp.constant(4), wp.constant(8)
+
+
+@wp.struct
+class Correction:
+    """What the correction knows of the surface, and of every environment's contact."""
+
+    rows: wp.array2d(dtype=wp.int32)  # unknowns of a surface node, shape [surface_count, 3]
+    # surface nodes of a face, -1 for fixed ones, shape [face_count, face_node_count]
+    faces: wp.array2d(dtype=wp.int32)
+    values: wp.array2d(dtype=wp.float32)  # shape functions, shape [point_count, face_node_count]
+    # block of K0^-1 [m/N], shape [3 surface_count, 3 surface_count]
+    compliance: wp.array2d(dtype=wp.float32)
+    held: wp.float64  # spring of the indenter's height where it is an unknown [N/m]
+    shares: wp.array(dtype=wp.float64)  # E that K0 is of over its own, shape [environment_count]
+    renews: wp.array(dtype=wp.int32)  # 1 where the correction is made anew, shape likewise
+    # of every contact point [N/m]; shape [environment_count, face_count, point_count]
+    stiffness: wp.array3d(dtype=wp.mat33f)
+    touching: wp.array2d(dtype=wp.int32)  # 1 where a node is, [environment_count, surface_count]
+    local: wp.array2d(dtype=wp.int32)  # place of a node among the touching, or -1, likewise
+    counts: wp.array(dtype=wp.int32)  # touching nodes, shape [environment_count]
+    listed: wp.array2d(dtype=wp.int32)  # their numbers, shape [environment_count, capacity]
+    inverse: wp.array3d(dtype=wp.float32)  # -S^-1, shape [environment_count, size, size]
+
+
+# SHARED and SYNC let one code serve a block of threads and the one thread of a CPU.
+_SHARED = """
+#if defined(__CUDA_ARCH__)
+    #define SHARED __shared__
+    #define SYNC __syncthreads()
+    const int thread = threadIdx.x, threads = blockDim.x, lanes = 32;
+#else
+    #define SHARED
+    #define SYNC
+    const int thread = 0, threads = 1, lanes = 1;
+#endif
+    const int lane = thread % lanes, row = thread / lanes, rows = threads / lanes;
+    const int nodes = c.touching.shape[1], capacity = c.listed.shape[1];
+    int* listed = c.listed.data + (size_t)b * capacity;
+"""
+_LIST = f"""
+    {_SHARED}
+    (void)lane; (void)row; (void)rows;
+    // Every thread lists the touching nodes of its part of the surface, in their order.
+    SHARED int first[1025];
+    const int* touching = c.touching.data + (size_t)b * nodes;
+    int* local = c.local.data + (size_t)b * nodes;
+    const int part = (nodes + threads - 1) / threads;
+    const int from = wp::min(nodes, thread * part), to = wp::min(nodes, from + part);
+    int own = 0;
+    for (int s = from; s < to; ++s) own += touching[s];
+    first[thread + 1] = own;
+    SYNC;
+    if (thread == 0) {{
+        first[0] = 0;
+        for (int t = 0; t < threads; ++t) first[t + 1] += first[t];
+        c.counts.data[b] = wp::min(first[threads], capacity);
+    }}
+    SYNC;
+    int at = first[thread];
+    for (int s = from; s < to; ++s) {{
+        local[s] = touching[s] && at < capacity ? at : -1;
+        if (local[s] >= 0) listed[at] = s;
+        at += touching[s];
+    }}
+    SYNC;
+"""
+# Sweeps all pivots of a symmetric matrix (Goodnight 1979), eight at a time, which leaves its
+# negative inverse.
+_SWEEP = """
+    for (int k = 0; k < n; k += WIDE) {
+        const int w = wp::min(WIDE, n - k);
+        SYNC;
+        for (int e = thread; e < n * w; e += threads)
+            column[e] = s_at[(size_t)(k + e / n) * size + e % n];
+        SYNC;
+        for (int e = thread; e < w * w; e += threads) pivot[e] = column[e / w * n + k + e % w];
+        for (int p = 0; p < w; ++p) {
+            SYNC;
+            if (thread == 0) {
+                const float over = 1.f / pivot[p * w + p];
+                float by[WIDE];
+                for (int i = 0; i < w; ++i) by[i] = pivot[i * w + p];
+                for (int i = 0; i < w; ++i)
+                    for (int j = 0; j < w; ++j) {
+                        float& x = pivot[i * w + j];
+                        if (i == p) x = j == p ? -over : by[j] * over;
+                        else x = j == p ? by[i] * over : x - by[i] * over * by[j];
+                    }
+            }
+        }
+        SYNC;
+        // ``pivot`` is the block's negative inverse now.
+        for (int e = thread; e < n * w; e += threads) {
+            float sum = 0.f;
+            for (int q = 0; q < w; ++q) sum -= column[q * n + e % n] * pivot[q * w + e / n];
+            along[e] = sum;
+        }
+        SYNC;
+        for (int i = row; i < n; i += rows) {
+            float* s_row = s_at + (size_t)i * size;
+            const bool in_rows = i >= k && i < k + w;
+            for (int j = lane; j < n; j += lanes) {
+                const bool in_columns = j >= k && j < k + w;
+                if (in_rows) s_row[j] = in_columns ? pivot[(i - k) * w + j - k]
+                                                   : along[(i - k) * n + j];
+                else if (in_columns) s_row[j] = along[(j - k) * n + i];
+                else {
+                    float sum = s_row[j];
+                    for (int q = 0; q < w; ++q) sum -= along[q * n + i] * column[q * n + j];
+                    s_row[j] = sum;
+                }
+            }
+        }
+    }
+    SYNC;
+"""
+_FACTOR = f"""
+    {_SHARED}
+#if defined(__CUDA_ARCH__)
+    #define ADD(at, what) atomicAdd(&(at), what)
+#else
+    #define ADD(at, what) (at) += what
+#endif
+    const int count = c.counts.data[b], n = 3 * count, size = c.inverse.shape[1];
+    const int* local = c.local.data + (size_t)b * nodes;
+    float* s_at = c.inverse.data + (size_t)b * size * size;
+    SHARED float column[SIZE * WIDE];
+    SHARED float along[SIZE * WIDE];
+    SHARED float pivot[WIDE * WIDE];
+    for (int i = row; i < n; i += rows)
+        for (int j = lane; j < n; j += lanes) s_at[(size_t)i * size + j] = 0.f;
+    SYNC;
+    const int faces = c.faces.shape[0], corners = c.faces.shape[1], points = c.values.shape[0];
+    const wp::mat33f* stiffness = c.stiffness.data + (size_t)b * faces * points;
+    for (int f = row; f < faces; f += rows) {{
+        const int* own = c.faces.data + f * corners;
+        bool touches = false;
+        for (int a = 0; a < corners; ++a) touches = touches || (own[a] >= 0 && local[own[a]] >= 0);
+        if (!touches) continue;
+        for (int e = lane; e < corners * corners; e += lanes) {{
+            const int a = e / corners, o = e % corners;
+            const int i = own[a] < 0 ? -1 : local[own[a]], j = own[o] < 0 ? -1 : local[own[o]];
+            if (i < 0 || j < 0) continue;
+            wp::mat33f sum(0.f);
+            for (int q = 0; q < points; ++q)
+                sum += stiffness[f * points + q]
+                    * (c.values.data[q * corners + a] * c.values.data[q * corners + o]);
+            for (int p = 0; p < 3; ++p)
+                for (int q = 0; q < 3; ++q)
+                    ADD(s_at[(size_t)(3 * i + p) * size + 3 * j + q], sum.data[p][q]);
+        }}
+    }}
+    SYNC;
+    // What a node lacks across its normals, and faces that are touched in part, leave no full rank.
+    for (int i = thread; i < count; i += threads) {{
+        float trace = 0.f;
+        for (int p = 0; p < 3; ++p) trace += s_at[(size_t)(3 * i + p) * (size + 1)];
+        for (int p = 0; p < 3; ++p) s_at[(size_t)(3 * i + p) * (size + 1)] += SPARE * trace;
+    }}
+    {_SWEEP}
+    const float share = (float)c.shares.data[b];
+    const float tied = pushed ? (float)(1.0 / c.held) : 0.f;
+    const size_t wide = 3 * (size_t)nodes;
+    for (int i = row; i < n; i += rows) {{
+        const float* g = c.compliance.data + (3 * listed[i / 3] + i % 3) * wide;
+        for (int j = lane; j < n; j += lanes) {{
+            float sum = share * g[3 * listed[j / 3] + j % 3];
+            if (i % 3 == 2 && j % 3 == 2) sum += tied;
+            float& own = s_at[(size_t)i * size + j];
+            own = sum - own;
+        }}
+    }}
+    {_SWEEP}
+"""
+_CORRECT = f"""
+    {_SHARED}
+    (void)lane; (void)row; (void)rows;
+    const int n = 3 * c.counts.data[b], size = c.inverse.shape[1];
+    const float* s_at = c.inverse.data + (size_t)b * size * size;
+    SHARED float asked[SIZE];
+    SHARED float held[SIZE];
+    const size_t at = (size_t)slot * given.shape[1];
+    const float tip = pushed ? (float)((double)given.data[at + tip_row] / c.held) : 0.f;
+    for (int i = thread; i < n; i += threads) {{
+        const int r = c.rows.data[3 * listed[i / 3] + i % 3];
+        asked[i] = r < 0 ? 0.f : (float)(unit * (double)found.data[at + r]);
+        if (i % 3 == 2) asked[i] -= tip;
+    }}
+    SYNC;
+    for (int i = thread; i < n; i += threads) {{
+        float sum = 0.f;
+        // The inverse is symmetric: neighbouring threads read neighbouring numbers.
+        for (int j = 0; j < n; ++j) sum -= s_at[(size_t)j * size + i] * asked[j];
+        held[i] = sum;
+    }}
+    for (int r = thread; r < given.shape[1]; r += threads) out.data[at + r] = given.data[at + r];
+    SYNC;
+    for (int i = thread; i < n; i += threads) {{
+        const int r = c.rows.data[3 * listed[i / 3] + i % 3];
+        if (r >= 0) out.data[at + r] = KIND((double)out.data[at + r] - (double)held[i]);
+    }}
+    if (pushed && thread == 0) {{
+        double sum = (double)given.data[at + tip_row];
+        for (int i = 2; i < n; i += 3) sum += (double)held[i];
+        tips.data[b] = sum / c.held / unit;
+    }}
+    SYNC;
+"""
+
+
+def _filled(snippet: str, *, kind: str = "") -> str:
+    numbers = {"SIZE": 3 * CAPACITY, "WIDE": 8, "SPARE": "0.003f", "KIND": kind}
+    for name, value in numbers.items():
+        snippet = re.sub(rf"\b{name}\b", str(value), snippet)
+    return snippet
+
+
+@wp.func_native(_filled(_LIST))
+def _list_touching(c: Correction, b: wp.int32): ...
+
+
+@wp.func_native(_filled(_FACTOR))
+def _factor_small(c: Correction, b: wp.int32, pushed: wp.bool): ...
+
+
+@wp.kernel(enable_backward=False)
+def choose(d: Descent, c: Correction):
+    """Say whose correction is made anew, and forget what touched there.
+
+    Launches over [environment_count, surface_count].
+    """
+    b, s = wp.tid()
+    since = d.since[b]
+    renews = d.act[b] == Act.SOLVE and (since < _EARLY or since % _LATE == 0)
+    if s == 0:
+        c.renews[b] = wp.where(renews, 1, 0)
+    if renews:
+        c.touching[b, s] = 0
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def list_touching(c: Correction):
+    """List the touching nodes; launches over [environment_count, threads of a block]."""
+    b, _thread = wp.tid()
+    if c.renews[b] == 1:
+        _list_touching(c, b)
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def factor(d: Descent, c: Correction):
+    """Make the small systems' inverses; launches over [environment_count, threads of a block]."""
+    b, _thread = wp.tid()
+    if c.renews[b] == 1:
+        _factor_small(c, b, d.pushed[b] == 1)
+
+
+@cache
+def correct_kernels(kind: Any) -> tuple[Any, Any]:
+    """Build the kernels that correct what the inverse is asked for, and the answer for a tip.
+
+    Args:
+        kind: Warp type of what the inverse takes, float16 or float64.
+    """
+    name = {wp.float16: "(wp::half)(float)", wp.float64: "(double)"}[kind]
+    gives = wp.float32 if kind is wp.float16 else wp.float64
+    made = {"enable_backward": False, "module": "unique"}
+
+    @wp.func_native(_filled(_CORRECT, kind=name))
+    def correct_one(
+        c: Correction,
+        b: wp.int32,
+        slot: wp.int32,
+        pushed: wp.bool,
+        tip_row: wp.int32,
+        unit: wp.float64,
+        given: wp.array2d(dtype=kind),
+        found: wp.array2d(dtype=gives),
+        out: wp.array2d(dtype=kind),
+        tips: wp.array(dtype=wp.float64),
+    ): ...
+
+    @wp.kernel(**made)
+    def correct(
+        d: Descent,
+        c: Correction,
+        tip_row: wp.int32,
+        units: wp.array(dtype=wp.float64),
+        given: wp.array2d(dtype=kind),
+        found: wp.array2d(dtype=gives),
+        out: wp.array2d(dtype=kind),
+        tips: wp.array(dtype=wp.float64),
+    ):
+        b, _thread = wp.tid()
+        if d.act[b] == Act.SOLVE:
+            pushed = d.pushed[b] == 1
+            correct_one(c, b, d.slot[b], pushed, tip_row, units[b], given, found, out, tips)
+
+    @wp.kernel(**made)
+    def set_tip(
+        d: Descent,
+        tip_row: wp.int32,
+        tips: wp.array(dtype=wp.float64),
+        found: wp.array2d(dtype=gives),
+    ):
+        b = wp.tid()
+        if d.act[b] == Act.SOLVE:
+            tip = wp.float64(0.0)
+            if d.pushed[b] == 1:
+                tip = tips[b]
+            found[d.slot[b], tip_row] = found.dtype(tip)
+
+    return correct, set_tip

@@ -1,0 +1,114 @@
+"""The inverse that serves any contact: the undeformed gel's, corrected for the touching nodes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from sim.batch.contact_correction import (
+    CAPACITY,
+    Correction,
+    choose,
+    correct_kernels,
+    factor,
+    list_touching,
+)
+from sim.batch.rest_inverse import DenseRest, FactoredRest
+from sim.device import Device, filled
+from sim.solve.descents import Descents
+from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
+
+# Stiffness that holds the height of a pushed indenter, over E H with the pad's height H: contact is
+# 0.1 to 2 times that, so that the inverse is off by a few per cent along one direction only.
+_HELD_SHARE = 0.01
+# Threads of a block that has an environment, on a GPU.
+_THREADS = 512
+
+
+class ContactInverse:
+    """``Inverse`` of the stiffness of every environment where it is now.
+
+    Args:
+        count: Environments.
+        young_share: E of the model over theirs, shape [count].
+    """
+
+    def __init__(self, model: Model, *, count: int, young_share: FloatArray) -> None:
+        self._model, self._count = model, count
+        self._device = device = Device(model.device)
+        surface = np.unique(model.faces)
+        unknowns = np.full(3 * len(model.nodes), -1, dtype=np.int32)
+        unknowns[model.pattern.free_dofs] = np.arange(model.pattern.dof_count)
+        rows = unknowns.reshape(-1, 3)[surface]
+        surface, rows = surface[(rows >= 0).any(axis=1)], rows[(rows >= 0).any(axis=1)]
+        self._rest = (DenseRest if device.is_gpu else FactoredRest)(model, rows, count=count)
+        for name in ("kind", "scaled", "unit", "row_count", "column_count"):
+            setattr(self, name, getattr(self._rest, name))
+        numbers = np.full(len(model.nodes), -1, dtype=np.int32)
+        numbers[surface] = np.arange(len(surface))
+        faces = device.array(numbers[model.faces], wp.int32)
+        capacity = min(CAPACITY, len(surface))
+        points = tuple(model.surface.areas.shape)
+        self._correction = filled(
+            Correction,
+            rows=device.array(rows, wp.int32),
+            faces=faces,
+            values=device.array(model.reference.face_values, wp.float32),
+            compliance=self._rest.compliance,
+            held=_HELD_SHARE * model.young_pa * model.height_m,
+            shares=device.array(young_share, wp.float64),
+            renews=device.zeros(count, wp.int32),
+            stiffness=device.zeros((count, *points), wp.mat33f),
+            touching=device.zeros((count, len(surface)), wp.int32),
+            local=device.zeros((count, len(surface)), wp.int32),
+            counts=device.zeros(count, wp.int32),
+            listed=device.zeros((count, capacity), wp.int32),
+            inverse=device.zeros((count, 3 * capacity, 3 * capacity), wp.float32),
+        )
+        self._units = device.array(self.unit * young_share, wp.float64)
+        self._tips = device.zeros(count, wp.float64)
+        self._launches: Any = None
+
+    def serve(self, descents: Descents) -> None:
+        """Learn whose contact to look at."""
+        device, model, c = self._device, self._model, self._correction
+        correct, set_tip = correct_kernels(self.kind)
+        made = model.surface.kernels(descents.indenter)
+        at = [descents.surface, descents.body, c.faces]
+        at += [c.renews, descents.poses, descents.grip, descents.positions]
+        contact_shape = tuple(descents.contact_buffers[1].shape)
+        threads = _THREADS if device.is_gpu else 1
+        tip_row, state = model.pattern.dof_count, descents.state
+        self._corrected = device.zeros(descents.sources.shape, self.kind)
+
+        def blocks(kernel: Any, inputs: list[Any]) -> Any:
+            return device.record(kernel, (self._count, threads), inputs, threads)
+
+        stiffen = device.record(made.stiffen, contact_shape, [*at, c.stiffness, c.touching])
+        given = [descents.sources, descents.found, self._corrected, self._tips]
+        self._launches = (
+            device.record(choose, tuple(c.touching.shape), [state, c]),
+            stiffen,
+            blocks(list_touching, [c]),
+            blocks(factor, [state, c]),
+            blocks(correct, [state, c, tip_row, self._units, *given]),
+            device.record(set_tip, (self._count,), [state, tip_row, self._tips, descents.found]),
+        )
+
+    def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:
+        """Set ``found`` to the inverse times ``sources``, shape [column_count, row_count]."""
+        chosen, stiffen, listing, factored, correct, set_tip = self._launches
+        for each in (chosen, stiffen, listing):
+            each.launch()
+        if asked is not None:
+            counts, listed = self._correction.counts.numpy(), self._correction.listed.numpy()
+            self._rest.need(np.concatenate([listed[b, : counts[b]] for b in asked]))
+        factored.launch()
+        self._rest.apply(asked, sources, found)
+        correct.launch()
+        self._rest.apply(asked, self._corrected, found)
+        set_tip.launch()

@@ -1,0 +1,362 @@
+"""Presses of many indenters on one sensor at once, anywhere, without a set-up of their own.
+
+Every environment has its own indenter, pose, friction and modulus; all share the sensor's mesh and
+the inverse of its undeformed stiffness (``sim.batch.contact_inverse``). They descend to equilibrium
+as a single press does. Arrays stay on the device; on a GPU a step is one CUDA graph with a loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from sim.batch import pose_kernels as kernels
+from sim.batch.contact_inverse import ContactInverse
+from sim.contact.indenter_distance import poses_at
+from sim.device import Device, on_host
+from sim.scene.indenter import Indenter, IndenterSet
+from sim.solve.descent_state import Status
+from sim.solve.descents import Descents
+from sim.solve.model import Model
+from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.errors import ConfigError
+
+# A residual that is always enough, over E H^2 with the pad's height H.
+_FLOOR_SHARE = 1e-9
+# Steps that an environment remembers.
+_REMEMBERED = 16
+# Of the pad's height: the longest way of an indenter in one step, of its tip or of a point so far
+# from it; and the residual with which the steps before the last may end.
+_STEP_SHARE, _ARM_SHARE, _INTERMEDIATE = 0.05, 0.75, 1e-2
+_LIFTS = 40
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseOptions:
+    """Settings of the solver.
+
+    Attributes:
+        residual_relative: Norm of the unbalanced force over the contact force.
+        steps_max: Of a descent.
+        halvings_max: How often a step is halved that does not arrive.
+    """
+
+    residual_relative: float = 1e-3
+    steps_max: int = 300
+    halvings_max: int = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Felt:
+    """What the indenters of a batch feel, shape [environment_count, ...] each.
+
+    Attributes:
+        wrench: Force [N] and moment about the tip [N m] on the indenter, pad frame, shape [..., 6].
+        residual: Norm of the unbalanced force over the contact force's.
+        valid: The environment found its equilibrium; what it felt is not a number otherwise.
+        evaluations: Of the forces, in this step.
+    """
+
+    wrench: FloatArray
+    residual: FloatArray
+    valid: NDArray[np.bool_]
+    evaluations: NDArray[np.int32]
+
+
+class SensorBatch:
+    """Environments over one sensor's pad.
+
+    Args:
+        model: The pad, whole, without relaxation.
+        indenters: The bodies that press.
+        which: The one of every environment, by its place among them, shape [count].
+        friction: Coulomb coefficients, shape [count]; None is the model's. Zero is frictionless.
+        young_share: E of the gel over the model's, shape [count]; None is 1.
+
+    Attributes:
+        positions: Nodes of every environment [m], a Warp array of vectors, shape [count,
+            node_count]; PyTorch and JAX take it through DLPack.
+        poses: Where the indenters are: Warp arrays ``tips`` [m] and ``rotations``.
+
+    Raises:
+        ConfigError: The model is a part of a pad or relaxes, or the arguments do not fit together.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        indenters: Sequence[Indenter],
+        which: Sequence[int] | NDArray[np.integer[Any]],
+        *,
+        friction: FloatArray | None = None,
+        young_share: FloatArray | None = None,
+        options: PoseOptions | None = None,
+    ) -> None:
+        self.model, self.count = model, len(which)
+        _refuse(model, indenters, which)
+        self.options = options or PoseOptions()
+        self._device = device = Device(model.device)
+        shares = np.ones(self.count) if young_share is None else np.asarray(young_share, float)
+        usual = np.full(self.count, model.contact_options.friction)
+        mu = usual if friction is None else np.asarray(friction, dtype=np.float64)
+        young_pa, poisson = model.materials
+        self.inverse = ContactInverse(model, count=self.count, young_share=1.0 / shares)
+        self.descents = Descents(
+            model,
+            IndenterSet(bodies=tuple(indenters), which=tuple(int(k) for k in which)),
+            self.inverse,
+            count=self.count,
+            gel=model.gel.of([(share * young_pa, poisson) for share in shares]),
+            surface=model.surface.of((shares * model.young_pa).tolist(), mu.tolist()),
+            memory=_REMEMBERED,
+            young_share=1.0 / shares,
+            keeps=True,
+        )
+        self.inverse.serve(self.descents)
+        self._least = model.contact_options.gap_least_m(model.contact_options.extension)
+        self.descents.set(
+            floor=_FLOOR_SHARE * model.young_pa * model.height_m**2,
+            steps_max=self.options.steps_max,
+            rounding=model.gel.rounding_n,
+            touches=1,
+            gap_least=self._least,
+        )
+        nodes = (self.count, len(model.nodes))
+        self._history = device.zeroed(
+            kernels.PoseHistory, (self.count,), tips=(self.count, 2), last=nodes, older=nodes
+        )
+        upright = np.tile(np.eye(3), (self.count, 1, 1))
+        self._goals = poses_at(np.zeros((self.count, 3)), upright, device)
+        self._loads = device.zeros(self.count, wp.float64)
+        self._wrench = device.zeros((self.count, 6), wp.float64)
+        self.positions, self.poses = self.descents.positions, self.descents.poses
+        self._at = np.zeros((self.count, 7))
+        self._lifted = np.zeros(self.count, dtype=np.bool_)
+        self._graph: Any = None
+        self._launches = self._recorded()
+        self.reset()
+
+    def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
+        """Put environments back to the untouched gel, their indenters away from it."""
+        self._lifted[np.ones(self.count, np.bool_) if mask is None else mask] = False
+
+    def step(
+        self,
+        poses: FloatArray,
+        *,
+        loads_n: FloatArray | None = None,
+        active: NDArray[np.bool_] | None = None,
+    ) -> Felt:
+        """Take the indenters to poses, straight from where they are, and find the equilibrium.
+
+        One that was not lowered yet comes down along z from above the gel.
+
+        Args:
+            poses: Positions of the tips [m] and quaternions (x, y, z, w) from the indenter's frame
+                to the pad's, shape [environment_count, 7].
+            loads_n: F_z that pushes the indenters [N], shape [environment_count]; their heights
+                are found then, and those of ``poses`` are where the search begins.
+            active: Who takes part; None is all. The others stay as they are.
+        """
+        goals = self._checked(poses)
+        taking = np.ones(self.count, np.bool_) if active is None else np.asarray(active, np.bool_)
+        self._loads.assign(np.zeros(self.count) if loads_n is None else np.asarray(loads_n, float))
+        before = on_host(self.descents.state.evaluations).copy()
+        if (taking & ~self._lifted).any():
+            self._lower_anew(goals, taking & ~self._lifted)
+        self.descents.set(pushed=0)
+        parts = self._parts(goals, taking)
+        there = taking.copy()
+        for part in range(1, int(parts.max(initial=1)) + 1):
+            going = there & (part <= parts)
+            share = np.where(going, part / parts, 1.0)
+            last = bool((part >= parts[going]).all())
+            there[going] = self._go(_between(self._at, goals, share), going, exact=last)[going]
+            if not last:
+                self._go_exactly(goals, there & (part == parts))
+        if loads_n is not None:
+            self.descents.set(pushed=1)
+            there = self._go(goals, there, exact=True)
+        self._at[there] = goals[there]
+        tips = on_host(self.poses.tips)
+        self._at[there, :3] = tips[there]
+        return self._felt(there, before)
+
+    def _go_exactly(self, goals: FloatArray, arrived: NDArray[np.bool_]) -> None:
+        """Tighten those that have come to their goals while others go on."""
+        if arrived.any():
+            self._go(goals, arrived, exact=True)
+
+    def _parts(self, goals: FloatArray, taking: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Return in how many steps each environment goes."""
+        height = self.model.height_m
+        before = Rotation.from_quat(_turned(self._at[:, 3:]))
+        turn = Rotation.from_quat(goals[:, 3:]) * before.inv()
+        travel = np.linalg.norm(goals[:, :3] - self._at[:, :3], axis=1)
+        travel += _ARM_SHARE * height * turn.magnitude()
+        parts = np.ceil(travel / (_STEP_SHARE * height) - 1e-9).astype(np.int64)
+        return np.where(taking, np.maximum(parts, 1), 1)
+
+    def _go(
+        self, goals: FloatArray, going: NDArray[np.bool_], *, exact: bool, depth: int = 0
+    ) -> NDArray[np.bool_]:
+        """Go somewhere, in two halves where the descent does not arrive, and return who did."""
+        start = self._at.copy()
+        arrived = self._attempt(goals, going, exact=exact)
+        missed = going & ~arrived
+        if missed.any() and depth < self.options.halvings_max:
+            middle = _between(start, goals, np.full(self.count, 0.5))
+            half = self._go(middle, missed, exact=False, depth=depth + 1)
+            arrived |= self._go(goals, half, exact=exact, depth=depth + 1)
+        self._at[arrived] = goals[arrived]
+        return arrived & going
+
+    def _attempt(
+        self, goals: FloatArray, going: NDArray[np.bool_], *, exact: bool
+    ) -> NDArray[np.bool_]:
+        if not going.any():
+            return going.copy()
+        relative = self.options.residual_relative
+        self.descents.set(relative=relative if exact else max(relative, _INTERMEDIATE))
+        self._goals.tips.assign(goals[:, :3])
+        self._goals.rotations.assign(Rotation.from_quat(goals[:, 3:]).as_matrix())
+        self._history.moves.assign(going.astype(np.int32))
+        if self._device.is_gpu and self._graph is None:
+            self._launch()  # compiles the kernels, which a graph cannot
+            self._history.moves.assign(going.astype(np.int32))
+            with wp.ScopedCapture(device=self._device.name) as capture:
+                self._launch()
+            self._graph = capture.graph
+        if self._graph is not None:
+            wp.capture_launch(self._graph)
+        else:
+            self._launch()
+        return np.asarray(on_host(self.descents.state.status) == Status.DONE) & going
+
+    def _launch(self) -> None:
+        begin, predict, ends, _wrench = self._launches
+        busy = self.descents.busy
+        busy.zero_()
+        for each in (*begin, predict):
+            each.launch()
+        wp.capture_while(busy, while_body=self.descents.step)
+        for each in ends:
+            each.launch()
+
+    def _recorded(self) -> tuple[list[Any], Any, list[Any], Callable[[], None]]:
+        descents, history = self.descents, self._history
+        model, state, record = self.model, descents.state, self._device.record
+        nodes = tuple(descents.positions.shape)
+        lags = model.contact_options.friction > 0.0
+        begun = [lags, self._goals, self._loads, history, descents.poses, state]
+        begun += [descents.memory, descents.busy]
+        start = [history, descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
+        begin = [record(kernels.begin, (self.count,), begun)]
+        ends = [record(kernels.arrive, (self.count,), [state, descents.poses, history])]
+        made = model.surface.kernels(descents.indenter)
+        shape = tuple(descents.contact_buffers[1].shape)
+        at = [descents.surface, descents.body]
+        if model.contact_options.is_tangential:
+            grip, kept = descents.grip, descents.grip_start
+            begin.append(record(kernels.copy_grip, shape, [history.moves, kept, grip]))
+            moved = [*at, history.moves, descents.poses, descents.positions]
+            ends.append(record(made.drag, shape, [*moved, grip]))
+            ends.append(record(kernels.copy_grip, shape, [history.moves, grip, kept]))
+        ends.append(record(kernels.remember, nodes, [descents.positions, history]))
+        felt = [*at, descents.poses, descents.grip, descents.positions, self._wrench]
+        wrench = record(made.wrench, shape, felt)
+        return begin, record(kernels.predict, nodes, start), ends, wrench
+
+    def _felt(self, there: NDArray[np.bool_], before: FloatArray) -> Felt:
+        self._wrench.zero_()
+        self._launches[3].launch()
+        state = self.descents.state
+        wrench, residual = on_host(self._wrench).copy(), on_host(state.residual).copy()
+        residual = residual / np.maximum(on_host(state.scale), on_host(state.floor))
+        wrench[~there], residual[~there] = np.nan, np.nan
+        spent = (on_host(state.evaluations) - before).astype(np.int32)
+        return Felt(wrench=wrench, residual=residual, valid=there, evaluations=spent)
+
+    def _lower_anew(self, goals: FloatArray, new: NDArray[np.bool_]) -> None:
+        """Put indenters over their goals, about to touch the resting gel, which has forgotten."""
+        descents, device, surface = self.descents, self._device, self.model.surface
+        wanted = device.array(new, wp.int32)
+        turns = Rotation.from_quat(goals[:, 3:]).as_matrix()
+        poses = poses_at(goals[:, :3], turns, device)
+        nodes = device.array(self.model.nodes, wp.vec3d)
+        put = [nodes, wanted, poses, self._history, descents.positions]
+        device.launch(kernels.put_back, tuple(descents.positions.shape), put, [])
+        made, buffers = surface.kernels(descents.indenter), surface.buffers(self.count)
+        points, gaps = buffers[2].shape, buffers[2].reshape((self.count, -1))
+        free = surface.grip_arrays(None, self.count)
+        at = [descents.surface, descents.body, wanted, poses]
+        least, threads = self.model.contact_options.distance_m, 256 if device.is_gpu else 1
+        lift = device.record(kernels.lift, (self.count, threads), [gaps, least, poses], threads)
+        for _ in range(_LIFTS):
+            device.launch(made.touch, points, [*at, free, descents.positions], list(buffers))
+            lift.launch()
+        device.launch(kernels.put_back, tuple(descents.positions.shape), put, [])
+        if self.model.contact_options.is_tangential:
+            for grip in (descents.grip, descents.grip_start):
+                device.launch(kernels.let_go, points, [wanted, grip], [])
+                device.launch(made.drag, points, [*at, descents.positions, grip], [])
+        tips = on_host(poses.tips)
+        self._at[new] = np.column_stack([tips, goals[:, 3:]])[new]
+        self._lifted |= new
+
+    def _checked(self, poses: FloatArray) -> FloatArray:
+        goals = np.array(poses, dtype=np.float64)
+        if goals.shape != (self.count, 7) or not np.isfinite(goals).all():
+            raise ConfigError(
+                f"poses of shape {goals.shape}, or with numbers that are not finite, for "
+                f"{self.count} environments",
+                remedy=f"give finite positions [m] and quaternions, shape ({self.count}, 7)",
+            )
+        sizes = np.linalg.norm(goals[:, 3:], axis=1, keepdims=True)
+        if not (sizes > 0.0).all():
+            raise ConfigError(
+                f"pose {int(np.argmin(sizes))}: its quaternion is zero",
+                remedy="give (0, 0, 0, 1) for an indenter that is not turned",
+            )
+        goals[:, 3:] /= sizes
+        return goals
+
+
+def _between(start: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
+    """Return poses a share of the way from one to another, each its own."""
+    found = start + share[:, None] * (end - start)
+    first, last = Rotation.from_quat(_turned(start[:, 3:])), Rotation.from_quat(end[:, 3:])
+    turn = (last * first.inv()).as_rotvec()
+    found[:, 3:] = (Rotation.from_rotvec(share[:, None] * turn) * first).as_quat()
+    return found
+
+
+def _turned(quaternions: FloatArray) -> FloatArray:
+    """Return quaternions with no turn where there is none."""
+    found = quaternions.copy()
+    found[np.linalg.norm(found, axis=1) == 0.0] = (0.0, 0.0, 0.0, 1.0)
+    return found
+
+
+def _refuse(model: Model, indenters: Sequence[Indenter], which: Any) -> None:
+    """End where a batch cannot be made.
+
+    Raises:
+        ConfigError: Says why.
+    """
+    if model.relaxation is not None or model.mesh.symmetry.copies > 1:
+        raise ConfigError(
+            "a batch needs a whole pad of a gel that does not relax",
+            remedy="leave relaxation out, and mesh the pad with sensor_mesh",
+        )
+    if not len(which) or not all(0 <= int(k) < len(indenters) for k in which):
+        raise ConfigError(
+            f"which: {len(which)} numbers of {len(indenters)} indenters",
+            remedy="name the indenter of every environment by its place, from 0",
+        )
