@@ -119,7 +119,13 @@ class SensorBatch:
             keeps=True,
         )
         self.inverse.serve(self.descents)
-        self._least = model.contact_options.gap_least_m(model.contact_options.extension)
+        contact = model.contact_options
+        self._least = contact.gap_least_m(contact.extension)
+        # The gel stays about so far off the indenter, which is held that much higher for it.
+        self._standoff_m = contact.distance_m
+        if contact.extension >= 1.0:
+            # Its pressure grows evenly throughout: a rim may overlap by as much as it stands off.
+            self._least = -contact.distance_m
         self.descents.set(
             floor=_FLOOR_SHARE * model.young_pa * model.height_m**2,
             steps_max=self.options.steps_max,
@@ -325,6 +331,7 @@ class SensorBatch:
                 remedy="give (0, 0, 0, 1) for an indenter that is not turned",
             )
         goals[:, 3:] /= sizes
+        goals[:, 2] += self._standoff_m
         return goals
 
 
