@@ -94,52 +94,59 @@ _LIST = f"""
     }}
     SYNC;
 """
-# Sweeps all pivots of a symmetric matrix (Goodnight 1979), eight at a time, which leaves its
+# Sweeps all pivots of a symmetric matrix (Goodnight 1979), some at a time, which leaves its
 # negative inverse.
 _SWEEP = """
     for (int k = 0; k < n; k += WIDE) {
         const int w = wp::min(WIDE, n - k);
         SYNC;
-        for (int e = thread; e < n * w; e += threads)
-            column[e] = s_at[(size_t)(k + e / n) * size + e % n];
+        for (int e = thread; e < n * WIDE; e += threads)
+            column[e] = e / n < w ? s_at[(size_t)(k + e / n) * size + e % n] : 0.f;
         SYNC;
-        for (int e = thread; e < w * w; e += threads) pivot[e] = column[e / w * n + k + e % w];
-        for (int p = 0; p < w; ++p) {
+        float *now = pivots, *after = pivots + WIDE * WIDE;
+        for (int e = thread; e < WIDE * WIDE; e += threads) {
+            const int i = e / WIDE, j = e % WIDE;
+            now[e] = i < w && j < w ? column[i * n + k + j] : (float)(i == j);
+        }
+        for (int p = 0; p < WIDE; ++p) {
             SYNC;
-            if (thread == 0) {
-                const float over = 1.f / pivot[p * w + p];
-                float by[WIDE];
-                for (int i = 0; i < w; ++i) by[i] = pivot[i * w + p];
-                for (int i = 0; i < w; ++i)
-                    for (int j = 0; j < w; ++j) {
-                        float& x = pivot[i * w + j];
-                        if (i == p) x = j == p ? -over : by[j] * over;
-                        else x = j == p ? by[i] * over : x - by[i] * over * by[j];
-                    }
+            const float over = 1.f / now[p * (WIDE + 1)];
+            for (int e = thread; e < WIDE * WIDE; e += threads) {
+                const int i = e / WIDE, j = e % WIDE;
+                const float a = now[i * WIDE + p], o = now[p * WIDE + j];
+                if (i == p) after[e] = j == p ? -over : o * over;
+                else after[e] = j == p ? a * over : now[e] - a * over * o;
             }
+            float* other = now;
+            now = after;
+            after = other;
         }
         SYNC;
-        // ``pivot`` is the block's negative inverse now.
-        for (int e = thread; e < n * w; e += threads) {
+        // ``now`` is the block's negative inverse.
+        for (int e = thread; e < n * WIDE; e += threads) {
             float sum = 0.f;
-            for (int q = 0; q < w; ++q) sum -= column[q * n + e % n] * pivot[q * w + e / n];
+            for (int q = 0; q < WIDE; ++q) sum -= column[q * n + e % n] * now[q * WIDE + e / n];
             along[e] = sum;
         }
         SYNC;
         for (int i = row; i < n; i += rows) {
             float* s_row = s_at + (size_t)i * size;
-            const bool in_rows = i >= k && i < k + w;
+            float own[WIDE];
+            for (int q = 0; q < WIDE; ++q) own[q] = along[q * n + i];
+            #pragma unroll 4
             for (int j = lane; j < n; j += lanes) {
-                const bool in_columns = j >= k && j < k + w;
-                if (in_rows) s_row[j] = in_columns ? pivot[(i - k) * w + j - k]
-                                                   : along[(i - k) * n + j];
-                else if (in_columns) s_row[j] = along[(j - k) * n + i];
-                else {
-                    float sum = s_row[j];
-                    for (int q = 0; q < w; ++q) sum -= along[q * n + i] * column[q * n + j];
-                    s_row[j] = sum;
-                }
+                float sum = s_row[j];
+                for (int q = 0; q < WIDE; ++q) sum -= own[q] * column[q * n + j];
+                s_row[j] = sum;
             }
+        }
+        SYNC;
+        for (int e = thread; e < n * w; e += threads) {
+            const int q = e / n, j = e % n;
+            const bool inside = j >= k && j < k + w;
+            const float x = inside ? now[q * WIDE + j - k] : along[e];
+            s_at[(size_t)(k + q) * size + j] = x;
+            if (!inside) s_at[(size_t)j * size + k + q] = x;
         }
     }
     SYNC;
@@ -156,7 +163,7 @@ _FACTOR = f"""
     float* s_at = c.inverse.data + (size_t)b * size * size;
     SHARED float column[SIZE * WIDE];
     SHARED float along[SIZE * WIDE];
-    SHARED float pivot[WIDE * WIDE];
+    SHARED float pivots[2 * WIDE * WIDE];
     for (int i = row; i < n; i += rows)
         for (int j = lane; j < n; j += lanes) s_at[(size_t)i * size + j] = 0.f;
     SYNC;

@@ -26,7 +26,7 @@ from tacauchy_rig.core.arrays import FloatArray
 # 0.1 to 2 times that, so that the inverse is off by a few per cent along one direction only.
 _HELD_SHARE = 0.01
 # Threads of a block that has an environment, on a GPU.
-_THREADS = 512
+_THREADS, _THREADS_OF_FACTOR = 512, 1024
 
 
 class ContactInverse:
@@ -81,11 +81,11 @@ class ContactInverse:
         at = [descents.surface, descents.body, c.faces]
         at += [c.renews, descents.poses, descents.grip, descents.positions]
         contact_shape = tuple(descents.contact_buffers[1].shape)
-        threads = _THREADS if device.is_gpu else 1
         tip_row, state = model.pattern.dof_count, descents.state
         self._corrected = device.zeros(descents.sources.shape, self.kind)
 
-        def blocks(kernel: Any, inputs: list[Any]) -> Any:
+        def blocks(kernel: Any, inputs: list[Any], most: int = _THREADS) -> Any:
+            threads = most if device.is_gpu else 1
             return device.record(kernel, (self._count, threads), inputs, threads)
 
         stiffen = device.record(made.stiffen, contact_shape, [*at, c.stiffness, c.touching])
@@ -94,7 +94,7 @@ class ContactInverse:
             device.record(choose, tuple(c.touching.shape), [state, c]),
             stiffen,
             blocks(list_touching, [c]),
-            blocks(factor, [state, c]),
+            blocks(factor, [state, c], _THREADS_OF_FACTOR),
             blocks(correct, [state, c, tip_row, self._units, *given]),
             device.record(set_tip, (self._count,), [state, tip_row, self._tips, descents.found]),
         )

@@ -7,7 +7,6 @@ other (Goodnight 1979), each a product of two narrow matrices.
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 _BLOCK = 64
+_WIDE = wp.constant(_BLOCK)
 # Of a GPU's memory: what a matrix in float32 and its packed half may take.
 _MEMORY_SHARE = 0.8
 
@@ -189,22 +189,17 @@ def inverted(matrix: Any, device: Device) -> Any:
     count = size // _BLOCK
     pivot_inverse = device.zeros((_BLOCK, _BLOCK), wp.float32)
     column, along = (device.zeros((size, _BLOCK), wp.float32) for _ in range(2))
-    invert_block, scale_column, update = _sweep_kernels()
     threads = 256 if device.is_gpu else 1
+
+    def blocks(kernel: Any, shape: tuple[int, ...], inputs: list[Any]) -> None:
+        wp.launch(
+            kernel, dim=(*shape, threads), inputs=inputs, block_dim=threads, device=device.name
+        )
+
     for k in range(count):
-        for kernel, shape, inputs, outputs in (
-            (invert_block, (1,), [matrix, k], [pivot_inverse]),
-            (scale_column, (count,), [matrix, k, pivot_inverse], [column, along]),
-            (update, (count, count), [column, along, pivot_inverse, k], [matrix]),
-        ):
-            wp.launch_tiled(
-                kernel,
-                dim=shape,
-                inputs=inputs,
-                outputs=outputs,
-                block_dim=threads,
-                device=device.name,
-            )
+        blocks(_invert_block, (1,), [matrix, k, pivot_inverse])
+        blocks(_scale_column, (count,), [matrix, k, pivot_inverse, column, along])
+        blocks(_update, (count, count), [column, along, pivot_inverse, k, matrix])
     device.launch(_negate, matrix.shape, [], [matrix])
     return matrix
 
@@ -215,7 +210,7 @@ def _negate(matrix: wp.array2d(dtype=wp.float32)):
     matrix[i, j] = -matrix[i, j]
 
 
-_INVERT = """
+_SHARED = """
 #if defined(__CUDA_ARCH__)
     #define SHARED __shared__
     #define SYNC __syncthreads()
@@ -225,82 +220,122 @@ _INVERT = """
     #define SYNC
     const int thread = 0, threads = 1;
 #endif
+"""
+_INVERT = f"""
+    {_SHARED}
     SHARED double a[BLOCK * BLOCK];
     SHARED double column[BLOCK];
     const size_t wide = matrix.shape[1], at = (size_t)k * BLOCK;
     for (int e = thread; e < BLOCK * BLOCK; e += threads)
         a[e] = matrix.data[(at + e / BLOCK) * wide + at + e % BLOCK];
-    for (int p = 0; p < BLOCK; ++p) {
+    for (int p = 0; p < BLOCK; ++p) {{
         SYNC;
         for (int i = thread; i < BLOCK; i += threads) column[i] = a[i * BLOCK + p];
         SYNC;
         const double over = 1.0 / column[p];
-        for (int e = thread; e < BLOCK * BLOCK; e += threads) {
+        for (int e = thread; e < BLOCK * BLOCK; e += threads) {{
             const int i = e / BLOCK, j = e % BLOCK;
             if (i == p) a[e] = j == p ? -over : column[j] * over;
             else a[e] = j == p ? column[i] * over : a[e] - column[i] * over * column[j];
-        }
-    }
+        }}
+    }}
     SYNC;
     for (int e = thread; e < BLOCK * BLOCK; e += threads) out.data[e] = (float)-a[e];
     SYNC;
 """.replace("BLOCK", str(_BLOCK))
+# Of two tiles the product of one with the other's transpose; a thread has 16 entries of it.
+_TILES = f"""
+    {_SHARED}
+    SHARED float l[BLOCK * (BLOCK + 1)];
+    SHARED float r[BLOCK * (BLOCK + 1)];
+    const size_t lefts = left.shape[1], rights = right.shape[1], wide = out.shape[1];
+    for (int e = thread; e < BLOCK * BLOCK; e += threads) {{
+        const int i = e / BLOCK, j = e % BLOCK;
+        l[i * (BLOCK + 1) + j] = left.data[(left_row + i) * lefts + left_column + j];
+        r[i * (BLOCK + 1) + j] = right.data[(right_row + i) * rights + j];
+    }}
+    SYNC;
+    for (int e = thread; e < BLOCK * BLOCK / 16; e += threads) {{
+        const int y = e / (BLOCK / 4) * 4, x = e % (BLOCK / 4);
+        float sum[4][4] = {{}};
+        for (int p = 0; p < BLOCK; ++p)
+            for (int u = 0; u < 4; ++u)
+                for (int v = 0; v < 4; ++v)
+                    sum[u][v] += l[(y + u) * (BLOCK + 1) + p]
+                        * r[(x + BLOCK / 4 * v) * (BLOCK + 1) + p];
+        for (int u = 0; u < 4; ++u)
+            for (int v = 0; v < 4; ++v) {{
+                float& own = out.data[(out_row + y + u) * wide + out_column + x + BLOCK / 4 * v];
+                own = sign * own + sum[u][v] * (sign == 0.f ? 1.f : -1.f);
+            }}
+    }}
+    SYNC;
+""".replace("BLOCK", str(_BLOCK))
 
 
-@cache
-def _sweep_kernels() -> tuple[Any, Any, Any]:
-    """Build the kernels of one block of pivots: its inverse, the column times it, and the rest."""
-    block = wp.constant(_BLOCK)
-    made = {"enable_backward": False, "module": "unique"}
+@wp.func_native(_INVERT)
+def _invert(
+    matrix: wp.array2d(dtype=wp.float32), k: wp.int32, out: wp.array2d(dtype=wp.float32)
+): ...
 
-    @wp.func_native(_INVERT)
-    def invert(matrix: wp.array2d(dtype=wp.float32), k: wp.int32, out: wp.array2d(dtype=float)): ...
 
-    @wp.kernel(**made)
-    def invert_block(
-        matrix: wp.array2d(dtype=wp.float32), k: wp.int32, out: wp.array2d(dtype=wp.float32)
-    ):
-        _i, _thread = wp.tid()
-        invert(matrix, k, out)
+@wp.func_native(_TILES)
+def _multiply(
+    left: wp.array2d(dtype=wp.float32),
+    left_row: wp.int32,
+    left_column: wp.int32,
+    right: wp.array2d(dtype=wp.float32),
+    right_row: wp.int32,
+    sign: wp.float32,
+    out: wp.array2d(dtype=wp.float32),
+    out_row: wp.int32,
+    out_column: wp.int32,
+):
+    """Set a tile of ``out`` to a product, where ``sign`` is 0, or take the product off it."""
 
-    @wp.kernel(**made)
-    def scale_column(
-        matrix: wp.array2d(dtype=wp.float32),
-        k: wp.int32,
-        pivot: wp.array2d(dtype=wp.float32),
-        column: wp.array2d(dtype=wp.float32),
-        along: wp.array2d(dtype=wp.float32),
-    ):
-        i, _thread = wp.tid()
-        own = wp.tile_load(matrix, shape=(block, block), offset=(i * block, k * block))
-        inverse = wp.tile_load(pivot, shape=(block, block))
-        wp.tile_store(column, own, offset=(i * block, 0))
-        wp.tile_store(along, wp.tile_matmul(own, inverse), offset=(i * block, 0))
 
-    @wp.kernel(**made)
-    def update(
-        column: wp.array2d(dtype=wp.float32),
-        along: wp.array2d(dtype=wp.float32),
-        pivot: wp.array2d(dtype=wp.float32),
-        k: wp.int32,
-        matrix: wp.array2d(dtype=wp.float32),
-    ):
-        i, j, _thread = wp.tid()
-        place = wp.vec2i(i * block, j * block)
-        if i == k and j == k:
-            inverse = wp.tile_load(pivot, shape=(block, block))
-            wp.tile_store(matrix, inverse * wp.float32(-1.0), offset=(place[0], place[1]))
-        elif j == k:
-            mine = wp.tile_load(along, shape=(block, block), offset=(place[0], 0))
-            wp.tile_store(matrix, mine, offset=(place[0], place[1]))
-        elif i == k:
-            theirs = wp.tile_load(along, shape=(block, block), offset=(place[1], 0))
-            wp.tile_store(matrix, wp.tile_transpose(theirs), offset=(place[0], place[1]))
-        else:
-            own = wp.tile_load(matrix, shape=(block, block), offset=(place[0], place[1]))
-            left = wp.tile_load(along, shape=(block, block), offset=(place[0], 0))
-            right = wp.tile_load(column, shape=(block, block), offset=(place[1], 0))
-            own -= wp.tile_matmul(left, wp.tile_transpose(right))
-            wp.tile_store(matrix, own, offset=(place[0], place[1]))
+@wp.kernel(enable_backward=False, module="unique")
+def _invert_block(
+    matrix: wp.array2d(dtype=wp.float32), k: wp.int32, out: wp.array2d(dtype=wp.float32)
+):
+    _invert(matrix, k, out)
 
-    return invert_block, scale_column, update
+
+@wp.kernel(enable_backward=False, module="unique")
+def _scale_column(
+    matrix: wp.array2d(dtype=wp.float32),
+    k: wp.int32,
+    pivot: wp.array2d(dtype=wp.float32),
+    column: wp.array2d(dtype=wp.float32),
+    along: wp.array2d(dtype=wp.float32),
+):
+    """Copy a column of tiles, and multiply it with the pivot's inverse."""
+    i, thread = wp.tid()
+    at, size = i * _WIDE, _WIDE * _WIDE
+    for e in range(thread, size, wp.block_dim()):
+        column[at + e / _WIDE, e % _WIDE] = matrix[at + e / _WIDE, k * _WIDE + e % _WIDE]
+    _multiply(matrix, at, k * _WIDE, pivot, 0, wp.float32(0.0), along, at, 0)
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def _update(
+    column: wp.array2d(dtype=wp.float32),
+    along: wp.array2d(dtype=wp.float32),
+    pivot: wp.array2d(dtype=wp.float32),
+    k: wp.int32,
+    matrix: wp.array2d(dtype=wp.float32),
+):
+    """Sweep a block of pivots: one block of threads has a tile."""
+    i, j, thread = wp.tid()
+    y, x = i * _WIDE, j * _WIDE
+    if i == k or j == k:
+        for e in range(thread, _WIDE * _WIDE, wp.block_dim()):
+            p, q = e / _WIDE, e % _WIDE
+            if i == k and j == k:
+                matrix[y + p, x + q] = -pivot[p, q]
+            elif j == k:
+                matrix[y + p, x + q] = along[y + p, q]
+            else:
+                matrix[y + p, x + q] = along[x + q, p]
+    else:
+        _multiply(along, y, 0, column, x, wp.float32(1.0), matrix, y, x)
