@@ -35,6 +35,10 @@ _REMEMBERED = 16
 # from it; and the residual with which the steps before the last may end.
 _STEP_SHARE, _ARM_SHARE, _INTERMEDIATE = 0.05, 0.75, 1e-2
 _LIFTS = 40
+# Of an edge of the mesh: radius that a sharp edge is given.
+_RIM_SHARE = 0.25
+# Contact distances by which a point may overlap where the barrier is a parabola.
+_OVERLAPS = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,10 +110,15 @@ class SensorBatch:
         usual = np.full(self.count, model.contact_options.friction)
         mu = usual if friction is None else np.asarray(friction, dtype=np.float64)
         young_pa, poisson = model.materials
+        faces = model.discretisation
         self.inverse = ContactInverse(model, count=self.count, young_share=1.0 / shares)
         self.descents = Descents(
             model,
-            IndenterSet(bodies=tuple(indenters), which=tuple(int(k) for k in which)),
+            IndenterSet(
+                bodies=tuple(indenters),
+                which=tuple(int(k) for k in which),
+                rounding_m=_RIM_SHARE * float(np.sqrt(2.0 * np.median(faces.face_areas))),
+            ),
             self.inverse,
             count=self.count,
             gel=model.gel.of([(share * young_pa, poisson) for share in shares]),
@@ -124,8 +133,8 @@ class SensorBatch:
         # The gel stays about so far off the indenter, which is held that much higher for it.
         self._standoff_m = contact.distance_m
         if contact.extension >= 1.0:
-            # Its pressure grows evenly throughout: a rim may overlap by as much as it stands off.
-            self._least = -contact.distance_m
+            # Its pressure grows evenly throughout, and sharp edges may overlap by some of it.
+            self._least = -_OVERLAPS * contact.distance_m
         self.descents.set(
             floor=_FLOOR_SHARE * model.young_pa * model.height_m**2,
             steps_max=self.options.steps_max,

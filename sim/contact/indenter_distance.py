@@ -9,7 +9,7 @@ propose the wrong one of two faces.
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import lru_cache
 from typing import Any
 
@@ -19,7 +19,7 @@ import warp as wp
 from sim.device import Device, filled
 from sim.scene.indenter import Cylinder, Indenter, IndenterSet, MeshIndenter, Sphere
 from sim.scene.triangle_rays import DeviceSurface, on_device
-from sim.scene.triangle_surface import TriangleSurface
+from sim.scene.triangle_surface import TriangleSurface, offset
 from tacauchy_rig.core.arrays import FloatArray
 
 _FACE = wp.constant(0)
@@ -30,7 +30,7 @@ _MOVES_MAX = wp.constant(16)
 _FAR_SHARE = wp.constant(wp.float64(0.02))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def uploaded_surface(indenter: MeshIndenter, device: str) -> tuple[Any, Any]:
     """Return a surface on a device, uploaded once, and its tree, which must live as long."""
     return on_device(indenter.surface, device)
@@ -139,6 +139,8 @@ def nearby_distance(surface: DeviceSurface, p: wp.vec3d):
     return distance, n
 
 
+# Of a body's least extent: how far its triangles are moved inwards at most, to round its edges.
+_INSET_SHARE = 0.1
 # Radius of a plate [m], which ends nowhere on a pad.
 _PLATE_M = 1e9
 
@@ -185,7 +187,9 @@ class AnyBody:
     per_sizes: wp.array(dtype=wp.float64)
     halves: wp.array(dtype=wp.vec3d)
     first_faces: wp.array(dtype=wp.int32)
+    roundings: wp.array(dtype=wp.float64)  # what lies so far from the triangles counts too [m]
     is_mesh: wp.bool
+    rounding: wp.float64
     analytic: Body
     mesh: MeshBody
     position: wp.vec3d
@@ -217,6 +221,7 @@ def posed(body: AnyBody, poses: Poses, b: wp.int32):  # noqa: F811 - Warp overlo
     made.position = poses.tips[b]
     made.rotation = poses.rotations[b]
     made.is_mesh = body.meshes[k] == 1
+    made.rounding = body.roundings[k]
     made.analytic.is_ball = body.balls[k] == 1
     made.analytic.radius = body.radii[k]
     made.analytic.fillet = body.fillets[k]
@@ -255,7 +260,7 @@ def body_of(indenter: Indenter | IndenterSet, *, device: str = "cpu") -> Any:
 def _bodies_of(indenters: IndenterSet, device: str) -> Any:
     """Return the description of several bodies, their triangles in common arrays."""
     on, count = Device(device), len(indenters.bodies)
-    names = ("meshes", "balls", "first_faces", "radii", "fillets", "per_sizes")
+    names = ("meshes", "balls", "first_faces", "radii", "fillets", "roundings", "per_sizes")
     table: dict[str, Any] = {name: np.zeros(count) for name in names}
     table |= {name: np.zeros((count, 3)) for name in ("centres", "halves")}
     table |= {"trees": np.zeros(count, dtype=np.uint64), "which": np.array(indenters.which)}
@@ -265,9 +270,12 @@ def _bodies_of(indenters: IndenterSet, device: str) -> Any:
         if not isinstance(indenter, MeshIndenter):
             own = body_of(indenter, device=device)
             table["balls"][k], table["radii"][k] = own.is_ball, own.radius
-            table["fillets"][k] = own.fillet
+            table["fillets"][k] = max(own.fillet, min(indenters.rounding_m, own.radius))
             continue
-        uploaded, surface = uploaded_surface(indenter, device)[0], indenter.surface
+        rounding = min(indenters.rounding_m, _INSET_SHARE * float(indenter.size_m.min()))
+        surface = offset(indenter.surface, -rounding)
+        inset = replace(indenter, surface=surface, content_hash=surface.content_hash)
+        uploaded, table["roundings"][k] = uploaded_surface(inset, device)[0], rounding
         table["meshes"][k], table["trees"][k] = 1, uploaded.tree
         table["centres"][k], table["halves"][k] = uploaded.centre, uploaded.half
         table["per_sizes"][k], table["first_faces"][k] = uploaded.per_size, face_count
@@ -354,6 +362,7 @@ def signed_distance(body: AnyBody, x: wp.vec3d):  # noqa: F811 - Warp overloads 
     n = wp.vec3d()
     if body.is_mesh:
         gap, n = signed_distance(body.mesh, x)
+        gap -= body.rounding
     else:
         gap, n = signed_distance(body.analytic, x)
     return gap, n
@@ -366,6 +375,7 @@ def nearby_gap(body: AnyBody, x: wp.vec3d):  # noqa: F811 - Warp overloads by ty
     n = wp.vec3d()
     if body.is_mesh:
         gap, n = nearby_gap(body.mesh, x)
+        gap -= body.rounding
     else:
         gap, n = signed_distance(body.analytic, x)
     return gap, n

@@ -119,10 +119,12 @@ class IndenterSet:
     Attributes:
         bodies: Each once.
         which: The one of every environment, by its place.
+        rounding_m: Radius that sharp edges are given [m]: a mesh follows none.
     """
 
     bodies: tuple[Indenter, ...]
     which: tuple[int, ...]
+    rounding_m: float = 0.0
 
 
 Indenter = Cylinder | Sphere | Plane | MeshIndenter
