@@ -126,13 +126,16 @@ def surface_distance(surface: DeviceSurface, p: wp.vec3d):
 
 
 @wp.func
-def nearby_distance(surface: DeviceSurface, p: wp.vec3d):
-    """Return the same; far from the surface the distance to its box, which is less."""
+def nearby_distance(surface: DeviceSurface, p: wp.vec3d, exact: wp.float64):
+    """Return the same; far from the surface the distance to its box, which is less.
+
+    It is exact where it is less than ``exact`` [m].
+    """
     away = p - surface.centre
     beside = away - wp.max(-surface.half, wp.min(surface.half, away))
     distance = wp.length(beside)
     n = beside
-    if distance * surface.per_size > _FAR_SHARE:
+    if distance > exact and distance * surface.per_size > _FAR_SHARE:
         n = beside / distance
     else:
         distance, n = surface_distance(surface, p)
@@ -351,7 +354,7 @@ def signed_distance(body: MeshBody, x: wp.vec3d):  # noqa: F811 - Warp overloads
 @wp.func
 def nearby_gap(body: MeshBody, x: wp.vec3d):
     """Return the gap [m] and its gradient; far from the body too small a gap."""
-    gap, n = nearby_distance(body.surface, local_point(body, x))
+    gap, n = nearby_distance(body.surface, local_point(body, x), wp.float64(0.0))
     return gap, body.rotation * n
 
 
@@ -374,7 +377,9 @@ def nearby_gap(body: AnyBody, x: wp.vec3d):  # noqa: F811 - Warp overloads by ty
     gap = wp.float64(0.0)
     n = wp.vec3d()
     if body.is_mesh:
-        gap, n = nearby_gap(body.mesh, x)
+        p = local_point(body.mesh, x)
+        gap, n = nearby_distance(body.mesh.surface, p, wp.float64(2.0) * body.rounding)
+        n = body.rotation * n
         gap -= body.rounding
     else:
         gap, n = signed_distance(body.analytic, x)
