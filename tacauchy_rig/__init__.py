@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from sim.batch.environment import Trajectory as Trajectory
     from sim.batch.pilot import Pilot as Pilot
     from sim.batch.pilot import batch_model as batch_model
+    from sim.batch.sensor_batch import SensorBatch as SensorBatch
+    from sim.batch.sensor_batch import sensor_model as sensor_model
     from sim.effects.plan import plan_effects as plan_effects
     from sim.fields.contact_traction import surface_traction as surface_traction
     from sim.press import PressResult as PressResult
@@ -78,6 +80,8 @@ _PUBLIC = {
     "scene_from": "sim.press_command:scene_from",
     "score": "reports.scores.metrics:score",
     "Sensor": "sim.sensor.sensor:Sensor",
+    "sensor_model": "sim.batch.sensor_batch:sensor_model",
+    "SensorBatch": "sim.batch.sensor_batch:SensorBatch",
     "Sphere": "sim.scene.indenter:Sphere",
     "surface_traction": "sim.fields.contact_traction:surface_traction",
     "Target": "sim.scene.scene:Target",

@@ -18,9 +18,16 @@ from scipy.spatial.transform import Rotation
 
 from sim.batch import pose_kernels as kernels
 from sim.batch.contact_inverse import ContactInverse
+from sim.batch.pilot import BARRIER_SHARE
 from sim.contact.indenter_distance import poses_at
+from sim.contact.state import ContactOptions
 from sim.device import Device, on_host
+from sim.material.laws.tangent import law
+from sim.mesh.elements import ElementOrder
+from sim.mesh.sensor_mesh import sensor_mesh
 from sim.scene.indenter import Indenter, IndenterSet
+from sim.scene.material import LawName, Material
+from sim.scene.pad import BoxPad
 from sim.solve.descent_state import Status
 from sim.solve.descents import Descents
 from sim.solve.model import Model
@@ -73,14 +80,49 @@ class Felt:
     evaluations: NDArray[np.int32]
 
 
+def sensor_model(
+    pad: BoxPad,
+    material: Material,
+    *,
+    edge_m: float = 1.25e-3,
+    friction: float = 0.0,
+    law_name: LawName = LawName.STABLE_NEO_HOOKEAN,
+    device: str = "cpu",
+) -> Model:
+    """Mesh a sensor's pad for presses anywhere on it, and set up its model.
+
+    Args:
+        material: Of the whole gel.
+        edge_m: Edge length at the surface [m]; nodes are half of it apart.
+        friction: Coulomb coefficient mu of environments that have none of their own; a model with
+            zero has no friction at all.
+
+    Raises:
+        ConfigError: The mesh would have too many tetrahedra.
+    """
+    options = ContactOptions(
+        distance_m=BARRIER_SHARE * pad.height_m, friction=friction, extension=1.0
+    )
+    return Model(
+        sensor_mesh(pad, edge_m=edge_m),
+        order=ElementOrder.P2,
+        law=law(law_name),
+        young_pa=material.young_pa,
+        poisson=material.poisson,
+        contact_options=options,
+        device=device,
+    )
+
+
 class SensorBatch:
     """Environments over one sensor's pad.
 
     Args:
-        model: The pad, whole, without relaxation.
+        model: The pad, whole, without relaxation, as ``sensor_model`` makes it.
         indenters: The bodies that press.
         which: The one of every environment, by its place among them, shape [count].
-        friction: Coulomb coefficients, shape [count]; None is the model's. Zero is frictionless.
+        friction: Coulomb coefficients, shape [count]; None is the model's. Only a model with
+            friction takes them.
         young_share: E of the gel over the model's, shape [count]; None is 1.
 
     Attributes:
@@ -107,6 +149,11 @@ class SensorBatch:
         self.options = options or PoseOptions()
         self._device = device = Device(model.device)
         shares = np.ones(self.count) if young_share is None else np.asarray(young_share, float)
+        if friction is not None and not model.contact_options.friction > 0.0:
+            raise ConfigError(
+                "friction: the model is made without",
+                remedy="make the model with a friction above zero",
+            )
         usual = np.full(self.count, model.contact_options.friction)
         mu = usual if friction is None else np.asarray(friction, dtype=np.float64)
         young_pa, poisson = model.materials
@@ -156,6 +203,11 @@ class SensorBatch:
         self._graph: Any = None
         self._launches = self._recorded()
         self.reset()
+
+    @property
+    def tips_m(self) -> FloatArray:
+        """Where the tips are [m], in the frame of the poses, shape [environment_count, 3]."""
+        return self._at[:, :3] - [0.0, 0.0, self._standoff_m]
 
     def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
         """Put environments back to the untouched gel, their indenters away from it."""

@@ -69,9 +69,10 @@ def lowest_height(surface: DeviceSurface, x: wp.float64, y: wp.float64) -> wp.fl
     hit = wp.mesh_query_ray(surface.tree, start, wp.vec3f(0.0, 0.0, 1.0), wp.float32(1.0e6))
     if not hit.result:
         return BESIDE
-    a = surface.vertices[surface.faces[hit.face, 0]]
-    b = surface.vertices[surface.faces[hit.face, 1]]
-    c, n = surface.vertices[surface.faces[hit.face, 2]], surface.face_normals[hit.face]
+    face = surface.first_face + hit.face
+    a = surface.vertices[surface.faces[face, 0]]
+    b = surface.vertices[surface.faces[face, 1]]
+    c, n = surface.vertices[surface.faces[face, 2]], surface.face_normals[face]
     low, high = wp.min(wp.min(a[2], b[2]), c[2]), wp.max(wp.max(a[2], b[2]), c[2])
     # A wall that a ray grazes has no height of its own there: its lower end counts.
     if wp.abs(n[2]) < _UPRIGHT:

@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from sim.contact.indenter_distance import Body, MeshBody, Poses
+from sim.contact.indenter_distance import AnyBody, Body, MeshBody, Poses, posed
 from sim.scene.triangle_rays import BESIDE, lowest_height
 
 _TILT_ITERATIONS = wp.constant(40)
@@ -34,6 +34,19 @@ def _lowest(body: MeshBody, x: wp.float64, y: wp.float64):
     return lowest_height(body.surface, x, y)
 
 
+@wp.func  # type: ignore[no-redef]
+def _lowest(body: AnyBody, x: wp.float64, y: wp.float64):
+    """Return the height over a point in the indenter's frame, ``BESIDE`` beside the body."""
+    lowest = wp.float64(0.0)
+    if body.is_mesh:
+        lowest = lowest_height(body.mesh.surface, x, y)
+        if lowest < BESIDE:
+            lowest -= body.rounding
+    else:
+        lowest = _lowest(body.analytic, x, y)
+    return lowest
+
+
 @wp.func
 def underside(body: Any, poses: Poses, away_m: wp.float64, env: int, x: wp.float64, y: wp.float64):
     """Return the height of an environment's indenter over the pad [m], ``BESIDE`` beside it.
@@ -43,6 +56,7 @@ def underside(body: Any, poses: Poses, away_m: wp.float64, env: int, x: wp.float
     A tilted indenter is solved for by fixed-point iteration along z, which contracts while tilt
     times slope stays below one; the flanks of a tilted cylinder do not count as underside.
     """
+    here = posed(body, poses, env)
     R = poses.rotations[env]
     tip = poses.tips[env]
     dx = x - (tip[0] - away_m * R[0, 2])
@@ -54,7 +68,7 @@ def underside(body: Any, poses: Poses, away_m: wp.float64, env: int, x: wp.float
     for _ in range(_TILT_ITERATIONS):
         at_x = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * height
         at_y = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * height
-        lowest = _lowest(body, at_x, at_y)
+        lowest = _lowest(here, at_x, at_y)
         beside = lowest >= BESIDE
         found = (wp.where(beside, wp.float64(0.0), lowest) - lateral) / R[2, 2]
         settled = wp.abs(found - height) < _SETTLED_M
