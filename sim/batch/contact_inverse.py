@@ -45,9 +45,9 @@ class ContactInverse:
         unknowns[model.pattern.free_dofs] = np.arange(model.pattern.dof_count)
         rows = unknowns.reshape(-1, 3)[surface]
         surface, rows = surface[(rows >= 0).any(axis=1)], rows[(rows >= 0).any(axis=1)]
-        self._rest = (DenseRest if device.is_gpu else FactoredRest)(model, rows, count=count)
-        for name in ("kind", "scaled", "unit", "row_count", "column_count"):
-            setattr(self, name, getattr(self._rest, name))
+        self._rest: Any = (DenseRest if device.is_gpu else FactoredRest)(model, rows, count=count)
+        self.kind, self.scaled, self.unit = self._rest.kind, self._rest.scaled, self._rest.unit
+        self.row_count, self.column_count = self._rest.row_count, self._rest.column_count
         numbers = np.full(len(model.nodes), -1, dtype=np.int32)
         numbers[surface] = np.arange(len(surface))
         faces = device.array(numbers[model.faces], wp.int32)

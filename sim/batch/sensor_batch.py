@@ -7,7 +7,7 @@ as a single press does. Arrays stay on the device; on a GPU a step is one CUDA g
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -316,7 +316,7 @@ class SensorBatch:
         for each in ends:
             each.launch()
 
-    def _recorded(self) -> tuple[list[Any], Any, list[Any], Callable[[], None]]:
+    def _recorded(self) -> tuple[list[Any], Any, list[Any], Any]:
         descents, history = self.descents, self._history
         model, state, record = self.model, descents.state, self._device.record
         nodes = tuple(descents.positions.shape)

@@ -20,7 +20,7 @@ from sim.contact.indenter_distance import body_kind, body_of, poses_at
 from sim.contact.state import ContactForces, ContactOptions, Grip, State
 from sim.device import KERNEL_EPSILON, Device, filled, on_host, replaced
 from sim.mesh.discretisation import Discretisation
-from sim.scene.indenter import Indenter
+from sim.scene.indenter import Indenter, IndenterSet
 from tacauchy_rig.core.arrays import FloatArray
 
 _GRIP = [field.name for field in fields(Grip)]
@@ -174,7 +174,7 @@ class ContactSurface:
             return None
         return Grip(**{name: on_host(getattr(arrays, name))[b].copy() for name in _GRIP})
 
-    def kernels(self, indenter: Indenter) -> ContactKernels:
+    def kernels(self, indenter: Indenter | IndenterSet) -> ContactKernels:
         """Return the kernels for an indenter."""
         return contact_kernels(body_kind(indenter), grips=self._options.is_tangential)
 

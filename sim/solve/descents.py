@@ -17,7 +17,7 @@ from sim.contact.contact_surface import ContactSurface
 from sim.contact.indenter_distance import body_of, poses_at
 from sim.contact.state import Grip, State
 from sim.device import Device, filled
-from sim.scene.indenter import Indenter
+from sim.scene.indenter import Indenter, IndenterSet
 from sim.solve import descent_state as kernels
 from sim.solve.descent_kernels import descent_kernels
 from sim.solve.descent_state import Act, Mode, Status
@@ -89,7 +89,7 @@ class Descents:
     def __init__(
         self,
         model: Model,
-        indenter: Indenter,
+        indenter: Indenter | IndenterSet,
         inverse: Inverse,
         *,
         potentials: Sequence[Potential] = (),

@@ -10,8 +10,9 @@ import warp as wp
 
 from sim.batch.contact_inverse import ContactInverse
 from sim.batch.inverses import packed
-from sim.batch.rest_inverse import _pack, inverted
+from sim.batch.rest_inverse import inverted
 from sim.batch.sensor_batch import sensor_model
+from sim.batch.sweep_kernels import pack
 from sim.contact.indenter_distance import AnyBody, Poses, body_of, nearby_gap, posed, poses_at
 from sim.device import Device
 from sim.scene.indenter import Cylinder, Indenter, IndenterSet, Sphere, tilted
@@ -35,7 +36,7 @@ def test_a_device_packs_as_the_host_does() -> None:
     """The order in which the product's lanes read a matrix."""
     matrix = np.random.default_rng(2).normal(size=(288, 288)).astype(np.float32)
     out = CPU.zeros((1, 288**2), wp.float16)
-    CPU.launch(_pack, (18, 9, 512), [CPU.array(matrix, wp.float32), 288, 9, 1.0], [out])
+    CPU.launch(pack, (18, 9, 512), [CPU.array(matrix, wp.float32), 288, 9, 1.0], [out])
     np.testing.assert_array_equal(out.numpy()[0], packed(matrix.astype(np.float16)).reshape(-1))
 
 

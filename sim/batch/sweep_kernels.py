@@ -1,0 +1,211 @@
+"""Warp kernels that make the dense inverse of the undeformed gel's stiffness.
+
+Blocks of pivots are swept one after the other (Goodnight 1979), each a product of two narrow
+matrices.
+"""
+
+# Annotations are evaluated where they stand, since native functions have no body to look them up.
+import warp as wp
+
+BLOCK = 64
+"""Pivots that are swept at once."""
+
+_WIDE = wp.constant(BLOCK)
+
+
+@wp.kernel(enable_backward=False)
+def one_at(places: wp.array(dtype=wp.int32), matrix: wp.array2d(dtype=wp.float32)):
+    """Put ones on places of the diagonal; launches over them."""
+    i = places[wp.tid()]
+    matrix[i, i] = wp.float32(1.0)
+
+
+@wp.kernel(enable_backward=False)
+def spread(
+    rows: wp.array(dtype=wp.int32),
+    columns: wp.array(dtype=wp.int32),
+    values: wp.array(dtype=wp.float32),
+    matrix: wp.array2d(dtype=wp.float32),
+):
+    """Put an upper triangle's values to both sides of the diagonal; launches over the values."""
+    k = wp.tid()
+    matrix[rows[k], columns[k]] = values[k]
+    matrix[columns[k], rows[k]] = values[k]
+
+
+@wp.kernel(enable_backward=False)
+def block_at(
+    inverse: wp.array2d(dtype=wp.float32),
+    rows: wp.array(dtype=wp.int32),
+    block: wp.array2d(dtype=wp.float32),
+):
+    """Gather rows and columns, zero where they are negative; launches over the block."""
+    i, j = wp.tid()
+    if rows[i] >= 0 and rows[j] >= 0:
+        block[i, j] = inverse[rows[i], rows[j]]
+
+
+@wp.kernel(enable_backward=False)
+def diagonal_of(matrix: wp.array2d(dtype=wp.float32), diagonal: wp.array(dtype=wp.float32)):
+    """Copy the diagonal; launches over its entries."""
+    i = wp.tid()
+    diagonal[i] = matrix[i, i]
+
+
+@wp.kernel(enable_backward=False)
+def pack(
+    matrix: wp.array2d(dtype=wp.float32),
+    size: wp.int32,
+    steps: wp.int32,
+    scale: wp.float32,
+    packed: wp.array2d(dtype=wp.float16),
+):
+    """Order a matrix as ``inverses.packed`` does: by row tile, step, half, lane and place."""
+    tile, step, place = wp.tid()
+    half = place / 256
+    group = place / 32 % 8
+    member = place / 8 % 4
+    row = 16 * tile + 8 * (place / 2 % 2) + group
+    column = 32 * step + 8 * member + 4 * half + 2 * (place / 4 % 2) + place % 2
+    if row < size and column < size:
+        at = (tile * steps + step) * 512 + place
+        packed[0, at] = wp.float16(matrix[row, column] * scale)
+
+
+@wp.kernel(enable_backward=False)
+def negate(matrix: wp.array2d(dtype=wp.float32)):
+    """Change all signs; launches over the matrix."""
+    i, j = wp.tid()
+    matrix[i, j] = -matrix[i, j]
+
+
+_SHARED = """
+#if defined(__CUDA_ARCH__)
+    #define SHARED __shared__
+    #define SYNC __syncthreads()
+    const int thread = threadIdx.x, threads = blockDim.x;
+#else
+    #define SHARED
+    #define SYNC
+    const int thread = 0, threads = 1;
+#endif
+"""
+_INVERT = f"""
+    {_SHARED}
+    SHARED double a[BLOCK * BLOCK];
+    SHARED double column[BLOCK];
+    const size_t wide = matrix.shape[1], at = (size_t)k * BLOCK;
+    for (int e = thread; e < BLOCK * BLOCK; e += threads)
+        a[e] = matrix.data[(at + e / BLOCK) * wide + at + e % BLOCK];
+    for (int p = 0; p < BLOCK; ++p) {{
+        SYNC;
+        for (int i = thread; i < BLOCK; i += threads) column[i] = a[i * BLOCK + p];
+        SYNC;
+        const double over = 1.0 / column[p];
+        for (int e = thread; e < BLOCK * BLOCK; e += threads) {{
+            const int i = e / BLOCK, j = e % BLOCK;
+            if (i == p) a[e] = j == p ? -over : column[j] * over;
+            else a[e] = j == p ? column[i] * over : a[e] - column[i] * over * column[j];
+        }}
+    }}
+    SYNC;
+    for (int e = thread; e < BLOCK * BLOCK; e += threads) out.data[e] = (float)-a[e];
+    SYNC;
+""".replace("BLOCK", str(BLOCK))
+# Of two tiles the product of one with the other's transpose; a thread has 16 entries of it.
+_TILES = f"""
+    {_SHARED}
+    SHARED float l[BLOCK * (BLOCK + 1)];
+    SHARED float r[BLOCK * (BLOCK + 1)];
+    const size_t lefts = left.shape[1], rights = right.shape[1], wide = out.shape[1];
+    for (int e = thread; e < BLOCK * BLOCK; e += threads) {{
+        const int i = e / BLOCK, j = e % BLOCK;
+        l[i * (BLOCK + 1) + j] = left.data[(left_row + i) * lefts + left_column + j];
+        r[i * (BLOCK + 1) + j] = right.data[(right_row + i) * rights + j];
+    }}
+    SYNC;
+    for (int e = thread; e < BLOCK * BLOCK / 16; e += threads) {{
+        const int y = e / (BLOCK / 4) * 4, x = e % (BLOCK / 4);
+        float sum[4][4] = {{}};
+        for (int p = 0; p < BLOCK; ++p)
+            for (int u = 0; u < 4; ++u)
+                for (int v = 0; v < 4; ++v)
+                    sum[u][v] += l[(y + u) * (BLOCK + 1) + p]
+                        * r[(x + BLOCK / 4 * v) * (BLOCK + 1) + p];
+        for (int u = 0; u < 4; ++u)
+            for (int v = 0; v < 4; ++v) {{
+                float& own = out.data[(out_row + y + u) * wide + out_column + x + BLOCK / 4 * v];
+                own = sign * own + sum[u][v] * (sign == 0.f ? 1.f : -1.f);
+            }}
+    }}
+    SYNC;
+""".replace("BLOCK", str(BLOCK))
+
+
+@wp.func_native(_INVERT)
+def _invert(
+    matrix: wp.array2d(dtype=wp.float32), k: wp.int32, out: wp.array2d(dtype=wp.float32)
+): ...
+
+
+@wp.func_native(_TILES)
+def _multiply(
+    left: wp.array2d(dtype=wp.float32),
+    left_row: wp.int32,
+    left_column: wp.int32,
+    right: wp.array2d(dtype=wp.float32),
+    right_row: wp.int32,
+    sign: wp.float32,
+    out: wp.array2d(dtype=wp.float32),
+    out_row: wp.int32,
+    out_column: wp.int32,
+):
+    """Set a tile of ``out`` to a product, where ``sign`` is 0, or take the product off it."""
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def invert_block(
+    matrix: wp.array2d(dtype=wp.float32), k: wp.int32, out: wp.array2d(dtype=wp.float32)
+):
+    """Invert a block of pivots; one block of threads has it."""
+    _invert(matrix, k, out)
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def scale_column(
+    matrix: wp.array2d(dtype=wp.float32),
+    k: wp.int32,
+    pivot: wp.array2d(dtype=wp.float32),
+    column: wp.array2d(dtype=wp.float32),
+    along: wp.array2d(dtype=wp.float32),
+):
+    """Copy a column of tiles, and multiply it with the pivot's inverse."""
+    i, thread = wp.tid()
+    at, size = i * _WIDE, _WIDE * _WIDE
+    for e in range(thread, size, wp.block_dim()):
+        column[at + e / _WIDE, e % _WIDE] = matrix[at + e / _WIDE, k * _WIDE + e % _WIDE]
+    _multiply(matrix, at, k * _WIDE, pivot, 0, wp.float32(0.0), along, at, 0)
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def update(
+    column: wp.array2d(dtype=wp.float32),
+    along: wp.array2d(dtype=wp.float32),
+    pivot: wp.array2d(dtype=wp.float32),
+    k: wp.int32,
+    matrix: wp.array2d(dtype=wp.float32),
+):
+    """Sweep a block of pivots: one block of threads has a tile."""
+    i, j, thread = wp.tid()
+    y, x = i * _WIDE, j * _WIDE
+    if i == k or j == k:
+        for e in range(thread, _WIDE * _WIDE, wp.block_dim()):
+            p, q = e / _WIDE, e % _WIDE
+            if i == k and j == k:
+                matrix[y + p, x + q] = -pivot[p, q]
+            elif j == k:
+                matrix[y + p, x + q] = along[y + p, q]
+            else:
+                matrix[y + p, x + q] = along[x + q, p]
+    else:
+        _multiply(along, y, 0, column, x, wp.float32(1.0), matrix, y, x)
