@@ -40,7 +40,13 @@ from sim.solve.linear_solver import StiffnessFactor
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Potential
 from sim.solve.refusals import faces_gel
-from sim.solve.starts import TANGLED_SHARE, inverted_share, refuse_deep_overlap, untangle
+from sim.solve.starts import (
+    OVERLAP_SHARE,
+    TANGLED_SHARE,
+    inverted_share,
+    refuse_deep_overlap,
+    untangle,
+)
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.long_task import check_time
@@ -213,21 +219,23 @@ class EquilibriumSolver:
             first, status = self.evaluations, self._run(state, grip_start)
             spent += int(descents.get("steps")[0])
             if status == Status.DONE:
-                latest = first if extension != contact.extension else before
-                self._begins_anew = self.evaluations - latest > self.reuse.evaluations_max
                 found = self._equilibrium(state, spent + self._passes)
                 error = self._passed_through(state, found, must_touch=must_touch)
                 if error is None:
+                    latest = first if extension != contact.extension else before
+                    self._begins_anew = self.evaluations - latest > self.reuse.evaluations_max
                     return found
                 # The next states would pass through this barrier, too.
                 self._extensions = tuple(each for each in self._extensions if each < extension) or (
                     extension,
                 )
+            gap = float(descents.get("gap_min")[0])
+            if status == Status.DONE or gap < -2.0 * OVERLAP_SHARE * self.model.height_m:
+                # Inside of the indenter nobody knows the way out.
                 state.positions, state.tip = start.positions.copy(), start.tip.copy()
             begins_anew = True
         if error is not None:
             raise error
-        gap = float(descents.get("gap_min")[0])
         raise ConvergenceError(
             f"the gel is pressed through the contact barrier: smallest gap {gap * 1e9:.3g} nm",
             remedy="give the indenter a fillet, coarsen the mesh at its rim, or widen the barrier",
