@@ -14,16 +14,48 @@ _LONGER, _SAME = wp.constant(wp.float64(3.0)), wp.constant(wp.float64(0.9))
 _NOTHING = wp.constant(wp.float64(1e-300))
 
 
+# Where an environment is between two parts of its way.
+_WAITS, _UNDER_WAY = wp.constant(0), wp.constant(1)
+
+
+@wp.struct
+class Ways:
+    """Where the environments go in a step, shape [environment_count] each."""
+
+    tips: wp.array(dtype=wp.vec3d)  # where the way begins [m]
+    travels: wp.array(dtype=wp.vec3d)  # from there to its end [m]
+    rotations: wp.array(dtype=wp.mat33d)  # where it begins, indenter frame to pad frame
+    turns: wp.array(dtype=wp.vec3d)  # rotation vector from there to its end [rad]
+    parts: wp.array(dtype=wp.int32)  # in how many parts it is gone
+    done: wp.array(dtype=wp.int32)  # parts that are behind
+    loads: wp.array(dtype=wp.float64)  # that push the indenter [N]
+    # residual over the contact force that is enough at the end, and before, shape [2]
+    enough: wp.array(dtype=wp.float64)
+
+
 @wp.struct
 class PoseHistory:
     """Where the environments were, shape [environment_count, ...] each."""
 
-    moves: wp.array(dtype=wp.int32)  # 1 where an environment takes part in the step
-    settled: wp.array(dtype=wp.int32)  # steps since it was put back
+    moves: wp.array(dtype=wp.int32)  # 1 where an environment has parts of its way to go
+    stage: wp.array(dtype=wp.int32)  # it waits for its next part, or is under way
+    arrives: wp.array(dtype=wp.int32)  # 1 where it has just arrived
+    starts: wp.array(dtype=wp.int32)  # 1 where it has just begun a part
+    settled: wp.array(dtype=wp.int32)  # parts since it was put back
     tips: wp.array2d(dtype=wp.vec3d)  # in the last two states, latest first [m], shape [..., 2]
     last: wp.array2d(dtype=wp.vec3d)  # nodes of the last state [m], shape [..., node_count]
     older: wp.array2d(dtype=wp.vec3d)  # of the one before
     share: wp.array(dtype=wp.float64)  # of the last step that the next one's start goes on by
+
+
+@wp.func
+def turn_by(v: wp.vec3d) -> wp.mat33d:
+    """Return the rotation by a rotation vector [rad] (Rodrigues)."""
+    zero, one = wp.float64(0.0), wp.float64(1.0)
+    angle = wp.length(v)
+    n = v / wp.max(angle, _NOTHING)
+    K = wp.mat33d(zero, -n[2], n[1], n[2], zero, -n[0], -n[1], n[0], zero)
+    return wp.identity(n=3, dtype=wp.float64) + K * wp.sin(angle) + K * K * (one - wp.cos(angle))
 
 
 @wp.kernel(enable_backward=False)
@@ -31,8 +63,7 @@ def begin(
     # Model:
     lags: wp.bool,
     # Data in:
-    goals: Poses,
-    loads: wp.array(dtype=wp.float64),
+    ways: Ways,
     # Data in and out:
     history: PoseHistory,
     poses: Poses,
@@ -41,11 +72,16 @@ def begin(
     # Data out:
     busy_out: wp.array(dtype=wp.int32),
 ):
-    """Let environments begin that take part; launches over [environment_count]."""
+    """Let environments begin the next part that wait for it; over [environment_count]."""
     b = wp.tid()
-    if history.moves[b] == 1:
+    history.starts[b] = 0
+    if history.moves[b] == 1 and history.stage[b] == _WAITS:
         busy_out[0] = 1
-        goal = goals.tips[b]
+        history.starts[b] = 1
+        history.stage[b] = _UNDER_WAY
+        part, parts = ways.done[b] + 1, ways.parts[b]
+        gone = wp.float64(part) / wp.float64(parts)
+        goal = ways.tips[b] + ways.travels[b] * gone
         ahead = goal - history.tips[b, 0]
         behind = history.tips[b, 0] - history.tips[b, 1]
         if d.pushed[b] == 1:
@@ -60,8 +96,9 @@ def begin(
         if d.pushed[b] == 1:
             goal[2] += share * behind[2]
         poses.tips[b] = goal
-        poses.rotations[b] = goals.rotations[b]
-        d.load[b] = loads[b]
+        poses.rotations[b] = turn_by(ways.turns[b] * gone) * ways.rotations[b]
+        d.load[b] = ways.loads[b]
+        d.relative[b] = ways.enough[wp.where(part == parts, 0, 1)]
         memory.counts[b] = 0
         memory.next[b] = 0
         d.status[b] = Status.RUNNING
@@ -83,9 +120,9 @@ def predict(
     elastic_out: wp.array2d(dtype=wp.vec3d),
     contact_out: wp.array2d(dtype=wp.vec3d),
 ):
-    """Put nodes to where a step starts; launches over [environment_count, node_count]."""
+    """Put nodes to where a part starts; launches over [environment_count, node_count]."""
     b, n = wp.tid()
-    if history.moves[b] == 1:
+    if history.starts[b] == 1:
         last = history.last[b, n]
         positions_out[b, n] = last + (last - history.older[b, n]) * history.share[b]
         elastic_out[b, n] = wp.vec3d()
@@ -93,15 +130,19 @@ def predict(
 
 
 @wp.kernel(enable_backward=False)
-def arrive(d: Descent, poses: Poses, history: PoseHistory):
-    """Note who has arrived, by a 1 in ``moves``; launches over [environment_count]."""
+def arrive(d: Descent, poses: Poses, ways: Ways, history: PoseHistory):
+    """Note who has arrived, and who will not; launches over [environment_count]."""
     b = wp.tid()
-    if history.moves[b] == 1:
+    history.arrives[b] = 0
+    if history.stage[b] == _UNDER_WAY and d.status[b] != Status.RUNNING:
+        history.stage[b] = _WAITS
         if d.status[b] == Status.DONE:
+            history.arrives[b] = 1
             history.settled[b] = history.settled[b] + 1
             history.tips[b, 1] = history.tips[b, 0]
             history.tips[b, 0] = poses.tips[b]
-        else:
+            ways.done[b] = ways.done[b] + 1
+        if d.status[b] != Status.DONE or ways.done[b] == ways.parts[b]:
             history.moves[b] = 0
 
 
@@ -109,7 +150,7 @@ def arrive(d: Descent, poses: Poses, history: PoseHistory):
 def remember(positions: wp.array2d(dtype=wp.vec3d), history: PoseHistory):
     """Take over the nodes of who has arrived; launches over [environment_count, node_count]."""
     b, n = wp.tid()
-    if history.moves[b] == 1:
+    if history.arrives[b] == 1:
         history.older[b, n] = history.last[b, n]
         history.last[b, n] = positions[b, n]
 

@@ -28,7 +28,6 @@ from sim.mesh.sensor_mesh import sensor_mesh
 from sim.scene.indenter import Indenter, IndenterSet
 from sim.scene.material import LawName, Material
 from sim.scene.pad import BoxPad
-from sim.solve.descent_state import Status
 from sim.solve.descents import Descents
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
@@ -193,12 +192,10 @@ class SensorBatch:
         self._history = device.zeroed(
             kernels.PoseHistory, (self.count,), tips=(self.count, 2), last=nodes, older=nodes
         )
-        upright = np.tile(np.eye(3), (self.count, 1, 1))
-        self._goals = poses_at(np.zeros((self.count, 3)), upright, device)
-        self._loads = device.zeros(self.count, wp.float64)
+        self._ways = device.zeroed(kernels.Ways, (self.count,), enough=(2,))
         self._wrench = device.zeros((self.count, 6), wp.float64)
         self.positions, self.poses = self.descents.positions, self.descents.poses
-        self._at = np.zeros((self.count, 7))
+        self._at = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (self.count, 1))
         self._lifted = np.zeros(self.count, dtype=np.bool_)
         self._graph: Any = None
         self._launches = self._recorded()
@@ -233,116 +230,114 @@ class SensorBatch:
         """
         goals = self._checked(poses)
         taking = np.ones(self.count, np.bool_) if active is None else np.asarray(active, np.bool_)
-        self._loads.assign(np.zeros(self.count) if loads_n is None else np.asarray(loads_n, float))
         before = on_host(self.descents.state.evaluations).copy()
         if (taking & ~self._lifted).any():
             self._lower_anew(goals, taking & ~self._lifted)
         self.descents.set(pushed=0)
-        parts = self._parts(goals, taking)
-        there = taking.copy()
-        for part in range(1, int(parts.max(initial=1)) + 1):
-            going = there & (part <= parts)
-            share = np.where(going, part / parts, 1.0)
-            last = bool((part >= parts[going]).all())
-            there[going] = self._go(_between(self._at, goals, share), going, exact=last)[going]
-            if not last:
-                self._go_exactly(goals, there & (part == parts))
+        there = self._go(goals, taking, self._parts(goals))
         if loads_n is not None:
+            self._ways.loads.assign(np.asarray(loads_n, dtype=np.float64))
             self.descents.set(pushed=1)
-            there = self._go(goals, there, exact=True)
-        self._at[there] = goals[there]
-        tips = on_host(self.poses.tips)
-        self._at[there, :3] = tips[there]
+            there = self._go(goals, there, np.ones(self.count, dtype=np.int32))
+            self._at[:, :3] = on_host(self.poses.tips)
         return self._felt(there, before)
 
-    def _go_exactly(self, goals: FloatArray, arrived: NDArray[np.bool_]) -> None:
-        """Tighten those that have come to their goals while others go on."""
-        if arrived.any():
-            self._go(goals, arrived, exact=True)
-
-    def _parts(self, goals: FloatArray, taking: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Return in how many steps each environment goes."""
+    def _parts(self, goals: FloatArray) -> NDArray[np.int32]:
+        """Return in how many parts each environment goes."""
         height = self.model.height_m
-        before = Rotation.from_quat(_turned(self._at[:, 3:]))
-        turn = Rotation.from_quat(goals[:, 3:]) * before.inv()
         travel = np.linalg.norm(goals[:, :3] - self._at[:, :3], axis=1)
-        travel += _ARM_SHARE * height * turn.magnitude()
-        parts = np.ceil(travel / (_STEP_SHARE * height) - 1e-9).astype(np.int64)
-        return np.where(taking, np.maximum(parts, 1), 1)
+        travel += _ARM_SHARE * height * np.linalg.norm(self._turns(goals), axis=1)
+        parts = np.ceil(travel / (_STEP_SHARE * height) - 1e-9)
+        return np.maximum(parts, 1.0).astype(np.int32)
+
+    def _turns(self, goals: FloatArray) -> FloatArray:
+        """Return the rotation vectors from where the indenters are [rad]."""
+        before = Rotation.from_quat(self._at[:, 3:])
+        return np.asarray((Rotation.from_quat(goals[:, 3:]) * before.inv()).as_rotvec())
 
     def _go(
-        self, goals: FloatArray, going: NDArray[np.bool_], *, exact: bool, depth: int = 0
+        self, goals: FloatArray, going: NDArray[np.bool_], parts: NDArray[np.int32]
     ) -> NDArray[np.bool_]:
-        """Go somewhere, in two halves where the descent does not arrive, and return who did."""
-        start = self._at.copy()
-        arrived = self._attempt(goals, going, exact=exact)
-        missed = going & ~arrived
-        if missed.any() and depth < self.options.halvings_max:
-            middle = _between(start, goals, np.full(self.count, 0.5))
-            half = self._go(middle, missed, exact=False, depth=depth + 1)
-            arrived |= self._go(goals, half, exact=exact, depth=depth + 1)
-        self._at[arrived] = goals[arrived]
-        return arrived & going
+        """Go somewhere, each in its parts, in more and more of them who do not arrive.
 
-    def _attempt(
-        self, goals: FloatArray, going: NDArray[np.bool_], *, exact: bool
-    ) -> NDArray[np.bool_]:
-        if not going.any():
-            return going.copy()
-        relative = self.options.residual_relative
-        self.descents.set(relative=relative if exact else max(relative, _INTERMEDIATE))
-        self._goals.tips.assign(goals[:, :3])
-        self._goals.rotations.assign(Rotation.from_quat(goals[:, 3:]).as_matrix())
-        self._history.moves.assign(going.astype(np.int32))
+        Returned is who arrives; the others are as far as they came.
+        """
+        missing = going.copy()
+        for _ in range(self.options.halvings_max + 1):
+            turns, ways = self._turns(goals), self._ways
+            relative = self.options.residual_relative
+            ways.enough.assign(np.array([relative, max(relative, _INTERMEDIATE)]))
+            ways.tips.assign(self._at[:, :3])
+            ways.travels.assign(goals[:, :3] - self._at[:, :3])
+            ways.rotations.assign(Rotation.from_quat(self._at[:, 3:]).as_matrix())
+            ways.turns.assign(turns)
+            ways.parts.assign(parts)
+            ways.done.zero_()
+            self._history.moves.assign(missing.astype(np.int32))
+            self._run()
+            done = on_host(ways.done) / parts
+            share = np.where(missing, done, 0.0)[:, None]
+            self._at[:, :3] += share * (goals[:, :3] - self._at[:, :3])
+            turned = Rotation.from_rotvec(share * turns) * Rotation.from_quat(self._at[:, 3:])
+            self._at[:, 3:] = turned.as_quat()
+            missing &= done < 1.0
+            if not missing.any():
+                break
+            parts = 2 * np.maximum(parts - on_host(ways.done).astype(np.int32), 1)
+        return going & ~missing
+
+    def _run(self) -> None:
         if self._device.is_gpu and self._graph is None:
             self._launch()  # compiles the kernels, which a graph cannot
-            self._history.moves.assign(going.astype(np.int32))
             with wp.ScopedCapture(device=self._device.name) as capture:
                 self._launch()
             self._graph = capture.graph
-        if self._graph is not None:
+        elif self._graph is not None:
             wp.capture_launch(self._graph)
         else:
             self._launch()
-        return np.asarray(on_host(self.descents.state.status) == Status.DONE) & going
 
     def _launch(self) -> None:
-        begin, predict, ends, _wrench = self._launches
+        begin, ends, _wrench = self._launches
         busy = self.descents.busy
         busy.zero_()
-        for each in (*begin, predict):
-            each.launch()
-        wp.capture_while(busy, while_body=self.descents.step)
-        for each in ends:
-            each.launch()
 
-    def _recorded(self) -> tuple[list[Any], Any, list[Any], Any]:
-        descents, history = self.descents, self._history
+        def go_on() -> None:
+            self.descents.step()
+            for each in (*ends, *begin):
+                each.launch()
+
+        for each in begin:
+            each.launch()
+        wp.capture_while(busy, while_body=go_on)
+
+    def _recorded(self) -> tuple[list[Any], list[Any], Any]:
+        """Record what begins and what ends the parts, and what the indenters feel."""
+        descents, history, ways = self.descents, self._history, self._ways
         model, state, record = self.model, descents.state, self._device.record
-        nodes = tuple(descents.positions.shape)
+        nodes, shape = tuple(descents.positions.shape), tuple(descents.contact_buffers[1].shape)
         lags = model.contact_options.friction > 0.0
-        begun = [lags, self._goals, self._loads, history, descents.poses, state]
-        begun += [descents.memory, descents.busy]
+        begun = [lags, ways, history, descents.poses, state, descents.memory, descents.busy]
         start = [history, descents.positions, descents.gel_buffers[0], descents.contact_buffers[0]]
         begin = [record(kernels.begin, (self.count,), begun)]
-        ends = [record(kernels.arrive, (self.count,), [state, descents.poses, history])]
+        ends = [record(kernels.arrive, (self.count,), [state, descents.poses, ways, history])]
         made = model.surface.kernels(descents.indenter)
-        shape = tuple(descents.contact_buffers[1].shape)
         at = [descents.surface, descents.body]
         if model.contact_options.is_tangential:
             grip, kept = descents.grip, descents.grip_start
-            begin.append(record(kernels.copy_grip, shape, [history.moves, kept, grip]))
-            moved = [*at, history.moves, descents.poses, descents.positions]
+            # One that did not arrive may have left other grips than it began with.
+            begin.append(record(kernels.copy_grip, shape, [history.starts, kept, grip]))
+            moved = [*at, history.arrives, descents.poses, descents.positions]
             ends.append(record(made.drag, shape, [*moved, grip]))
-            ends.append(record(kernels.copy_grip, shape, [history.moves, grip, kept]))
+            ends.append(record(kernels.copy_grip, shape, [history.arrives, grip, kept]))
+        begin.append(record(kernels.predict, nodes, start))
         ends.append(record(kernels.remember, nodes, [descents.positions, history]))
         felt = [*at, descents.poses, descents.grip, descents.positions, self._wrench]
-        wrench = record(made.wrench, shape, felt)
-        return begin, record(kernels.predict, nodes, start), ends, wrench
+        return begin, ends, record(made.wrench, shape, felt)
 
     def _felt(self, there: NDArray[np.bool_], before: FloatArray) -> Felt:
         self._wrench.zero_()
-        self._launches[3].launch()
+        self._launches[2].launch()
         state = self.descents.state
         wrench, residual = on_host(self._wrench).copy(), on_host(state.residual).copy()
         residual = residual / np.maximum(on_host(state.scale), on_host(state.floor))
@@ -394,22 +389,6 @@ class SensorBatch:
         goals[:, 3:] /= sizes
         goals[:, 2] += self._standoff_m
         return goals
-
-
-def _between(start: FloatArray, end: FloatArray, share: FloatArray) -> FloatArray:
-    """Return poses a share of the way from one to another, each its own."""
-    found = start + share[:, None] * (end - start)
-    first, last = Rotation.from_quat(_turned(start[:, 3:])), Rotation.from_quat(end[:, 3:])
-    turn = (last * first.inv()).as_rotvec()
-    found[:, 3:] = (Rotation.from_rotvec(share[:, None] * turn) * first).as_quat()
-    return found
-
-
-def _turned(quaternions: FloatArray) -> FloatArray:
-    """Return quaternions with no turn where there is none."""
-    found = quaternions.copy()
-    found[np.linalg.norm(found, axis=1) == 0.0] = (0.0, 0.0, 0.0, 1.0)
-    return found
 
 
 def _refuse(model: Model, indenters: Sequence[Indenter], which: Any) -> None:
