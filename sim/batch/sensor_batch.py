@@ -248,7 +248,7 @@ class SensorBatch:
         travel = np.linalg.norm(goals[:, :3] - self._at[:, :3], axis=1)
         travel += _ARM_SHARE * height * np.linalg.norm(self._turns(goals), axis=1)
         parts = np.ceil(travel / (_STEP_SHARE * height) - 1e-9)
-        return np.maximum(parts, 1.0).astype(np.int32)
+        return np.asarray(np.maximum(parts, 1.0), dtype=np.int32)
 
     def _turns(self, goals: FloatArray) -> FloatArray:
         """Return the rotation vectors from where the indenters are [rad]."""

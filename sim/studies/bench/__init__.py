@@ -11,4 +11,5 @@ class Part(StrEnum):
     START = "start"
     THREADS = "threads"
     RENDERING = "rendering"
+    UNLIKE = "unlike"
     SCENES = "scenes"

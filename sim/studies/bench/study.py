@@ -44,6 +44,7 @@ from sim.studies.bench.scenes import (
     drawn_scenes,
     read_references,
 )
+from sim.studies.bench.unlike import measure_unlike, unlike_table
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.parallel import IsolatedWorker, ProcessFailedError
 from tacauchy_rig.core.study import Case, Result, Study, failures_table
@@ -58,6 +59,7 @@ _TABLES: dict[Part, Callable[[Sequence[Row]], Table]] = {
     Part.START: start_table,
     Part.THREADS: threads_table,
     Part.RENDERING: rendering_table,
+    Part.UNLIKE: unlike_table,
 }
 _press: Callable[[Any], ScenePress] = TypeAdapter(ScenePress).validate_python
 # Presets of references; the next is taken where one does not come to its end.
@@ -250,6 +252,7 @@ def _measured(part: Part, options: BenchOptions) -> list[Row]:
         Part.START: measure_start,
         Part.THREADS: lambda: measure_threads(scene),
         Part.RENDERING: lambda: measure_rendering(scene),
+        Part.UNLIKE: lambda: measure_unlike(scene),
     }
     return list(measures[part]())
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import warp as wp
 from scipy.spatial.transform import Rotation
 
 from sim.batch.sensor_batch import PoseOptions, SensorBatch, sensor_model
@@ -169,12 +168,15 @@ def test_the_mesh_is_fine_all_over_its_surface() -> None:
 @pytest.mark.gpu
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_gpu_feels_what_a_processor_does(friction: float) -> None:
-    """The dense inverse and the blocks of threads lead to the same equilibria."""
+    """The dense inverse and the blocks of threads lead to the same equilibria.
+
+    With friction the steps' order decides which points slide by how little.
+    """
     poses = np.array([_pose(1e-3, 0, 0.4e-3), _pose(-1e-3, 0, 0.3e-3), _pose(0, 1e-3, 0.2e-3)])
     found = []
     for device in ("cpu", "cuda:0"):
         model = sensor_model(PAD, GEL, edge_m=2e-3, friction=friction, device=device)
         batch = SensorBatch(model, [BALL, PUNCH, BLOCK], [0, 1, 2], options=EXACT)
         found.append(batch.step(poses).wrench)
-    np.testing.assert_allclose(found[1], found[0], rtol=1e-3, atol=1e-6)
-    assert wp.get_device("cuda:0").is_cuda
+    size = found[0][:, 2:3] * np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])
+    assert np.abs((found[1] - found[0]) / size).max() < 1e-3

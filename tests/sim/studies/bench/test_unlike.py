@@ -1,0 +1,41 @@
+"""Unlike presses in one batch: what is drawn, and the row that is measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from sim.press_command import scene_from
+from sim.scene.pad import BoxPad
+from sim.studies.bench import unlike
+
+PAD = BoxPad(size_x_m=12e-3, size_y_m=10e-3, height_m=3e-3)
+
+
+def test_drawn_poses_lie_on_the_pad() -> None:
+    """Within its margin, no deeper than two fifths of its height, tilted by 15 degrees at most."""
+    of = unlike.bodies()
+    which, poses = unlike.draw_poses(PAD, of, 300, seed=7)
+    assert set(which.tolist()) == set(range(len(of)))
+    assert np.abs(poses[:, 0]).max() <= 3e-3 + 1e-12
+    depth = PAD.height_m - poses[:, 2]
+    assert 0.0 < depth.min() < depth.max() <= 0.4 * PAD.height_m + 1e-12
+    assert depth[which == 0].max() <= 0.45 * 2e-3 + 1e-12
+    assert np.degrees(Rotation.from_quat(poses[:, 3:]).magnitude()).max() <= 15.0 + 1e-9
+    again, same = unlike.draw_poses(PAD, of, 300, seed=7)
+    assert np.array_equal(which, again)
+    assert np.array_equal(poses, same)
+
+
+@pytest.mark.slow
+def test_a_row_counts_what_was_found() -> None:
+    """Two presses on a small pad."""
+    scene = scene_from(
+        "--pad box:12x10x3mm --young 0.1MPa --poisson 0.45 --indenter plane --depth 0.1mm"
+    )
+    (row,) = unlike.measure_unlike(scene, count=2, edges_m=(3e-3,))
+    assert row["found"] == row["presses"] == 2
+    assert row["presses [s]"] > 0.0
+    assert unlike.unlike_table([row]).passed
+    assert not unlike.unlike_table([{**row, "found": 1}]).passed
