@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy
 
 from sim.contact.state import Grip, State
 from sim.effects.effect_plan import EffectPlan
@@ -125,7 +125,7 @@ def _interpolated(model: Model, values: FloatArray, places: FloatArray) -> Float
     corners = model.nodes[model.elements[:, :4]]
     to_shares = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
     count = min(_NEAR_TETS, len(corners))
-    _, near = KDTree(corners.mean(axis=1)).query(places, k=count)
+    _, near = scipy.spatial.KDTree(corners.mean(axis=1)).query(places, k=count)
     near = np.asarray(near).reshape(len(places), count)
     inner = np.einsum("nkij,nkj->nki", to_shares[near], places[:, None] - corners[near, 0])
     shares = np.concatenate([1.0 - inner.sum(axis=2, keepdims=True), inner], axis=2)
@@ -149,7 +149,7 @@ def _taken_hold(model: Model, state: State, other: Model, moved: State) -> Grip 
     rest, now = _contact_points(model, model.nodes), _contact_points(model, state.positions)
     away = state.grip.anchors.reshape(-1, 3) - (now - state.tip) @ state.rotation
     held, loads = state.grip.held.reshape(-1), state.grip.loads.reshape(-1, 3)
-    distance, near = KDTree(rest).query(_contact_points(other, other.nodes), k=_NEAR_POINTS)
+    distance, near = scipy.spatial.KDTree(rest).query(_contact_points(other, other.nodes), k=_NEAR_POINTS)
     weight = held[near] / (distance + _SAME_PLACE_M) ** 2
     weight /= np.maximum(weight.sum(axis=1, keepdims=True), _NOTHING)
     own = held[near[:, 0]]
