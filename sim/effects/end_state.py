@@ -149,7 +149,9 @@ def _taken_hold(model: Model, state: State, other: Model, moved: State) -> Grip 
     rest, now = _contact_points(model, model.nodes), _contact_points(model, state.positions)
     away = state.grip.anchors.reshape(-1, 3) - (now - state.tip) @ state.rotation
     held, loads = state.grip.held.reshape(-1), state.grip.loads.reshape(-1, 3)
-    distance, near = scipy.spatial.KDTree(rest).query(_contact_points(other, other.nodes), k=_NEAR_POINTS)
+    distance, near = scipy.spatial.KDTree(rest).query(
+        _contact_points(other, other.nodes), k=_NEAR_POINTS
+    )
     weight = held[near] / (distance + _SAME_PLACE_M) ** 2
     weight /= np.maximum(weight.sum(axis=1, keepdims=True), _NOTHING)
     own = held[near[:, 0]]
