@@ -34,7 +34,7 @@ def finished_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPa
         cwd=place,
         capture_output=True,
         text=True,
-        timeout=280,
+        timeout=480,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         check=False,
     )
@@ -42,7 +42,7 @@ def finished_run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPa
     return next((place / "runs").iterdir())
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(500)
 def test_force_is_measured_replayed_and_reported(finished_run: Path) -> None:
     """The press meets its target, the replay meets the press, and the report says so."""
     summary = json.loads((finished_run / "report" / "summary.json").read_text())
@@ -59,7 +59,7 @@ def test_force_is_measured_replayed_and_reported(finished_run: Path) -> None:
     assert 0.0 <= settled["measured"] < 0.05
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(500)
 def test_an_arm_that_hardly_feels_has_its_cell_weighed(finished_run: Path) -> None:
     """A CB3 asks for a known weight, which an emulated cell hangs on itself."""
     summary = json.loads((finished_run / "report" / "summary.json").read_text())
@@ -71,7 +71,7 @@ def test_an_arm_that_hardly_feels_has_its_cell_weighed(finished_run: Path) -> No
         assert summary["force_check"] is None
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(500)
 def test_the_real_clients_recorded_it(finished_run: Path) -> None:
     """ur_rtde, pyserial and OpenCV answered for the devices; nothing claims to be real hardware."""
     devices = json.loads((finished_run / "run.json").read_text())["devices"]
@@ -83,7 +83,7 @@ def test_the_real_clients_recorded_it(finished_run: Path) -> None:
     assert all(device["simulated"] for device in devices.values())
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(500)
 def test_the_truth_is_recovered(finished_run: Path) -> None:
     """The measured force is the emulated world's own within noise and drift."""
     summary = json.loads((finished_run / "report" / "summary.json").read_text())

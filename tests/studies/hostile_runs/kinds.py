@@ -249,7 +249,7 @@ def _all() -> Iterator[tuple[str, Change]]:
     yield "a socket", _socket
     yield "a link to /dev/zero", _device
     yield "200 folders deep", _deep
-    for what, name in (
+    for what, odd in (
         ("bytes that are no text", b"trials/\xff\xfe"),
         ("a line break", b"replay/a\nb"),
         ("an escape sequence", b"report/\x1b[2J"),
@@ -258,7 +258,7 @@ def _all() -> Iterator[tuple[str, Change]]:
         ("a trial of 200 digits", b"trials/" + b"9" * 200 + b"/attempt-1"),
         ("an attempt of 200 digits", b"trials/01/attempt-" + b"9" * 200),
     ):
-        yield f"name: {what}", partial(_name, name)
+        yield f"name: {what}", partial(_name, odd)
     for what, content in (
         ("nested 100,000 deep", _nested(100_000)),
         ("nested 900 deep", _nested(900)),
@@ -283,6 +283,7 @@ def _all() -> Iterator[tuple[str, Change]]:
         ("force-check", {"passed": "<script>"}),
     ):
         yield f"journal: {event} {detail}", partial(_event, event, detail)
+    fields: dict[str, Any]
     for fields in (
         {"devices": {"robot": "none"}},
         {"devices": {"robot": {"simulated": []}}},
