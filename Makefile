@@ -16,12 +16,12 @@ unexport PYTHONDONTWRITEBYTECODE
 dry-run: $(VENV)/.product
 	$(BIN)/tacauchy-rig dry-run
 
-# Three workers on two cores: tests on emulated devices wait in real time.
+# A third worker would starve what a dry run does at low priority.
 test: $(VENV)/.tools
-	$(BIN)/python -m pytest -n 3 --dist worksteal --durations=50 -m "not slow"
+	$(BIN)/python -m pytest -n 2 --dist worksteal --durations=50 -m "not slow"
 
 test-slow: $(VENV)/.tools
-	$(BIN)/python -m pytest -n 3 --dist worksteal --durations=20 -m "slow"
+	$(BIN)/python -m pytest -n 2 --dist worksteal --durations=20 -m "slow"
 
 check: lint types contracts dependencies
 
