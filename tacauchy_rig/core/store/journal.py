@@ -130,11 +130,10 @@ def _parsed(raw: bytes, source: str) -> JournalLine:
 def _following(before: bytes, event: JournalEvent) -> bytes:
     """Return the bytes to append after ``before``: a newline first if that ends in half a line."""
     is_torn = bool(before) and not before.endswith(b"\n")
-    whole = before if is_torn else before[:-1]
-    last = whole.rpartition(b"\n")[2]
+    lines = [line for line in before.split(b"\n") if line]  # as ``read_lines`` counts them
     content = {
-        _NUMBER: whole.count(b"\n") + bool(whole) + 1,
-        _PREVIOUS: line_hash(last) if last else "",
+        _NUMBER: len(lines) + 1,
+        _PREVIOUS: line_hash(lines[-1]) if lines else "",
         **to_json(event),
     }
     text = json.dumps(content, ensure_ascii=False, allow_nan=False)

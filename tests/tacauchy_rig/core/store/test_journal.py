@@ -53,6 +53,15 @@ def test_half_a_line_is_passed_over_and_the_next_is_whole(tmp_path: Path, cut: i
     assert read_journal(path) == [*kept, _event(3)]
 
 
+def test_empty_lines_that_a_power_cut_left_are_not_counted(tmp_path: Path) -> None:
+    """Stale bytes may hold line breaks; the lines after them are numbered as they are read."""
+    path = tmp_path / "journal.jsonl"
+    append_event(path, _event(0))
+    path.write_bytes(path.read_bytes() + b"\xff\n\n\xfe")
+    append_event(path, _event(1))
+    assert [line.number for line in read_lines(path)] == [1, None, None, 4]
+
+
 def _append_many(path: Path, first: int) -> None:
     for number in range(first, first + 50):
         append_event(path, _event(number))
