@@ -83,6 +83,7 @@ def test_the_runner_presses_as_the_whole_protocol_does(laboratory):
         noise_n=world.noise_n,
         drift_n_s=world.drift_n_s,
         motion_delay_s=world.motion_delay_s,
+        ways=(),
     )
     result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     assert result.outcome is Outcome.PASSED, result.reason
