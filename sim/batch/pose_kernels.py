@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import warp as wp
 
+from sim.batch.step_kernels import start_descent
 from sim.contact.contact_kernels import GripArrays
 from sim.contact.indenter_distance import Poses
-from sim.solve.descent_state import Descent, Mode, Status
+from sim.solve.descent_state import Descent, Status
 from sim.solve.memory_kernels import Memory
 
 # A step continues the one before if it is so many times as long at most, and leads the same way.
@@ -99,18 +100,8 @@ def begin(
         poses.rotations[b] = turn_by(ways.turns[b] * gone) * ways.rotations[b]
         d.load[b] = ways.loads[b]
         d.relative[b] = ways.enough[wp.where(part == parts, 0, 1)]
-        memory.counts[b] = 0
-        memory.next[b] = 0
-        d.status[b] = Status.RUNNING
-        d.mode[b] = Mode.BEGIN
-        d.wanted[b] = 1
+        start_descent(d, memory, b, lags)
         d.checked[b] = 1
-        d.rough[b] = 1
-        d.steps[b] = 0
-        d.since[b] = 0
-        d.recorded[b] = 0
-        d.gripped_at[b] = wp.float64(1e300)
-        d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
 
 
 @wp.kernel(enable_backward=False)
@@ -153,16 +144,6 @@ def remember(positions: wp.array2d(dtype=wp.vec3d), history: PoseHistory):
     if history.arrives[b] == 1:
         history.older[b, n] = history.last[b, n]
         history.last[b, n] = positions[b, n]
-
-
-@wp.kernel(enable_backward=False)
-def copy_grip(wanted: wp.array(dtype=wp.int32), grip: GripArrays, grip_out: GripArrays):
-    """Copy what points hold where it is wanted; launches over the contact points."""
-    b, f, q = wp.tid()
-    if wanted[b] == 1:
-        grip_out.held[b, f, q] = grip.held[b, f, q]
-        grip_out.anchors[b, f, q] = grip.anchors[b, f, q]
-        grip_out.loads[b, f, q] = grip.loads[b, f, q]
 
 
 @wp.kernel(enable_backward=False)

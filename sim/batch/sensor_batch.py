@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from sim.batch import pose_kernels as kernels
 from sim.batch.contact_inverse import ContactInverse
 from sim.batch.pilot import BARRIER_SHARE
+from sim.batch.step_kernels import copy_grip
 from sim.contact.indenter_distance import poses_at
 from sim.contact.state import ContactOptions
 from sim.device import Device, on_host
@@ -326,10 +327,10 @@ class SensorBatch:
         if model.contact_options.is_tangential:
             grip, kept = descents.grip, descents.grip_start
             # One that did not arrive may have left other grips than it began with.
-            begin.append(record(kernels.copy_grip, shape, [history.starts, kept, grip]))
+            begin.append(record(copy_grip, shape, [history.starts, 1, kept, grip]))
             moved = [*at, history.arrives, descents.poses, descents.positions]
             ends.append(record(made.drag, shape, [*moved, grip]))
-            ends.append(record(kernels.copy_grip, shape, [history.arrives, grip, kept]))
+            ends.append(record(copy_grip, shape, [history.arrives, 1, grip, kept]))
         begin.append(record(kernels.predict, nodes, start))
         ends.append(record(kernels.remember, nodes, [descents.positions, history]))
         felt = [*at, descents.poses, descents.grip, descents.positions, self._wrench]

@@ -183,6 +183,22 @@ def share_of(history: History, b: wp.int32, goal: wp.vec4d) -> wp.float64:
     return share
 
 
+@wp.func
+def start_descent(d: Descent, memory: Memory, b: wp.int32, lags: wp.bool):
+    """Let an environment begin a descent, with nothing learnt of another."""
+    memory.counts[b] = 0
+    memory.next[b] = 0
+    d.status[b] = Status.RUNNING
+    d.mode[b] = Mode.BEGIN
+    d.wanted[b] = 1
+    d.rough[b] = 1
+    d.steps[b] = 0
+    d.since[b] = 0
+    d.recorded[b] = 0
+    d.gripped_at[b] = wp.float64(1e300)
+    d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
+
+
 @wp.kernel(enable_backward=False)
 def begin(
     # Model:
@@ -260,17 +276,7 @@ def begin(
             zero = wp.float64(0.0)
             turn = wp.mat33d(c, -s, zero, s, c, zero, zero, zero, wp.float64(1.0))
             poses.rotations[b] = turn * trajectories.rotations[b]
-            memory.counts[b] = 0
-            memory.next[b] = 0
-            d.status[b] = Status.RUNNING
-            d.mode[b] = Mode.BEGIN
-            d.wanted[b] = 1
-            d.rough[b] = 1
-            d.steps[b] = 0
-            d.since[b] = 0
-            d.recorded[b] = 0
-            d.gripped_at[b] = wp.float64(1e300)
-            d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
+            start_descent(d, memory, b, lags)
         if d.status[b] == Status.RUNNING:
             sharing.rank[b] = wp.atomic_add(sharing.counts, sharing.which[b], 1)
     wait_for_all()
