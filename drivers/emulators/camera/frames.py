@@ -104,6 +104,10 @@ class FrameFactory:
     """Makes frames of one plant: JPEG, or whatever ``encode`` makes of a BGR image.
 
     ``prepare`` may run in another thread than the rest: what it makes is published whole.
+
+    Attributes:
+        plant: The gel.
+        newest: What was prepared last; the camera shows it until a newer one is.
     """
 
     def __init__(
@@ -115,7 +119,7 @@ class FrameFactory:
     ) -> None:
         self.plant = plant
         self._encode = encode
-        self._factor = rendering_factor(width, height)
+        self._factor = rendering_factor(plant.truth, (width, height))
         self._camera = GelCamera(
             plant.truth, view_of(plant.truth, (width, height)).scaled(self._factor)
         )
@@ -123,28 +127,24 @@ class FrameFactory:
         self._stamped = height * plant.truth.unit.crop >= STAMP_HEIGHT_PX
         self._lock = threading.Lock()
         self._contacts: OrderedDict[PressKey, tuple[Region, ImageArray] | None] = OrderedDict()
+        self.newest = PressKey(depth=0, x=0, y=0, light=0)
         self._light_step = 0
         self._unloaded = self._camera.render(None)
         # Made beforehand: too much light holds no camera up.
         self._overexposed = self._camera.render(None, light=_OVEREXPOSURE)
-
-    def is_ready(self, key: PressKey) -> bool:
-        """Return whether ``compose`` can show ``key`` rather than an unloaded gel."""
-        with self._lock:
-            return not key.is_contact or key in self._contacts
 
     def prepare(self, key: PressKey) -> None:
         """Render what ``compose`` needs for ``key``."""
         if key.light != self._light_step:
             self._unloaded = self._camera.render(None, light=_gain(key))
             self._light_step = key.light
-        if not key.is_contact or self.is_ready(key):
-            return
-        contact = self._rendered(key)
-        with self._lock:
-            self._contacts[key] = contact
-            while len(self._contacts) > _KEPT_COUNT:
-                self._contacts.popitem(last=False)
+        if key.is_contact and key not in self._contacts:
+            contact = self._rendered(key)
+            with self._lock:
+                self._contacts[key] = contact
+                while len(self._contacts) > _KEPT_COUNT:
+                    self._contacts.popitem(last=False)
+        self.newest = key
 
     def compose(self, key: PressKey, number: int) -> bytes:
         """Return the frame of ``key``, with ``number`` drawn in where a border is cropped away."""

@@ -178,8 +178,8 @@ class EmulatedCamera:
         wanted, depth_m = self._scene(capture_s)
         due_s = capture_s + self.latency_s
         self._renderer.ask(wanted, timeout_s=due_s - _COMPOSING_S - time.monotonic())
-        if self._factory.is_ready(wanted):
-            self._shown = wanted
+        # A gel that moves faster than it is rendered is seen late by one rendering, and not still.
+        self._shown = self._factory.newest if wanted.is_contact else wanted
         faults = self._active_faults()
         if any(fault.kind is FaultKind.SATURATE for fault in faults):
             jpeg = self._factory.compose_overexposed(number)

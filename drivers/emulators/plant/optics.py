@@ -309,14 +309,20 @@ def _response_curve() -> ImageArray:
     return np.round(255.0 * exposed ** (1.0 / _GAMMA)).astype(np.uint8)
 
 
-_LARGEST_WIDTH = 960  # beyond it frames are rendered smaller and enlarged, as lenses blur
+def rendering_factor(truth: PlantTruth, size: tuple[int, int]) -> int:
+    """Return how many raw pixels a rendered pixel covers in each direction.
 
+    Frames are rendered no finer than they are scored, and enlarged, as lenses blur: a camera that
+    shows shadows has time for no more pixels.
 
-def rendering_factor(width: int, height: int) -> int:
-    """Return how many raw pixels a rendered pixel covers in each direction."""
-    common = math.gcd(width, height)
-    factors = (n for n in range(1, common + 1) if common % n == 0 and width // n <= _LARGEST_WIDTH)
-    return next(factors, 1)
+    Args:
+        truth: Says how finely frames are scored.
+        size: Width and height of the raw frame [px].
+    """
+    scored = truth.unit.image_size[0] / (1.0 - 2.0 * truth.unit.crop)  # columns of a raw frame
+    common = math.gcd(*size)
+    factors = [n for n in range(1, common + 1) if common % n == 0 and size[0] / n >= scored]
+    return max(factors, default=1)
 
 
 def enlarged(image: ImageArray, factor: int) -> ImageArray:
@@ -356,7 +362,7 @@ def render_press(
     if depth_m > 0.0:
         tilt = truth.tilt_rad if tilt_rad is None else tilt_rad
         profile = _plant(truth, tip).surface_at(depth_m, centre_m, tilt)
-    image = enlarged(camera.render(profile), rendering_factor(*size))
+    image = enlarged(camera.render(profile), rendering_factor(truth, size))
     if noise_seed is None:
         return image
     noise = np.random.default_rng([truth.seed, 3, noise_seed]).standard_normal(image.shape)
@@ -366,7 +372,7 @@ def render_press(
 
 @lru_cache(maxsize=4)
 def _camera(truth: PlantTruth, size: tuple[int, int]) -> GelCamera:
-    return GelCamera(truth, view_of(truth, size).scaled(rendering_factor(*size)))
+    return GelCamera(truth, view_of(truth, size).scaled(rendering_factor(truth, size)))
 
 
 @lru_cache(maxsize=8)

@@ -13,9 +13,10 @@ import sys
 import time
 import urllib.request
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -34,7 +35,7 @@ from drivers.emulators.camera.frames import (
     PressKey,
     draw_number,
 )
-from drivers.emulators.camera.stream import FaultyOutput
+from drivers.emulators.camera.stream import CameraSettings, EmulatedCamera, FaultyOutput
 from drivers.emulators.faults import Device, Fault, FaultKind, parse_fault
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import render_press
@@ -93,7 +94,7 @@ def test_frames_show_the_press_without_seams(factory: FrameFactory) -> None:
     """A frame of which a part is rendered is the whole picture, to within noise and JPEG."""
     key = PressKey(depth=125, x=20, y=-30, light=0)
     factory.prepare(key)
-    assert factory.is_ready(key)
+    assert factory.newest == key
     frame = _decoded(factory.compose(key, 7))
     expected = render_press(
         TRUTH, PUNCH, 0.5e-3, (640, 480), centre_m=(2e-4, -3e-4), noise_seed=None
@@ -169,9 +170,53 @@ class RunningCamera:
 
     def press(self, depth_m: float) -> None:
         """Put the arm where the tip is ``depth_m`` deep in the gel."""
-        z = SURFACE_Z + TRUTH.surface_error_m - depth_m
-        pose = Pose(position=(0.0, 0.0, z), rotation_vector=(0.0, math.pi, 0.0))
-        self.world.publish(pose, (0.0,) * 6, time.monotonic_ns())
+        press(self.world, depth_m)
+
+
+def press(world: SharedWorld, depth_m: float) -> None:
+    """Put the arm of a world where the tip is ``depth_m`` deep in the gel."""
+    z = SURFACE_Z + TRUTH.surface_error_m - depth_m
+    pose = Pose(position=(0.0, 0.0, z), rotation_vector=(0.0, math.pi, 0.0))
+    world.publish(pose, (0.0,) * 6, time.monotonic_ns())
+
+
+class SlowFactory(FrameFactory):
+    """A factory that takes several frames' time for each contact."""
+
+    def _rendered(self, _key: PressKey) -> None:
+        time.sleep(0.03)
+
+    def compose(self, key: PressKey, number: int) -> bytes:
+        """Return no picture."""
+        return bytes([key.depth % 256, number % 256])
+
+
+class Nobody:
+    """The service that tells a device of no fault, and the server that nobody reads."""
+
+    def faults_at(self, _now_s: float) -> list[Fault]:
+        """Return none."""
+        return []
+
+    def publish(self, _frame: bytes) -> None:
+        """Send it nowhere."""
+
+    def close(self) -> None:
+        """Close nothing."""
+
+
+def test_a_press_that_is_rendered_slowly_is_seen_late_and_not_still(tmp_path: Path) -> None:
+    """The image follows the depth while no depth is waited for until it has been rendered."""
+    with closing(SharedWorld.create(tmp_path / "world.bin")) as world:
+        factory = SlowFactory(Plant(TRUTH, PUNCH, (0.0, 0.0, SURFACE_Z)), 320, 240)
+        settings, nobody = CameraSettings(folder=tmp_path, rate=100.0), cast("Any", Nobody())
+        camera = EmulatedCamera(settings, nobody, factory, FaultyOutput(0), nobody, lambda: nobody)
+        for number in range(30):
+            press(world, number * 1e-5)
+            camera._frame(number, time.monotonic())
+        camera._close()
+    lines = (tmp_path / "camera_trace.jsonl").read_text().splitlines()
+    assert len({json.loads(line)["depth_shown_m"] for line in lines}) >= 4
 
 
 @pytest.fixture
