@@ -162,6 +162,10 @@ class Outcome(StrEnum):
     IMPORTED = "imported"
 
 
+FREE = "free"
+"""Metadata of a field that may hold any number; others are refused where files are read."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Criterion:
     """One checked number.
@@ -169,12 +173,13 @@ class Criterion:
     Attributes:
         name: For example ``force_mean``.
         measured: Value in ``unit``; ``limit`` says what it had to satisfy, in words and numbers.
+            NaN or infinite where nothing could be measured, or divided by.
         remedy: What to do when it failed.
     """
 
     name: str
     passed: bool
-    measured: float
+    measured: float = field(metadata={FREE: True})
     limit: str
     unit: str
     remedy: str = ""
@@ -317,4 +322,4 @@ class JournalEvent:
     name: str
     trial: int = 0
     attempt: int = 0
-    detail: dict[str, Any] = field(default_factory=dict)
+    detail: dict[str, Any] = field(default_factory=dict, metadata={FREE: True})

@@ -59,6 +59,12 @@ def measures_of(attempt: AttemptReading) -> PressMeasures:
         )
     depth_m = np.interp(force.time_s, depth.time_s, depth.value)
     rises = (force.time_s < 0.0) & (force.time_s > depth.time_s[0]) & (depth_m > 0.0)
+    if not rises.any():
+        raise RecordError(
+            f"trial {attempt.record.index} of {attempt.store.paths.root}: no force was recorded "
+            "between its contact and its dwell",
+            remedy="name another run",
+        )
     return PressMeasures(
         depth_m=depth_m[rises],
         force_n=force.value[rises],

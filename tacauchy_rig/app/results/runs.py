@@ -16,6 +16,7 @@ from tacauchy_rig.app.replay.settings import indenter_of
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError, command_line
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tacauchy_rig.core.store.codec import loads
+from tacauchy_rig.core.store.force_series import force_series
 from tacauchy_rig.core.store.run_files import ascii_path, read_bytes
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -37,7 +38,7 @@ class ListedRun:
         created: In ISO 8601.
         kind: ``live``, ``dry`` or ``imported``.
         trial_count: Trials that it was to have.
-        passed_count: Trials that passed.
+        passed_count: Trials that passed and are not doubted since.
         forces_n: Least and most measured force of these [N]; None where none passed.
         summary: ``summary.json`` of its report; empty where there is none.
         missed: Criteria that its report says were not met, in words.
@@ -120,8 +121,13 @@ def _reason(error: Exception) -> str:
 
 def _read(folder: Path) -> ListedRun:
     store = RunStore.open(folder)
-    records = [store.counting(index) for index in store.trial_indices()]
-    passed = [each for each in records if each is not None and each.outcome in _USED]
+    records = [each for index in store.trial_indices() if (each := store.counting(index))]
+    doubted = force_series(store).doubted
+    passed = [
+        each
+        for each in records
+        if each.outcome in _USED and (each.index, each.attempt) not in doubted
+    ]
     forces = [each.force_measured_n for each in passed if each.force_measured_n is not None]
     config = store.config
     wanted = (

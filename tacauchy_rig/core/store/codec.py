@@ -13,6 +13,7 @@ import types
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
+from functools import cache
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -21,6 +22,8 @@ import pydantic_core
 from tacauchy_rig.core.errors import RecordError
 
 T = TypeVar("T")
+
+types_of_fields = cache(get_type_hints)
 
 _NON_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 _MAX_NESTING = 64
@@ -153,7 +156,7 @@ def _build(kind: Any, data: Any, source: str, field: str) -> Any:
 
 def _build_dataclass(kind: Any, data: Any, source: str, field: str) -> Any:
     _require(isinstance(data, dict), f"a table ({kind.__name__})", data, source, field)
-    hints = get_type_hints(kind)
+    hints = types_of_fields(kind)
     known = {item.name: item for item in fields(kind)}
     prefix = f"{field}." if field else ""
     for name in data:

@@ -15,9 +15,9 @@ from tacauchy_rig.core.force_history import (
     judge_forces,
 )
 from tacauchy_rig.core.run import Criterion, JournalEvent, TrialRecord
-from tacauchy_rig.core.store.codec import from_json
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.store.value_limits import read_value
 
 logger = logging.getLogger(__name__)
 
@@ -66,7 +66,7 @@ def force_series(store: RunStore) -> ForceSeries:
     wrong_weight = ""
     for event in read_journal(store.paths.journal):
         if event.name == "force-check":
-            check = from_json(ForceCheck, event.detail, source="journal.jsonl: force-check")
+            check = read_value(ForceCheck, event.detail, source="journal.jsonl: force-check")
             wrong_weight = "" if check.passed else f"the cell was wrong afterwards: {check.finding}"
             series.weighed = check if check.passed and trusted else None
         elif event.name == "attempt-start":

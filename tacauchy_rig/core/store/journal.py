@@ -29,6 +29,7 @@ from tacauchy_rig.core.store.durable import (
     write_error,
 )
 from tacauchy_rig.core.store.run_files import read_bytes
+from tacauchy_rig.core.store.value_limits import read_value
 
 logger = logging.getLogger(__name__)
 
@@ -123,7 +124,7 @@ def _parsed(raw: bytes, source: str) -> JournalLine:
         raw=raw,
         number=from_json(int | None, number, source=f"{source}: {_NUMBER}"),  # type: ignore[arg-type]
         previous=from_json(str | None, previous, source=f"{source}: {_PREVIOUS}"),  # type: ignore[arg-type]
-        event=from_json(JournalEvent, content, source=source),
+        event=read_value(JournalEvent, content, source=source),
     )
 
 
@@ -300,6 +301,6 @@ def read_json(kind: Any, path: Path, *, what: str) -> Any:
         what: What it is, for the message.
 
     Raises:
-        RecordError: It is missing or damaged; names file and field.
+        RecordError: It is missing or damaged, or holds what cannot be; names file and field.
     """
-    return from_json(kind, loads(read_bytes(path, what=what), source=str(path)), source=str(path))
+    return read_value(kind, loads(read_bytes(path, what=what), source=str(path)), source=str(path))

@@ -265,7 +265,16 @@ class RunStore:
             RecordError: The file is damaged; names file and field.
         """
         path = self.paths.result(trial, attempt)
-        return read_json(TrialRecord, path, what="the result") if path.exists() else None
+        if not path.exists():
+            return None
+        record: TrialRecord = read_json(TrialRecord, path, what="the result")
+        if (record.index, record.attempt) != (trial, attempt):
+            raise RecordError(
+                f"{path}: index, attempt: {record.index}, {record.attempt} are not those of the "
+                f"folder, {trial}, {attempt}",
+                remedy="the file was moved or edited: take it from a copy of the run",
+            )
+        return record
 
     def latest(self, trial: int) -> TrialRecord | None:
         """Return the result of the latest attempt that has one."""

@@ -14,8 +14,10 @@ from tests.studies.beyond.presses import answers_table, drawn, judged, line
 def beyond_check(
     presses: Annotated[int, typer.Option("--presses", min=1, help="How many are drawn.")] = 200,
     seed: Annotated[int, typer.Option("--seed", help="Of the draw.")] = 1,
-    limit: Annotated[float, typer.Option("--limit", help="Of one press [s].")] = 60.0,
-    finer: Annotated[float, typer.Option("--finer", help="Of what judges it [s].")] = 120.0,
+    limit: Annotated[float, typer.Option("--limit", help="Of one press [s of processor].")] = 60.0,
+    finer: Annotated[
+        float, typer.Option("--finer", help="Of what judges it [s likewise].")
+    ] = 120.0,
     refinement: Annotated[
         float, typer.Option("--refinement", help="Shorter edges than preset fast's, so many times.")
     ] = 1.0,

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from types import SimpleNamespace
+from unittest import mock
 
 import numpy as np
 
@@ -14,6 +17,7 @@ from sim.press import PressResult, press
 from sim.press_command import scene_from
 from sim.scene.indenter import MeshIndenter, describe, mesh_indenter
 from sim.scene.scene import Scene, Target
+from tacauchy_rig.core import long_task
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.tables import Table
@@ -69,8 +73,8 @@ class Judged:
     """What came of one.
 
     Attributes:
-        silent_s: The longest time without a word [s].
-        took_s: Until the answer or the error [s].
+        silent_s: The longest processor time without a word [s].
+        took_s: Until the answer or the error, likewise [s].
         said: The error's message, or forces [N].
     """
 
@@ -167,21 +171,29 @@ def _stepped(plan: FloatArray) -> tuple[FloatArray, np.ndarray]:
     return corners, faces
 
 
+@contextmanager
+def _by_processor_time() -> Iterator[None]:
+    """Let limits and silences count processor time: a busy computer ends no press early."""
+    with mock.patch.object(long_task, "time", SimpleNamespace(monotonic=time.process_time)):
+        yield
+
+
 def judged(case: Beyond, *, limit_s: float, finer_limit_s: float) -> Judged:
-    """Press a case within a time [s], and judge its force by a finer mesh within another."""
-    heard = [started := time.monotonic()]
+    """Press a case within a processor time [s], and judge it by a finer mesh within another."""
+    heard = [started := time.process_time()]
     try:
-        result = press(
-            case.scene,
-            estimate_error=True,
-            time_limit_s=limit_s,
-            on_progress=lambda _: heard.append(time.monotonic()),
-        )
+        with _by_processor_time():
+            result = press(
+                case.scene,
+                estimate_error=True,
+                time_limit_s=limit_s,
+                on_progress=lambda _: heard.append(time.process_time()),
+            )
     except RigError as error:
         answer, said, result = Answer.REFUSED, error.message, None
         if type(error).__name__ == "TimeLimitError":
             answer = Answer.LATE
-    heard.append(time.monotonic())
+    heard.append(time.process_time())
     if result is not None:
         answer, said = _judged_force(case, result, finer_limit_s)
     silent_s = float(np.diff(heard).max())
@@ -195,7 +207,8 @@ def _judged_force(case: Beyond, result: PressResult, limit_s: float) -> tuple[An
         return Answer.WRONG, f"{own:.4f} N"
     finer = replace(case.scene, refinement=_FINER * case.scene.refinement)
     try:
-        other = press(finer, time_limit_s=limit_s)
+        with _by_processor_time():
+            other = press(finer, time_limit_s=limit_s)
     except RigError as error:
         return Answer.UNJUDGED, f"{own:.4f} N; finer: {error.message}"
     values = (own, other.force_n[2])

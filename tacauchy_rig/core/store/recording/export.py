@@ -14,6 +14,7 @@ from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.store.durable import write_error
+from tacauchy_rig.core.store.force_series import force_series
 from tacauchy_rig.core.store.recording.export_kind import ExportKind
 from tacauchy_rig.core.store.recording.messages import (
     ARM_STATES,
@@ -86,10 +87,11 @@ def export_run(root: Path, out: Path, *, kind: ExportKind) -> list[Path]:
 
 
 def _write_trials(store: RunStore, attempts: list[tuple[int, int]], path: Path) -> Path:
-    rows = []
+    rows, doubted = [], force_series(store).doubted
     for trial, attempt in attempts:
         result, accepted = store.load_result(trial, attempt), store.accepted(trial)
-        is_accepted = accepted is not None and accepted.attempt == attempt
+        is_latest = accepted is not None and accepted.attempt == attempt
+        is_accepted = is_latest and (trial, attempt) not in doubted
         values = [getattr(result, name, None) for name in _TRIAL_FIELDS]
         rows.append([trial, attempt, int(is_accepted), *values])
     return _write_table(path, ("trial", "attempt", "accepted", *_TRIAL_FIELDS), rows)

@@ -7,8 +7,12 @@ from pathlib import Path
 import pytest
 
 from tacauchy_rig.app.results.runs import find_runs, folder_of_runs
+from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.store.run_store import RunStore
 from tests.tacauchy_rig.app.results.made_runs import NAMES
+from tests.tacauchy_rig.core.store.test_force_series import keep, weigh
+from tests.tacauchy_rig.core.test_force_history import RIGHT, pressed
 
 
 def test_a_run_alone_is_found_in_its_folder(runs: Path) -> None:
@@ -32,3 +36,16 @@ def test_a_damaged_summary_is_a_fault_of_its_run_alone(runs: Path) -> None:
     assert "summary.json" in found[NAMES[0]].fault
     assert not found[NAMES[1]].fault
     assert found[NAMES[1]].forces_n == (1.30, 1.30)
+
+
+def test_presses_of_a_sensor_that_was_wrong_afterwards_are_not_counted(tmp_path: Path) -> None:
+    """They passed, and are to be pressed again."""
+    store = RunStore.create(
+        tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
+    )
+    keep(store, *pressed(RIGHT))
+    assert find_runs(tmp_path)[0].passed_count == 6
+    weigh(store, 0.8)
+    (found,) = find_runs(tmp_path)
+    assert (found.passed_count, found.forces_n) == (0, None)
+    assert found.next_command.startswith("tacauchy-rig resume")

@@ -11,11 +11,13 @@ import pytest
 
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.run import Outcome, Tare, TrialRecord
+from tacauchy_rig.core.run import JournalEvent, Outcome, Tare, TrialRecord
+from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.recording.export import export_run
 from tacauchy_rig.core.store.recording.export_kind import ExportKind
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
+from tests.tacauchy_rig.core.store.test_force_series import weigh
 
 TARE = Tare(
     start_ns=0, end_ns=1, mean=(0.1, 0.2, 0.5, 0.0, 0.0, 0.0), deviation=(0.0,) * 6, sample_count=9
@@ -43,6 +45,16 @@ def store(tmp_path: Path, samples: Any) -> RunStore:
         )
     )
     return store
+
+
+def test_an_attempt_that_is_doubted_is_not_accepted(store: RunStore, tmp_path: Path) -> None:
+    """It passed, and a weight showed afterwards that its forces are wrong."""
+    start = JournalEvent(stamp_ns=1, name="attempt-start", trial=1, attempt=2)
+    append_event(store.paths.journal, start)
+    for scale, accepted in ((1.0, "1"), (0.8, "0")):
+        weigh(store, scale)
+        export_run(store.paths.root, tmp_path / accepted, kind=ExportKind.CSV)
+        assert _table(tmp_path / accepted / "trials.csv")[1]["accepted"] == accepted
 
 
 def _table(path: Path) -> list[dict[str, str]]:
