@@ -1,8 +1,8 @@
 """What goes wrong with the computer, made for the program under test alone.
 
 A library that is preloaded into the program, ``host_trouble.c``, turns its wall clock and makes its
-disk read-only or full: neither needs a right that only root has, and nothing else on the computer
-notices.
+disk read-only, full or slow: none needs a right that only root has, and nothing else on the
+computer notices.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ class Trouble(StrEnum):
     CLOCK_FORWARD = "clock-forward"
     READ_ONLY = "read-only"
     DISK_FULL = "disk-full"
+    DISK_SLOW = "slow-disk"
 
 
 class HostTrouble:
@@ -32,7 +33,7 @@ class HostTrouble:
 
     Args:
         folder: Where the library and its switches go.
-        disk: Folder that becomes read-only or full.
+        disk: Folder that becomes read-only, full or slow.
     """
 
     def __init__(self, folder: Path, *, disk: Path) -> None:

@@ -3,7 +3,8 @@
  * While the file $HOST_TROUBLE/clock-back or clock-forward exists, the wall clock is wrong by an
  * hour; while $HOST_TROUBLE/read-only exists, nothing below $HOST_TROUBLE_DISK can be written, as
  * when the kernel has remounted a failing disk; while $HOST_TROUBLE/disk-full exists, nothing there
- * can be made or grow. Monotonic clocks are left alone, as a jump does.
+ * can be made or grow; while $HOST_TROUBLE/slow-disk exists, each synchronisation of a file there
+ * takes 300 ms. Monotonic clocks are left alone, as a jump does.
  */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -19,6 +20,7 @@
 #include <unistd.h>
 
 #define JUMP_S 3600
+#define SLOW_NS 300000000
 
 static int is_on(const char *trouble) {
     char path[PATH_MAX];
@@ -67,15 +69,38 @@ static int has_no_room(const char *path) {
     return 1;
 }
 
-static int has_no_room_at(int file) {
-    char link[64], path[PATH_MAX];
+/* The path of an open file; empty where it has none. */
+static const char *path_of(int file, char path[PATH_MAX]) {
+    char link[64];
     snprintf(link, sizeof link, "/proc/self/fd/%d", file);
     int before = errno;
-    ssize_t length = readlink(link, path, sizeof path - 1);
+    ssize_t length = readlink(link, path, PATH_MAX - 1);
     errno = before;
-    if (length < 0) return 0;
-    path[length] = 0;
-    return has_no_room(path);
+    path[length < 0 ? 0 : length] = 0;
+    return path;
+}
+
+static int has_no_room_at(int file) {
+    char path[PATH_MAX];
+    return has_no_room(path_of(file, path));
+}
+
+static void wait_for(int file) {
+    char path[PATH_MAX];
+    const char *disk = getenv("HOST_TROUBLE_DISK");
+    if (!disk || strncmp(path_of(file, path), disk, strlen(disk)) || !is_on("slow-disk")) return;
+    struct timespec slow = {.tv_nsec = SLOW_NS};
+    nanosleep(&slow, NULL);
+}
+
+int fsync(int file) {
+    wait_for(file);
+    return syscall(SYS_fsync, file);
+}
+
+int fdatasync(int file) {
+    wait_for(file);
+    return syscall(SYS_fdatasync, file);
 }
 
 static int opened(const char *path, int flags, mode_t mode) {
