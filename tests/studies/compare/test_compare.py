@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from tacauchy_rig.core.errors import ConfigError
-from tests.sim.studies.bench.test_scene_tables import _PRESS, _row
+from tests.sim.studies.bench.test_scenes import _PRESS, _row
 from tests.studies.compare.command import Pair, checked_out, pairs_table
 
 

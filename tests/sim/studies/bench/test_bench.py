@@ -1,9 +1,11 @@
-"""The benchmark: what it counts and how it fits; no time is judged."""
+"""The benchmark's parts."""
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -14,11 +16,12 @@ from hypothesis import strategies as st
 
 from sim.error import Tolerance
 from sim.fields.surface import SurfaceState
+from sim.press_command import scene_from
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, SceneTerms, Target
-from sim.studies.bench import Part
+from sim.studies.bench import Part, parts
 from sim.studies.bench.parts import (
     BELIEVED,
     draw_growth,
@@ -34,7 +37,7 @@ from sim.studies.bench.rendering import measure_rendering, rendering_table
 from sim.studies.bench.scenes import Manner
 from sim.studies.bench.study import Bench, BenchOptions
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError, RigError
 from tacauchy_rig.core.study import About, Result
 
 _SCENE = Scene(
@@ -191,3 +194,48 @@ def test_options_that_do_not_fit_together_are_refused(manner: Manner) -> None:
     """Before anything is pressed, with the remedy."""
     with pytest.raises(ConfigError, match="for batches"):
         _bench(manner)
+
+
+WASTE = "sum(range(3_000_000)); print(42)"
+
+
+def test_a_process_is_charged_with_its_own_time() -> None:
+    """Time that it computes counts, time that this process computes does not."""
+    cpu_s, wall_s, told = parts.process_spent([sys.executable, "-c", WASTE])
+    assert told == "42\n"
+    assert 0.0 < cpu_s < 10.0 * wall_s
+
+
+def test_a_command_that_fails_gives_no_number() -> None:
+    """Its error is told instead."""
+    with pytest.raises(RigError, match="no_such_module"):
+        parts.process_spent([sys.executable, "-c", "import no_such_module"])
+
+
+def test_threads_are_measured_by_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each size has a row for one thread and for two."""
+    monkeypatch.setattr(parts, "_BUDGET_S", 0.0)
+    scene = scene_from(
+        "--pad box:10x10x3mm --young 0.1MPa --poisson 0.48 --indenter plane --depth 0.1mm"
+    )
+    rows = list(parts.measure_threads(scene, refinements=(0.5,)))
+    assert {row["threads"] for row in rows} >= {1, 2}
+    assert len({row["unknowns"] for row in rows}) == 1
+    assert all(row["factor [ms]"] > 0.0 and row["solution [ms]"] > 0.0 for row in rows)
+
+
+def test_processor_time_is_told_by_a_clock_of_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work shorter than the clock's tick is charged with its share of the ticks, not with none."""
+    monkeypatch.setattr(parts, "_BUDGET_S", 1.0)
+    spent_ms = [0]
+
+    def work() -> None:
+        spent_ms[0] += 3
+
+    clock = SimpleNamespace(
+        perf_counter=lambda: 1e-3 * spent_ms[0], process_time=lambda: 1e-2 * (spent_ms[0] // 10)
+    )
+    monkeypatch.setattr(parts, "time", clock)
+    wall_s, cpu_s = parts.work_spent(work)
+    assert wall_s == pytest.approx(0.003)
+    assert cpu_s == pytest.approx(0.003, rel=0.02)

@@ -1,10 +1,10 @@
-"""The paper's numbers are read as they stand, and held to what they can be at all."""
+"""The paper's numbers: read, judged, and held against each other."""
 
 from __future__ import annotations
 
 import pytest
 
-from sim.studies.paper.claims import claims, claims_of
+from sim.studies.paper.claims import Rule, Verdict, checks, claims, claims_of, verdict
 from tacauchy_rig.core.errors import ConfigError
 
 ROW = '[scores.ssim]\nwhere = "IV"\nsays = "SSIM"\nvalue = {}\nrule = "score"\n'
@@ -27,3 +27,50 @@ def test_an_impossible_score_is_refused_by_name(value: str) -> None:
 def test_a_possible_score_is_taken() -> None:
     """What is within the bounds is read with its section."""
     assert claims_of(ROW.format(0.9))["scores.ssim"].value == 0.9
+
+
+def test_a_closed_surface_has_the_faces_that_its_vertices_ask_for() -> None:
+    """Euler's formula, which the paper's 712 faces and 358 vertices meet."""
+    faces = checks()[0]
+    assert faces.agrees
+    assert not faces._replace(stated=faces.stated + 1.0).agrees
+
+
+def test_physics_does_not_fit_in_one_environments_frame() -> None:
+    """88.92 ms are more than a frame at 33.40 frames/s, and less than one at 9.25."""
+    alone, sixty = checks()[-2:]
+    assert not alone.agrees
+    assert sixty.agrees
+
+
+@pytest.mark.parametrize(
+    ("rule", "paper", "ours", "expected"),
+    [
+        (Rule.COUNT, 1920.0, 1900.0, Verdict.REPRODUCED),
+        (Rule.COUNT, 1920.0, 1369.0, Verdict.DIFFERENT),
+        (Rule.COUNT, 1920.0, 2500.0, Verdict.DIFFERENT),
+        (Rule.AT_MOST, 5.0, 5.0, Verdict.REPRODUCED),
+        (Rule.AT_MOST, 5.0, 0.0, Verdict.REPRODUCED),
+        (Rule.AT_MOST, 5.0, 5.1, Verdict.DIFFERENT),
+        (Rule.AT_LEAST, 555.0, 500.0, Verdict.DIFFERENT),
+        (Rule.AT_LEAST, 555.0, 1600.0, Verdict.REPRODUCED),
+        (Rule.AT_LEAST, 555.0, 1700.0, Verdict.BETTER),
+        (Rule.TIME, 1.0, 1.1, Verdict.DIFFERENT),
+        (Rule.TIME, 1.0, 0.5, Verdict.REPRODUCED),
+        (Rule.TIME, 1.0, 0.2, Verdict.BETTER),
+        (Rule.SCORE, 0.93, 0.925, Verdict.REPRODUCED),
+        (Rule.SCORE, 0.93, 0.95, Verdict.BETTER),
+        (Rule.SCORE, 0.93, 0.91, Verdict.DIFFERENT),
+        (Rule.DECIBEL, 22.0, 20.0, Verdict.DIFFERENT),
+        (Rule.SQUARES, 400.0, 200.0, Verdict.BETTER),
+        (Rule.SQUARES, 400.0, 450.0, Verdict.REPRODUCED),
+        (Rule.SQUARES, 400.0, 600.0, Verdict.DIFFERENT),
+        (Rule.CRITERIA, 1.0, 1.0, Verdict.REPRODUCED),
+        (Rule.CRITERIA, 1.0, 0.75, Verdict.DIFFERENT),
+        (Rule.SCORE, 0.93, None, Verdict.NOT_REPRODUCED),
+        (Rule.SCORE, 0.93, float("nan"), Verdict.NOT_REPRODUCED),
+    ],
+)
+def test_rule(rule: Rule, paper: float, ours: float | None, expected: Verdict) -> None:
+    """Within the tolerance, beyond it on either side, and without a number of ours."""
+    assert verdict(rule, paper, ours) is expected

@@ -1,11 +1,14 @@
-"""Ours beside the paper's, of made-up measurements."""
+"""Ours beside the paper's, as rows, page and figure."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 from sim.studies.paper.claims import Verdict, claims
 from sim.studies.paper.comparison import (
     Ours,
     compared,
+    draw_paper,
     mode_ours,
     model_ours,
     score_ours,
@@ -61,3 +64,13 @@ def test_a_figure_is_as_good_as_its_worst_claim() -> None:
     found = compared(mode_ours(modes))
     assert found.by_name["modes.press"].verdict is Verdict.REPRODUCED
     assert found.worst("modes") is Verdict.DIFFERENT
+
+
+def test_figure_is_drawn_with_and_without_reports(tmp_path: Path) -> None:
+    """PDF and PNG, and a smaller PNG for the page; a report changes it."""
+    pages = []
+    for name, reports in (("bare", []), ("full", [report(emulated=True, ours=True)])):
+        files = draw_paper(presses(), reports, tmp_path, page_folder=tmp_path / name)
+        assert [file.suffix for file in files] == [".pdf", ".png", ".png"]
+        pages.append(files[-1].read_bytes())
+    assert pages[0] != pages[1]

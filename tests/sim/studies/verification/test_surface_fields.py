@@ -1,4 +1,4 @@
-"""The comparison of fields with exact ones: what it samples and that it sees a wrong field."""
+"""Fields of the surface, height maps and balance against their references."""
 
 from __future__ import annotations
 
@@ -8,7 +8,21 @@ import numpy as np
 import pytest
 
 from sim.press_command import scene_from
-from sim.scene.scene import Preset
+from sim.scene.indenter import Sphere
+from sim.scene.material import Material
+from sim.scene.pad import DiscPad
+from sim.scene.scene import Preset, Scene, Target
+from sim.studies.verification.balance import TRACTION_GAPS, balanced_press, is_balanced
+from sim.studies.verification.height_map import (
+    ABOVE_INDENTER,
+    ABOVE_LIMIT,
+    LARGEST,
+    LIMIT_M,
+    RMS,
+    height_map_row,
+    is_kept,
+    kept_heights,
+)
 from sim.studies.verification.surface_fields import CASES, RoundField, measure_pressure, row_of
 
 RADII, ANGLES = np.linspace(0.01, 1.0, 50), np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
@@ -40,3 +54,45 @@ def test_a_coarse_mesh_misses_what_is_allowed() -> None:
     coarse = replace(scene_from(case.words), preset=Preset.BALANCED, refinement=0.25)
     _, met = row_of(case, coarse)
     assert not met
+
+
+@pytest.mark.parametrize(
+    ("name", "preset"),
+    [
+        ("ball", Preset.FAST),
+        pytest.param("edge", Preset.BALANCED, marks=pytest.mark.slow),
+    ],
+)
+def test_every_pixel_is_near_the_reference_and_none_above_the_indenter(
+    name: str, preset: Preset
+) -> None:
+    """Of 76,800 pixels none is more than 10 um off; the cheapest preset that keeps it."""
+    found = height_map_row(name, preset, reference=kept_heights(name))
+    assert found[ABOVE_INDENTER] == 0
+    assert float(found[LARGEST] or 0.0) < 1e6 * LIMIT_M
+    assert float(found[RMS] or 0.0) < 0.2e6 * LIMIT_M
+    assert is_kept(found)
+
+
+def test_a_map_of_another_body_is_far_off() -> None:
+    """The comparison can fail: a ball's map is no edge's."""
+    found = height_map_row("ball", Preset.FAST, reference=kept_heights("edge"))
+    assert float(found[ABOVE_LIMIT] or 0.0) > 1000
+    assert not is_kept(found)
+
+
+SCENE = Scene(
+    pad=DiscPad(radius_m=5e-3, height_m=3e-3),
+    material=Material(young_pa=3e5, poisson=0.46),
+    indenter=Sphere(diameter_m=5e-3),
+    target=Target(depth_m=0.05e-3),
+    preset=Preset.FAST,
+)
+
+
+def test_forces_agree_and_stress_follows() -> None:
+    """Base, load and indenter agree to 1e-6; the surface's stress carries the force roughly."""
+    scene = replace(SCENE, target=Target(force_n=0.01))
+    found = balanced_press(scene)
+    assert is_balanced(found)
+    assert 0.0 < max(found[name] or 0.0 for name in TRACTION_GAPS) < 0.1

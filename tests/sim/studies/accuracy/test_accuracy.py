@@ -1,22 +1,28 @@
-"""The study of accuracy against time."""
+"""Accuracy against time: presses, judgements, settings, and the figure."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.correction import WAY
+from sim.error import Tolerance, keeping, keeping_corrected
 from sim.mesh.elements import ElementOrder
 from sim.optics.height.height_map import HeightMaps
-from sim.scene.indenter import Sphere
+from sim.scene.indenter import Sphere, describe
 from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset, Scene, SceneTerms, Target
 from sim.sensor.camera_geometry import CameraGeometry
+from sim.studies.accuracy.figure import bar_ends, draw_rows
 from sim.studies.accuracy.judging import (
     QUANTITIES,
     Judge,
@@ -28,9 +34,22 @@ from sim.studies.accuracy.judging import (
 )
 from sim.studies.accuracy.press import FULL, SHORT, Configuration, Row, observe, reseeded
 from sim.studies.accuracy.study import Accuracy, seed_table
-from sim.studies.accuracy.tolerance import COLUMNS, HELD_OUT
+from sim.studies.accuracy.tolerance import (
+    CHOICE,
+    COLUMNS,
+    COST,
+    HELD_OUT,
+    SEEN_BEFORE,
+    HeldOut,
+    check_tolerance,
+    corrected_at,
+    judged_depth,
+    pressed,
+    tolerance_table,
+)
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.study import About, Result
+from tacauchy_rig.core.tables import Table
 
 _GEOMETRY = CameraGeometry(
     width=40,
@@ -40,15 +59,20 @@ _GEOMETRY = CameraGeometry(
     centre_x_px=19.5,
     centre_y_px=14.5,
 )
+
 _SCENE = Scene(
     pad=BoxPad(size_x_m=20e-3, size_y_m=20e-3, height_m=4e-3),
     material=Material(young_pa=0.4e6, poisson=0.48),
     indenter=Sphere(diameter_m=8e-3),
     target=Target(force_n=0.3),
 )
+
 _EXACT = Configuration(name="exact", preset=Preset.FAST)
+
 _COARSE = Configuration(name="coarse", preset=Preset.FAST, refinement=1.0 / 1.5)
+
 _COARSEST = replace(_COARSE, name="coarsest", refinement=1.5**-2)
+
 _LINEAR = Configuration(name="P1", preset=Preset.FAST, element=ElementOrder.P1)
 
 
@@ -217,3 +241,100 @@ def test_an_error_of_known_order_is_extrapolated_away(
     assert found.force_n == pytest.approx(limit, rel=1e-9)
     assert found.error(fine) == pytest.approx(constant, abs=1e-9)
     assert found.doubt == pytest.approx(0.5 * abs(constant), abs=1e-9)
+
+
+_KEPT = dict.fromkeys(COLUMNS) | {"kept": "yes", COST: 1.0, CHOICE: 0.0}
+
+
+def test_the_scenes_are_held_out_and_each_gets_a_preset() -> None:
+    """Two times ten, of indenters that the other ten have not."""
+    one, other = (
+        {describe(press.scene.indenter) for press in each} for each in (HELD_OUT, SEEN_BEFORE)
+    )
+    assert not one & other
+    loose = [each for each in HELD_OUT if each.tolerance.relative == 0.06]
+    for each in loose:
+        assert keeping(each.scene, each.tolerance).preset is not Preset.PAPER
+
+
+def test_a_scene_is_named_by_what_is_pressed_into_what() -> None:
+    """A sensor's own pad is not named; a target is a depth or a force."""
+    assert HELD_OUT[0].name == "4.4 mm punch, 0.18 mm fillet, nu 0.455, 0.33 mm deep"
+    assert HELD_OUT[6].name == "8.2 mm ball, disc 4.8 mm, nu 0.445, to 0.4 N"
+    assert len({each.name for each in (*HELD_OUT, *SEEN_BEFORE)}) == 20
+
+
+def test_what_is_judged_is_corrected() -> None:
+    """Where a tolerance chose two meshes; on one the force is the mesh's own."""
+    scene = keeping_corrected(HELD_OUT[0].scene, Tolerance(relative=0.05))
+    depth = judged_depth(scene)
+    known = corrected_at(scene, depth)
+    assert known is not None
+    assert pressed(scene, depth)[0] == pytest.approx(known.force_n, rel=1e-9)
+    raw, _ = pressed(replace(scene, path_refinement=None), depth)
+    assert raw == pytest.approx((1.0 + known.bias_relative) * known.force_n, rel=3e-3)
+
+
+def test_a_refusal_is_a_row_that_was_not_kept() -> None:
+    """What no preset promises is shown with its reason, and counts as missed."""
+    strict = HeldOut(SEEN_BEFORE[0].scene, Tolerance(relative=1e-6))
+    refused = check_tolerance(strict)
+    assert refused["kept"] == "no"
+    assert "comes nearest" in refused["refusal"]
+    assert _table([refused]).rows[0][4] == "refused"
+    assert not _table([refused]).passed
+
+
+def test_nine_of_ten_kept_and_all_thrifty_is_a_pass() -> None:
+    """An error above the tolerance may happen once; a price above twice the cheapest may not."""
+    broken, dear = _KEPT | {"kept": "no"}, _KEPT | {COST: 2.5}
+    assert _table([_KEPT] * 9 + [broken]).passed
+    assert not _table([_KEPT] * 8 + [broken] * 2).passed
+    assert not _table([_KEPT] * 9 + [dear]).passed
+
+
+def test_the_choices_own_time_counts() -> None:
+    """What was cheap once chosen is dear where choosing it took long; the note has both."""
+    slow = _KEPT | {COST: 2.4, CHOICE: 0.9}
+    found = _table([_KEPT] * 9 + [slow])
+    assert not found.passed
+    assert "on 9, the choice's own time included; on 10 without it" in found.note
+
+
+def _table(found: Sequence[dict[str, Any]]) -> Table:
+    return tolerance_table(found, title="t")
+
+
+def _row(name: str, element: ElementOrder, error: float, *, on_front: bool) -> Row:
+    return Row(
+        configuration=Configuration(name=name, preset=Preset.FAST, element=element),
+        errors=dict.fromkeys(QUANTITIES, error),
+        chances=dict.fromkeys(QUANTITIES, 0.01),
+        setup_s=1.0,
+        solve_s=1.0,
+        cpu_s=2.0 - error,
+        on_front=on_front,
+    )
+
+
+def test_figure_is_written_as_pdf_and_png(tmp_path: Path) -> None:
+    """Both files, the picture wide enough to print, with something on it."""
+    rows = (
+        _row("fast", ElementOrder.P2, -0.1, on_front=True),
+        _row("P1, d_hat 1 mm", ElementOrder.P1, 0.5, on_front=False),
+        _row("exact", ElementOrder.P2, 0.0, on_front=True),
+    )
+    files = draw_rows(rows, dict.fromkeys(QUANTITIES, 0.01), tmp_path / "new")
+    assert [file.name for file in files] == ["accuracy.pdf", "accuracy.png"]
+    picture = cv2.imread(str(files[1]))
+    assert picture is not None
+    assert picture.shape[1] > 2000
+    assert picture.std() > 5.0
+
+
+@pytest.mark.parametrize(("size", "bar"), [(0.1, 0.01), (0.01, 0.1)])
+def test_error_bars_stay_on_a_logarithmic_axis(size: float, bar: float) -> None:
+    """A bar larger than the error ends above zero."""
+    down, up = bar_ends(size, bar)
+    assert 0.0 < size - down <= size
+    assert up == bar

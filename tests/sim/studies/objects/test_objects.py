@@ -1,11 +1,16 @@
-"""Five objects: closed, of the stated sizes, resting on what they should rest on."""
+"""Objects of triangles: their shapes and figure."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 
+from sim.studies.objects.figures import draw_objects
 from sim.studies.objects.shapes import OBJECTS
+from tests.sim.made_up_presses import object_presses
 
 SIZES_MM = {
     "bar": (8.0, 1.5, 4.0),
@@ -40,3 +45,15 @@ def test_objects_touch_where_they_should(
     height = OBJECTS[name]().lower_surface(x, y)
     assert height[0] == pytest.approx(0.0, abs=2e-6)
     assert height[1] == np.inf
+
+
+@pytest.mark.slow
+def test_figure_has_all_files_and_all_bodies(tmp_path: Path) -> None:
+    """PDF, PNG and the page's PNG are written, and no body's panel is empty."""
+    runs = [object_presses("one"), object_presses("another")]
+    files = draw_objects(runs, tmp_path / "out", page_folder=tmp_path / "images")
+    assert [file.name for file in files] == ["five_objects.pdf", *["five_objects.png"] * 2]
+    picture = cv2.imread(str(files[1]), cv2.IMREAD_GRAYSCALE)
+    top = picture[: picture.shape[0] // 5, picture.shape[1] // 10 : -picture.shape[1] // 10]
+    for panel in np.array_split(top, len(OBJECTS), axis=1):
+        assert np.mean((panel > 90) & (panel < 250)) > 0.01

@@ -1,0 +1,265 @@
+"""The hard cases: their rows and page, from made-up results; all of them if time is given."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim.mesh.elements import ElementOrder, boundary_faces
+from sim.mesh.tet_mesh import smallest_dihedral_deg
+from sim.scene.indenter import Cylinder, Indenter, Sphere
+from sim.scene.scene import Effect
+from sim.solve.equilibrium import SolverOptions
+from sim.solve.loading_path import LoadingPath
+from sim.studies.hard_cases.invariants import (
+    FORCE_ROUNDING,
+    gives_nothing_back,
+    no_contact,
+    repeatable,
+    slide_and_return,
+)
+from sim.studies.hard_cases.materials import press_in, sliver_count, slivers, with_slivers
+from sim.studies.hard_cases.meshes import (
+    INDENTERS,
+    forces_beside,
+    patch_test,
+    pressed_off,
+    rigid_motion,
+    uniform_mesh,
+)
+from sim.studies.hard_cases.pads import brick_mesh, pad_model, quarter_brick_mesh
+from sim.studies.hard_cases.precision import in_single_precision
+from sim.studies.hard_cases.sliding import torsion
+from sim.studies.hard_cases.starts import ENERGY_ROUNDING, random_start
+from sim.studies.hard_cases.study import MEASURES, HardCases
+from tacauchy_rig.core.errors import ConvergenceError
+from tacauchy_rig.core.study import About, Result
+
+NAMES = {case.alias: case.name for case in HardCases().cases()}
+
+
+def result(number: str, **measured: Any) -> Result:
+    """Return a case that passed with some numbers."""
+    found = {"passed": True, "measured": measured}
+    return Result(name=NAMES[number], shows="it ends", found=found, wall_s=2.4)
+
+
+# test_flat_punch_on_a_bonded_layer has the presses of 3; other tests of this folder the rest.
+_ELSEWHERE = ("2", "3", "14", "16", "19")
+
+# Kernels in single precision (13) end in NaN on some processors, and meet the criterion on others.
+_BY_PROCESSOR = pytest.mark.xfail(reason="float32 kernels: NaN on some processors", strict=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "number",
+    [
+        pytest.param(number, marks=_BY_PROCESSOR) if number == "13" else number
+        for number in MEASURES
+        if number not in _ELSEWHERE
+    ],
+)
+def test_every_case_meets_its_criterion(number: str) -> None:
+    """As `study hard-cases` measures them, which nobody runs as often."""
+    outcome = MEASURES[number]()
+    assert outcome.passed, outcome.measured
+
+
+def test_page_has_criterion_numbers_verdict_and_command() -> None:
+    """What was asked, what came out, and what made it; a case without numbers has failed."""
+    good = result("1", iterations=7, distance_over_H=3.25e-13, same=True)
+    bad = Result(name=NAMES["4"], shows="converged", failure="stopped at 3.1 mm")
+    study = HardCases()
+    page = study.page([good, bad], About("tacauchy-rig study hard-cases"), [])
+    assert "**1 of 2 hard cases pass; failed: 4.**" in page
+    assert "Written by `tacauchy-rig study hard-cases` with tacauchy-rig" in page
+    assert "2 of the 19 cases are on this page" in page
+    assert f"| 1 | {NAMES['1']} | pass | 2 |" in page
+    assert "| distance_over_H | 3.25e-13 |" in page
+    assert "| same | yes |" in page
+    assert f"## 4. {NAMES['4']}: FAIL" in page
+    assert "No numbers: stopped at 3.1 mm" in page
+    first, second = study.facts([good, bad])["cases"]
+    assert (first.passed, second.passed) == (True, False)
+    assert not study.has_passed([good, bad])
+
+
+def test_page_says_what_passing_a_random_start_means() -> None:
+    """Of case 2 the starts that came back are told by element; knots only where there are some."""
+    measured = {
+        "starts": 6,
+        "ended_at_rest_P1": 3,
+        "ended_at_rest_P2": 1,
+        "ended_knotted_but_stationary": 2,
+        "elements_whose_corners_are_inside_out_max": 5,
+        "det_F_min_at_the_end": 0.9,
+    }
+    texts = [
+        " ".join(HardCases().page([each], About("x"), []).split())
+        for each in (
+            result("2", **measured),
+            result("2", **measured | {"ended_knotted_but_stationary": 0}),
+        )
+    ]
+    assert "3 on linear tetrahedra and 1 on quadratic ones ended at rest" in texts[0]
+    assert "The other 2 end in a knot: up to 5 elements" in texts[0]
+    assert "knot:" not in texts[1]
+
+
+def test_rounded_cylinder_goes_down_by_four_fifths() -> None:
+    """Every frame converges, the force rises, no element is turned inside out."""
+    outcome = press_in("coarse", fillet_m=0.5e-3, bonded=True)
+    assert outcome.passed, outcome.measured
+    assert float(outcome.measured["min_jacobian_coarse"]) > 0.0
+    assert float(outcome.measured["force_end_coarse_n"]) > 20.0
+
+
+def test_slivers_are_as_flat_as_asked_and_change_nothing_else() -> None:
+    """The smallest angle is the one asked for, every volume positive, the surface untouched."""
+    good = brick_mesh((4, 4, 3))
+    bad = with_slivers(good, dihedral_deg=0.5)
+    assert smallest_dihedral_deg(bad) == pytest.approx(0.5, rel=1e-6)
+    assert sliver_count(bad, below_deg=0.51) >= 3
+    assert sliver_count(good, below_deg=0.51) == 0
+    corners = bad.vertices[bad.tets]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+    assert volumes.min() > 0.0
+    assert volumes.sum() == pytest.approx(12e-3 * 12e-3 * 4e-3, rel=1e-12)
+
+
+def test_slivers_cost_few_iterations() -> None:
+    """The row itself, pressed less deep."""
+    outcome = slivers(depth_m=0.2e-3)
+    assert outcome.passed, outcome.measured
+
+
+LINEAR = ((Effect.LOCKING_FREE_ELEMENT, False),)
+
+
+def test_uniform_mesh_is_half_a_pad() -> None:
+    """It lies at y >= 0, fills its half, and has its mirror plane's faces."""
+    mesh = uniform_mesh(2e-3)
+    assert mesh.symmetry.copies == 2
+    assert mesh.vertices[:, 1].min() == pytest.approx(0.0, abs=1e-15)
+    corners = mesh.vertices[mesh.tets]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+    assert 2.0 * volumes.sum() == pytest.approx(10e-3 * 10e-3 * 4e-3, rel=1e-12)
+    faces, _ = boundary_faces(mesh.tets)
+    assert np.any(np.all(np.abs(mesh.vertices[faces][:, :, 1]) <= 1e-15, axis=1))
+
+
+def test_force_hardly_depends_on_where_the_rim_meets_elements() -> None:
+    """Half of a 1 mm element along x changes F by less than 5 %."""
+    on, beside = forces_beside(uniform_mesh(1e-3), 1e-3, depth_m=0.05e-3, shifts=(0.0, 0.5))
+    assert on > 0.1
+    assert beside == pytest.approx(on, rel=0.05)
+
+
+@pytest.mark.slow
+def test_sharp_rim_off_the_pad() -> None:
+    """Half off and on a corner it balances and rises; beside the pad the message says where."""
+    indenters = {"cylinder": INDENTERS["sharp_cylinder"]}
+    found = pressed_off(indenters, effects=LINEAR)
+    assert found.passed, found.measured
+    forces = [float(found.measured[f"cylinder_{p}_force_n"]) for p in ("middle", "edge", "corner")]
+    # Half and a quarter of the face touch, on gel that has less around it.
+    assert 0.2 < forces[1] / forces[0] < 0.5
+    assert 0.05 < forces[2] / forces[0] < 0.25
+    assert "beside the pad" in str(found.measured["cylinder_beside"])
+
+
+def test_single_precision_source_has_no_double_left() -> None:
+    """Case 13: types of the kernels change, those of the host do not."""
+    source = "x: wp.array(dtype=wp.vec3d) = wp.mat33d(wp.float64(0.0)); np.float64; wp.array2d"
+    single = "x: wp.array(dtype=wp.vec3f) = wp.mat33f(wp.float32(0.0)); np.float64; wp.array2d"
+    assert in_single_precision(source) == single
+
+
+def test_no_contact_is_exactly_nothing() -> None:
+    """Case 14."""
+    outcome = no_contact()
+    assert outcome.passed
+    assert outcome.measured["force_max_n"] == 0.0
+    assert outcome.measured["iterations_before_touch"] == 0
+
+
+def test_the_same_press_gives_the_same_force() -> None:
+    """Case 19, within this process and against another, to the rounding of the sums.
+
+    Not bit by bit: where MKL's arrays lie in memory may change the order in which it sums.
+    """
+    measured = repeatable().measured
+    for where in ("same", "other"):
+        assert float(measured[f"deviation_{where}_process_relative"]) <= FORCE_ROUNDING
+
+
+def test_friction_takes_energy_out_at_every_point() -> None:
+    """Case 18: no point gives any back, and all of them together take what the indenter put in."""
+    slide = slide_and_return()
+    assert gives_nothing_back(slide)
+    assert slide["dissipated_j"] > 0.0
+    assert slide["dissipated_j"] == pytest.approx(slide["work_less_stored_j"], rel=0.05)
+    assert slide["balance_relative"] <= 1e-6
+    assert slide["gap_min_m"] > 0.0
+
+
+def test_rigid_motion_and_patch_are_exact() -> None:
+    """Case 17, first half."""
+    assert all(float(deviation) <= 1e-10 for deviation in rigid_motion().values())
+    assert all(float(deviation) <= 1e-10 for deviation in patch_test().values())
+
+
+def test_first_part_of_the_torsion_is_smooth() -> None:
+    """Thirty degrees of it."""
+    outcome = torsion(turn_deg=30.0)
+    assert outcome.passed, outcome.measured
+    assert float(outcome.measured["torque_end_nm"]) > 2.5 * float(
+        outcome.measured["torque_first_step_nm"]
+    )
+
+
+def test_random_starts_end_stationary() -> None:
+    """Case 2: the energy never rises, and where it ends is said."""
+    outcome = random_start()
+    assert outcome.passed
+    measured = outcome.measured
+    assert float(measured["energy_rise_max_over_first"]) <= ENERGY_ROUNDING
+    at_rest = [int(measured[f"ended_at_rest_{order.value}"]) for order in ElementOrder]
+    knotted = int(measured["ended_knotted_but_stationary"])
+    assert sum(at_rest) + knotted == measured["starts"]
+    # A knot is told by its corners, since det F does not show it.
+    assert (int(measured["elements_whose_corners_are_inside_out_max"]) > 0) == (knotted > 0)
+    assert np.isfinite(float(measured["det_F_min_at_the_end"]))
+
+
+@pytest.mark.parametrize(
+    ("indenter", "depth_m", "told"),
+    [
+        (Sphere(diameter_m=6e-3), 1.3e-3, "starts 1.29 mm inside the indenter"),
+        (Sphere(diameter_m=6e-3), 5e-3, "nearest side does not face the gel"),
+        (Cylinder(diameter_m=1e-3, fillet_m=1e-4), 1e-3, "nearest side does not face the gel"),
+    ],
+)
+def test_deep_starts_are_refused_unchanged(indenter: Indenter, depth_m: float, told: str) -> None:
+    """Case 15: too deep, through its far side, or past its flank; the state is left as it was."""
+    model = pad_model(quarter_brick_mesh((3, 3, 2)), order=ElementOrder.P1)
+    path = LoadingPath(model, indenter)
+    state = model.rest_state(tip=np.array([0.0, 0.0, path.touch_m - depth_m]))
+    with pytest.raises(ConvergenceError, match=told):
+        path.solver.settle(state, options=SolverOptions())
+    assert np.array_equal(state.positions, model.nodes)
+
+
+def test_a_shallow_start_inside_is_resolved() -> None:
+    """Case 15: begun 0.5 mm inside the gel, the force is that of a press."""
+    model = pad_model(quarter_brick_mesh((3, 3, 2)), order=ElementOrder.P1)
+    indenter = Sphere(diameter_m=6e-3)
+    path = LoadingPath(model, indenter)
+    state = model.rest_state(tip=np.array([0.0, 0.0, path.touch_m - 0.5e-3]))
+    found = path.solver.settle(state, options=SolverOptions())
+    force = model.mesh.symmetry.whole_force(found.contact.forces.sum(axis=(0, 1)))[2]
+    assert force == pytest.approx(path.advance(0.5e-3).force_n[2], rel=1e-6)
+    assert model.surface.gaps(state.positions, indenter, state).min() > 0.0

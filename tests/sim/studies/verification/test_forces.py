@@ -1,0 +1,131 @@
+"""Forces against solutions and measurements, their orders of convergence and their estimates."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.press import press
+from sim.press_command import scene_from
+from sim.scene.indenter import Sphere
+from sim.scene.material import LawName, Material
+from sim.scene.pad import DiscPad
+from sim.scene.scene import ContactMode, Preset, Scene, Target
+from sim.studies.verification import forces
+from sim.studies.verification.forces import (
+    BELIEVED,
+    HELD_OUT,
+    estimate_row,
+    fitted_order,
+    judged_estimates,
+    measure_ball,
+    measure_punch,
+    real_press,
+    refined_press,
+    rim_forces,
+)
+from tacauchy_rig.core.tables import Cell
+
+
+def test_punch_states_error_and_limit_of_each_row() -> None:
+    """A row's error is that of its forces, and the verdict is whether all are within limits."""
+    found = measure_punch(preset=Preset.FAST, allowed=((0.45, 0.05),))
+    _, _, force, exact, error, limit = found.rows[0]
+    assert isinstance(force, float)
+    assert isinstance(exact, float)
+    assert error == pytest.approx(100.0 * (force / exact - 1.0))
+    assert limit == 5.0
+    assert found.passed
+
+
+def test_a_limit_that_is_not_met_is_missed() -> None:
+    """The verdict follows the numbers."""
+    assert not measure_punch(preset=Preset.FAST, allowed=((0.45, 1e-9),)).passed
+
+
+def test_ball_is_compared_with_hertz_where_the_pad_is_thick() -> None:
+    """Thick: Hertz and layer are near each other; thin: the layer alone is to be met."""
+    found = measure_ball(preset=Preset.FAST, presses=((15e-3, 20e-6), (2e-3, 40e-6)))
+    thick, thin = found.rows
+    assert abs(float(thick[4] or 0.0) / float(thick[6] or 1.0) - 1.0) < 0.02
+    assert abs(float(thin[5] or 0.0)) > 5.0
+    assert abs(float(thin[7] or 100.0)) < 5.0
+
+
+@pytest.mark.parametrize("order", [1.0, 1.8, 3.0])
+def test_fit_finds_the_order_and_the_limit(order: float) -> None:
+    """Forces on a power law give its power back."""
+    edges = np.array([2.0, 1.333, 1.0, 0.667, 0.5])
+    found, limit = fitted_order(edges, 1.2 + 0.05 * edges**order)
+    assert found == pytest.approx(order, abs=0.02)
+    assert limit == pytest.approx(1.2, rel=2e-3)
+
+
+def test_finer_edges_at_a_sharp_rim_lower_the_force() -> None:
+    """By less every time; a whole punch's force comes from its quarter."""
+    coarse, middle, fine = rim_forces((0.32, 0.16, 0.08))
+    assert coarse > middle > fine > 0.5
+    assert coarse - middle > middle - fine
+
+
+def test_disc_presses_both_laws_through_the_depths() -> None:
+    """On preset fast the forces come within 5 %; each law has its own rows."""
+    found = forces.measure_disc(preset=Preset.FAST, depth_max_m=0.1e-3)
+    assert [row[:2] for row in found.rows] == [
+        (law, depth) for law in ("neo-hookean", "stable-neo-hookean") for depth in (0.05, 0.1)
+    ]
+    assert all(abs(float(row[4] or 0.0)) < 5.0 for row in found.rows)
+
+
+def test_disc_reference_is_read_with_its_doubt() -> None:
+    """The deepest row of the stable law, in SI."""
+    deepest = forces.disc_forces()[-1]
+    assert deepest.law is LawName.STABLE_NEO_HOOKEAN
+    assert (deepest.depth_m, deepest.force_n) == (pytest.approx(0.5e-3), 1.83785)
+    assert deepest.uncertainty_n < 0.01 * deepest.force_n
+
+
+SCENE = Scene(
+    pad=DiscPad(radius_m=5e-3, height_m=3e-3),
+    material=Material(young_pa=3e5, poisson=0.46),
+    indenter=Sphere(diameter_m=5e-3),
+    target=Target(depth_m=0.05e-3),
+    preset=Preset.FAST,
+)
+
+
+def test_ten_scenes_are_held_out() -> None:
+    """No two are alike."""
+    scenes = list(HELD_OUT.values())
+    assert len(scenes) == 10
+    assert all(a != b for k, a in enumerate(scenes) for b in scenes[:k])
+
+
+def test_small_scene_has_an_estimate_and_a_true_error() -> None:
+    """Three meshes of one ball: the estimate holds, and says something."""
+    found = refined_press("ball", SCENE, finer=1.5)
+    assert 0.0 < float(found["true error"] or 0.0) < float(found[BELIEVED] or 0.0) < 0.3
+    assert found["inside"] == "yes"
+
+
+def press_with(*, finer_n: float) -> dict[str, Cell]:
+    """Return a press that was never made."""
+    return estimate_row("made up", SCENE, 1.0, finer_n, 0.02)
+
+
+@pytest.mark.parametrize(("outside", "passed"), [(0, True), (1, True), (2, False)])
+def test_nine_of_ten_must_lie_inside(outside: int, passed: bool) -> None:
+    """Two that lie outside fail the section."""
+    found = [press_with(finer_n=0.5 if k < outside else 0.999) for k in range(10)]
+    section = judged_estimates(found)
+    assert section.passed is passed
+    assert [row[-1] for row in section.rows].count("no") == outside
+
+
+def test_fitted_modulus_gives_the_measured_force() -> None:
+    """A force at given depth is proportional to E."""
+    real, poisson = real_press(), 0.48
+    young = real.fitted_young(poisson, ContactMode.FRICTIONLESS, Preset.FAST)
+    words = real.words(young, poisson, ContactMode.FRICTIONLESS, Preset.FAST)
+    assert press(scene_from(words)).force_n[2] == pytest.approx(real.force_n, rel=1e-6)
+    assert 0.4e6 < young < 0.6e6
