@@ -22,6 +22,7 @@ from protocols.processes.supervisor import plan_session
 from protocols.trials.programme import ProgrammeResult, run_programme
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.run_store import RunStore
@@ -93,6 +94,18 @@ class RecordedCamera:
     def health(self) -> StreamHealth:
         """Return the camera's health."""
         return self._camera.health()
+
+
+def coarse_sensor(folder: Path, times: int) -> Path:
+    """Write the file of a GelSight Mini whose images have so many times larger pixels."""
+    text: str = load(Kind.SENSOR, "gelsight-mini").read_text("utf-8")
+    changes = {"= 320": f"= {320 // times}", "= 240": f"= {240 // times}"}
+    for fine, coarse in {**changes, "0.0634 mm": f"{0.0634 * times:.4f} mm"}.items():
+        assert fine in text
+        text = text.replace(fine, coarse)
+    path = folder / "coarse.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
 
 
 def new_run(parent: Path, *overrides: str) -> RunStore:

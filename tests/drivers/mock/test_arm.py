@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 
 from tacauchy_rig.core.errors import DeviceError
@@ -18,30 +16,6 @@ def pass_time(bench, duration_s, *, kick=True):
     bench.world.catch_up()
 
 
-def test_a_move_ends_at_its_target_within_its_speed(bench):
-    """20 mm at 10 mm/s: about two seconds, at rest, on the spot."""
-    target = bench.world.pose.shifted(z=-0.02)
-    bench.arm.start_move(target, speed=0.01, acceleration=0.1)
-    pass_time(bench, 1.0)
-    assert bench.arm.is_moving()
-    pass_time(bench, 1.5)
-    assert not bench.arm.is_moving()
-    assert math.dist(bench.arm.state().pose.position, target.position) < 1e-5
-    assert bench.arm.fastest_m_s <= 0.0101
-
-
-def test_a_velocity_holds_until_it_is_stopped(bench):
-    """1 mm/s for a second is a millimetre; after the stop it rests."""
-    start_m = bench.world.pose.position[2]
-    bench.arm.set_velocity((0.0, 0.0, -0.001, 0.0, 0.0, 0.0), acceleration=0.1)
-    pass_time(bench, 1.0)
-    bench.arm.stop()
-    pass_time(bench, 0.2)
-    travelled_m = start_m - bench.arm.state().pose.position[2]
-    assert travelled_m == pytest.approx(0.001, abs=3e-5)
-    assert bench.arm.state().velocity == (0.0,) * 6
-
-
 def test_without_its_watchdog_being_fed_it_stops(bench):
     """A program that dies leaves an arm that stands after a watchdog period and stays locked."""
     bench.arm.set_velocity((0.0, 0.0, -0.001, 0.0, 0.0, 0.0), acceleration=0.1)
@@ -50,15 +24,6 @@ def test_without_its_watchdog_being_fed_it_stops(bench):
     assert bench.world.velocity == (0.0,) * 6
     with pytest.raises(DeviceError, match="protective stop"):
         bench.arm.state()
-
-
-def test_states_come_at_the_controller_s_rate(bench):
-    """An e-Series reports 500 times a second, each state once."""
-    bench.arm.drain()
-    pass_time(bench, 1.0)
-    states = bench.arm.drain()
-    assert 495 <= len(states) <= 505
-    assert bench.arm.drain() == []
 
 
 def test_it_lies_about_its_place_and_time(bench):

@@ -103,13 +103,12 @@ def test_a_silent_fault_is_found_before_the_gel_suffers(laboratory, silent):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("target_n", [TARGETS_N[0], TARGETS_N[3], TARGETS_N[5]])
+@pytest.mark.parametrize("target_n", [TARGETS_N[0], TARGETS_N[5]])
 def test_silent_faults_are_found_at_every_target(laboratory, target_n):
-    """Each silent, from the start and in the middle of the press, in a stiff gel."""
+    """Each silent, in the middle of the press, in a stiff gel; what is between lies between."""
     for silent in SILENT:
-        for moment in (MOMENTS[0], MOMENTS[3]):
-            result, peak_n = pressed(laboratory, silent, moment, target_n, stiffness=1.2)
-            assert_found(result, peak_n, silent, target_n)
+        result, peak_n = pressed(laboratory, silent, MOMENTS[3], target_n, stiffness=1.2)
+        assert_found(result, peak_n, silent, target_n)
 
 
 @pytest.mark.parametrize("silent", ["scale=0.1", "scale=0.5", "stick-noisily"])
@@ -169,7 +168,7 @@ def test_a_gain_that_falls_after_a_true_press_is_found_on_a_coarse_arm(laborator
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("target_n", [TARGETS_N[0], TARGETS_N[3], TARGETS_N[5]])
+@pytest.mark.parametrize("target_n", [TARGETS_N[0], TARGETS_N[5]])
 def test_silent_faults_that_begin_after_a_true_press_spare_the_gel(laboratory, target_n):
     """A CB3: whatever begins between two presses is found, or harmless."""
     for silent in (*SILENT, "scale=0.4", "scale=0.6", "scale=0.7", "scale=0.8"):
@@ -178,7 +177,7 @@ def test_silent_faults_that_begin_after_a_true_press_spare_the_gel(laboratory, t
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("target_n", [TARGETS_N[0], TARGETS_N[3], TARGETS_N[5]])
+@pytest.mark.parametrize("target_n", [TARGETS_N[0], TARGETS_N[5]])
 def test_silent_faults_that_begin_in_the_press_spare_the_gel(laboratory, target_n):
     """A CB3 in its first press: each silent, from the middle of the press on."""
     for silent in (*SILENT, "scale=0.4", "scale=0.6"):
@@ -228,7 +227,7 @@ def test_a_true_press_is_never_called_a_lie(laboratory, seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3, 11))
+@pytest.mark.parametrize("seed", range(3, 7))
 def test_more_true_worlds_pass(laboratory, seed):
     """Seeded; all six targets of each passed too, and take three times the time."""
     result, arm_error_n = true_world(laboratory, seed, (TARGETS_N[0], TARGETS_N[-1]))

@@ -214,17 +214,16 @@ def test_the_reference_itself_gives_the_published_factors(poisson: float, kappa:
     [
         pytest.param(4.0, 0.925, 2.5e-3, 0.05, marks=pytest.mark.slow),
         (1e-4, 0.925, 2.5e-3, 0.03),
-        pytest.param(1e4, 0.5, 0.5e-3, 0.03, marks=pytest.mark.slow),
     ],
 )
 def test_punch_on_a_laminate(ratio: float, share: float, radius_m: float, tolerance: float) -> None:
-    """F against the laminate's, up to a stiffness ratio of 10,000 both ways round.
+    """F against the laminate's, up to a stiffness ratio of 10,000; hard case 8 is stiff on soft.
 
     Stiffer skins than these pull on a wide punch, which gel does not: the reference would not hold.
     """
     layers = gel(ratio, share=share)
     scene = Scene(
-        pad=DiscPad(radius_m=40e-3 if ratio > 100.0 else 20e-3, height_m=4e-3),
+        pad=DiscPad(radius_m=20e-3, height_m=4e-3),
         material=layers[1].material,
         layers=layers,
         indenter=Cylinder(diameter_m=2.0 * radius_m),

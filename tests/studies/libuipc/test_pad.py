@@ -36,8 +36,10 @@ def _scene(name: str) -> Scene:
 
 @pytest.fixture(scope="module")
 def pad() -> PeerPad:
-    """Return the pad of two layers as libuipc gets it, pressed 0.2 mm deep."""
-    return peer_pad(replace(_scene("9DTact, two layers"), target=Target(depth_m=_DEPTH_M)))
+    """Return the pad of two layers as libuipc gets it, coarse, pressed 0.2 mm deep."""
+    scene = _scene("9DTact, two layers")
+    target = Target(depth_m=_DEPTH_M)
+    return peer_pad(replace(scene, target=target, refinement=0.5 * scene.refinement))
 
 
 @pytest.fixture(scope="module")

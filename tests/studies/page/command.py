@@ -18,8 +18,8 @@ NOTE = (
 
 
 def page_check(
-    stops: Annotated[int, typer.Option("--stops", min=2, help="By button and by key, each.")] = 50,
-    pairs: Annotated[int, typer.Option("--pairs", min=2, help="Of the guard's reaction.")] = 20,
+    stops: Annotated[int, typer.Option("--stops", min=1, help="By button and by key, each.")] = 50,
+    pairs: Annotated[int, typer.Option("--pairs", min=1, help="Of the guard's reaction.")] = 20,
     trials: Annotated[int, typer.Option("--trials", min=1, help="Pressed with a page.")] = 6,
     out: Annotated[Path, typer.Option("--out", help="The page.")] = Path(
         "docs/results/page_check.md"

@@ -45,9 +45,10 @@ class Pairs:
 
     @property
     def more_ms(self) -> tuple[float, float]:
-        """Mean of one less the other, and its 95 % half width [ms]."""
+        """Mean of one less the other, and its 95 % half width, NaN of one pair [ms]."""
         more = np.array(self.one_ms) - np.array(self.other_ms)
-        return float(more.mean()), float(1.96 * more.std(ddof=1) / np.sqrt(len(more)))
+        spread = more.std(ddof=1) if len(more) > 1 else np.nan
+        return float(more.mean()), float(1.96 * spread / np.sqrt(len(more)))
 
 
 def press_key(session: Session) -> None:

@@ -84,18 +84,6 @@ def test_a_stop_halts_the_arm(session, tab):
 
 
 @pytest.mark.slow
-def test_two_browsers_ask_at_once(session, tab):
-    """One wish, however many ask for it within a moment."""
-    pages = [tab(session.address), tab(session.address)]
-    session.wait_for("phase", phase="press")
-    for page in pages:
-        page.evaluate("void stop()")
-    result = session.end()
-    assert result.outcome is Outcome.ABORTED
-    assert session.abort.count == 1
-
-
-@pytest.mark.slow
 def test_a_stop_works_while_the_page_is_throttled(session, tab):
     """A line of 2 kB/s, on which the events come late: the space bar is not queued behind them."""
     page = tab(session.address)

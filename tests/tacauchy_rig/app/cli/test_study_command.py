@@ -136,12 +136,13 @@ def test_what_is_on_request_is_measured_only_if_it_is_named() -> None:
 
 def test_a_crash_and_a_hang_fail_their_case_alone() -> None:
     """In processes of their own, two at once, each within its limit."""
-    cases = [Case(name="crash", measure=crashes), Case(name="hang", measure=hangs), TWO]
-    done = call(cases, "--jobs", "2", "--limit", "20 s")
+    hang = Case(name="hang", measure=hangs, limit_s=1.0)
+    done = call([Case(name="crash", measure=crashes), hang, TWO], "--jobs", "2")
     assert done.exit_code == 1
     assert "its process ended with status -6" in done.stdout
-    assert "not done after 20 s" in done.stdout
+    assert "not done after 1 s" in done.stdout
     assert "two" in done.stdout
+    assert "not done after 0.5 s" in call([hang], "--limit", "0.5 s").stdout
 
 
 def test_a_case_can_ask_for_a_process_of_its_own() -> None:

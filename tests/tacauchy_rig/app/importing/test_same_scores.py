@@ -10,9 +10,8 @@ import pytest
 from reports.comparison.results import TrialResult
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.app.replay import replay
-from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.store.run_store import RunStore
-from tests.recorded_run import new_run, press_run
+from tests.recorded_run import coarse_sensor, new_run, press_run
 from tests.tacauchy_rig.app.importing.same_scores import FORMATS, scored
 
 REPLAY = (
@@ -24,15 +23,6 @@ LOST = dict(zip(FORMATS, (1e-9, 5e-3, 5e-3), strict=True))
 """Of a force or a depth, relative: windows are told by the CSV and found in the others."""
 LOST_SSIM = dict(zip(FORMATS, (1e-6, 2e-3, 2e-3), strict=True))
 """Other frames are in a window that was found: their noise is another."""
-
-
-def _small_sensor(folder: Path) -> str:
-    """Write a GelSight Mini whose frames are the mock camera's, and return its path."""
-    text = load(Kind.SENSOR, "gelsight-mini").read_text("utf-8")
-    text = text.replace("width = 320", "width = 32").replace("height = 240", "height = 24")
-    path = folder / "small.toml"
-    path.write_text(text.replace("0.0634 mm", "0.634 mm"))
-    return str(path)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -47,7 +37,7 @@ def _no_uncertainties() -> Iterator[None]:
 def own(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunStore, tuple[TrialResult, ...]]:
     """A run of the mock rig, and what its report says."""
     folder = tmp_path_factory.mktemp("own")
-    store = new_run(folder, *REPLAY, f"sensor.name={_small_sensor(folder)}")
+    store = new_run(folder, *REPLAY, f"sensor.name={coarse_sensor(folder, 10)}")
     press_run(store)
     return store, scored(store)
 

@@ -216,9 +216,13 @@ def test_bad_input_is_refused_before_anything_is_simulated(
 def test_figures_of_an_earlier_calibration_are_no_presses(tmp_path: Path) -> None:
     """Written into the folder of the presses, a calibration can be made again."""
     folder = _folder(tmp_path / "presses", count=5, table=False)
-    for _ in range(2):
-        _run("optics", folder, *OPTIONS, "--out", folder / "c.npz", "--folds", 2)
-    assert (folder / "c_held_out.png").exists()
+    earlier = [folder / "c_slopes.png", folder / "c_held_out.png"]
+    for path in earlier:
+        path.write_bytes(next(folder.glob("0*.png")).read_bytes())
+    taken = earlier[0].read_bytes()
+    _run("optics", folder, *OPTIONS, "--out", folder / "c.npz", "--folds", 2)
+    assert all(path.read_bytes() != taken for path in earlier)
+    assert len(list(folder.glob("*.png"))) == 5 + len(["no_contact.png", *earlier])
 
 
 def test_presses_of_a_scale_are_taken_as_they_are(tmp_path: Path) -> None:

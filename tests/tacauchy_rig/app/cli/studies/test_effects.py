@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import pytest
 from typer.testing import CliRunner
 
 from tacauchy_rig.app.cli.app import app
@@ -75,17 +74,6 @@ def test_drawn_scenes_can_be_taken_one_by_one() -> None:
     assert "--only '9': no such scene" in str(beyond.exception)
 
 
-@pytest.mark.slow
-def test_what_is_done_is_kept_though_another_goes_on(tmp_path: Path) -> None:
-    """A slow scene that began first holds nothing back; the page keeps the scenes' order."""
-    page = tmp_path / "effects.md"
-    only = ("--only", "by force", "--only", "printed law", "--jobs", "2")
-    done = CliRunner().invoke(app, ["study", "effects", *only, "--out", str(page)])
-    assert done.exit_code == 0, done.output
-    rows = [line.split(" | ")[0] for line in page.read_text(encoding="utf-8").splitlines()]
-    assert rows.index("| by force") < rows.index("| printed law")
-
-
 def test_what_was_found_before_is_not_pressed_again(tmp_path: Path) -> None:
     """A run that was cut, or parted over machines, goes on; another seed's file is refused."""
     first, page, both = (tmp_path / name for name in ("a.json", "all.md", "both.json"))
@@ -104,18 +92,3 @@ def test_what_was_found_before_is_not_pressed_again(tmp_path: Path) -> None:
     page.write_text("{}", encoding="utf-8")
     broken = CliRunner().invoke(app, [*drawn, "--seed", "1", "--resume", str(page)])
     assert f"--resume {page}" in str(broken.exception)
-
-
-def test_what_could_not_be_pressed_is_named_again(tmp_path: Path) -> None:
-    """Its reason goes on to the next page; named by ``--only`` it is pressed once more."""
-    cut, both = tmp_path / "cut.json", tmp_path / "both.json"
-    drawn = ["study", "effects", "--random", "40", "--seed", "1"]
-    CliRunner().invoke(app, [*drawn, "--only", "37", "--limit", "1 ms", "--json", str(cut)])
-    before = json.loads(cut.read_text("utf-8"))
-    assert list(before["not_pressed"]) == ["37"]
-    again = [*drawn, "--only", "37", "--resume", str(cut), "--json", str(both)]
-    done = CliRunner().invoke(app, again)
-    assert done.exit_code == 0, done.output
-    after = json.loads(both.read_text("utf-8"))
-    assert [scene["name"] for scene in after["scenes"]] == ["37"]
-    assert after["not_pressed"] == {}
