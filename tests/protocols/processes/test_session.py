@@ -144,12 +144,10 @@ def test_an_abort_ends_the_session_with_the_arm_off_the_gel(make_store):
     assert Recording.open(store.paths.recording(1, 1)).finished
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "outcome_reason"),
-    [
-        (OSError, "the terminal was lost"),
-        pytest.param(ValueError, "session ends", marks=pytest.mark.slow),
-    ],
+    [(OSError, "the terminal was lost"), (ValueError, "session ends")],
 )
 def test_a_watcher_that_fails_does_not_leave_the_arm_in_the_gel(make_store, error, outcome_reason):
     """A terminal that is gone aborts; any other failure ends the session in the same safe way."""

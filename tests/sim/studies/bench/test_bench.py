@@ -212,6 +212,7 @@ def test_a_command_that_fails_gives_no_number() -> None:
         parts.process_spent([sys.executable, "-c", "import no_such_module"])
 
 
+@pytest.mark.slow
 def test_threads_are_measured_by_size(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each size has a row for one thread and for two."""
     monkeypatch.setattr(parts, "_BUDGET_S", 0.0)

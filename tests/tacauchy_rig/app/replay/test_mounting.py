@@ -77,7 +77,7 @@ def test_a_tilt_that_changes_nothing_asked_for_is_left_out() -> None:
         (('indenter.kind="sphere"',), slice(None), "does not change a ball"),
         ((), slice(2), "2 presses carry moments"),
         ((), slice(0), "0 presses carry moments"),
-        (('workspace.max_tilt="0.5 deg"',), slice(None), "more than workspace.max_tilt"),
+        (('workspace.max_tilt="0.5 deg"',), slice(3), "more than workspace.max_tilt"),
     ],
 )
 def test_what_tells_no_tilt_says_why(overrides: tuple[str, ...], kept: slice, why: str) -> None:

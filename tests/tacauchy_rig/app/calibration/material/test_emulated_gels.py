@@ -29,6 +29,7 @@ def _response(indenter: str) -> Response:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_between_its_nodes_a_response_is_what_a_press_gives() -> None:
     """Of a punch to half a per cent."""
     presses = presses_of(1, PUNCH)
