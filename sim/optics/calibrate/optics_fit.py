@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import cv2
@@ -22,7 +22,6 @@ from sim.optics.calibrate.photometric_fit import lowest_place
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PlacedPress, PredictedPixels, PressScene, exposed
 from sim.optics.render.shadows import darkening, lost_share
-from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, FloatArray
 
@@ -79,6 +78,7 @@ SHADOWS = "shadows"  # their name in a calibration's provenance
 _ROUNDS = 2
 _LOOKED_AT = 10  # deepest presses; their shadows are the longest
 _COARSE = 2  # pixels along rows and columns that are taken together
+_DIRECTIONS = 16  # around the gel, at which lamps are looked for besides those that are named
 _STEPS = (0.2, 0.1, 0.05)  # of azimuth [rad], and of the logarithm of elevation
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 
@@ -92,8 +92,9 @@ def calibrate_with_shadows(
 ) -> Calibration:
     """Fit colours, and direction, elevation and colour of the lamps' shadows.
 
-    The search starts at the lamps of the sensor's file. Their softness stays: the short shadows of
-    a ball do not tell a soft strong one from a sharp weak one.
+    The search starts at the lamps of the sensor's file, or at others all around the gel where those
+    explain more. The softness stays: the short shadows of a ball do not tell a soft strong one from
+    a sharp weak one.
 
     Raises:
         ConfigError: As ``calibrate_optics``.
@@ -110,20 +111,81 @@ def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaste
     """Search direction and elevation one lamp after the other; colours follow linearly."""
     chosen = np.argsort([-circle.radius_px for circle in found.circles])[:_LOOKED_AT]
     placed = found.placed(presses)
-    dents = [_dent(placed[i], found) for i in chosen.tolist()]
-    geometry = found.scene.geometry.refined(1.0 / _COARSE)
-    best, misfit = _coloured(start, dents, geometry)
+    lost = _LostLight([_dent(placed[i], found) for i in chosen.tolist()], found, start.softness_m)
+    lamps, misfit = lost.best_of(start.lamps)
     for step in _STEPS:
-        moves = product(range(len(start.lamps)), (_turned, _raised), (-step, step))
+        moves = product(range(len(lamps)), (_turned, _raised), (-step, step))
         for index, move, by in moves:
             while True:
-                lamps = list(best.lamps)
-                lamps[index] = move(lamps[index], by)
-                trial, error = _coloured(replace(best, lamps=lamps), dents, geometry)
+                tried = list(lamps)
+                tried[index] = move(tried[index], by)
+                tried, error = lost.coloured(tried)
                 if error >= misfit:
                     break
-                best, misfit = trial, error
-    return best
+                lamps, misfit = tried, error
+    return replace(start, lamps=lamps)
+
+
+class _LostLight:
+    """What lamps lose by some presses, compared with what the colours leave over.
+
+    Args:
+        dents: The presses.
+        found: The fit of the colours.
+        softness_m: Of the shadows.
+    """
+
+    def __init__(self, dents: Sequence[_Dent], found: Calibration, softness_m: float) -> None:
+        self._dents, self._softness_m = dents, softness_m
+        self._geometry = found.scene.geometry.refined(1.0 / _COARSE)
+        self._left_over = np.concatenate([left for _, _, left in dents]).astype(np.float64)
+        self._total = float(np.sum(self._left_over**2))
+        self._known: dict[tuple[float, float], FloatArray] = {}
+
+    def best_of(self, named: Sequence[Lamp]) -> tuple[list[Lamp], float]:
+        """Return as many lamps as are named that explain most, of these and of others all around.
+
+        A search from lamps that are far off would end with two of them at the same shadow.
+        """
+        low_rad = float(np.mean([lamp.elevation_rad for lamp in named]))
+        around = np.linspace(-math.pi, math.pi, _DIRECTIONS, endpoint=False).tolist()
+        lamps = [
+            *named,
+            *(replace(named[0], azimuth_rad=at, elevation_rad=low_rad) for at in around),
+        ]
+        normal, load = self._equations(lamps)
+        choices = [list(each) for each in combinations(range(len(lamps)), len(named))]
+        misfits = [_colours(normal[np.ix_(each, each)], load[each])[1] for each in choices]
+        best = choices[int(np.argmin(misfits))]
+        return self.coloured([lamps[index] for index in best])
+
+    def coloured(self, lamps: Sequence[Lamp]) -> tuple[list[Lamp], float]:
+        """Give lamps the colours that explain best what is left over; return the misfit too."""
+        colours, misfit = _colours(*self._equations(lamps))
+        pairs = zip(lamps, colours.tolist(), strict=True)
+        given = [replace(lamp, colour=(r, g, b)) for lamp, (r, g, b) in pairs]
+        return given, self._total + misfit
+
+    def _equations(self, lamps: Sequence[Lamp]) -> tuple[FloatArray, FloatArray]:
+        terms = np.stack([self._lost(lamp) for lamp in lamps])
+        return terms @ terms.T, -(terms @ self._left_over)
+
+    def _lost(self, lamp: Lamp) -> FloatArray:
+        key = (lamp.azimuth_rad, lamp.elevation_rad)
+        if key not in self._known:
+            shares = [
+                lost_share(bulge, tilt, lamp, self._geometry, softness_m=self._softness_m)
+                for bulge, tilt, _ in self._dents
+            ]
+            self._known[key] = np.concatenate([share.ravel() for share in shares])
+        return self._known[key]
+
+
+def _colours(normal: FloatArray, load: FloatArray) -> tuple[FloatArray, float]:
+    """Return colours, none below zero, that solve normal equations, and what they change."""
+    colours = np.maximum(np.linalg.lstsq(normal, load, rcond=None)[0], 0.0)
+    change = float(np.sum(colours * (normal @ colours))) - 2.0 * float(np.sum(colours * load))
+    return colours, change
 
 
 def _dent(placed: PlacedPress, found: Calibration) -> _Dent:
@@ -142,29 +204,6 @@ def _dent(placed: PlacedPress, found: Calibration) -> _Dent:
         return np.asarray(small, dtype=np.float32)
 
     return coarse(bulge), np.stack([coarse(t) for t in tilt]), coarse(left).reshape(-1, 3)
-
-
-def _coloured(
-    shadows: ShadowCaster, dents: Sequence[_Dent], geometry: CameraGeometry
-) -> tuple[ShadowCaster, float]:
-    """Give the lamps the colours that explain best what is left over; return the misfit too."""
-    count = len(shadows.lamps)
-    normal, load, total = np.zeros((count, count)), np.zeros((count, 3)), 0.0
-    for bulge, tilt, left_over in dents:
-        lost = [
-            lost_share(bulge, tilt, lamp, geometry, softness_m=shadows.softness_m)
-            for lamp in shadows.lamps
-        ]
-        terms = np.stack(lost).reshape(count, -1).astype(np.float64)
-        normal += terms @ terms.T
-        load -= terms @ left_over
-        total += float(np.sum(left_over**2))
-    colours = np.maximum(np.linalg.lstsq(normal, load, rcond=None)[0], 0.0)
-    misfit = total - 2.0 * float(np.sum(colours * load))
-    misfit += float(np.einsum("ic,ij,jc->", colours, normal, colours))
-    pairs = zip(shadows.lamps, colours.tolist(), strict=True)
-    lamps = [replace(lamp, colour=(r, g, b)) for lamp, (r, g, b) in pairs]
-    return replace(shadows, lamps=lamps), misfit
 
 
 def _turned(lamp: Lamp, by_rad: float) -> Lamp:

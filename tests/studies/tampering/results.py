@@ -48,6 +48,11 @@ def result_cases() -> Iterator[TamperCase]:
                 "arm_force_n": (r["arm_force_n"] or 0.0) + _FELT_N
             },
             "of another attempt": lambda r: {"attempt": r["attempt"] + 1},
+            "force made infinite": lambda _: {"force_measured_n": "Infinity"},
+            "dwell ended before it started": lambda r: {
+                "dwell_start_ns": r["dwell_end_ns"],
+                "dwell_end_ns": r["dwell_start_ns"],
+            },
         },
     )
     yield from cases_of(
