@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 
 from sim.effects.presets import PAPER_SIZING, mesh_for
 from sim.mesh.elements import boundary_faces
-from sim.mesh.tet_mesh import TetMesh, mesh_key, smallest_dihedral_deg, stored_mesh
+from sim.mesh.tet_mesh import TetMesh, mesh_key, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.pad import Pad
 from sim.scene.scene import Preset, Scene
@@ -30,7 +30,6 @@ class MeshStatistics:
 
     Attributes:
         centre_edge_m: Mean length of the contact surface's edges within 2.5 mm of the middle.
-        dihedral_min_deg: Smallest angle between two faces of a tetrahedron.
     """
 
     tet_count: int
@@ -38,7 +37,6 @@ class MeshStatistics:
     surface_vertex_count: int
     surface_face_count: int
     centre_edge_m: float
-    dihedral_min_deg: float
 
 
 def mesh_statistics(mesh: TetMesh) -> MeshStatistics:
@@ -50,7 +48,6 @@ def mesh_statistics(mesh: TetMesh) -> MeshStatistics:
         surface_vertex_count=len(np.unique(faces)),
         surface_face_count=len(faces),
         centre_edge_m=_centre_edge(mesh.vertices, faces),
-        dihedral_min_deg=smallest_dihedral_deg(mesh),
     )
 
 

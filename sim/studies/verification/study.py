@@ -26,8 +26,6 @@ SECTIONS = {
     "balance": "balance:measure",
     "interface": "balance:measure_interface",
     "drives": "sensitivity:measure_drives",
-    "stress-cost": "paper_mesh:measure_stress_cost",
-    "mesh-table": "paper_mesh:measure_mesh",
     "height-map": "height_map:measure",
 }
 """Where each section is measured, in the order of the page."""
