@@ -53,7 +53,7 @@ def test_an_upright_tool_stays_upright() -> None:
     """Within twice its uncertainty of none, it is none, and the row says so."""
     config = configured()
     found = with_found_tilt(
-        drawn_dwells(3, (0.02 * DEGREE, 0.0), config), inputs_of(config), config
+        drawn_dwells(3, (0.02 * DEGREE, 0.0), config)[1::2], inputs_of(config), config
     )
     assert found.inputs == inputs_of(config)
     assert not any(value.taken for value in found.values)
@@ -64,7 +64,9 @@ def test_an_upright_tool_stays_upright() -> None:
 def test_a_tilt_that_changes_nothing_asked_for_is_left_out() -> None:
     """Preset fast allows an image to be 10 % off: a degree is found, and left out."""
     config = configured(FAST)
-    found = with_found_tilt(drawn_dwells(21, (DEGREE, 0.0), config), inputs_of(config), config)
+    found = with_found_tilt(
+        drawn_dwells(21, (DEGREE, 0.0), config)[1::2], inputs_of(config), config
+    )
     assert all(value.taken for value in found.values)
     assert not found.effects[0]["on"]
     assert "10.00% allowed" in found.effects[0]["reason"]
@@ -92,7 +94,7 @@ def test_what_tells_no_tilt_says_why(overrides: tuple[str, ...], kept: slice, wh
 def test_moments_are_taken_about_the_tip() -> None:
     """A side force at the tip is no tilt, however far the cell's point is from it."""
     config = configured('force_sensor.to_tip="80 mm"')
-    dwells = drawn_dwells(21, (0.8 * DEGREE, -0.6 * DEGREE), configured())
+    dwells = drawn_dwells(21, (0.8 * DEGREE, -0.6 * DEGREE), configured())[1::2]
     near, _ = tilt_of(dwells, inputs_of(config), configured())
     moved_dwells = [Dwell(record=d.record, wrench=_about(d.wrench, 0.08)) for d in dwells]
     far, _ = tilt_of(moved_dwells, inputs_of(config), config)

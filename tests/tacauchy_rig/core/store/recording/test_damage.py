@@ -85,7 +85,7 @@ def test_a_flipped_bit_never_changes_a_value(
     """Wherever a bit flips, at most one message is lost, none silently, and none is altered."""
     content = bytearray(original.finished if finished else original.unfinished)
     written = _contents(original.messages)
-    for offset in range(0, len(content), 3):
+    for offset in range(0, len(content), 7):
         content[offset] ^= 1 << offset % 8
         recording = _opened(folder, bytes(content))
         content[offset] ^= 1 << offset % 8
