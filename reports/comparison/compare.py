@@ -107,6 +107,7 @@ def _compare_trial(
             corrections=seen["corrections"],
             force=force,
             found_offset_m=(0.0, 0.0) if model is None else model.found_offset_m,
+            has_rim=model is None or not model.indenter.startswith("sphere"),
         ),
     )
     return TrialResult(

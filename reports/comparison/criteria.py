@@ -85,14 +85,16 @@ def judge_model(
     corrections: Corrections | None,
     force: ForceAgreement,
     found_offset_m: tuple[float, float] = (0.0, 0.0),
+    has_rim: bool = True,
 ) -> tuple[Criterion, ...]:
     """Return the criteria that a trial's replay must meet; what is missing fails.
 
-    ``found_offset_m``, the fitted shift of the indenter, still counts as offset.
+    ``found_offset_m``, the fitted shift of the indenter, still counts as offset; advice about an
+    edge is only for indenters that have one.
     """
     return (
         _margin(thresholds, margin),
-        _residual(thresholds, contact),
+        _residual(thresholds, contact, has_rim=has_rim),
         _offset(thresholds, corrections if trial.place_known else None, found_offset_m),
         _prediction(thresholds, force),
         _mismatch(trial, thresholds),
@@ -122,7 +124,7 @@ def _margin(thresholds: Thresholds, margin: ForceMargin | None) -> Criterion:
     )
 
 
-def _residual(thresholds: Thresholds, contact: ContactScores | None) -> Criterion:
+def _residual(thresholds: Thresholds, contact: ContactScores | None, *, has_rim: bool) -> Criterion:
     value = math.nan if contact is None else contact.relative_residual
     limit = thresholds.max_contact_residual
     return Criterion.judged(
@@ -133,8 +135,9 @@ def _residual(thresholds: Thresholds, contact: ContactScores | None) -> Criterio
         unit="",
         remedy=NOT_THERE
         if math.isnan(value)
-        else "look at the difference images: a ring points to the fillet or the pose, a tint to the"
-        " light, a disc to the force; calibrate scale and optics for this sensor",
+        else "look at the difference images: a ring points to the"
+        f" {'fillet or the ' * has_rim}pose, a tint to the light, a disc to the force;"
+        " calibrate scale and optics for this sensor",
     )
 
 

@@ -66,9 +66,9 @@ def abstract_of(
     scored = [t for t in trials if t.metrics is not None]
     forces_n = [t.force_measured_n for t in scored if t.force_measured_n is not None]
     uncertainties = [
-        t.force.known_uncertainty_n / t.force_measured_n
+        t.force.combined.expanded_n / t.force_measured_n
         for t in scored
-        if t.force.known_uncertainty_n and t.force_measured_n and t.force.force_predicted_n
+        if t.force.combined and t.force_measured_n and t.force.force_predicted_n
     ]
     return " ".join(
         _written(

@@ -329,11 +329,14 @@ class RunEvidence:
 
     @property
     def optics_are_in_sample(self) -> bool:
-        """The replay used the optics that were fitted to the run's own presses."""
-        if self.optics is None or self.model is None:
-            return False
-        fitted = f"{len(self.optics.presses)} ball presses in presses"
-        return self.model.optics.get("source") == fitted
+        """The replay used optics that were fitted to the run's own presses.
+
+        Ball presses of an import lie in a folder of the name that it was imported from.
+        """
+        source = "" if self.model is None else str(self.model.optics.get("source", ""))
+        own = "" if self.optics is None else f"{len(self.optics.presses)} ball presses in presses"
+        folder = "" if self.imported is None else f" ball presses in {self.imported.source}"
+        return bool((own and source == own) or (folder and source.endswith(folder)))
 
     @property
     def marks(self) -> tuple[str, ...]:

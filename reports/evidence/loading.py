@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,8 @@ from tacauchy_rig.core.store.run_store import RunStore
 FORCE_TRACE = "force_trace.jsonl"
 Z = 2
 MIN_TRACE_SAMPLES = 10
+CLOCK_SINCE_NS, CLOCK_UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9
+"""The years 2000 and 2100: stamps outside are not counted from 1970."""
 
 
 def load_evidence(
@@ -93,7 +96,11 @@ def load_evidence(
         simulated=store.simulated,
         thresholds=_thresholds(config.report),
         geometry=run.geometry,
-        provenance={**_provenance(store, replay), "journal_head": check.journal_head},
+        provenance={
+            **_provenance(store, replay),
+            "recorded": _recorded_at(store, run.records),
+            "journal_head": check.journal_head,
+        },
         journal=summarize_journal(_events(store)),
         contact_force_n=config.protocol.contact_force,
         stated=stated_of_run(config, force_check),
@@ -302,6 +309,20 @@ def _provenance(store: RunStore, replay: Replay | None) -> dict[str, Any]:
         "devices": described.get("devices", {}),
         "imported": _source(store.imported.load()),
     }
+
+
+def _recorded_at(store: RunStore, records: Mapping[int, TrialRecord | None]) -> str | None:
+    """Return when the first press was recorded, in ISO 8601; None where that is not known.
+
+    Only stamps of an import that count from 1970 tell it: what others' clocks count from is
+    theirs.
+    """
+    if not store.config.is_imported:
+        return str(store.description.get("created") or "") or None
+    starts = [r.dwell_start_ns for r in records.values() if r and r.dwell_start_ns is not None]
+    if not starts or not CLOCK_SINCE_NS < min(starts) < CLOCK_UNTIL_NS:
+        return None
+    return datetime.fromtimestamp(min(starts) // 10**9, UTC).isoformat()
 
 
 def _source(imported: Imported | None) -> dict[str, Any]:

@@ -90,9 +90,9 @@ def _depth_limits(trials: Sequence[TrialEvidence]) -> tuple[float, float]:
 
 
 def draw_force_depth(report: ValidationReport) -> Figure:
-    """Draw measured force over measured depth and the simulator's curve."""
-    figure = new_figure(COLUMN_IN, 2.6, marks=report.evidence.marks)
-    axes = figure.subplots()
+    """Draw measured and simulated force over depth, and below by how much the latter is off."""
+    figure = new_figure(COLUMN_IN, 3.6, marks=report.evidence.marks)
+    axes, errors = figure.subplots(2, 1, height_ratios=(3, 2))
     label: str | None = "Measured, loading"
     for trial in report.evidence.trials:
         points = loading_branch(trial)
@@ -101,6 +101,7 @@ def draw_force_depth(report: ValidationReport) -> Figure:
             label = None
     _draw_simulated(axes, report)
     _draw_dwell_points(axes, report.trials)
+    _draw_errors(errors, report.trials)
     axes.set_xlabel("Depth below first contact (mm)")
     axes.set_ylabel("$F_z$ (N)")
     axes.set_xlim(left=0.0)
@@ -130,7 +131,7 @@ def _draw_simulated(axes: Axes, report: ValidationReport) -> None:
             color=colour,
             marker="." if len(curve.depth_m) < FEW_POINTS else None,
             markersize=3,
-            label=f"{named}simulated" if factor is None else f"{named}simulated, stated modulus",
+            label=f"{named}Simulated" if factor is None else f"{named}Simulated, nominal modulus",
         )
         if factor is not None:
             label = f"{factor:.3f} times that" if kind == min(by_kind) else None
@@ -139,23 +140,34 @@ def _draw_simulated(axes: Axes, report: ValidationReport) -> None:
 
 def _draw_dwell_points(axes: Axes, trials: Sequence[TrialResult]) -> None:
     points = [
-        (t.depth_measured_m * 1e3, t.force_measured_n, t.force_deviation_n or 0.0)
+        (t.depth_measured_m * 1e3, t.force_measured_n)
         for t in trials
         if t.depth_measured_m is not None and t.force_measured_n is not None
     ]
     if points:
-        depth, force, deviation = zip(*points, strict=True)
-        axes.errorbar(
-            depth,
-            force,
-            yerr=deviation,
-            color=BLUE,
-            linestyle="none",
-            marker="o",
-            markersize=3.5,
-            label="Measured, dwell mean",
-            zorder=3,
+        axes.plot(*zip(*points, strict=True), "o", color=BLUE, ms=3.5, label="Measured, dwell mean")
+
+
+def _draw_errors(axes: Axes, trials: Sequence[TrialResult]) -> None:
+    """Draw the error of the predicted force with its 95 % interval."""
+    found = [
+        (
+            t.force_measured_n,
+            100.0 * (t.force.prediction_error_n or 0.0) / t.force_measured_n,
+            100.0 * t.force.combined.expanded_n / t.force_measured_n,
         )
+        for t in trials
+        if t.force_measured_n and t.force.combined and t.force.prediction_error_n is not None
+    ]
+    axes.axhline(0.0, color=GREY, linewidth=0.5)
+    if found:
+        force_n, error, interval = zip(*found, strict=True)
+        axes.errorbar(
+            force_n, error, interval, fmt="o", color=ORANGE, ms=3.5, capsize=1.5, elinewidth=0.6
+        )
+    axes.set_xlabel("Measured $F_z$ (N)")
+    axes.set_ylabel("Predicted − measured (%)")
+    axes.grid(axis="y")
 
 
 def loading_branch(trial: TrialEvidence) -> FloatArray | None:
@@ -193,60 +205,3 @@ def draw_pressure(report: ValidationReport) -> Figure:
     panels[0].set_ylabel("Contact pressure (kPa)")
     panels[1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
-
-
-SMALL_SHARE = 0.01
-"""Of the sum; a term below it at both forces is not drawn."""
-_ROW_IN, _REST_IN = 0.17, 0.75
-
-
-def budgeted(report: ValidationReport) -> list[TrialResult]:
-    """Return the trials with a predicted force and a budget, the smallest force first."""
-    known = [t for t in report.trials if t.force.combined and t.force.force_predicted_n]
-    return sorted(known, key=lambda t: t.force_target_n)
-
-
-def draw_budget(report: ValidationReport) -> Figure:
-    """Draw each term over the predicted force, of the smallest and the largest force."""
-    trials = budgeted(report)
-    ends = [trials[0], trials[-1]] if len(trials) > 1 else trials
-    rows = _rows(ends)
-    height_in = _ROW_IN * len(rows) + _REST_IN
-    figure = new_figure(COLUMN_IN, height_in, marks=report.evidence.marks)
-    axes = figure.subplots()
-    thick = 0.8 / len(ends)
-    for which, (trial, color) in enumerate(zip(ends, (SKY, BLUE), strict=False)):
-        places = [row + (which - 0.5 * (len(ends) - 1)) * thick for row in range(len(rows))]
-        values = [percent[which] for _, percent in rows]
-        bars = axes.barh(places, values, thick, color=color, label=f"{trial.force_target_n:.2f} N")
-        bars[-1].set_facecolor(ORANGE)
-        bars[-1].set_alpha(0.5 if which == 0 else 1.0)
-    axes.axhline(len(rows) - 2.5, color="black", linewidth=0.5)
-    axes.set_yticks(range(len(rows)), [name for name, _ in rows])
-    axes.invert_yaxis()
-    axes.set_xlabel("Of the predicted force (%)")
-    axes.grid(axis="x")
-    axes.legend(loc="center right")
-    return figure
-
-
-def _rows(trials: list[TrialResult]) -> list[tuple[str, list[float]]]:
-    """Return name and per cent of each trial: terms by size, then their sum, then the error.
-
-    Trials of several indenters have terms of their own.
-    """
-    terms = []
-    known = [{term.name: term.value_n for term in t.force.budget} for t in trials]
-    for name in dict.fromkeys(name for own in known for name in own):
-        values = [_percent(t, own.get(name)) for t, own in zip(trials, known, strict=True)]
-        sums = [_percent(t, t.force.known_uncertainty_n) for t in trials]
-        if any(v > SMALL_SHARE * s for v, s in zip(values, sums, strict=True)):
-            terms.append((name, values))
-    terms.sort(key=lambda row: -max(row[1]))
-    together = [_percent(t, t.force.known_uncertainty_n) for t in trials]
-    error = [_percent(t, abs(t.force.prediction_error_n or 0.0)) for t in trials]
-    return [*terms, ("all together, $u_{val}$", together), ("error of the prediction", error)]
-
-
-def _percent(trial: TrialResult, value_n: float | None) -> float:
-    return 100.0 * (value_n or 0.0) / (trial.force.force_predicted_n or 1.0)

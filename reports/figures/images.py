@@ -134,10 +134,12 @@ def draw_matrices(report: ValidationReport) -> Figure:
 
 
 def _draw_matrix(axes: Axes, matrix: WrongForceMatrix) -> None:
-    values = np.array(matrix.values, dtype=np.float64)
+    order = np.argsort(matrix.forces_n, kind="stable")  # those without a force come last
+    values = np.array(matrix.values, dtype=np.float64)[np.ix_(order, order)]
+    forces_n = np.array(matrix.forces_n)[order]
     labels = [
         f"trial {trial}" if np.isnan(force) else f"{force:.2f}"
-        for trial, force in zip(matrix.trials, matrix.forces_n, strict=True)
+        for trial, force in zip(np.array(matrix.trials)[order], forces_n, strict=True)
     ]
     count = len(labels)
     quality = values if matrix.larger_is_better else -values
@@ -147,10 +149,10 @@ def _draw_matrix(axes: Axes, matrix: WrongForceMatrix) -> None:
     axes.tick_params(length=0, labelsize=6 if count <= 2 * MAX_NUMBERED else 3)
     axes.spines[:].set_visible(False)
     won = sum(matrix.diagonal_wins)
-    axes.set_title(f"{TITLES[matrix.metric]}: right force wins {won}/{count}", fontsize=7.5)
+    axes.set_title(f"{TITLES[matrix.metric]}: correct force wins {won}/{count}", fontsize=7.5)
     best = np.nanargmax(np.where(np.isnan(quality), -np.inf, quality), axis=1)
     for i in range(count):
-        is_right = best[i] == i or matrix.forces_n[best[i]] == matrix.forces_n[i]
+        is_right = best[i] == i or forces_n[best[i]] == forces_n[i]
         corner = (best[i] - 0.46, i - 0.46)
         edge = INK if is_right else ORANGE
         axes.add_patch(Rectangle(corner, 0.92, 0.92, fill=False, edgecolor=edge, lw=1.1))

@@ -1,115 +1,99 @@
-"""The five scores, and the causes of the residual, over the target forces."""
+"""The image scores over the target forces, each on an axis of its own, with what bounds them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.projections.polar import PolarAxes
 
 from reports.comparison.results import TrialResult, ValidationReport
-from reports.figures.trials import force_label, label_forces, legend_above, shown
+from reports.figures.trials import force_label, label_forces, shown
 from reports.scores.metrics import ImageScores, Metric
-from reports.scores.residual_split import Cause
 from tacauchy_rig.core.figure_style import (
     BLUE,
     GREEN,
     GREY,
     INK,
-    LIGHT,
     ORANGE,
     PAGE_IN,
-    PURPLE,
-    SKY,
     letter,
     new_figure,
 )
-from tacauchy_rig.core.simulated import ResidualSplit
-
-MINUS = "\u2212"
-COLORS = {
-    Cause.POSE: BLUE,
-    Cause.TILT: SKY,
-    Cause.LIGHT: "#E69F00",  # the orange of Okabe and Ito that no line has
-    Cause.FORCE: ORANGE,
-    Cause.MATERIAL: PURPLE,
-    Cause.OPTICS: GREEN,
-    Cause.NOISE: GREY,
-    Cause.REST: LIGHT,
-}
-
-
-def residual_of(report: ValidationReport) -> ResidualSplit | None:
-    """Return what a run's replay says of its residual."""
-    return None if report.evidence.model is None else report.evidence.model.residual
-
-
-def draw_residual(report: ValidationReport) -> Figure:
-    """Draw the residual of each press by its causes, and their shares of all presses."""
-    split = residual_of(report)
-    figure = new_figure(PAGE_IN, 2.1, marks=report.evidence.marks)
-    left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-    if split is None:
-        return figure
-    _draw_presses(left, split, report.trials)
-    _draw_ranking(right, split)
-    letter(left, "(a)")
-    letter(right, "(b)")
-    return figure
-
-
-def _draw_presses(axes: Axes, split: ResidualSplit, results: Sequence[TrialResult]) -> None:
-    by_index = {trial.trial: trial for trial in split.trials}
-    pressed = [result for result in results if result.index in by_index]
-    for column, result in enumerate(pressed):
-        trial = by_index[result.index]
-        above = below = 0.0
-        for cause in split.shares:
-            size = 100.0 * trial.residual * trial.shares[cause]
-            start = above if size >= 0.0 else below
-            axes.bar(
-                column, size, 0.7, bottom=start, color=COLORS[Cause(cause)], edgecolor=INK, lw=0.2
-            )
-            above, below = (above + size, below) if size >= 0.0 else (above, below + size)
-    axes.axhline(0.0, color=INK, linewidth=0.5)
-    label_forces(axes, pressed)
-    axes.set_ylabel("Residual (% of the change)")
-    axes.grid(axis="y")
-
-
-def _draw_ranking(axes: Axes, split: ResidualSplit) -> None:
-    names = list(split.shares)
-    values = [100.0 * share for share in split.shares.values()]
-    colors = [COLORS[Cause(name)] for name in names]
-    axes.barh(range(len(names)), values, 0.7, color=colors, edgecolor=INK, lw=0.2)
-    for row, value in enumerate(values):
-        text = f"{value:.0f} %".replace("-", MINUS)
-        axes.text(max(value, 0.0) + 1.0, row, text, va="center", fontsize=7)
-    axes.axvline(0.0, color=INK, linewidth=0.5)
-    axes.set_yticks(range(len(names)), names)
-    axes.invert_yaxis()
-    axes.set_xlim(right=1.15 * max(values))
-    axes.set_xlabel("Of the residual's square (%)")
-
 
 SIMILARITIES = {Metric.SSIM: BLUE, Metric.NCC: GREEN, Metric.HISTOGRAM_CORRELATION: ORANGE}
-FLOOR_STYLE: dict[str, Any] = {"color": INK, "marker": "_", "markersize": 6, "linestyle": "none"}
+LINES = {
+    "Simulated": {"color": BLUE, "marker": "o", "markersize": 3},
+    "No contact": {"color": INK, "marker": "_", "ls": "none", "markersize": 7},
+    "Best wrong force": {"color": ORANGE, "marker": "x", "ls": "none", "markersize": 3.5},
+    "Ceiling": {"color": GREY, "ls": "--", "lw": 0.7},
+    "Position and light removed": {"color": GREEN, "marker": "s", "markersize": 2.5, "ls": ":"},
+}
+"""Of each panel, in the order of the legend."""
 
 
-def draw_similarities(report: ValidationReport) -> Figure:
-    """Draw a radar chart and bars of SSIM, NCC and histogram correlation."""
-    figure = new_figure(PAGE_IN, 2.35, marks=report.evidence.marks)
-    grid = figure.add_gridspec(1, 2, width_ratios=(0.36, 0.64))
-    radar = figure.add_subplot(grid[0], projection="polar")
+def draw_scores(report: ValidationReport) -> Figure:
+    """Draw a radar chart of the similarities and a panel for every score."""
+    trials = sorted(report.trials, key=lambda t: (math.isnan(t.force_target_n), t.force_target_n))
+    figure = new_figure(PAGE_IN, 3.7, marks=report.evidence.marks)
+    grid = figure.add_gridspec(2, 4)
+    radar = figure.add_subplot(grid[0, 0], projection="polar")
     if isinstance(radar, PolarAxes):
-        _draw_radar(radar, shown(report.trials))
-    _draw_bars(figure.add_subplot(grid[1]), report.trials)
+        _draw_radar(radar, shown(trials))
+    places = [(0, 1), (0, 2), (0, 3), (1, 0), (1, 1)]
+    panels = [figure.add_subplot(grid[place]) for place in places]
+    for axes, metric in zip(panels, Metric, strict=True):
+        _draw_panel(axes, trials, metric.axis_label, _of_frame(trials, metric))
+    panels[-1].set_yscale("log")
+    contact = [figure.add_subplot(grid[1, column]) for column in (2, 3)]
+    _draw_panel(contact[0], trials, "ZNCC in the contact", _of_contact(trials, "zncc"))
+    residuals = _of_contact(trials, "relative_residual")
+    residuals["No contact"] = [_number(t.contact_no_contact_residual) for t in trials]
+    _draw_panel(contact[1], trials, "Residual in the contact", residuals)
+    for axes, name in zip((radar, *panels, *contact), "abcdefgh", strict=True):
+        letter(axes, f"({name})")
+    handles = {}
+    for axes in (*panels, *contact):
+        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    ordered = [name for name in LINES if name in handles]
+    figure.legend([handles[name] for name in ordered], ordered, loc="outside lower center", ncols=5)
     return figure
+
+
+def _of_frame(trials: Sequence[TrialResult], metric: Metric) -> dict[str, list[float]]:
+    def values(scores: Callable[[TrialResult], ImageScores | None]) -> list[float]:
+        return [_finite(scores(trial), metric) for trial in trials]
+
+    return {
+        "Simulated": values(lambda t: t.metrics),
+        "No contact": values(lambda t: t.floors and t.floors.no_contact),
+        "Best wrong force": values(lambda t: t.floors and t.floors.wrong_force),
+        "Ceiling": values(lambda t: t.ceiling and t.ceiling.scores),
+    }
+
+
+def _of_contact(trials: Sequence[TrialResult], name: str) -> dict[str, list[float]]:
+    fitted = [t.corrections and t.corrections.contact_pose_light_corrected for t in trials]
+    return {
+        "Simulated": [_number(getattr(t.contact, name, None)) for t in trials],
+        "Position and light removed": [_number(getattr(each, name, None)) for each in fitted],
+    }
+
+
+def _draw_panel(
+    axes: Axes, trials: Sequence[TrialResult], label: str, values: dict[str, list[float]]
+) -> None:
+    for name, line in values.items():
+        if np.isfinite(line).any():
+            axes.plot(line, label=name, **LINES[name])
+    axes.set_title(label, fontsize=7.5)
+    axes.grid(axis="y")
+    axes.margins(x=0.08, y=0.12)
+    label_forces(axes, trials)
+    axes.set_xlabel("$F_z$ (N)", labelpad=1)
 
 
 def _draw_radar(axes: PolarAxes, trials: Sequence[TrialResult]) -> None:
@@ -117,87 +101,34 @@ def _draw_radar(axes: PolarAxes, trials: Sequence[TrialResult]) -> None:
     closed = np.append(angles, angles[:1])
     lowest = 1.0
     for metric, color in SIMILARITIES.items():
-        values = [_value(t, metric) for t in trials]
-        floors = [_floor(t, metric) for t in trials]
+        found = _of_frame(trials, metric)
+        values, floors = found["Simulated"], found["No contact"]
         lowest = min([lowest, *(v for v in (*values, *floors) if math.isfinite(v))])
-        axes.plot(closed, [*values, *values[:1]], color=color, marker="o", markersize=2)
+        axes.plot(closed, [*values, *values[:1]], color=color, label=metric.short)
         axes.plot(closed, [*floors, *floors[:1]], color=color, linestyle=":", linewidth=0.8)
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
-    axes.set_xticks(angles, [f"{force_label(t)} N" for t in trials])
-    axes.tick_params(axis="x", pad=0)
-    bottom = max(-1.0, math.floor(lowest * 5.0 - 0.25) / 5.0)
+    axes.set_xticks(angles, [force_label(t) for t in trials], fontsize=6)
+    axes.tick_params(axis="x", pad=-3)
+    bottom = lowest - 0.3 * max(1.0 - lowest, 1e-3)
     axes.set_ylim(bottom, 1.0)
-    rings = np.linspace(bottom, 1.0, 3)[1:]
-    axes.set_yticks(rings, [f"{ring:.2g}" for ring in rings], fontsize=6)
+    axes.set_yticks([lowest, 1.0], [f"{lowest:.3f}", "1"], fontsize=5.5)
     axes.set_rlabel_position(180 / max(len(trials), 1))
     axes.spines["polar"].set_linewidth(0.4)
     axes.grid(visible=True)
-    letter(axes, "(a)")
+    axes.legend(
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.08),
+        ncols=3,
+        fontsize=5.5,
+        columnspacing=0.6,
+        handlelength=0.8,
+        handletextpad=0.3,
+    )
 
 
-def _draw_bars(axes: Axes, trials: Sequence[TrialResult]) -> None:
-    width = 0.26
-    for k, (metric, color) in enumerate(SIMILARITIES.items()):
-        place = np.arange(len(trials)) + (k - 1) * width
-        values = np.array([_value(t, metric) for t in trials])
-        name = metric.short
-        if np.isfinite(values).any():
-            mean = float(np.nanmean(values))
-            axes.axhline(mean, color=color, linestyle="--", linewidth=0.7, zorder=0.5)
-            name = f"{name} {mean:.3f}"
-        axes.bar(place, np.nan_to_num(values), width * 0.9, color=color, label=name)
-        axes.plot(place, [_floor(t, metric) for t in trials], **FLOOR_STYLE)
-    axes.set_ylim(min(0.0, *(axes.get_ylim()[0], 0.0)), 1.02)
-    axes.set_ylabel("Score")
-    axes.grid(axis="y")
-    label_forces(axes, trials)
-    handles, labels = axes.get_legend_handles_labels()
-    handles += [
-        Line2D([], [], color=GREY, linestyle="--", linewidth=0.7),
-        Line2D([], [], **FLOOR_STYLE),
-    ]
-    legend_above(axes, handles, [*labels, "Mean", "No contact"], columns=5)
-    letter(axes, "(b)")
-
-
-def draw_errors(report: ValidationReport) -> Figure:
-    """Draw bars of MSE and PSNR with their averages."""
-    figure = new_figure(PAGE_IN, 2.0, marks=report.evidence.marks)
-    left, right = figure.subplots(1, 2)
-    statistics = report.statistics
-    _draw_error_bars(left, report.trials, Metric.MSE, BLUE)
-    _draw_error_bars(right, report.trials, Metric.PSNR_DB, GREEN)
-    letter(left, "(a)")
-    letter(right, "(b)")
-    through = statistics.psnr_of_mean_mse_db
-    if through is not None:
-        right.axhline(through, color=ORANGE, linestyle=":", label=f"Of mean MSE {through:.2f}")
-    for axes in (left, right):
-        legend_above(axes, columns=3, x=0.55)
-    return figure
-
-
-def _draw_error_bars(axes: Axes, trials: Sequence[TrialResult], metric: Metric, color: str) -> None:
-    values = np.array([_value(t, metric) for t in trials])
-    place = np.arange(len(trials))
-    axes.bar(place, np.nan_to_num(values), 0.62, color=color, alpha=0.85)
-    if np.isfinite(values).any():
-        mean = float(np.nanmean(values))
-        axes.axhline(mean, color=ORANGE, linestyle="--", label=f"Mean {mean:.2f}")
-    floors = [_floor(t, metric) for t in trials]
-    axes.plot(place, floors, **(FLOOR_STYLE | {"markersize": 14}), label="No contact")
-    axes.set_ylabel(metric.axis_label)
-    axes.grid(axis="y")
-    label_forces(axes, trials)
-
-
-def _value(trial: TrialResult, metric: Metric) -> float:
-    return _finite(trial.metrics, metric)
-
-
-def _floor(trial: TrialResult, metric: Metric) -> float:
-    return _finite(None if trial.floors is None else trial.floors.no_contact, metric)
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 def _finite(scores: ImageScores | None, metric: Metric) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from matplotlib.axes import Axes
 
@@ -14,6 +14,7 @@ from reports.evidence.evidence import TrialEvidence
 MAX_COLUMNS = 6
 
 Trial = TypeVar("Trial", TrialResult, TrialEvidence)
+Item = TypeVar("Item")
 
 
 def shown(trials: Sequence[Trial], *, most: int = MAX_COLUMNS) -> list[Trial]:
@@ -24,6 +25,11 @@ def shown(trials: Sequence[Trial], *, most: int = MAX_COLUMNS) -> list[Trial]:
     ordered = sorted(
         trials, key=lambda t: (math.isnan(t.force_target_n), t.force_target_n, t.index)
     )
+    return spread(ordered, most)
+
+
+def spread(ordered: list[Item], most: int) -> list[Item]:
+    """Return at most so many of a list, evenly spread, its first and last included."""
     if len(ordered) <= most:
         return ordered
     step = (len(ordered) - 1) / (most - 1)
@@ -39,19 +45,6 @@ def force_title(trial: TrialResult | TrialEvidence, text: str = "{} N") -> str:
     """Return a press's force in a text with its unit; the number alone where it has none."""
     label = force_label(trial)
     return label if math.isnan(trial.force_target_n) else text.format(label)
-
-
-def legend_above(axes: Axes, *labelled: Any, columns: int, x: float = 0.5) -> None:
-    """Put a legend above the axes, of what has a label, or of handles and their labels."""
-    axes.legend(
-        *labelled,
-        loc="lower center",
-        bbox_to_anchor=(x, 1.0),
-        ncols=columns,
-        columnspacing=0.8,
-        handletextpad=0.4,
-        borderpad=0.1,
-    )
 
 
 def label_forces(axes: Axes, trials: Sequence[TrialResult]) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
 from importlib.resources import files
@@ -14,9 +16,19 @@ import matplotlib as mpl
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from reports.comparison.criteria import (
+    COUNTS,
+    COUNTS_OF_RUN,
+    MARGIN,
+    MODULUS,
+    OFFSET,
+    PREDICTION,
+    RESIDUAL,
+)
 from reports.comparison.sentences import MINUS
 from reports.evidence.evidence import IntermediateState, RunEvidence, TrialEvidence, camera_of
-from reports.figures.trials import shown
+from reports.figures.trials import MAX_COLUMNS, shown, spread
+from reports.scores.floors import SkillStatus
 from reports.scores.metrics import Metric
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.rgb import encode_jpeg
@@ -132,7 +144,12 @@ def render_html(
         "script_hash": base64.b64encode(sha256(script.encode()).digest()).decode(),
         "dent_bar": gradient(DENT_COLORS),
         "pressure_bar": gradient(PRESSURE_COLORS),
+        "ordered": (trials := ordered(summary["trials"])),
+        "some": spread(trials, MAX_COLUMNS),
+        "overview": list(overview(summary)),
+        "groups": criterion_groups(summary),
     }
+    environment.filters |= {"at": at, "mean_at": mean_at, "skill_of": skill_of}
     return environment.get_template("report.html.jinja").render(summary=summary)
 
 
@@ -160,6 +177,7 @@ def page_environment(summary: Mapping[str, Any]) -> Environment:
         "plain": plain,
         "words": words,
         "named": named,
+        "interval": interval,
     }
     environment.globals |= {
         "metrics": {metric.value: metric for metric in Metric},
@@ -207,7 +225,175 @@ def plain(value: object) -> str:
 def named(trial: Mapping[str, Any]) -> str:
     """Return a press's force; the number of one whose force nobody stated or measured."""
     force = trial["force_target_n"]
-    return f"trial {trial['index']}" if force is None else f"{number(force, 2)} N"
+    return f"trial {trial['index']}" if force is None else f"{number(force, 2)}\N{NO-BREAK SPACE}N"
+
+
+def interval(found: Mapping[str, Any], digits: int = 3, factor: float = 1.0) -> str:
+    """Write a mean with the half-width of its 95 % interval after a plus-minus sign."""
+    text = number(found["mean"], digits, factor)
+    if found["low"] is None:
+        return text
+    return f"{text} ± {number(0.5 * (found['high'] - found['low']), digits, factor)}"
+
+
+def ordered(trials: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return presses in the order of their forces; those without one come last."""
+    return sorted(trials, key=lambda t: (t["force_target_n"] is None, t["force_target_n"] or 0.0))
+
+
+def at(trial: Mapping[str, Any], place: str) -> Any:
+    """Return what lies at a place such as ``floors.no_contact.ssim``; None where a part lacks."""
+    found: Any = trial
+    for name in place.split("."):
+        found = found.get(name) if isinstance(found, Mapping) else None
+    return found
+
+
+def mean_at(trials: Sequence[Mapping[str, Any]], place: str) -> float | None:
+    """Return the mean over the presses that have a number there."""
+    known = [value for trial in trials if (value := at(trial, place)) is not None]
+    return sum(known) / len(known) if known else None
+
+
+def skill_of(trials: Sequence[Mapping[str, Any]], metric: str) -> str:
+    """Write the mean skill of a score, and of how many presses it cannot be stated."""
+    skills = [skill for trial in trials if (skill := at(trial, f"skill.{metric}"))]
+    known = [skill["value"] for skill in skills if skill["status"] == SkillStatus.STATED]
+    parts = [f"{number(sum(known) / len(known), 2)} ({len(known)})"] if known else []
+    for status, text in (
+        (SkillStatus.ABOVE_CEILING, ">1"),
+        (SkillStatus.NOT_DISCRIMINATING, "n.d."),
+        (SkillStatus.NO_CEILING, "n.c."),
+    ):
+        count = sum(skill["status"] == status for skill in skills)
+        parts += [f"{text} ({count})"] if count else []
+    return ", ".join(parts) or ABSENT
+
+
+def overview(summary: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield the rows of the first table: what counts, the floor of each, and what is required."""
+    statistics, limits = summary["statistics"], summary["thresholds"]
+    metrics, floors = statistics["metrics"], statistics["no_contact"]
+    rows = {row["name"]: row for row in summary["headline"]}
+    if metrics["ssim"]["mean"] is not None or floors["ssim"]["mean"] is not None:
+        yield {
+            "name": "SSIM of the whole frame",
+            "mean": interval(metrics["ssim"], 4),
+            "floor": interval(floors["ssim"], 4),
+            "required": "not a criterion",
+        }
+    if row := rows.get(RESIDUAL):
+        yield _judged(row) | {
+            "name": "Residual in the contact: share of the image change left unexplained",
+            "mean": interval(statistics["contact_relative_residual"], 3),
+            "worst": number(row["worst"]),
+            "floor": "1",
+            "required": f"at most {limits['max_contact_residual']:g}",
+        }
+    if row := rows.get(MARGIN):
+        yield _judged(row) | {
+            "name": "Margin of the correct force over wrong forces and no contact",
+            "worst": number(row["worst"], 1, unit=" times the scatter"),
+            "required": f"at least {limits['min_force_margin']:g} times the scatter",
+        }
+    if row := rows.get(PREDICTION):
+        yield _judged(row) | {
+            "name": "Error of the force predicted at the measured depth (%)",
+            "mean": interval(statistics["prediction_error_relative"], 1, 100.0),
+            "worst": _worst_prediction(summary["trials"]),
+            "required": f"at most {limits['coverage_factor']:g} standard uncertainties",
+        }
+    if row := rows.get(OFFSET):
+        yield _judged(row) | {
+            "name": "Distance between simulated and seen contact (mm)",
+            "worst": number(row["worst"]),
+            "required": f"at most {1e3 * limits['max_contact_offset_m']:g}",
+        }
+    if row := rows.get(MODULUS):
+        yield _judged(row) | {
+            "name": "Fitted over nominal modulus",
+            "mean": number(row["worst"]),
+            "required": row["limit"],
+        }
+    matched = [abs(m) for t in summary["trials"] if (m := t["force_mismatch_n"]) is not None]
+    if matched:
+        yield {
+            "name": "Simulated minus measured force after matching (N)",
+            "worst": number(max(matched), 4),
+            "required": "none: matched by construction, no evidence",
+        }
+
+
+def _judged(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {"met": f"{row['met']} of {row['trials']}", "good": row["met"] == row["trials"]}
+
+
+def _worst_prediction(trials: Sequence[Mapping[str, Any]]) -> str:
+    """Write the error of the press that is off most for its uncertainty, in per cent."""
+    known = [t["force"] for t in trials if t["force"]["prediction_error_n"] is not None]
+    known = [force for force in known if force["combined"] and force["prediction_error_relative"]]
+    if not known:
+        return ABSENT
+    worst = max(known, key=lambda f: abs(f["prediction_error_n"]) / f["combined"]["value_n"])
+    percent = 100.0 * worst["prediction_error_relative"] / worst["prediction_error_n"]
+    off, half_width = worst["prediction_error_n"], worst["combined"]["expanded_n"]
+    return f"{number(off, 1, percent)} ± {number(half_width, 1, percent)}"
+
+
+def is_unknown(criterion: Mapping[str, Any], summary: Mapping[str, Any]) -> bool:
+    """Return whether a criterion rests on what an imported run does not tell."""
+    return summary["imported"] and not criterion["passed"] and criterion["measured"] is None
+
+
+_ATTEMPT = re.compile(r"trials/\d+/attempt-\d+/")
+_NUMBER = re.compile(r"\d[\d.e-]*")
+
+
+def criterion_groups(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return every criterion once, over the run or over its presses, with grouped advice.
+
+    Of a press that did not end only its end is told.
+    """
+    found: dict[str, list[tuple[str, Mapping[str, Any]]]] = {}
+    for criterion in summary["criteria"]:
+        found.setdefault(criterion["name"], []).append(("the run", criterion))
+    for trial in ordered(summary["trials"]):
+        ended = trial["outcome"] in ("passed", "imported")
+        for criterion in trial["criteria"]:
+            if ended or criterion["name"] == "press":
+                found.setdefault(criterion["name"], []).append((named(trial), criterion))
+    return [_group(name, cases, summary) for name, cases in found.items()]
+
+
+def _group(
+    name: str, cases: Sequence[tuple[str, Mapping[str, Any]]], summary: Mapping[str, Any]
+) -> dict[str, Any]:
+    known = [(where, c) for where, c in cases if not is_unknown(c, summary)]
+    missed = [(where, c) for where, c in known if not c["passed"]]
+    worst = max((c for _, c in missed or known or cases), key=_badness)
+    advice: dict[str, dict[str, Any]] = {}
+    for where, criterion in missed:
+        alike = _NUMBER.sub("", criterion["remedy"])  # numbers are of the press
+        group = advice.setdefault(alike, {"text": criterion["remedy"], "where": []})
+        group["where"].append(where)
+    limits = {_ATTEMPT.sub("", c["limit"]) for _, c in cases}
+    return {
+        "name": name,
+        "worst": worst,
+        "limit": _ATTEMPT.sub("", worst["limit"]) + " (of that press)" * (len(limits) > 1),
+        "met": len(known) - len(missed),
+        "known": len(known),
+        "count": len(cases),
+        "advice": list(advice.values()),
+        "counts": name in (*COUNTS, *COUNTS_OF_RUN),
+    }
+
+
+def _badness(criterion: Mapping[str, Any]) -> float:
+    value = criterion["measured"]
+    if value is None:
+        return math.inf
+    return -value if criterion["name"] == MARGIN else abs(value)
 
 
 def words(name: str) -> str:

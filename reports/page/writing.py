@@ -6,6 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -15,11 +16,17 @@ import numpy as np
 from matplotlib.colors import AsinhNorm
 
 from reports.comparison.criteria import headline_of
+from reports.comparison.fitted import fits_of
 from reports.comparison.results import TrialResult, ValidationReport
 from reports.evidence.evidence import RunEvidence
 from reports.figures.draw import draw_figures
 from reports.figures.images import DIFFERENCE_COLORS, difference_scale, luminance_difference
-from reports.page.html import intermediate_numbers, intermediate_pictures, render_html
+from reports.page.html import (
+    intermediate_numbers,
+    intermediate_pictures,
+    is_unknown,
+    render_html,
+)
 from reports.scores.floors import NOISE_MULTIPLE
 from reports.scores.metrics import CONFIDENCE, Metric
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
@@ -44,6 +51,7 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
         "verdict": report.verdict,
         "abstract": report.abstract,
         "headline": to_plain(headline_of(report.trials, report.criteria)),
+        "fits": to_plain(fits_of(evidence)),
         "criteria": to_plain(report.criteria),
         "reading": list(report.reading),
         "limits": list(report.limits),
@@ -94,6 +102,7 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
             "versions": {},
             "config_hash": None,
             "seed": None,
+            "recorded": None,
             **to_plain(evidence.provenance),
         },
     }
@@ -154,7 +163,7 @@ def junit_xml(summary: Mapping[str, Any]) -> str:
         force = "" if target is None else f"-{target:.4f}N"
         name = f"trial-{trial['index']:02d}{force}"
         cases += [(name, criterion) for criterion in trial["criteria"]]
-    unknown = [_is_unknown(criterion, summary) for _, criterion in cases]
+    unknown = [is_unknown(criterion, summary) for _, criterion in cases]
     failures = sum(not criterion["passed"] for _, criterion in cases) - sum(unknown)
     name = f"tacauchy-rig {summary['provenance'].get('name', 'run')}"
     name += "".join(f" ({mark.partition(':')[0]})" for mark in summary["marks"])
@@ -164,9 +173,9 @@ def junit_xml(summary: Mapping[str, Any]) -> str:
     properties = ET.SubElement(suite, "properties")
     for key in ("simulated", "imported", "passed"):
         ET.SubElement(properties, "property", name=key, value=str(summary[key]).lower())
-    for (where, criterion), is_unknown in zip(cases, unknown, strict=True):
+    for (where, criterion), skipped in zip(cases, unknown, strict=True):
         case = ET.SubElement(suite, "testcase", classname=where, name=criterion["name"])
-        if is_unknown:
+        if skipped:
             ET.SubElement(case, "skipped", message=f"not known; {criterion['limit']}")
         elif not criterion["passed"]:
             message = f"{_measured(criterion)}; limit: {criterion['limit']}"
@@ -174,11 +183,6 @@ def junit_xml(summary: Mapping[str, Any]) -> str:
             failure.text = criterion["remedy"]
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
-
-
-def _is_unknown(criterion: Mapping[str, Any], summary: Mapping[str, Any]) -> bool:
-    """Return whether a criterion rests on what an imported run does not tell."""
-    return summary["imported"] and not criterion["passed"] and criterion["measured"] is None
 
 
 def _measured(criterion: Mapping[str, Any]) -> str:
@@ -202,8 +206,15 @@ class ReportPaths:
         self.images = folder / "images"
 
 
-def write_report(report: ValidationReport, folder: Path) -> ReportPaths:
+def write_report(
+    report: ValidationReport, folder: Path, other: Executor | None = None
+) -> ReportPaths:
     """Write all files of a report into ``folder``; an older report there is overwritten.
+
+    Args:
+        report: The run, judged.
+        folder: Where to.
+        other: A process that draws some of the figures meanwhile.
 
     Raises:
         RecordError: The folder cannot be written.
@@ -213,7 +224,7 @@ def write_report(report: ValidationReport, folder: Path) -> ReportPaths:
         for path in folder.rglob("*"):
             if path.is_file() and path.stat().st_nlink > 1:
                 path.unlink()  # its other name, anywhere, keeps its content
-        _write(report, paths)
+        _write(report, paths, other)
     except OSError as error:
         raise RecordError(
             f"report in {folder}: cannot be written: {error.strerror or error}",
@@ -222,8 +233,8 @@ def write_report(report: ValidationReport, folder: Path) -> ReportPaths:
     return paths
 
 
-def _write(report: ValidationReport, paths: ReportPaths) -> None:
-    figures = draw_figures(report, paths.figures)
+def _write(report: ValidationReport, paths: ReportPaths, other: Executor | None) -> None:
+    figures = draw_figures(report, paths.figures, other)
     pictures = _write_pictures(report.evidence, paths.images)
     if picture := report.evidence.optics_picture:
         (paths.images / OPTICS_PICTURE).write_bytes(picture)

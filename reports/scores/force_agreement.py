@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from reports.evidence.evidence import TrialEvidence
 from tacauchy_rig.core.config.uncertainty import Stated
@@ -85,7 +85,7 @@ def combine(terms: Sequence[UncertaintyTerm]) -> Combined | None:
     return Combined(
         value_n=total,
         degrees_of_freedom=freedom if math.isfinite(freedom) else None,
-        expanded_n=total * float(student.ppf(0.5 + 0.5 * CONFIDENCE, freedom)),
+        expanded_n=total * float(stdtrit(freedom, 0.5 + 0.5 * CONFIDENCE)),
         largest=largest.name,
         without_largest_n=math.hypot(*others),
     )

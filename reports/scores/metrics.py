@@ -14,13 +14,14 @@ from typing import Self
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import stdtrit
 
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
 
 HISTOGRAM_BINS = 256
 SSIM_SIGMA_PX, SSIM_WINDOW_PX = 1.5, 11
+SSIM_K1, SSIM_K2 = 0.01, 0.03
 PEAK = 255.0
 
 
@@ -114,7 +115,7 @@ def _similarity(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
     product, squares = mean_x * mean_y, mean_x * mean_x + mean_y * mean_y
     variances = _windowed(x * x + y * y) - squares
     covariance = _windowed(x * y) - product
-    steady_mean, steady_variance = (0.01 * PEAK) ** 2, (0.03 * PEAK) ** 2
+    steady_mean, steady_variance = (SSIM_K1 * PEAK) ** 2, (SSIM_K2 * PEAK) ** 2
     likeness = (2.0 * product + steady_mean) * (2.0 * covariance + steady_variance)
     likeness /= (squares + steady_mean) * (variances + steady_variance)
     border = SSIM_WINDOW_PX // 2
@@ -218,7 +219,7 @@ def t_interval(values: Sequence[float]) -> MeanInterval:
     if count == 1:
         return MeanInterval(mean=mean, low=None, high=None, deviation=None, count=1)
     deviation = float(finite.std(ddof=1))
-    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, count - 1)) * deviation / math.sqrt(count)
+    half = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2)) * deviation / math.sqrt(count)
     return MeanInterval(
         mean=mean, low=mean - half, high=mean + half, deviation=deviation, count=count
     )

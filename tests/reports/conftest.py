@@ -282,7 +282,7 @@ def written(report: ValidationReport, tmp_path_factory: pytest.TempPathFactory) 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Write reports without figures, which take a second each."""
-    monkeypatch.setattr(writing, "draw_figures", lambda _report, _folder: [])
+    monkeypatch.setattr(writing, "draw_figures", lambda *_: [])
 
 
 @pytest.fixture(scope="session")

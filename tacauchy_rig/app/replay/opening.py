@@ -6,8 +6,7 @@ from pathlib import Path
 
 from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import ImageGeometry
-from sim.sensor.sensor import Sensor
-from tacauchy_rig.app.replay.settings import sensor_of
+from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.core.store.run_store import RunStore
 
 
@@ -19,7 +18,7 @@ def open_run(folder: Path) -> RunReading:
         ConfigError: Its configuration is no longer accepted.
     """
     store = RunStore.open(folder)
-    return RunReading(store, scored_geometry(sensor_of(store.config)))
+    return RunReading(store, scored_geometry(load_sensor(store.config.sensor.name)))
 
 
 def scored_geometry(sensor: Sensor) -> ImageGeometry:

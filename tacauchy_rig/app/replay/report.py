@@ -7,7 +7,9 @@ from reports.comparison.results import ValidationReport
 from reports.evidence.attempt import RunReading, readable
 from reports.evidence.evidence import RunEvidence
 from reports.evidence.loading import load_evidence
+from reports.figures.draw import draw_some
 from reports.page.writing import ReportPaths, write_report
+from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.simulated import REPLAY_NAME
 
 
@@ -32,5 +34,11 @@ def report_run(run: RunReading) -> tuple[ValidationReport, ReportPaths]:
     Raises:
         RecordError: The run cannot be read, or the report cannot be written.
     """
-    report = compare(evidence_of(run))
-    return report, write_report(report, run.store.paths.report)
+    with worker_process() as other:
+        other.submit(_load, draw_some)  # what draws is loaded while the run is read
+        report = compare(evidence_of(run))
+        return report, write_report(report, run.store.paths.report, other)
+
+
+def _load(_what: object) -> None:
+    """Do nothing: to be asked for it loads what the argument needs."""

@@ -68,6 +68,35 @@ def compare(one: ListedRun, other: ListedRun) -> list[Row]:
     return [row for row in rows if row.one is not None or row.other is not None]
 
 
+def differing(one: ListedRun, other: ListedRun) -> list[tuple[str, str, str]]:
+    """Return the criteria that one run met and the other did not: name, and both outcomes."""
+    outcomes = _outcomes(one.summary), _outcomes(other.summary)
+    names = list(dict.fromkeys([*outcomes[0], *outcomes[1]]))
+    rows = [(name, outcomes[0].get(name), outcomes[1].get(name)) for name in names]
+    return [
+        (name.replace("_", " "), _in_words(a), _in_words(b))
+        for name, a, b in rows
+        if (a is not None and a[0] == a[1]) != (b is not None and b[0] == b[1])
+    ]
+
+
+def _outcomes(summary: dict[str, Any]) -> dict[str, tuple[int, int]]:
+    """Return in how many cases each criterion of a report was met, of how many."""
+    found: dict[str, tuple[int, int]] = {}
+    for place in (summary, *_trials(summary).values()):
+        criteria = place.get("criteria")
+        for criterion in criteria if isinstance(criteria, list | tuple) else ():
+            if isinstance(criterion, dict):
+                met, count = found.get(str(criterion.get("name")), (0, 0))
+                passed = criterion.get("passed") is True
+                found[str(criterion.get("name"))] = met + passed, count + 1
+    return found
+
+
+def _in_words(outcome: tuple[int, int] | None) -> str:
+    return "not judged" if outcome is None else f"met in {outcome[0]} of {outcome[1]}"
+
+
 Value = tuple[float, float | None] | None
 
 

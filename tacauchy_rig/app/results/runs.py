@@ -141,7 +141,7 @@ def _read(folder: Path) -> ListedRun:
         created=str(store.description["created"]),
         kind=kind,
         sensor=config.sensor.name,
-        indenter=describe(indenter_of(config)),
+        indenter=_indenter(store),
         trial_count=wanted,
         passed_count=len(passed),
         forces_n=(min(forces), max(forces)) if forces else None,
@@ -150,6 +150,15 @@ def _read(folder: Path) -> ListedRun:
         figures=_figures(folder / FIGURES),
         next_command=_next_command(store, passed, wanted, summary),
     )
+
+
+def _indenter(store: RunStore) -> str:
+    """Return the indenter of a run, or how many an import has."""
+    kinds = {trial.indenter for trial in store.imported_trials.values()} or {""}
+    if len(kinds) > 1:
+        return f"{len(kinds)} indenters"
+    (kind,) = kinds
+    return kind or describe(indenter_of(store.config))
 
 
 def _next_command(

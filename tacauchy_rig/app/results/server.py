@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from base64 import b64encode
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from functools import cache
 from hashlib import sha256
 from importlib import resources
@@ -20,7 +20,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from protocols.processes.page.access import AccessRule
 from reports.page.html import report_script
-from tacauchy_rig.app.results.comparison import charts_of, compare, in_words
+from tacauchy_rig.app.results.comparison import Row, charts_of, compare, differing, in_words
 from tacauchy_rig.app.results.runs import Health, ListedRun, find_runs
 from tacauchy_rig.app.twin.watch import watch_script
 from tacauchy_rig.core.store.run_files import MAX_BYTES
@@ -124,19 +124,21 @@ class ResultsServer:
 
     def _compare(self, request: Request) -> Response:
         runs = {run.name: run for run in self._runs() if not run.fault}
-        chosen = [runs.get(request.query_params.get(each, "")) for each in ("a", "b")]
-        one, other = chosen
-        rows, judged = [], None
+        asked = [runs.get(request.query_params.get(each, "")) for each in ("a", "b")]
+        one, other = chosen = _two(asked, list(runs.values()))
+        rows: list[Row] = []
+        differ: list[tuple[str, str, str]] = []
+        judged = None
         if one is not None and other is not None and one is not other:
-            rows = compare(one, other)
+            rows, differ = compare(one, other), differing(one, other)
             judged = self._health.of(*sorted((one, other), key=lambda run: run.created))
         return self._page(
             "compare.html.jinja",
             base="",
             runs=list(runs.values()),
             chosen=chosen,
-            preset=[each or run for each, run in zip(chosen, _last_two(runs), strict=True)],
             rows=rows,
+            differ=differ,
             judged=judged,
         )
 
@@ -172,10 +174,20 @@ class ResultsServer:
         return HTMLResponse(self._pages.get_template(template).render(**facts), headers=_OWN)
 
 
-def _last_two(runs: Mapping[str, ListedRun]) -> list[ListedRun | None]:
-    """Return the last run but one and the last, of runs with the newest first."""
-    newest = [*runs.values()][:2]
-    return [newest[-1], newest[0]] if newest else [None, None]
+def _two(asked: Sequence[ListedRun | None], runs: Sequence[ListedRun]) -> list[ListedRun | None]:
+    """Return the two runs that were asked for; what was not is the newest other one, like it first.
+
+    Args:
+        asked: None where it was not said.
+        runs: The newest first.
+    """
+    one, other = asked
+    if other is None:
+        other = next((run for run in runs if run is not one), None)
+    if one is None and other is not None:
+        rest = [run for run in runs if run is not other]
+        one = next((run for run in rest if run.alike == other.alike), rest[0] if rest else None)
+    return [one, other]
 
 
 def _inside(folder: Path, path: str) -> Path | None:

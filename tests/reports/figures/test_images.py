@@ -7,7 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from reports.comparison.results import ValidationReport
-from reports.figures.images import LEAST_LIMIT, difference_scale, luminance_difference
+from reports.figures.images import (
+    LEAST_LIMIT,
+    difference_scale,
+    draw_matrices,
+    luminance_difference,
+)
 from reports.page.writing import color_difference
 
 
@@ -39,3 +44,19 @@ def test_equal_images_have_a_scale_too(report: ValidationReport) -> None:
         for trial in report.evidence.trials
     )
     assert difference_scale(map(luminance_difference, trials)).vmax == LEAST_LIMIT
+
+
+def test_matrices_are_in_the_order_of_the_forces(report: ValidationReport) -> None:
+    """Whatever order presses were imported in; one without a force comes last."""
+    matrix = report.matrices[0]
+    shuffled = (3, 0, 5, 1, 4, 2)
+    mixed = replace(
+        matrix,
+        trials=tuple(matrix.trials[k] for k in shuffled),
+        forces_n=tuple(matrix.forces_n[k] for k in shuffled),
+        values=tuple(tuple(matrix.values[i][k] for k in shuffled) for i in shuffled),
+    )
+    drawn = [draw_matrices(replace(report, matrices=(m,))).axes[0] for m in (matrix, mixed)]
+    labels = [[label.get_text() for label in axes.get_yticklabels()] for axes in drawn]
+    assert labels[0] == labels[1] == sorted(labels[0])
+    np.testing.assert_array_equal(*(axes.images[0].get_array() for axes in drawn))

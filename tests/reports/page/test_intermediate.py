@@ -70,7 +70,7 @@ def write_beside(written: ReportPaths, report: ValidationReport, folder: Path) -
     """Write a report with the figures of one that is written, which take most of the time."""
     figures = json.loads(written.summary.read_text("utf-8"))["figures"]
 
-    def copied(_report: object, into: Path) -> Any:
+    def copied(_report: object, into: Path, *_: object) -> Any:
         shutil.copytree(written.figures, into)
         return figures
 
@@ -163,7 +163,7 @@ def test_the_page_stays_one_file_that_runs_nothing_else(risen: ReportPaths) -> N
     """No address but of pictures; only the script whose hash the page states may run."""
     page = risen.html.read_text("utf-8")
     assert all(
-        address.startswith(("data:image/png;base64,", "data:image/jpeg;base64,"))
+        address.startswith(("data:image/png;base64,", "data:image/jpeg;base64,", "#"))
         for address in re.findall(r'\b(?:src|href)="([^"]*)"', page)
     )
     (script,) = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
@@ -192,19 +192,20 @@ def test_a_replay_from_before_is_told_what_to_do(written: ReportPaths) -> None:
 
 
 def test_paper_cuts_nothing(many: ReportPaths, chromium: Any, tmp_path: Path) -> None:
-    """All states side by side, nothing wider than the sheet, nothing whole higher than it."""
+    """At most ten sheets, the states of the largest force on them; nothing wider or cut."""
     page = chromium.new_page(viewport={"width": A4_INSIDE_PX[0], "height": A4_INSIDE_PX[1]})
     page.goto(many.html.as_uri())
     page.emulate_media(media="print")
-    assert page.locator("#intermediate-1 .state:visible").count() == STATES
-    assert not page.is_visible("#intermediate-1 input")
+    assert page.locator("[data-printed] .state:visible").count() == STATES
+    assert page.locator(".intermediate:visible").count() == 1
+    assert not page.is_visible("[data-printed] input")
     assert page.evaluate("document.documentElement.scrollWidth") <= A4_INSIDE_PX[0]
     heights = page.evaluate(
         """() => [...document.querySelectorAll("main *")]
           .filter((each) => getComputedStyle(each).breakInside === "avoid")
           .map((each) => each.getBoundingClientRect().height)"""
     )
-    assert len(heights) > 20
+    assert len(heights) > 8
     assert max(heights) < A4_INSIDE_PX[1]
     headed = page.evaluate(
         """() => [...document.querySelectorAll("main table")].filter((each) => each.tHead
@@ -212,5 +213,5 @@ def test_paper_cuts_nothing(many: ReportPaths, chromium: Any, tmp_path: Path) ->
     )
     assert headed == 0
     pdf = page.pdf(path=tmp_path / "report.pdf", prefer_css_page_size=True)
-    assert 10 <= len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 60
+    assert 4 <= len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 10
     page.close()

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import camera_of
-from reports.page.html import number, plain, signed, words
+from reports.page.html import criterion_groups, number, plain, signed, words
 from reports.page.writing import ReportPaths, build_summary, junit_xml, metrics_csv, write_report
 from tacauchy_rig.core.errors import RecordError
 
@@ -76,14 +76,13 @@ def test_the_page_says_what_the_accuracy_cost(written: ReportPaths) -> None:
 
 
 def test_the_page_says_what_the_residual_is_made_of(written: ReportPaths) -> None:
-    """In a table, a figure, in words and in the summary: what pays most, and what is left."""
+    """In a table, in words and in the summary: what pays most, and what is left."""
     summary, page = read_strictly(written.summary), written.html.read_text("utf-8")
     assert summary["model"]["residual"]["shares"]["pose"] == 0.3
     table = page[page.index("Causes of the residual") :]
     assert re.search(r"Optics</th>.*<td>−6\.0</td>", table)
     assert "tilt towards x +0.57 deg" in table
     assert any("cause is pose with 30 %" in s and "to 16.7 %" in s for s in summary["reading"])
-    assert (written.figures / "residual.png").exists()
 
 
 def test_the_page_shows_no_code(written: ReportPaths) -> None:
@@ -126,7 +125,11 @@ def test_page_is_one_file_without_network(written: ReportPaths) -> None:
     finder = LinkFinder()
     finder.feed(page)
     assert finder.found
-    assert all(address.startswith("data:image/png;base64,") for address in finder.found)
+    inside = [address for address in finder.found if address.startswith("#")]
+    assert all(f'id="{address[1:]}"' in page for address in inside)
+    assert len(inside) > 4
+    others = set(finder.found) - set(inside)
+    assert all(address.startswith("data:image/png;base64,") for address in others)
     assert not finder.tags & {"script", "link", "iframe", "object"}
     assert "://" not in re.sub(r"data:image/png;base64,[A-Za-z0-9+/=]+", "", page)
     assert "@import" not in page
@@ -137,9 +140,12 @@ def test_page_says_verdict_first_and_marks_the_dry_run(written: ReportPaths) -> 
     """The mark and the verdict come before anything else; the mark repeats in print."""
     page = written.html.read_text("utf-8")
     body = page[page.index("<body>") :]
-    assert body.index("SIMULATED") < body.index("Passed: in all 6") < body.index("<img")
+    marks = (">SIMULATED", ">PASSED<", "In 6 presses", '<table class="stack', "<nav", "<img")
+    places = [body.index(mark) for mark in marks]
+    assert places == sorted(places)
+    assert places[-2] < body.index("Passed: in all 6") < places[-1]
     assert page.count("SIMULATED: emulated devices") == 2
-    assert page.count('<img src="data:image/png') == 18 + 10
+    assert page.count('<img src="data:image/png') == 18 + 4
 
 
 def test_what_was_emulated_is_not_called_real(
@@ -154,7 +160,7 @@ def test_what_was_emulated_is_not_called_real(
     page = incomplete_written.html.read_text("utf-8")
     assert "<th>Real</th>" in page
     assert "Emulated" not in page
-    assert "simulated and real images" in page
+    assert "Simulated contact pressure" not in page
 
 
 def test_images_are_the_cameras_whatever_the_arm_is() -> None:
@@ -167,8 +173,7 @@ def test_images_are_the_cameras_whatever_the_arm_is() -> None:
 def test_figures_are_vector_pdf_with_embedded_fonts_and_png(written: ReportPaths) -> None:
     """Each figure is there twice; its PDF embeds TrueType fonts and no Type 3."""
     names = [f["name"] for f in read_strictly(written.summary)["figures"]]
-    assert names[:3] == ["images", "similarities", "errors"]
-    assert len(names) == 11
+    assert names == ["images", "scores", "wrong-force", "time", "force-depth"]
     for name in names:
         pdf = (written.figures / f"{name}.pdf").read_bytes()
         assert pdf.startswith(b"%PDF")
@@ -236,3 +241,27 @@ def test_numbers_are_written_for_people() -> None:
     assert words("scale_x_m_px") == "scale x (m/px)"
     assert words("force_rate_hz") == "force rate (Hz)"
     assert words("control_loop_ms_p99") == "control loop p99 (ms)"
+
+
+def test_advice_is_given_once_for_all_presses_that_need_it() -> None:
+    """Presses are in the order of their forces; what an import does not tell needs no advice."""
+
+    def trial(index: int, force_n: float, measured: float | None) -> dict[str, Any]:
+        criterion = {
+            "name": "contact_residual",
+            "passed": False,
+            "measured": measured,
+            "limit": f"trials/{index:02d}/attempt-1/x at most 0.25",
+            "unit": "",
+            "remedy": f"image {index} fits as well",
+        }
+        found = {"index": index, "force_target_n": force_n, "outcome": "imported"}
+        return found | {"criteria": [criterion]}
+
+    trials = [trial(1, 3.0, 0.3), trial(2, 1.0, 0.9), trial(3, 2.0, None)]
+    (group,) = criterion_groups({"imported": True, "criteria": [], "trials": trials})
+    assert [(a["text"], len(a["where"])) for a in group["advice"]] == [("image 2 fits as well", 2)]
+    assert [where.split()[0] for where in group["advice"][0]["where"]] == ["1.00", "3.00"]
+    assert (group["met"], group["known"], group["count"]) == (0, 2, 3)
+    assert group["worst"]["measured"] == 0.9
+    assert group["limit"] == "x at most 0.25"

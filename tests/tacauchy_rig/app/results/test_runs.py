@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tacauchy_rig.app.results.runs import find_runs, folder_of_runs
+from tacauchy_rig.app.results.comparison import differing
+from tacauchy_rig.app.results.runs import ListedRun, find_runs, folder_of_runs
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.store.run_store import RunStore
@@ -49,3 +50,26 @@ def test_presses_of_a_sensor_that_was_wrong_afterwards_are_not_counted(tmp_path:
     (found,) = find_runs(tmp_path)
     assert (found.passed_count, found.forces_n) == (0, None)
     assert found.next_command.startswith("tacauchy-rig resume")
+
+
+def listed(name: str, *met: bool) -> ListedRun:
+    """Return a run whose presses met one criterion or did not, and all met another."""
+    trials = [
+        {
+            "index": k,
+            "criteria": [
+                {"name": "force_margin", "passed": passed},
+                {"name": "press", "passed": True},
+            ],
+        }
+        for k, passed in enumerate(met, 1)
+    ]
+    return ListedRun(name=name, folder=Path(name), summary={"trials": trials, "criteria": "?"})
+
+
+def test_criteria_that_differ_are_named() -> None:
+    """With in how many presses each was met; what both met is left out."""
+    assert differing(listed("a", True, True), listed("b", True, False)) == [
+        ("force margin", "met in 2 of 2", "met in 1 of 2")
+    ]
+    assert differing(listed("a", True), listed("b", True, True)) == []

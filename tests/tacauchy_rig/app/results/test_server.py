@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,15 @@ def test_two_runs_are_compared_against_their_deviations(client: Client) -> None:
     assert "modulus, of the stated one" in page
     assert "+3.5" in page
     assert "replace the gel" in page
+
+
+@pytest.mark.parametrize("asked", ["", f"?a={SECOND}", f"?b={FIRST}", f"?a={FIRST}"])
+def test_a_comparison_starts_with_two_different_runs(client: Client, asked: str) -> None:
+    """What is not asked for is another run than what is."""
+    page = client.get(f"compare{asked}").text
+    chosen = re.findall(r'value="([^"]+)" selected', page)
+    assert len(set(chosen)) == 2
+    assert "What their reports say" in page
 
 
 def test_health_follows_a_sensor_with_the_limits_of_check_press(client: Client) -> None:
