@@ -272,14 +272,14 @@ def headline_of(
 
 def worst_of(criteria: Sequence[Criterion]) -> Criterion:
     """Return the case of one criterion that is furthest off; one that has no value comes first."""
+    return max(criteria, key=lambda criterion: badness(criterion.name, criterion.measured))
 
-    def badness(criterion: Criterion) -> float:
-        value = criterion.measured
-        if math.isnan(value):
-            return math.inf
-        return -value if criterion.name == MARGIN else abs(value)
 
-    return max(criteria, key=badness)
+def badness(name: str, measured: float | None) -> float:
+    """Return how far off a case of a criterion is; infinite where nothing is known of it."""
+    if measured is None or math.isnan(measured):
+        return math.inf
+    return -measured if name == MARGIN else abs(measured)
 
 
 def _row(criteria: Sequence[Criterion]) -> HeadlineRow:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
@@ -25,7 +27,7 @@ from tacauchy_rig.core.figure_style import (
 )
 
 SIMILARITIES = {Metric.SSIM: BLUE, Metric.NCC: GREEN, Metric.HISTOGRAM_CORRELATION: ORANGE}
-LINES = {
+LINES: dict[str, dict[str, Any]] = {
     "Simulated": {"color": BLUE, "marker": "o", "markersize": 3},
     "No contact": {"color": INK, "marker": "_", "ls": "none", "markersize": 7},
     "Best wrong force": {"color": ORANGE, "marker": "x", "ls": "none", "markersize": 3.5},
@@ -55,24 +57,24 @@ def draw_scores(report: ValidationReport) -> Figure:
     _draw_panel(contact[1], trials, "Residual in the contact", residuals)
     for axes, name in zip((radar, *panels, *contact), "abcdefgh", strict=True):
         letter(axes, f"({name})")
-    handles = {}
+    handles: dict[str, Artist] = {}
     for axes in (*panels, *contact):
-        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+        drawn, names = axes.get_legend_handles_labels()
+        handles |= dict(zip(names, drawn, strict=True))
     ordered = [name for name in LINES if name in handles]
-    figure.legend([handles[name] for name in ordered], ordered, loc="outside lower center", ncols=5)
+    lines = [handles[name] for name in ordered]
+    figure.legend(lines, ordered, loc="outside lower center", ncols=len(ordered) or 1)
     return figure
 
 
 def _of_frame(trials: Sequence[TrialResult], metric: Metric) -> dict[str, list[float]]:
-    def values(scores: Callable[[TrialResult], ImageScores | None]) -> list[float]:
-        return [_finite(scores(trial), metric) for trial in trials]
-
-    return {
-        "Simulated": values(lambda t: t.metrics),
-        "No contact": values(lambda t: t.floors and t.floors.no_contact),
-        "Best wrong force": values(lambda t: t.floors and t.floors.wrong_force),
-        "Ceiling": values(lambda t: t.ceiling and t.ceiling.scores),
+    found: dict[str, list[ImageScores | None]] = {
+        "Simulated": [t.metrics for t in trials],
+        "No contact": [t.floors.no_contact if t.floors else None for t in trials],
+        "Best wrong force": [t.floors.wrong_force if t.floors else None for t in trials],
+        "Ceiling": [t.ceiling.scores if t.ceiling else None for t in trials],
     }
+    return {name: [_finite(scores, metric) for scores in each] for name, each in found.items()}
 
 
 def _of_contact(trials: Sequence[TrialResult], name: str) -> dict[str, list[float]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
@@ -24,6 +23,7 @@ from reports.comparison.criteria import (
     OFFSET,
     PREDICTION,
     RESIDUAL,
+    badness,
 )
 from reports.comparison.sentences import MINUS
 from reports.evidence.evidence import IntermediateState, RunEvidence, TrialEvidence, camera_of
@@ -370,7 +370,9 @@ def _group(
 ) -> dict[str, Any]:
     known = [(where, c) for where, c in cases if not is_unknown(c, summary)]
     missed = [(where, c) for where, c in known if not c["passed"]]
-    worst = max((c for _, c in missed or known or cases), key=_badness)
+    worst = max(
+        (c for _, c in missed or known or cases), key=lambda c: badness(c["name"], c["measured"])
+    )
     advice: dict[str, dict[str, Any]] = {}
     for where, criterion in missed:
         alike = _NUMBER.sub("", criterion["remedy"])  # numbers are of the press
@@ -387,13 +389,6 @@ def _group(
         "advice": list(advice.values()),
         "counts": name in (*COUNTS, *COUNTS_OF_RUN),
     }
-
-
-def _badness(criterion: Mapping[str, Any]) -> float:
-    value = criterion["measured"]
-    if value is None:
-        return math.inf
-    return -value if criterion["name"] == MARGIN else abs(value)
 
 
 def words(name: str) -> str:
