@@ -68,11 +68,8 @@ _SCENE = Scene(
 )
 
 _EXACT = Configuration(name="exact", preset=Preset.FAST)
-
 _COARSE = Configuration(name="coarse", preset=Preset.FAST, refinement=1.0 / 1.5)
-
 _COARSEST = replace(_COARSE, name="coarsest", refinement=1.5**-2)
-
 _LINEAR = Configuration(name="P1", preset=Preset.FAST, element=ElementOrder.P1)
 
 

@@ -11,13 +11,15 @@ from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene, Target
-from sim.studies.effects.check import (
+from sim.studies.effects.drawn import described, drawn_scene
+from sim.studies.effects.study import (
     EFFECT_CASES,
     EffectCase,
+    _read,
     check_effects,
+    kept_by_output,
+    time_saved,
 )
-from sim.studies.effects.drawn import described, drawn_scene
-from sim.studies.effects.study import _read, kept_by_output, time_saved
 from tacauchy_rig.core.store.codec import to_plain
 
 SMALL = Scene(

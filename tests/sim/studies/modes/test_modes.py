@@ -31,7 +31,6 @@ from sim.studies.modes.runs import (
 )
 
 BALL = Sphere(diameter_m=10e-3)
-
 DEPTH_M = 0.3e-3
 
 
@@ -136,9 +135,7 @@ def test_a_load_is_met_and_gives_the_same_depth() -> None:
 
 
 SIZE, HEIGHT = 8e-3, 3e-3
-
 SOFT, HARD = Material(young_pa=1e5, poisson=0.4), Material(young_pa=4e5, poisson=0.4)
-
 SCENE = Scene(
     pad=BoxPad(size_x_m=SIZE, size_y_m=SIZE, height_m=HEIGHT),
     material=HARD,

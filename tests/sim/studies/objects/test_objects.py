@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.studies.objects.figures import draw_objects
 from sim.studies.objects.shapes import OBJECTS
+from sim.studies.objects.study import draw_objects
 from tests.sim.made_up_presses import object_presses
 
 SIZES_MM = {

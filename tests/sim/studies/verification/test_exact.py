@@ -94,11 +94,8 @@ def test_pressures_carry_the_force() -> None:
 
 # Rings of a contact of radius 1, closer towards its edge, and their areas; p0 and F are 1 too.
 _TURNS = 0.5 * math.pi * (np.arange(20_000) + 0.5) / 20_000
-
 RADII = np.sin(_TURNS)
-
 RINGS = 2.0 * math.pi * RADII * np.cos(_TURNS) * 0.5 * math.pi / len(_TURNS)
-
 MU = 0.4
 
 
