@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from reports.comparison.criteria import headline_of, worst_of
 from reports.comparison.results import RunStatistics, TrialResult
 from reports.evidence.evidence import RunEvidence
-from reports.scores.floors import CONTACT_RESIDUAL, CeilingKind, SkillStatus, WrongForceMatrix
+from reports.scores.floors import CeilingKind, SkillStatus, WrongForceMatrix
 from reports.scores.metrics import Metric
 from reports.scores.residual_split import UNMENDABLE
 from tacauchy_rig.core.page import sentences
@@ -142,13 +142,11 @@ def read_scores(
         unmendable=UNMENDABLE,
         statistics=statistics,
         losing=[m.label for m in Metric if _loses(statistics, m)],
-        always_right=[m.label for m, (right, count) in judged.items() if right == count],
         sometimes_wrong=[
             f"{m.label} (right in {right} of {count} trials)"
             for m, (right, count) in judged.items()
             if right < count
         ],
-        residual_wins=won.get(CONTACT_RESIDUAL),
         hidden=[str(t.index) for t in trials if t.metrics is not None and t.contact is None],
         ceiling_is_noise=any(t.ceiling and t.ceiling.kind is CeilingKind.NOISE for t in trials),
         above_ceiling=_with_status(trials, SkillStatus.ABOVE_CEILING),

@@ -146,8 +146,8 @@ def render_html(
         "pressure_bar": gradient(PRESSURE_COLORS),
         "ordered": (trials := ordered(summary["trials"])),
         "some": spread(trials, MAX_COLUMNS),
-        "overview": list(overview(summary)),
-        "groups": criterion_groups(summary),
+        "groups": (groups := criterion_groups(summary)),
+        "overview": list(overview(summary, groups)),
     }
     environment.filters |= {"at": at, "mean_at": mean_at, "skill_of": skill_of}
     return environment.get_template("report.html.jinja").render(summary=summary)
@@ -270,11 +270,18 @@ def skill_of(trials: Sequence[Mapping[str, Any]], metric: str) -> str:
     return ", ".join(parts) or ABSENT
 
 
-def overview(summary: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def overview(
+    summary: Mapping[str, Any], groups: Sequence[Mapping[str, Any]]
+) -> Iterator[dict[str, Any]]:
     """Yield the rows of the first table: what counts, the floor of each, and what is required."""
     statistics, limits = summary["statistics"], summary["thresholds"]
     metrics, floors = statistics["metrics"], statistics["no_contact"]
-    rows = {row["name"]: row for row in summary["headline"]}
+    known = {group["name"]: group for group in groups}
+    rows = {
+        row["name"]: {"of": group["known"] + row["trials"] - group["count"], **group}
+        for row in summary["headline"]
+        if (group := known.get(row["name"]))
+    }
     if metrics["ssim"]["mean"] is not None or floors["ssim"]["mean"] is not None:
         yield {
             "name": "SSIM of the whole frame",
@@ -286,14 +293,14 @@ def overview(summary: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         yield _judged(row) | {
             "name": "Residual in the contact: share of the image change left unexplained",
             "mean": interval(statistics["contact_relative_residual"], 3),
-            "worst": number(row["worst"]),
+            "worst": number(row["worst"]["measured"]),
             "floor": "1",
             "required": f"at most {limits['max_contact_residual']:g}",
         }
     if row := rows.get(MARGIN):
         yield _judged(row) | {
             "name": "Margin of the correct force over wrong forces and no contact",
-            "worst": number(row["worst"], 1, unit=" times the scatter"),
+            "worst": number(row["worst"]["measured"], 1, unit=" times the scatter"),
             "required": f"at least {limits['min_force_margin']:g} times the scatter",
         }
     if row := rows.get(PREDICTION):
@@ -301,18 +308,18 @@ def overview(summary: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
             "name": "Error of the force predicted at the measured depth (%)",
             "mean": interval(statistics["prediction_error_relative"], 1, 100.0),
             "worst": _worst_prediction(summary["trials"]),
-            "required": f"at most {limits['coverage_factor']:g} standard uncertainties",
+            "required": f"at most {limits['coverage_factor']:g} standard uncertainties (±: 2)",
         }
     if row := rows.get(OFFSET):
         yield _judged(row) | {
             "name": "Distance between simulated and seen contact (mm)",
-            "worst": number(row["worst"]),
+            "worst": number(row["worst"]["measured"]),
             "required": f"at most {1e3 * limits['max_contact_offset_m']:g}",
         }
     if row := rows.get(MODULUS):
         yield _judged(row) | {
             "name": "Fitted over nominal modulus",
-            "mean": number(row["worst"]),
+            "mean": number(row["worst"]["measured"]),
             "required": row["limit"],
         }
     matched = [abs(m) for t in summary["trials"] if (m := t["force_mismatch_n"]) is not None]
@@ -324,8 +331,10 @@ def overview(summary: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
         }
 
 
-def _judged(row: Mapping[str, Any]) -> dict[str, Any]:
-    return {"met": f"{row['met']} of {row['trials']}", "good": row["met"] == row["trials"]}
+def _judged(group: Mapping[str, Any]) -> dict[str, Any]:
+    if not group["known"]:
+        return {"met": "not known"}
+    return {"met": f"{group['met']} of {group['of']}", "good": group["met"] == group["of"]}
 
 
 def _worst_prediction(trials: Sequence[Mapping[str, Any]]) -> str:
