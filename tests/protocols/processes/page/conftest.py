@@ -15,6 +15,7 @@ from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.protocols.conftest import BRISK, MOCKS
 
+ONE = 'protocol.force_targets=["1.2 N"]'
 WAIT_S = 60.0
 OUTLINE = ContactOutline(
     image_size_px=(640, 480),
@@ -80,7 +81,7 @@ def running(folder, *overrides):
 @pytest.fixture
 def session(tmp_path):
     """One trial."""
-    with running(tmp_path, 'protocol.force_targets=["1.2 N"]') as made:
+    with running(tmp_path, ONE) as made:
         yield made
 
 

@@ -13,7 +13,7 @@ from protocols.processes.messages import Job, PageOptions
 from protocols.processes.supervisor import plan_session
 from protocols.processes.viewing import CONTROL_ENDED, Viewing
 from tacauchy_rig.core.run import JournalEvent, Outcome
-from tests.protocols.processes.page.conftest import running
+from tests.protocols.processes.page.conftest import ONE, running
 
 HEADED = "words => document.getElementById('phase').textContent === words"
 STALE = "document.querySelector('#image-card .stale')"
@@ -84,17 +84,19 @@ def test_a_stop_halts_the_arm(session, tab):
 
 
 @pytest.mark.slow
-def test_a_stop_works_while_the_page_is_throttled(session, tab):
+def test_a_stop_works_while_the_page_is_throttled(tmp_path, tab):
     """A line of 2 kB/s, on which the events come late: the space bar is not queued behind them."""
-    page = tab(session.address)
-    wire = page.context.new_cdp_session(page)
-    wire.send(
-        "Network.emulateNetworkConditions",
-        {"offline": False, "latency": 50, "downloadThroughput": 2000, "uploadThroughput": 2000},
-    )
-    session.wait_for("phase", phase="press")
-    page.keyboard.press("Space")
-    assert session.end().outcome is Outcome.ABORTED
+    # Held long enough for a busy computer to deliver the key.
+    with running(tmp_path, ONE, 'protocol.dwell_duration="10 s"') as session:
+        page = tab(session.address)
+        wire = page.context.new_cdp_session(page)
+        wire.send(
+            "Network.emulateNetworkConditions",
+            {"offline": False, "latency": 50, "downloadThroughput": 2000, "uploadThroughput": 2000},
+        )
+        session.wait_for("phase", phase="press")
+        page.keyboard.press("Space")
+        assert session.end().outcome is Outcome.ABORTED
 
 
 @pytest.mark.slow
@@ -113,18 +115,20 @@ def test_a_frozen_camera_is_marked_within_a_second(tmp_path, tab):
 
 
 @pytest.mark.slow
-def test_a_killed_server_costs_the_run_nothing(session, tab):
+def test_a_killed_server_costs_the_run_nothing(tmp_path, tab):
     """It is started again at the same address, the browser finds it, and the trial passes."""
-    page = tab(session.address)
-    pid = session.wait_for("run-start")["pids"]["page"]
-    session.wait_for("phase", phase="home")
-    os.kill(pid, signal.SIGKILL)
-    told = session.wait_for("process-died", process="page")["how"]
-    assert "started again" in told
-    wait_until_it_moves(page)
-    result = session.end()
-    assert (result.outcome, result.died) == (Outcome.PASSED, {})
-    assert result.records[0].rates["force_lost_count"] == 0
+    # Held long enough for another server to start on a busy computer.
+    with running(tmp_path, ONE, 'protocol.dwell_duration="5 s"') as session:
+        page = tab(session.address)
+        pid = session.wait_for("run-start")["pids"]["page"]
+        session.wait_for("phase", phase="home")
+        os.kill(pid, signal.SIGKILL)
+        told = session.wait_for("process-died", process="page")["how"]
+        assert "started again" in told
+        wait_until_it_moves(page)
+        result = session.end()
+        assert (result.outcome, result.died) == (Outcome.PASSED, {})
+        assert result.records[0].rates["force_lost_count"] == 0
 
 
 @pytest.mark.slow
