@@ -108,19 +108,6 @@ class IntermediateState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PressureProfile:
-    """Contact pressure [Pa] along x and y, each of shape [n].
-
-    Attributes:
-        along_m: Distance from the tip [m].
-    """
-
-    along_m: FloatArray
-    on_x_pa: FloatArray
-    on_y_pa: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class StreamTiming:
     """When the samples of one stream arrived, measured from the recording.
 
@@ -190,7 +177,6 @@ class TrialEvidence:
         dwell_s: Start and end of the window that counts, on the curves' time axis [s].
         checks: What files, hashes and raw samples of the attempt say of ``record``.
         force_depth_simulated: Of the simulator with the modulus that is stated.
-        pressure: Simulated contact pressure.
         intermediate: Equilibria up to its force, ascending; empty where no replay kept them.
         place_known: It is known where on the pad was pressed; not so of many that are imported.
         kind: Equal for presses of one indenter at one place, whose simulated images and forces are
@@ -210,7 +196,6 @@ class TrialEvidence:
     force_depth_simulated: ForceDepthCurve | None = None
     streams: tuple[StreamTiming, ...] = ()
     place_known: bool = True
-    pressure: PressureProfile | None = None
     intermediate: tuple[IntermediateState, ...] = ()
     kind: int = 0
 

@@ -20,7 +20,7 @@ from reports.evidence.evidence import (
     TrialEvidence,
     TrueDwell,
 )
-from reports.evidence.replayed import intermediate_states, pressure_profile
+from reports.evidence.replayed import intermediate_states
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import ReportSection, RigConfig
 from tacauchy_rig.core.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
@@ -267,7 +267,6 @@ def _simulated(
         else:
             seen[trial.index] = {
                 "simulated_image": kept.image,
-                "pressure": pressure_profile(kept.fields),
                 "intermediate": intermediate_states(kept.passed, run.attempt(trial.index)),
             }
     return seen, damaged

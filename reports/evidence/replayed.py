@@ -1,4 +1,4 @@
-"""What a replay keeps of a press: contact pressure, and intermediate states with camera frames."""
+"""What a replay keeps of a press: pressure, shear, and intermediate states with camera frames."""
 
 from __future__ import annotations
 
@@ -11,28 +11,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
 from reports.evidence.attempt import AttemptReading, crop_and_resize, decode_frame
-from reports.evidence.evidence import Curve, IntermediateFrame, IntermediateState, PressureProfile
+from reports.evidence.evidence import Curve, IntermediateFrame, IntermediateState
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
-
-_POINTS = 401
-_REACH = 1.3
-"""Of the contact's radius, to either side."""
-
-
-def pressure_profile(fields: Mapping[str, NDArray[Any]]) -> PressureProfile | None:
-    """Return the profiles of a replayed trial's arrays; None where they have no pressure."""
-    if not {"node_m", "contact_pressure_pa", "indenter_tip_m"} <= fields.keys():
-        return None
-    places = fields["node_m"][:, :2] - fields["indenter_tip_m"][:2]
-    pressure = fields["contact_pressure_pa"]
-    touched = places[pressure > 0.0]
-    if len(touched) == 0:
-        return None
-    reach_m = _REACH * float(np.linalg.norm(touched, axis=1).max())
-    along = np.linspace(-reach_m, reach_m, _POINTS)
-    at = LinearNDInterpolator(places, pressure, fill_value=0.0)
-    none = np.zeros_like(along)
-    return PressureProfile(along_m=along, on_x_pa=at(along, none), on_y_pa=at(none, along))
 
 
 def pressure_at(

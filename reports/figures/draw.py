@@ -10,13 +10,13 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from reports.comparison.results import ValidationReport
-from reports.figures.forces import draw_force_depth, draw_pressure, draw_time_curves
+from reports.figures.forces import draw_force_depth, draw_time_curves
 from reports.figures.images import LINEAR_LEVELS, draw_images, draw_matrices
 from reports.figures.scores import draw_scores
 from tacauchy_rig.core.figure_style import STYLE, save_figure
 from tacauchy_rig.core.page import prose
 
-THEIRS = ("images", "scores", "pressure")
+THEIRS = ("images", "scores")
 """Drawn in the other process, if there is one: half of the time that all take."""
 
 
@@ -72,5 +72,3 @@ def _figures(report: ValidationReport) -> Iterator[tuple[str, Callable[..., Figu
     if any(t.force_curve is not None for t in recorded):
         yield "time", draw_time_curves
         yield "force-depth", draw_force_depth
-    if any(t.pressure is not None for t in recorded):
-        yield "pressure", draw_pressure

@@ -160,7 +160,7 @@ def test_what_was_emulated_is_not_called_real(
     page = incomplete_written.html.read_text("utf-8")
     assert "<th>Real</th>" in page
     assert "Emulated" not in page
-    assert "Simulated contact pressure" not in page
+    assert "Score of every real press" not in emulated
 
 
 def test_images_are_the_cameras_whatever_the_arm_is() -> None:
