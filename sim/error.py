@@ -350,12 +350,17 @@ def keeping_corrected(scene: Scene, tolerance: Tolerance) -> Scene:
     Raises:
         ConfigError: No settings keep it.
     """
+    return corrected_scene(scene, tolerance) or keeping(scene, tolerance)
+
+
+def corrected_scene(scene: Scene, tolerance: Tolerance) -> Scene | None:
+    """Return a scene with the cheapest settings whose bias is known and keeps a tolerance."""
     settings = list(corrected_settings(scene).values())
     allowed = _allowed(settings[0][0], tolerance) if settings else 0.0
     for candidate, own, _ in settings:
         if own <= allowed:
             return replace(candidate, tolerance=allowed - own)
-    return keeping(scene, tolerance)
+    return None
 
 
 def _allowed(scene: Scene, tolerance: Tolerance) -> float:

@@ -12,8 +12,10 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from sim.correction import correction
 from sim.effects.coarse import CoarsePath
 from sim.effects.effect_plan import EffectPlan
+from sim.effects.end_state import end_state
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
@@ -22,6 +24,7 @@ from sim.error import (
     Tolerance,
     alternatives,
     coarse_reference,
+    corrected_scene,
     estimate_from,
     estimated,
     failed,
@@ -50,6 +53,8 @@ History = tuple[tuple[float, float], ...]
 """(depth [m], F_z [N])."""
 # Of a force: so much at least is left to be pushed.
 _FORCE_LEFT_SHARE = 1e-3
+# Less is first touch [N]: the depth of a gel there is nanometres.
+_NO_FORCE_N = 1e-5
 _PATH_DEPENDENT = (Effect.GRAVITY, Effect.INERTIA, Effect.VISCOELASTICITY)
 
 
@@ -185,6 +190,7 @@ def replay_forces(
     name: str = "force-matched",
     reference: ReferencePath | None = None,
     stiffer: float = 1.0,
+    depths_from_n: float | None = None,
     time_limit_s: float | None = None,
 ) -> tuple[Replay, list[TrialFields]]:
     """Press until F_z agrees with each measured force, the smallest first, on one path.
@@ -202,6 +208,8 @@ def replay_forces(
         reference: Another gel's loading path to these forces: where it is usable, each force is
             reached from its states.
         stiffer: How many times as stiff as that gel this one is.
+        depths_from_n: Press to depths [m] in place of forces, which count from where the gel
+            carries this force [N]; 0 is first touch.
         time_limit_s: How long one press may take [s].
 
     Returns:
@@ -223,6 +231,9 @@ def replay_forces(
     else:
         path = reference.path.stiffer(stiffer)
         passed = IntermediateStates(reference.path, largest_n, stiffer=stiffer)
+    touch = 0.0
+    if depths_from_n and depths_from_n > _NO_FORCE_N:
+        touch = path.push(depths_from_n).depth_m
     errors, last_n = _StatedErrors(scene, plan), 0.0
     trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
     for position in sorted(range(len(forces_n)), key=lambda k: forces_n[k]):
@@ -231,25 +242,25 @@ def replay_forces(
             passed = IntermediateStates(path, forces_n[position])
         force_n, solving = forces_n[position], time.perf_counter()
         with time_limit(time_limit_s):
-            if reference is None:
+            if depths_from_n is not None:
+                match = _deepened(scene, plan, path, touch + force_n)
+                passed = IntermediateStates(path, float(match.point.force_n[2]))
+            elif reference is None:
                 match = _met(scene, plan, path, force_n)
             else:
                 match = reference.continue_to(path, force_n, stiffer=stiffer, above_n=last_n)
             solve_s, last_n = time.perf_counter() - solving, force_n
             done, fields = _trial(scene, plan, path, errors, (position, force_n), match, solve_s)
+            if depths_from_n is not None:
+                done = replace(done, depth_simulated_m=done.depth_simulated_m - touch)
         states = (*passed.before(done.force_simulated_n), intermediate_state(path, match.point))
         trials[position] = done, replace(fields, intermediate=states)
         say(done.index, f"{done.force_simulated_n:.3f} N at {done.depth_simulated_m * 1e3:.3f} mm")
     ordered = [trials[position] for position in range(len(forces_n))]
     replayed = tuple(trial for trial, _ in ordered)
     wall_s = time.perf_counter() - started + (0.0 if reference is None else reference.took_s)
-    replay = Replay(
-        name=name,
-        trials=replayed,
-        model=_replay_model(scene, plan, path, replayed, tolerance, wall_s),
-        versions=installed("warp-lang", "numpy", "scipy", "pypardiso", "pytetwild"),
-    )
-    return replay, [fields for _, fields in ordered]
+    model = _replay_model(scene, plan, path, replayed, tolerance, wall_s)
+    return _replay(name, replayed, model), [fields for _, fields in ordered]
 
 
 class _StatedErrors:
@@ -276,6 +287,79 @@ class _StatedErrors:
             self._coarser = error
             return failed(error)
         return estimate_from(self._scene, self._plan, outputs_of(path, point), coarse)
+
+
+def replay_alone(
+    scene: Scene,
+    *,
+    tolerance: Tolerance,
+    name: str = "force-matched",
+    time_limit_s: float | None = None,
+) -> tuple[Replay, TrialFields] | None:
+    """Press once to a scene's force or depth, on the cheapest mesh whose bias is known.
+
+    The depth, or the force at a given depth, is corrected for that bias; fields and surface are the
+    mesh's own. None where no bias is known that leaves the tolerance.
+
+    Raises:
+        ConvergenceError: It cannot be reached.
+        TimeLimitError: It takes longer than it may.
+    """
+    cheapest = corrected_scene(scene, tolerance)
+    if cheapest is None:
+        return None
+    scene, started = cheapest, time.perf_counter()
+    with time_limit(time_limit_s):
+        plan = plan_effects(scene)
+        end = end_state(scene, plan, keeps_all=True)
+        corrected = correction(scene, plan, outputs_of(end.path, end.point), end.way)
+        if corrected is None or end.way_path is None:
+            return None
+        solve_s, solved = time.perf_counter() - started, time.perf_counter()
+        fields = trial_fields(end.path, end.point)
+        wall = {"solve_s": solve_s, "fields_s": time.perf_counter() - solved, "estimate_s": 0.0}
+        result = measure(scene, end.path, end.point, plan=plan, wall_s=wall, corrected=corrected)
+    force_n, depth_m = corrected.force_n, corrected.depth_m
+    way = end.way_path.history
+    raised = force_n / way[-1][1], depth_m / way[-1][0]
+    history = *((raised[1] * d, raised[0] * f) for d, f in way[:-1]), (depth_m, force_n)
+    share = 1.0
+    if scene.target.force_n is not None:
+        share = max(1.0, end.point.stiffness_n_m * depth_m / force_n)
+    trial = ReplayTrial(
+        index=1,
+        force_measured_n=force_n,
+        force_simulated_n=force_n,
+        depth_simulated_m=depth_m,
+        force_error_estimate=share * corrected.error_relative,
+        force_error_basis=corrected.basis,
+        newton_iterations=result.newton_iterations,
+        search_iterations=len(history),
+        wall_s=result.wall_s,
+        balance_relative=result.force_balance_relative,
+        gap_min_m=result.gap_min_m,
+        min_jacobian=result.min_jacobian,
+        force_history=history,
+    )
+    states = IntermediateStates(end.way_path, force_n).before(force_n)
+    fields = replace(fields, intermediate=(*states, intermediate_state(end.path, end.point)))
+    wall_s = time.perf_counter() - started
+    model = _replay_model(scene, plan, end.path, [trial], tolerance, wall_s)
+    return _replay(name, [trial], model), fields
+
+
+def _replay(name: str, trials: Sequence[ReplayTrial], model: ReplayModel) -> Replay:
+    versions = installed("warp-lang", "numpy", "scipy", "pypardiso", "pytetwild")
+    return Replay(name=name, trials=tuple(trials), model=model, versions=versions)
+
+
+def _deepened(scene: Scene, plan: EffectPlan, path: LoadingPath, depth_m: float) -> ForceMatch:
+    """Go on to a depth [m]; a gel that relaxes takes the scene's time."""
+    spent, known = path.counts.newton_iterations, len(path.history)
+    relaxes = plan.is_on(Effect.VISCOELASTICITY)
+    point = path.advance(depth_m, duration_s=scene.duration_s if relaxes else None)
+    spent = path.counts.newton_iterations - spent
+    return ForceMatch(point=point, history=tuple(path.history[known:]), newton_iterations=spent)
 
 
 def _met(scene: Scene, plan: EffectPlan, path: LoadingPath, force_n: float) -> ForceMatch:

@@ -42,11 +42,13 @@ class EndState:
         path: On the scene's own mesh.
         way: What the mesh of the way gives at the same depth or force; None where the scene's own
             mesh was the way's.
+        way_path: The path on that mesh; with all its states if they are kept.
     """
 
     path: LoadingPath
     point: PathPoint
     way: PressOutputs | None = None
+    way_path: LoadingPath | None = None
 
 
 def has_own_way(scene: Scene, plan: EffectPlan) -> bool:
@@ -73,22 +75,24 @@ def end_state(
     model: Model | None = None,
     options: SolverOptions | None = None,
     device: str = "cpu",
+    keeps_all: bool = False,
 ) -> EndState:
     """Take a scene's indenter to its end.
 
     Args:
         model: Of the scene's own mesh; None makes it.
         options: How closely forces are to balance; None is the scene's choice.
+        keeps_all: Keep every equilibrium on the way.
 
     Raises:
         ConvergenceError: No equilibrium, or the force cannot be reached.
         ConfigError: The scene cannot be built.
     """
-    path = path_for(scene, plan, model=model, device=device)
+    path = path_for(scene, plan, model=model, device=device, keeps_all=keeps_all)
     path.options = options or path.options
     if not has_own_way(scene, plan):
         return EndState(path=path, point=follow(scene, path))
-    coarse = path_for(way_of(scene), plan, device=device)
+    coarse = path_for(way_of(scene), plan, device=device, keeps_all=keeps_all)
     try:
         last = follow(way_of(scene), coarse)
         point = carried_over(scene, coarse, last, path)
@@ -96,7 +100,7 @@ def end_state(
         return EndState(path=path, point=follow(scene, path))
     path.counts.newton_iterations += coarse.counts.newton_iterations
     path.counts.wall_s += coarse.counts.wall_s
-    return EndState(path=path, point=point, way=outputs_of(coarse, last))
+    return EndState(path=path, point=point, way=outputs_of(coarse, last), way_path=coarse)
 
 
 def carried_over(

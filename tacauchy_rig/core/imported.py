@@ -19,6 +19,7 @@ class ImportedTrial:
         streams: Those of ``force``, ``image`` and ``arm`` that its recording has.
         contact_px: Column, row and radius of the contact's edge as somebody drew it into the
             image, in its own pixels [px]; None where nobody did.
+        image: What the source calls its last image; empty where it has none.
     """
 
     index: int
@@ -27,6 +28,7 @@ class ImportedTrial:
     indenter: str = ""
     streams: tuple[str, ...] = ()
     contact_px: tuple[float, float, float] | None = None
+    image: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

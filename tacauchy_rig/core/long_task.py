@@ -7,6 +7,7 @@ is left. Both hold for the thread that began them.
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -106,3 +107,45 @@ def told(say: Callable[[str], None], *, silent_s: float = _SILENT_S) -> Iterator
         over.set()
         teller.join()
         _steps.reset(token)
+
+
+class Remaining:
+    """How long a work may still take, by what its parts are expected to cost.
+
+    Args:
+        total_s: Processor time that all of it is expected to need [s].
+        jobs: Processes that share it.
+    """
+
+    # Until so much [s] is done, what other programs leave of the processors counts, too.
+    _TRUSTED_S = 15.0
+
+    def __init__(self, total_s: float, *, jobs: int = 1) -> None:
+        self._left_s, self._done_s = total_s, 0.0
+        self.begin()
+        busy = (os.getloadavg()[0] + jobs) / (os.cpu_count() or 1)
+        self._pace = max(1.0, busy) / jobs
+
+    def begin(self) -> None:
+        """Count the time that it takes from now on."""
+        self._began = time.monotonic()
+
+    def add(self, cost_s: float) -> None:
+        """Note that more is left to do."""
+        self._left_s += cost_s
+
+    def spend(self, cost_s: float) -> None:
+        """Note that a part of it is done."""
+        self._left_s, self._done_s = self._left_s - cost_s, self._done_s + cost_s
+
+    def seconds(self) -> float:
+        """Return the time left [s]."""
+        took_s = time.monotonic() - self._began if self._done_s else 0.0
+        pace = (self._TRUSTED_S * self._pace + took_s) / (self._TRUSTED_S + self._done_s)
+        return max(0.0, self._left_s) * pace
+
+    def __str__(self) -> str:
+        left_s = self.seconds()
+        if left_s < 90.0:
+            return f"about {left_s:.0f} s left"
+        return f"about {left_s / 60.0:.0f} min left"

@@ -34,6 +34,14 @@ def replay(
             help="Take the cheapest preset that keeps F_z within it.",
         ),
     ] = None,
+    optics: Annotated[
+        Path | None,
+        typer.Option(
+            "--optics",
+            metavar="FILE",
+            help="Render with this calibration in place of the run's own; finished presses stay.",
+        ),
+    ] = None,
     watch: Annotated[
         bool,
         typer.Option(
@@ -60,16 +68,17 @@ def replay(
         pass
     complain_of(check_run(run.store))
     if watch:
-        _watch(run)
+        _watch(run, optics)
         return
     with worker_process() as worker:
         calibration = BackgroundCalibration(run.store, worker)
-        calibration.begin()
-        replay_and_show(run, calibration, tolerance=kept)
+        if optics is None:
+            calibration.begin()
+        replay_and_show(run, calibration, tolerance=kept, optics=optics)
     report_and_exit(run, json_file)
 
 
-def _watch(run: RunReading) -> None:
+def _watch(run: RunReading, given: Path | None) -> None:
     """Write the page of a run and its twin."""
     from tacauchy_rig.app.cli.emulation import emulated_calibration
     from tacauchy_rig.app.replay.optics import optics_of
@@ -78,7 +87,7 @@ def _watch(run: RunReading) -> None:
 
     config = run.store.config
     optics = optics_of(
-        config.sensor.optics_calibration,
+        config.sensor.optics_calibration if given is None else str(given),
         sensor_of(config),
         calibrate=emulated_calibration(run.store),
         on_progress=say,
@@ -163,6 +172,7 @@ def replay_and_show(
     calibration: BackgroundCalibration,
     *,
     tolerance: Tolerance | None = None,
+    optics: Path | None = None,
     on_page: PageTeller = tell_nobody,
 ) -> None:
     """Replay a run, and print the stated error of its forces; the page is told, too.
@@ -180,12 +190,16 @@ def replay_and_show(
     try:
         with told(tell), doing("replay"):
             replay = replay_run(
-                run, tolerance=tolerance, calibrate=calibration.calibrate, on_progress=tell
+                run,
+                tolerance=tolerance,
+                optics_file=optics,
+                calibrate=calibration.calibrate,
+                on_progress=tell,
             )
     except KeyboardInterrupt:
         raise AbortedError(
-            "aborted by Ctrl-C during the replay; what was recorded is kept",
-            remedy=f"`{command_line('replay', run.store.paths.root)}` replays it",
+            "aborted by Ctrl-C during the replay; recordings and finished places are kept",
+            remedy=f"`{command_line('replay', run.store.paths.root)}` goes on",
         ) from None
     _say_markers([each for model in replay.models for each in model.markers])
     _say_cost(replay)
@@ -205,6 +219,7 @@ def report_and_exit(
     on_page("reported", report.verdict, passed=report.passed)
     say(report.verdict)
     say(f"report {paths.html.resolve()}")
+    say(f"next: {command_line('serve', run.store.paths.root.parent)} shows it beside other runs")
     write_json(json_file, json.loads(paths.summary.read_text("utf-8")))
     raise typer.Exit(0 if report.passed else 1)
 

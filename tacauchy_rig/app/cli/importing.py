@@ -30,6 +30,7 @@ def import_(
     """
     from tacauchy_rig.app.importing.importer import import_run
     from tacauchy_rig.app.replay.settings import check_names
+    from tacauchy_rig.core.errors import command_line
     from tacauchy_rig.core.long_task import doing
 
     with doing("importing"):
@@ -40,4 +41,6 @@ def import_(
         for sentence in (*imported.unknown, *imported.notes):
             complain(f"  {sentence}")
     say(f"run folder {store.paths.root}")
+    say(f"next: {command_line('calibrate', 'optics', store.paths.root)} if balls were pressed, or")
+    say(f"      {command_line('replay', store.paths.root)}")
     write_json(json_file, {"run": str(store.paths.root), "imported": imported})

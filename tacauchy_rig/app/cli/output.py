@@ -119,10 +119,11 @@ class Steps:
     def __exit__(self, *_: object) -> None:
         self._bar.stop()
 
-    def __call__(self, what: str, done: int, total: int) -> None:
-        """Say what was done, and which of how many steps that was."""
+    def __call__(self, what: str, done: int, total: int, left: str | None = None) -> None:
+        """Say what was done, which of how many steps that was, and what is left if it is known."""
         spent_s = time.monotonic() - self._started
-        left = f"about {spent_s / done * (total - done):.0f} s left" if 0 < done < total else ""
+        if left is None:
+            left = f"about {spent_s / done * (total - done):.0f} s left" if 0 < done < total else ""
         if error_console.is_terminal:
             self._bar.update(self._task, description=what, completed=done, total=total, left=left)
         else:

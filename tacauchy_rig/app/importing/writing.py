@@ -129,6 +129,7 @@ def _trial_entry(index: int, press: Press) -> ImportedTrial:
         indenter=press.indenter,
         streams=tuple(name for name, stream in there.items() if stream),
         contact_px=press.contact_px,
+        image=press.frames[-1].name if press.frames else "",
     )
 
 

@@ -9,7 +9,7 @@ from sim.effects.plan import PRESET_TOLERANCE
 from sim.error import Tolerance, keeping, setting_of
 from sim.replay import replay_scene
 from sim.scene.indenter import Indenter
-from sim.scene.scene import Drive, Preset, Scene
+from sim.scene.scene import Drive, Output, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.settings import (
     AUTO,
@@ -82,6 +82,23 @@ class ReplayInputs:
         return replace(scene, refinement=self.refinement, tolerance=self.effects_error)
 
     @property
+    def asked_accuracy(self) -> Tolerance | None:
+        """What a press alone at its place is to keep; None where a preset was named.
+
+        Nor where its result depends on the path's steps: with printed markers, whose motion is
+        scored, or with a gel that relaxes.
+        """
+        if self.sensor.markers is not None or self.sensor.material.relaxation:
+            return None
+        return self.tolerance or (OF_AUTO if self.is_auto else None)
+
+    def quick_scene(self, target: Target) -> Scene:
+        """Return the press to a target with steps as long as the force allows."""
+        named = replace(self, tolerance=None)
+        scene = replace(named.scene([]), target=target, refinement=1.0, tolerance=None)
+        return replace(scene, outputs=frozenset(Output) - {Output.SHEAR, Output.MARKERS})
+
+    @property
     def upright(self) -> ReplayInputs:
         """The same press with an indenter that is not tilted."""
         return replace(self, tilt_rad=(0.0, 0.0))
@@ -101,11 +118,14 @@ class ReplayInputs:
     def settled(self, forces_n: Sequence[float]) -> ReplayInputs:
         """Return the inputs with the preset that ``auto`` chooses for some forces [N].
 
-        It chooses the mesh alone: omitted effects may cost what the named preset allows.
+        It chooses the mesh alone: omitted effects may cost what the named preset allows. Without
+        a force it is the preset that stands in its place.
         """
         if not self.is_auto:
             return self
         named = replace(self, is_auto=False)
+        if not forces_n:
+            return named
         try:
             chosen = keeping(named.scene(forces_n), OF_AUTO)
         except ConfigError:

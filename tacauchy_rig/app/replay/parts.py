@@ -9,7 +9,9 @@ import numpy as np
 
 from reports.evidence.attempt import RunReading
 from sim.error import Tolerance
+from sim.scene.indenter import describe
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
+from tacauchy_rig.app.replay.pressing import PressTask, has_measured, measured_records
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.imported import SAME_PLACE_M, ImportedTrial
 
@@ -33,9 +35,35 @@ class Part:
     place_known: bool = True
     label: str = ""
 
+    @property
+    def settled(self) -> ReplayInputs:
+        """The inputs with the preset that ``auto`` chooses for what was asked or measured."""
+        if not self.config.is_imported:
+            return self.inputs.settled(self.config.protocol.force_targets)
+        return self.inputs.settled(self.task.forces_n if has_measured(self.run) else [])
+
+    @property
+    def tool(self) -> str:
+        """The indenter, as it is described."""
+        return describe(self.inputs.indenter)
+
+    @property
+    def task(self) -> PressTask:
+        """What its trials are pressed with; those of several parts quickly, where they can."""
+        records = tuple(measured_records(self.run))
+        return PressTask(
+            inputs=self.inputs,
+            records=records,
+            config=self.config,
+            label=self.label,
+            quick=bool(self.label),
+        )
+
 
 def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Part]:
     """Return the parts of a run: one, unless it was imported and its presses differ.
+
+    Of several parts nothing is pressed yet to choose a preset.
 
     Args:
         tolerance: Counts more than the configured one.
@@ -49,8 +77,13 @@ def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Par
     if len(groups) == 1:
         places = [trials[index].place_m for index in groups[0]]
         known = not places or None not in places or config.replay.offset is not None
-        inputs = _inputs(config, tolerance, run)
-        return [Part(run=run, inputs=inputs, config=config, place_known=known)]
+        part = Part(
+            run=run,
+            inputs=_with(inputs_of(config), tolerance),
+            config=config,
+            place_known=known,
+        )
+        return [replace(part, inputs=part.settled)]
     parts = []
     for indices in groups:
         own, reading = [trials[index] for index in indices], run.of(indices)
@@ -60,7 +93,7 @@ def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Par
         parts.append(
             Part(
                 run=reading,
-                inputs=_inputs(own_config, tolerance, reading),
+                inputs=_with(inputs_of(own_config), tolerance),
                 config=own_config,
                 place_known=place is not None or config.replay.offset is not None,
                 label=f", {indenter or 'the indenter of the run'}, {where}",
@@ -102,15 +135,8 @@ def _with_press(config: RigConfig, indenter: str, place: Place | None) -> RigCon
     return config.model_copy(update={"replay": config.replay.model_copy(update=known)})
 
 
-def _inputs(config: RigConfig, tolerance: Tolerance | None, run: RunReading) -> ReplayInputs:
-    inputs = inputs_of(config)
-    if tolerance is not None:
-        return replace(inputs, tolerance=tolerance, is_auto=False)
-    if not config.is_imported:
-        return inputs.settled(config.protocol.force_targets)
-    known = [record.force_measured_n for record in run.records.values() if record is not None]
-    forces_n = [force_n for force_n in known if force_n is not None]
-    return inputs.settled(forces_n) if forces_n else replace(inputs, is_auto=False)
+def _with(inputs: ReplayInputs, tolerance: Tolerance | None) -> ReplayInputs:
+    return inputs if tolerance is None else replace(inputs, tolerance=tolerance, is_auto=False)
 
 
 def _millimetres(place: Place) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from statistics import median
 
 from reports.evidence.attempt import AttemptReading, RunReading
@@ -17,9 +17,10 @@ from sim.replay import (
     ReferencePath,
     path_depends_on_modulus,
     reference_path,
+    replay_alone,
     replay_forces,
 )
-from sim.sensitivity import forces_at
+from sim.scene.scene import Target
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.mounting import (
     FoundMounting,
@@ -29,7 +30,6 @@ from tacauchy_rig.app.replay.mounting import (
     with_found_tilt,
 )
 from tacauchy_rig.app.replay.optics import Say, say_nothing
-from tacauchy_rig.app.replay.parts import Part
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.force_depth import ForceDepthCurve
@@ -39,6 +39,48 @@ from tacauchy_rig.core.simulated import REPLAY_NAME, Replay, ReplayModel
 
 Pressed = tuple[Replay, dict[int, TrialFields]]
 """A replay of which nothing is rendered yet, and fields by trial."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressTask:
+    """What trials of one indenter at one place are pressed with; it can go to another process.
+
+    Attributes:
+        records: Of the trials; each has a force, or else a depth.
+        config: The run's, with their indenter and place.
+        label: Indenter and place, for progress.
+        quick: A trial alone at its place may be pressed on a mesh whose bias is known.
+    """
+
+    inputs: ReplayInputs
+    records: tuple[TrialRecord, ...]
+    config: RigConfig
+    label: str = ""
+    quick: bool = False
+
+    @property
+    def forces_n(self) -> list[float]:
+        """Measured forces [N], of the trials that have one."""
+        return [r.force_measured_n for r in self.records if r.force_measured_n is not None]
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether its one trial may be pressed on a mesh whose bias is known.
+
+        Not where its depth counts from a force, which a path has to go to first.
+        """
+        from_touch = bool(self.forces_n) or not self.config.protocol.contact_force
+        accurate = self.inputs.asked_accuracy is not None
+        return self.quick and len(self.records) == 1 and accurate and from_touch
+
+    @property
+    def settled(self) -> PressTask:
+        """The task with the preset that ``auto`` chooses."""
+        return replace(self, inputs=self.inputs.settled(self.forces_n))
+
+    def with_modulus(self, fit: ModulusFit | None) -> PressTask:
+        """Return the task with the modulus that was fitted."""
+        return self if fit is None else replace(self, inputs=self.inputs.stiffer(fit.factor))
 
 
 def measured_depths(run: RunReading) -> list[float]:
@@ -66,7 +108,7 @@ def mounted(
     return found
 
 
-def press_parts(parts: Sequence[Part], *, on_progress: Say = say_nothing) -> list[Pressed]:
+def press_together(task: PressTask, *, on_progress: Say = say_nothing) -> Pressed:
     """Press to every measured force; if the run asks so, the depths of all trials fit the modulus.
 
     For a tilted indenter the modulus is fitted with an upright one, corrected by coarse presses of
@@ -74,46 +116,137 @@ def press_parts(parts: Sequence[Part], *, on_progress: Say = say_nothing) -> lis
     a measured force is pressed to its depth.
 
     Raises:
-        RecordError: No trial has a measured force.
         ConfigError: No preset keeps the tolerance.
         ConvergenceError: A force cannot be reached.
     """
-    counts = [len(measured_records(part.run)) for part in parts]
-    at = f" at {len(parts)} places or with as many indenters" if len(parts) > 1 else ""
-    on_progress(f"replaying {sum(counts)} trials{at}")
-    fit, loaded = None, list[ReferencePath | None]([None] * len(parts))
-    if fits_modulus(parts[0].run.store.config):
-        fit, loaded = _fitted(parts, on_progress)
-    return [
-        _pressed(part, fit, path, on_progress) for part, path in zip(parts, loaded, strict=True)
-    ]
+    on_progress(f"replaying {len(task.records)} trials")
+    fit = path = None
+    if fits_modulus(task.config):
+        path = _stated_path(task)
+        history = () if path is None else path.history
+        fit = modulus_of([(task, history)], on_progress=on_progress)
+    usable = None if any(task.inputs.tilt_rad) else path
+    return press_to_measured(task, fit, usable, on_progress=on_progress)
 
 
-def _pressed(
-    part: Part, fit: ModulusFit | None, path: ReferencePath | None, on_progress: Say
+def stated_history(task: PressTask) -> History:
+    """Return (depth [m], force [N]) of the gel with the stated modulus, up to the measured forces.
+
+    Raises:
+        ConvergenceError: A force cannot be reached.
+    """
+    alone = _alone(task)
+    if alone is not None:
+        return alone[0].trials[0].force_history
+    path = _stated_path(task)
+    return () if path is None else path.history
+
+
+def modulus_of(
+    simulated: Sequence[tuple[PressTask, History]], *, on_progress: Say = say_nothing
+) -> ModulusFit | None:
+    """Fit the factor of the gel's modulus to depths and forces of all trials."""
+    curves = []
+    for task, history in simulated:
+        curve = ForceDepthCurve.merged([history])
+        is_tilted = any(task.inputs.tilt_rad)
+        curves.append((task.records, tilted_curve(curve, task.inputs) if is_tilted else curve))
+    contact_force_n = simulated[0][0].config.protocol.contact_force
+    fit = fit_modulus(curves, contact_force_n=contact_force_n)
+    if fit is None:
+        on_progress("  fewer than two trials have both force and depth: the stated modulus is used")
+    else:
+        on_progress(
+            f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
+            f"modulus (+-{fit.factor_deviation:.3f} between them)"
+        )
+    return fit
+
+
+def press_to_measured(
+    task: PressTask,
+    fit: ModulusFit | None,
+    path: ReferencePath | None = None,
+    *,
+    stated: History = (),
+    on_progress: Say = say_nothing,
 ) -> Pressed:
-    inputs = part.inputs if fit is None else part.inputs.stiffer(fit.factor)
-    records = measured_records(part.run)
-    forces_n = _forces(inputs, records, part.run.store.config.protocol.contact_force, on_progress)
-    scene = inputs.scene(forces_n)
-    on_progress(f"  meshing {inputs.sensor.title}, preset {setting_of(scene)}{part.label}")
-    replay, fields = replay_forces(
-        scene,
-        forces_n,
-        tolerance=inputs.tolerance or inputs.stated_accuracy,
-        name=REPLAY_NAME,
-        on_progress=lambda _, text: on_progress(f"  {text}"),
-        reference=path,
-        stiffer=1.0 if fit is None else fit.factor,
-        time_limit_s=part.config.replay.time_limit,
-    )
+    """Press to every force, and to the depths of trials without one.
+
+    Args:
+        fit: Of the modulus; None takes the stated one.
+        path: Of the gel with the stated modulus.
+        stated: Its history, where there is no path.
+
+    Raises:
+        ConvergenceError: A force cannot be reached.
+    """
+    stiffer = task.with_modulus(fit)
+    alone = _alone(stiffer)
+    if alone is not None:
+        replay, fields = alone[0], [alone[1]]
+        records = list(task.records)
+    else:
+        replay, fields, records = _on_one_path(stiffer, fit, path, on_progress)
     trials = tuple(
         replace(trial, index=record.index, force_measured_n=_measured_n(record))
         for trial, record in zip(replay.trials, records, strict=True)
     )
-    model = _with_modulus(replay.model, fit, () if path is None else path.history)
+    model = _with_modulus(replay.model, fit, stated if path is None else path.history)
     by_trial = {record.index: found for record, found in zip(records, fields, strict=True)}
     return replace(replay, trials=trials, model=model), by_trial
+
+
+def _alone(task: PressTask) -> tuple[Replay, TrialFields] | None:
+    """Press the one trial of a task on a mesh whose bias is known; None where that cannot be."""
+    accuracy = task.inputs.asked_accuracy
+    if not task.is_alone or accuracy is None:
+        return None
+    record = task.records[0]
+    target = Target(force_n=record.force_measured_n)
+    if record.force_measured_n is None:
+        target = Target(depth_m=record.depth_measured_m)
+    return replay_alone(
+        task.inputs.quick_scene(target),
+        tolerance=accuracy,
+        name=REPLAY_NAME,
+        time_limit_s=task.config.replay.time_limit,
+    )
+
+
+def _on_one_path(
+    task: PressTask, fit: ModulusFit | None, path: ReferencePath | None, on_progress: Say
+) -> tuple[Replay, list[TrialFields], list[TrialRecord]]:
+    """Press the trials in the order of their forces, and those without one of their depths."""
+    inputs = task.settled.inputs
+    with_force = [r for r in task.records if r.force_measured_n is not None]
+    without = [r for r in task.records if r.force_measured_n is None]
+    found = []
+    for records, by_depth in ((with_force, False), (without, True)):
+        if not records:
+            continue
+        values = [(r.depth_measured_m if by_depth else r.force_measured_n) or 0.0 for r in records]
+        scene = inputs.scene([] if by_depth else values)
+        if by_depth:
+            on_progress(f"  no force of {len(records)} trials was measured: pressing to the depths")
+            inputs = replace(inputs, tolerance=None)
+            scene = replace(inputs.scene([]), target=Target(depth_m=max(values)))
+        on_progress(f"  meshing {inputs.sensor.title}, preset {setting_of(scene)}{task.label}")
+        found.append(
+            replay_forces(
+                scene,
+                values,
+                tolerance=inputs.tolerance or inputs.stated_accuracy,
+                name=REPLAY_NAME,
+                on_progress=lambda _, text: on_progress(f"  {text}"),
+                reference=None if by_depth else path,
+                stiffer=1.0 if fit is None else fit.factor,
+                depths_from_n=task.config.protocol.contact_force if by_depth else None,
+                time_limit_s=task.config.replay.time_limit,
+            )
+        )
+    replay = replace(found[0][0], trials=tuple(t for each, _ in found for t in each.trials))
+    return replay, [each for _, fields in found for each in fields], with_force + without
 
 
 def _measured_n(record: TrialRecord) -> float:
@@ -121,84 +254,26 @@ def _measured_n(record: TrialRecord) -> float:
     return math.nan if record.force_measured_n is None else record.force_measured_n
 
 
-def _forces(
-    inputs: ReplayInputs, records: Sequence[TrialRecord], contact_force_n: float, on_progress: Say
-) -> list[float]:
-    """Return the measured forces [N]; without one, the simulated force at the measured depth."""
-    without = [record for record in records if record.force_measured_n is None]
-    found: dict[int, float] = {}
-    if without:
-        on_progress(f"  no force of {len(without)} trials was measured: pressing to the depths")
-        depths_m = [record.depth_measured_m or 0.0 for record in without]
-        forces_n = _forces_met(replace(inputs, tolerance=None), depths_m, contact_force_n)
-        found = {r.index: force for r, force in zip(without, forces_n, strict=True)}
-    return [found.get(record.index, _measured_n(record)) for record in records]
+def _stated_path(task: PressTask) -> ReferencePath | None:
+    """Press the gel with the stated modulus; None where no force was measured.
 
-
-def _forces_met(
-    inputs: ReplayInputs, depths_m: Sequence[float], contact_force_n: float
-) -> list[float]:
-    """Return F_z at depths [N], on the mesh that a press to these forces has."""
-    about_n = forces_at(inputs.scene([]), depths_m, contact_force_n=contact_force_n, planned=True)
-    scene = inputs.scene(about_n.tolist())
-    found = forces_at(
-        scene, depths_m, contact_force_n=contact_force_n, planned=True, own_target=True
-    )
-    return list(found.tolist())
-
-
-def _loading_path(
-    inputs: ReplayInputs, config: RigConfig, forces_n: Sequence[float]
-) -> ReferencePath:
-    """Press the stated gel to the largest force that a passed trial may have.
-
-    A path that does not depend on the measured forces makes replays of one rig comparable. Where
-    that force is no bound of the measured ones, or time changes the path, it goes to these.
+    A path that does not depend on the measured forces makes replays of one rig comparable: it goes
+    to the largest force that a passed trial may have. Where that force is no bound of the measured
+    ones, or time changes the path, it goes to these.
     """
-    protocol = config.protocol
+    inputs, forces_n, protocol = task.settled.inputs, task.forces_n, task.config.protocol
+    if not forces_n:
+        return None
+    if any(inputs.tilt_rad):
+        return reference_path(inputs.upright.scene(forces_n), forces_n, keep_states=False)
     most_n = max(protocol.force_targets) + protocol.force_tolerance
     is_bound = most_n - 2.0 * protocol.force_tolerance <= max(forces_n) <= most_n
-    if is_bound and not config.is_imported:
-        scene = inputs.scene([most_n])
-        if not path_depends_on_modulus(plan_effects(scene)):
-            return reference_path(scene, [most_n], keep_states=True)
-    return reference_path(inputs.scene(forces_n), forces_n, keep_states=True)
-
-
-def _fitted(
-    parts: Sequence[Part], on_progress: Say
-) -> tuple[ModulusFit | None, list[ReferencePath | None]]:
-    """Fit the factor of the gel's modulus to the depths and forces of all parts.
-
-    Returns:
-        The fit, and of each part the stated gel's loading path; None where the indenter is tilted,
-        or no force was measured.
-    """
-    contact_force_n = parts[0].run.store.config.protocol.contact_force
-    simulated, loaded = [], list[ReferencePath | None]()
-    for k, part in enumerate(parts, start=1):
-        if len(parts) > 1:
-            on_progress(f"  stated modulus: place {k} of {len(parts)}{part.label}")
-        inputs, records = part.inputs, measured_records(part.run)
-        forces_n = [r.force_measured_n for r in records if r.force_measured_n is not None]
-        is_tilted, path = any(inputs.tilt_rad), None
-        if forces_n and is_tilted:
-            path = reference_path(inputs.upright.scene(forces_n), forces_n, keep_states=False)
-        elif forces_n:
-            with time_limit(part.config.replay.time_limit):
-                path = _loading_path(inputs, part.config, forces_n)
-        curve = ForceDepthCurve.merged([() if path is None else path.history])
-        simulated.append((records, tilted_curve(curve, inputs) if is_tilted else curve))
-        loaded.append(None if is_tilted else path)
-    fit = fit_modulus(simulated, contact_force_n=contact_force_n)
-    if fit is None:
-        on_progress("  too few trials have both force and depth: the stated modulus is used")
-    else:
-        on_progress(
-            f"  depths and forces of {fit.trial_count} trials: {fit.factor:.3f} times the stated "
-            f"modulus (+-{fit.factor_deviation:.3f} between them)"
-        )
-    return fit, loaded
+    with time_limit(task.config.replay.time_limit):
+        if is_bound and not task.config.is_imported:
+            scene = inputs.scene([most_n])
+            if not path_depends_on_modulus(plan_effects(scene)):
+                return reference_path(scene, [most_n], keep_states=True)
+        return reference_path(inputs.scene(forces_n), forces_n, keep_states=True)
 
 
 def _with_modulus(model: ReplayModel, fit: ModulusFit | None, stated: History) -> ReplayModel:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -22,7 +23,7 @@ from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.optics import OpticalCalibration, nominal_optics
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError, command_line
-from tacauchy_rig.core.simulated import MarkerMotion
+from tacauchy_rig.core.simulated import IMAGE_S, MarkerMotion, Replay
 from tacauchy_rig.core.store.replay_files import ReplayFields
 
 SAMPLES = 2
@@ -74,10 +75,54 @@ def render_trial(
             fields=fields.arrays,
             height={"loaded_m": maps.loaded, "rest_m": maps.rest, "contact": maps.contact},
             image=image,
-            surface_vtu=fields.surface_vtu,
+            # Surfaces that were read again come without the other fields, which are on disk.
+            surface_vtu=fields.surface_vtu if fields.shape else None,
         ),
         markers=moved,
     )
+
+
+def rendered(
+    attempts: Sequence[AttemptReading],
+    sensor: Sensor,
+    replay: Replay,
+    fields: Mapping[int, TrialFields],
+    optics: OpticalCalibration,
+) -> tuple[Replay, dict[int, ReplayFields]]:
+    """Render what was pressed by one indenter at one place, each trial over its no-contact frame.
+
+    Returns:
+        The replay with what the camera sees of it, and arrays and images by trial.
+
+    Raises:
+        RecordError: A recording has no readable no-contact frame.
+        ConfigError: The frame's markers are not where the sensor's file says.
+    """
+    found, image_s = {}, {}
+    for attempt in attempts:
+        index, started = attempt.record.index, time.perf_counter()
+        found[index] = render_trial(attempt, sensor, fields[index], optics)
+        image_s[index] = time.perf_counter() - started
+    trials = tuple(
+        replace(trial, wall_s={**trial.wall_s, IMAGE_S: image_s[trial.index]})
+        if trial.index in image_s
+        else trial
+        for trial in replay.trials
+    )
+    uncertainty, source = sensor.young_uncertainty()
+    model = replace(
+        replay.model,
+        young_uncertainty_relative=uncertainty,
+        young_source=source,
+        optics=dict(optics.model.provenance),
+        scale_x_m_px=optics.geometry.scale_x_m,
+        image_centre_m=optics.geometry.centre_from_middle_m,
+        scale_y_m_px=optics.geometry.scale_y_m,
+        markers=tuple(trial.markers for trial in found.values() if trial.markers is not None),
+    )
+    states = intermediate_arrays(attempts, sensor, fields, optics)
+    kept = {i: replace(each.kept, passed=states.get(i, {})) for i, each in found.items()}
+    return replace(replay, trials=trials, model=model), kept
 
 
 def image_of(

@@ -38,8 +38,11 @@ def check_names(config: RigConfig) -> None:
     indenter_of(config)
 
 
-def check_optics(config: RigConfig, sensor: Sensor) -> str:
+def check_optics(config: RigConfig, sensor: Sensor, given: str | None = None) -> str:
     """Refuse unusable optics before the simulation.
+
+    Args:
+        given: Calibration file in place of the configured one.
 
     Returns:
         Which optics they are, in words.
@@ -49,7 +52,7 @@ def check_optics(config: RigConfig, sensor: Sensor) -> str:
             scale; or there is none, nothing of the rig is emulated, and the sensor's file names
             no lamps.
     """
-    given = config.sensor.optics_calibration
+    given = config.sensor.optics_calibration if given is None else given
     if given:
         calibrated_optics(given, sensor)
         return f"optics from {given}"

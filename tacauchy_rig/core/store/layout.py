@@ -106,6 +106,10 @@ class RunPaths:
         """Return the summary of a replay."""
         return self.replays / name / "replay.json"
 
+    def replay_part(self, name: str, trial: int) -> Path:
+        """Return what is kept of a finished part of a replay, by its first trial."""
+        return self.replays / name / "parts" / f"{trial:02d}.json"
+
     def replay_trial(self, name: str, trial: int) -> Path:
         """Return the folder of one replayed trial: fields, surface, image, height."""
         return self.replays / name / "trials" / f"{trial:02d}"

@@ -58,15 +58,15 @@ def write_fields(folder: Path, fields: ReplayFields) -> None:
         RecordError: The disk is full or gone.
     """
     if fields.fields:
-        write_atomically(folder / "fields.npz", _pack(fields.fields))
+        write_atomically(folder / "fields.npz", pack_arrays(fields.fields))
     if fields.height:
-        write_atomically(folder / "height.npz", _pack(fields.height))
+        write_atomically(folder / "height.npz", pack_arrays(fields.height))
     if fields.image is not None:
         write_atomically(folder / "image.png", encode_png(fields.image))
     if fields.surface_vtu is not None:
         write_atomically(folder / "surface.vtu", fields.surface_vtu)
     if fields.passed:
-        write_atomically(folder / "passed.npz", _pack(fields.passed))
+        write_atomically(folder / "passed.npz", pack_arrays(fields.passed))
 
 
 def read_fields(folder: Path) -> ReplayFields:
@@ -82,11 +82,11 @@ def read_fields(folder: Path) -> ReplayFields:
         )
     image, surface = folder / "image.png", folder / "surface.vtu"
     return ReplayFields(
-        fields=_unpack(folder / "fields.npz"),
-        height=_unpack(folder / "height.npz"),
+        fields=unpack_arrays(folder / "fields.npz"),
+        height=unpack_arrays(folder / "height.npz"),
         image=_read_png(image) if image.exists() else None,
         surface_vtu=read_bytes(surface, what="the surface") if surface.exists() else None,
-        passed=_unpack(folder / "passed.npz"),
+        passed=unpack_arrays(folder / "passed.npz"),
     )
 
 
@@ -102,7 +102,8 @@ def _read_png(path: Path) -> NDArray[np.uint8]:
     return image
 
 
-def _pack(arrays: dict[str, NDArray[Any]]) -> bytes:
+def pack_arrays(arrays: dict[str, NDArray[Any]]) -> bytes:
+    """Return named arrays as the bytes of an ``.npz`` file."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, **arrays)
     return buffer.getvalue()
@@ -121,7 +122,12 @@ def _check_size(content: io.BytesIO) -> None:
         raise ValueError(f"its arrays take {size / 1e6:.0f} MB")
 
 
-def _unpack(path: Path) -> dict[str, NDArray[Any]]:
+def unpack_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """Read named arrays; none where there is no file.
+
+    Raises:
+        RecordError: It is damaged.
+    """
     if not path.exists():
         return {}
     content = io.BytesIO(read_bytes(path, what="the fields"))

@@ -306,6 +306,10 @@ class RunStore:
     def save_replay(self, replay: Replay, fields: Mapping[int, ReplayFields]) -> None:
         """Write a replay, the arrays and images of its trials, and the hashes of all of it.
 
+        Args:
+            replay: All of it.
+            fields: Of the trials whose files are not there yet.
+
         Raises:
             RecordError: The disk is full or gone.
         """
@@ -314,7 +318,7 @@ class RunStore:
             write_fields(self.paths.replay_trial(replay.name, trial), trial_fields)
         files = {
             str(path.relative_to(folder)): file_sha256(path, what="a file of the replay")
-            for trial in fields
+            for trial in sorted({each.index for each in replay.trials} | set(fields))
             for path in sorted(self.paths.replay_trial(replay.name, trial).glob("*"))
         }
         sources = {"config": self.config_hash, **self._recorded_hashes(replay)}

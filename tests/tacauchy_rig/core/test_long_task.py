@@ -7,8 +7,9 @@ from threading import Event
 
 import pytest
 
+from tacauchy_rig.core import long_task
 from tacauchy_rig.core.errors import TimeLimitError
-from tacauchy_rig.core.long_task import check_time, doing, time_left_s, time_limit, told
+from tacauchy_rig.core.long_task import Remaining, check_time, doing, time_left_s, time_limit, told
 
 
 def test_the_nearest_limit_counts_and_is_named() -> None:
@@ -43,3 +44,18 @@ def test_what_takes_long_is_told_and_idle_time_is_not() -> None:
         with doing("meshing"):
             assert heard.wait(30.0)
     assert said[0].endswith("s: meshing")
+
+
+def test_what_is_left_follows_how_fast_it_went(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At first by what others leave of the processors, then by what was seen."""
+    now = [0.0]
+    monkeypatch.setattr(long_task.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(long_task.os, "getloadavg", lambda: (2.0, 0.0, 0.0))
+    monkeypatch.setattr(long_task.os, "cpu_count", lambda: 2)
+    left = Remaining(200.0, jobs=2)
+    assert left.seconds() == pytest.approx(200.0)  # four programs on two processors
+    for _ in range(10):
+        now[0] += 30.0
+        left.spend(10.0)
+    assert left.seconds() == pytest.approx(300.0, rel=0.15)
+    assert str(left) == "about 5 min left"

@@ -156,7 +156,7 @@ def _of_part(part: Part, replay: Replay | None) -> IndenterPresses | None:
     trial = min(part.run.records)
     return IndenterPresses(
         config=part.config,
-        inputs=replace(part.inputs, tolerance=None),
+        inputs=replace(part.settled, tolerance=None),
         contact_force_n=part.config.protocol.contact_force,
         press=np.arange(len(rows)),
         depth_m=depth,

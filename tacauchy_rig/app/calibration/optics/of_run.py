@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
+import math
+import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import numpy as np
 from reports.evidence.attempt import AttemptReading, RunReading, median_image
 from sim.optics.calibrate.cross_validation import PressScores, crop_side
 from sim.scene.indenter import Sphere
+from sim.scene.terms import parse_indenter
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.calibration.optics.run import OpticsRequest, OpticsResult
 from tacauchy_rig.app.replay.optics import CIRCLES, NO_CONTACT
@@ -25,6 +28,8 @@ from tacauchy_rig.core.store.durable import write_atomically
 
 DEFAULT_SENSOR = "gelsight-mini"
 CIRCLE_COLUMNS = ("image", "center_x_px", "center_y_px", "radius_px")
+_PLAIN_NAME = re.compile(r"[\w][\w .-]{0,99}")
+_SAME_BALL = 1e-3
 
 
 def request_of(
@@ -49,15 +54,16 @@ def request_of(
         RecordError: No press of the run has an image.
     """
     if run is not None:
-        config = run.store.config
-        own = sensor_of(config) if sensor is None else load_sensor(sensor)
+        own = sensor_of(run.store.config) if sensor is None else load_sensor(sensor)
+        ball_diameter_m, presses = _ball_presses(run, ball_diameter_m)
         return OpticsRequest(
             background=background or Path(NO_CONTACT),
-            ball_diameter_m=ball_diameter_m or _ball(run),
+            ball_diameter_m=ball_diameter_m,
             scale_px_m=scale_px_m or (1.0 / own.camera.scale_x_m, 1.0 / own.camera.scale_y_m),
             out=out or run.store.paths.calibration,
             sensor=own,
-            folder=_write_presses(run),
+            trials=_write_presses(run, presses),
+            folder=_presses_folder(run),
             **further,
         )
     if background is None or ball_diameter_m is None or scale_px_m is None or out is None:
@@ -96,59 +102,93 @@ def keep_optics(run: RunReading, request: OpticsRequest, result: OpticsResult) -
                 nudged=_agreement(found),
                 as_labelled=_agreement(found.as_labelled),
                 no_contact_light=_agreement(found.as_labelled_frames_as_they_came),
-                presses=tuple(_held_out(row) for row in result.presses),
+                presses=tuple(_held_out(row, request.trials) for row in result.presses),
                 warnings=tuple(result.warnings),
             )
         )
 
 
-def _ball(run: RunReading) -> float:
-    """Return the diameter of the ball that all presses of a run were made with [m]."""
-    config = run.store.config
-    indenter = indenter_of(config)
-    others = {each.indenter for each in run.store.imported_trials.values()} - {""}
-    if not isinstance(indenter, Sphere) or others:
-        raise ConfigError(
-            f"{run.store.paths.root}: optics are calibrated from presses of one ball, and this "
-            f"run's are of {', '.join(sorted(others)) or config.replay.indenter or 'a cylinder'}",
-            remedy="give a run of presses of one ball, or say --ball-diameter",
-        )
-    return indenter.diameter_m
+def _ball_presses(
+    run: RunReading, ball_diameter_m: float | None
+) -> tuple[float, dict[int, AttemptReading]]:
+    """Return the diameter [m] and the presses of one ball of a run, by trial.
 
-
-def _write_presses(run: RunReading) -> Path:
-    """Write a run's presses as ``calibrate optics`` takes them, and return the folder.
-
-    Circles are written where every press has one; otherwise the contacts are found.
+    Of several balls the one with the most presses is taken, unless a diameter is given. A run of no
+    ball is taken whole if a diameter is given: whoever gives it knows.
     """
-    folder = run.store.paths.optics / "presses"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    read = {index: run.attempt(index) for index in run.records}
+    own = indenter_of(run.store.config)
+    balls: dict[float, list[int]] = {}
+    others: list[int] = []
+    for index in run.records:
+        imported = run.store.imported_trials.get(index)
+        named = imported.indenter if imported is not None else ""
+        indenter = parse_indenter(named) if named else own
+        if isinstance(indenter, Sphere):
+            balls.setdefault(indenter.diameter_m, []).append(index)
+        else:
+            others.append(index)
+    if not balls and ball_diameter_m is not None:
+        balls = {ball_diameter_m: others}
+    chosen = [
+        diameter
+        for diameter in balls
+        if ball_diameter_m is None or math.isclose(diameter, ball_diameter_m, rel_tol=_SAME_BALL)
+    ]
+    if not chosen:
+        there = ", ".join(f"{each * 1e3:g} mm" for each in sorted(balls)) or "none"
+        raise ConfigError(
+            f"{run.store.paths.root}: optics are calibrated from presses of one ball; balls of "
+            f"this run: {there}",
+            remedy="give a run with presses of a ball, or --ball-diameter where it does not say so",
+        )
+    diameter = max(chosen, key=lambda each: len(balls[each]))
+    read = {index: run.attempt(index) for index in balls[diameter]}
     seen = {i: each for i, each in read.items() if each is not None and each.images is not None}
     if not seen:
         raise RecordError(
-            f"{run.store.paths.root}: no press of it has images without contact and with it",
+            f"{run.store.paths.root}: no press of the ball has images without contact and with it",
             remedy="`tacauchy-rig report` says what is missing",
         )
-    rows = []
-    for index, attempt in seen.items():
+    return diameter, seen
+
+
+def _write_presses(run: RunReading, presses: Mapping[int, AttemptReading]) -> dict[str, int]:
+    """Write presses as ``calibrate optics`` takes them, and return their trials by file name.
+
+    Circles are written where every press has one; otherwise the contacts are found.
+    """
+    folder = _presses_folder(run)
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    names, rows = _image_names(run, presses), []
+    for index, attempt in presses.items():
         if attempt.images is not None:
-            write_atomically(folder / _image_name(index), encode_png(attempt.images.real))
+            write_atomically(folder / names[index], encode_png(attempt.images.real))
         if (circle := _circle(attempt)) is not None:
-            rows.append((_image_name(index), *(f"{value:.3f}" for value in circle)))
-    unloaded = [each.reference for each in seen.values() if each.reference is not None]
+            rows.append((names[index], *(f"{value:.3f}" for value in circle)))
+    unloaded = [each.reference for each in presses.values() if each.reference is not None]
     write_atomically(folder / NO_CONTACT, encode_png(median_image(unloaded)))
-    if len(rows) == len(seen):
+    if len(rows) == len(presses):
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([CIRCLE_COLUMNS, *rows])
         write_atomically(folder / CIRCLES, text.getvalue().encode())
-    return folder
+    return {name: index for index, name in names.items()}
 
 
-def _image_name(trial: int) -> str:
-    """Return the name of a press's image."""
-    return f"{trial:03d}.png"
+def _presses_folder(run: RunReading) -> Path:
+    return run.store.paths.optics / "presses"
+
+
+def _image_names(run: RunReading, trials: Iterable[int]) -> dict[int, str]:
+    """Return a PNG's name for each trial: the source's own name of the image, where it has one."""
+    names: dict[int, str] = {}
+    for index in trials:
+        imported = run.store.imported_trials.get(index)
+        stem = "" if imported is None else Path(imported.image.replace("\\", "/")).stem
+        name = f"{stem}.png" if _PLAIN_NAME.fullmatch(stem) else f"{index:03d}.png"
+        taken = name in names.values() or name == NO_CONTACT
+        names[index] = f"{index:03d}-{name}" if taken else name
+    return names
 
 
 def _circle(attempt: AttemptReading) -> tuple[float, float, float] | None:
@@ -181,10 +221,10 @@ def _agreement(scores: PressScores) -> ImageAgreement:
     )
 
 
-def _held_out(row: Mapping[str, Any]) -> HeldOutPress:
+def _held_out(row: Mapping[str, Any], trials: Mapping[str, int]) -> HeldOutPress:
     labelled, nudged = (tuple(row[key].values()) for key in ("labelled", "nudged"))
     return HeldOutPress(
-        trial=int(Path(row["image"]).stem),
+        trial=trials[row["image"]],
         contact_px=labelled,
         nudged_px=tuple(new - old for new, old in zip(nudged, labelled, strict=True)),
         mae_levels=row["held_out_mae_levels"],

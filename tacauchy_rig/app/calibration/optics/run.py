@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,7 @@ from tacauchy_rig.app.calibration.optics.figures import (
 from tacauchy_rig.app.replay.optics import HEIGHT, SCALE_X, SCALE_Y, WIDTH
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.long_task import Remaining
 
 _CIRCLES = "circles.csv"
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -65,6 +66,7 @@ class OpticsRequest:
         scale_px_m: Pixels per metre along columns and rows.
         sensor: Its pad is pressed in the simulator to know the gel around the ball.
         jobs: Fits at a time, each in a process of its own.
+        trials: Of a run, by the name of their image; empty for a folder of images.
     """
 
     folder: Path
@@ -78,6 +80,7 @@ class OpticsRequest:
     preset: Preset
     folds: int
     jobs: int
+    trials: dict[str, int] = field(default_factory=dict)
 
     @property
     def slopes(self) -> Path:
@@ -194,8 +197,11 @@ def _images(request: OpticsRequest, background: ImageArray) -> dict[str, ImageAr
     return images
 
 
-OnStep = Callable[[str, int, int], None]
-"""Told what was done, and as which step of how many."""
+OnStep = Callable[[str, int, int, str], None]
+"""Told what was done, as which step of how many, and how long the others may take."""
+# Processor seconds of the simulated presses, of finding a contact, and, a press, of a fit with
+# shadows and without.
+_PRESSES_S, _FIND_S, _FIT_S = 8.0, 0.3, {True: 0.9, False: 0.15}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -235,19 +241,30 @@ def calibrate_and_check(
         RecordError: A result cannot be written.
     """
     read = read_input(request)
-    folds = min(request.folds, len(read.labelled or read.images))
+    count = len(read.labelled or read.images)
+    folds = min(request.folds, count)
     depths = len(DEPTHS_M)
     total = depths + folds + 1
+    fit_s = count * _FIT_S[request.sensor.optics.shadows is not None]
+    find_s = _FIND_S * len(read.images)
+    alone = Remaining(_PRESSES_S + find_s)
+    fits = Remaining((folds + 1) * fit_s, jobs=min(request.jobs, folds))
+
+    def left() -> str:
+        seconds = alone.seconds() + fits.seconds()
+        return f"about {seconds:.0f} s left" if seconds else ""
 
     def pressed(done: int) -> None:
         depth_mm = DEPTHS_M[done - 1] * 1e3
-        on_step(f"ball pressed {depth_mm:.2f} mm deep in the simulator", done, total)
+        alone.spend(_PRESSES_S / depths)
+        on_step(f"ball pressed {depth_mm:.2f} mm deep in the simulator", done, total, left())
 
     def fitted(fold: int) -> None:
         what = f"fit without fold {fold + 1} of {folds}" if fold < folds else "fit to all presses"
-        on_step(what, depths + fold + 1, total)
+        fits.spend(fit_s)
+        on_step(what, depths + fold + 1, total, left())
 
-    on_step("pressing the ball in the simulator", 0, total)
+    on_step("pressing the ball in the simulator", 0, total, left())
     scene = pressed_scene(
         request.sensor,
         read.background,
@@ -257,6 +274,8 @@ def calibrate_and_check(
         on_press=pressed,
     )
     presses, warnings = find_presses(read, scene, ball_radius_m=0.5 * request.ball_diameter_m)
+    alone.spend(find_s)
+    fits.begin()
     fit = partial(calibrate_presses, scene=scene, shadows=request.sensor.optics.shadows)
     scores, labelled, held_out, calibration = cross_validate(
         presses, scene, fit=fit, folds=folds, jobs=request.jobs, on_fold=fitted

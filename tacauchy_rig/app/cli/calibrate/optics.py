@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +11,7 @@ import typer
 from sim.scene.scene import Preset
 from tacauchy_rig.app.cli.options import Jobs, JsonFile
 from tacauchy_rig.app.cli.output import Steps, complain, say, writable_folder, write_json
-from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.errors import ConfigError, command_line
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
 if TYPE_CHECKING:
@@ -99,6 +99,12 @@ def optics(
         jobs=jobs,
     )
     writable_folder(request.out.parent)
+    if run is not None:
+        others = len(run.records) - len(request.trials)
+        say(
+            f"{len(request.trials)} presses of a ball of {request.ball_diameter_m * 1e3:g} mm"
+            + (f"; {others} others of the run are left out" if others else "")
+        )
     if outputs is not None:
         check_empty(outputs)
     with Steps() as steps:
@@ -106,7 +112,7 @@ def optics(
             request,
             on_step=steps,
             on_held_out=lambda images: _write_outputs(
-                outputs, images, folds=folds, is_run=run is not None
+                outputs, images, folds=folds, trials=request.trials
             ),
         )
     for warning in result.warnings:
@@ -114,11 +120,16 @@ def optics(
     _show(result)
     if run is not None:
         keep_optics(run, request, result)
+        say(f"next: {command_line('replay', folder, '--optics', request.out)}")
     write_json(json_file, result)
 
 
 def _write_outputs(
-    folder: Path | None, images: Sequence[RenderedPress], *, folds: int, is_run: bool
+    folder: Path | None,
+    images: Sequence[RenderedPress],
+    *,
+    folds: int,
+    trials: Mapping[str, int],
 ) -> None:
     """Write presses held out as a simulator's outputs.
 
@@ -140,7 +151,7 @@ def _write_outputs(
         "circle, as drawn or as found in its image.",
     )
     presses = {
-        int(Path(each.press.name).stem) if is_run else k: PressOutput(image=each.image)
+        trials.get(each.press.name, k): PressOutput(image=each.image)
         for k, each in enumerate(images, start=1)
     }
     write_outputs(folder, Outputs(simulator=simulator, presses=presses))
