@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from sim.effects.effect_plan import full_plan
-from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.scene.scene import Effect, Preset, Scene, Target
 from tacauchy_rig.core.arrays import FloatArray
@@ -33,8 +32,6 @@ def forces_at(
     *,
     contact_force_n: float = 0.0,
     refinement: float | None = None,
-    planned: bool = False,
-    own_target: bool = False,
 ) -> FloatArray:
     """Press a scene's indenter to depths [m], and return F_z at each [N], shape [depth_count].
 
@@ -44,8 +41,6 @@ def forces_at(
         contact_force_n: Force from which depths count [N]; 0 is first touch.
         refinement: Coarsely, every edge this many times shorter than preset fast's; None presses
             on the scene's own mesh.
-        planned: With the effects that its plan calls for; else with all that it has.
-        own_target: On the mesh of the scene's own target; else of the largest depth.
 
     Raises:
         RigError: It cannot be meshed or solved.
@@ -54,9 +49,8 @@ def forces_at(
         scene = replace(
             scene, preset=Preset.FAST, refinement=refinement, outputs=frozenset(), tolerance=None
         )
-    if not own_target:
-        scene = replace(scene, target=Target(depth_m=max(depths_m)))
-    plan = plan_effects(scene) if planned else full_plan(scene)
+    scene = replace(scene, target=Target(depth_m=max(depths_m)))
+    plan = full_plan(scene)
     duration_s = scene.duration_s if plan.is_on(Effect.VISCOELASTICITY) else None
     path = path_for(scene, plan)
     touched_m = path.push(contact_force_n).depth_m if contact_force_n > _NO_FORCE_N else 0.0

@@ -36,7 +36,7 @@ from tacauchy_rig.core.config.uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import ResidualSplit
 
-MOST_TRIALS = 12
+MOST_TRIALS, _MOST_PARTS = 12, 6
 """Trials that are pressed again, spread evenly over the forces: each takes two seconds, and 15 MB
 for the changes of its image."""
 # Steps: large against the scatter of a coarse mesh, small against the curvature of the response
@@ -123,7 +123,7 @@ def _chosen(
         presses = [press for each in there if (press := _press_of(each, part, optics))]
         if presses:
             found.append((part, sorted(presses, key=lambda press: press.force_n)))
-    found = _spread(found, MOST_TRIALS)
+    found = _spread(found, _MOST_PARTS)
     return [(part, _spread(presses, MOST_TRIALS // len(found))) for part, presses in found]
 
 

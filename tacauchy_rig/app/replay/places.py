@@ -45,7 +45,7 @@ from tacauchy_rig.core.store.replay_files import pack_arrays, unpack_arrays, wri
 
 # Processor seconds of a press alone at its place, of a path with all its states, and of an image.
 _ALONE_S, _PATH_S, _IMAGE_S = 4.5, 40.0, 1.5
-_JOBS = 2
+_JOBS, _WORTH_PROCESSES = 2, 6
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+")
 _BODIES: dict[str, type[Sphere | Cylinder]] = {"Sphere": Sphere, "Cylinder": Cylinder}
 
@@ -89,7 +89,8 @@ def replay_parts(
     files = [_PartFiles(part) for part in parts]
     tasks = _settled([part.task for part in parts])
     fits = fits_modulus(parts[0].run.store.config)
-    left = Remaining(afterwards_s, jobs=_JOBS)
+    jobs = _JOBS if len(parts) >= _WORTH_PROCESSES else 1
+    left = Remaining(afterwards_s, jobs=jobs)
     for task, own in zip(tasks, files, strict=True):
         left.add(0.0 if own.is_there else _cost_s(task) + _IMAGE_S)
         left.add(_cost_s(task) if fits and task.forces_n and not own.stated(_hash(task)) else 0.0)
@@ -113,7 +114,7 @@ def replay_parts(
     if missing:
         files[0].begin()
     items = [(k, tasks[k], fit, stated[k]) for k in missing]
-    work = parallel_map(_press, items, jobs=_JOBS, new_process_each=False)
+    work = parallel_map(_press, items, jobs=jobs, new_process_each=False)
     with doing("pressing to what was measured") as tell:
         for number, ((k, *_), pressed) in enumerate(work, start=1):
             done[k] = files[k].keep(_hash(tasks[k], fit), pressed, optics, stated[k])
@@ -137,7 +138,8 @@ def _stated(
         if (kept := own.stated(_hash(task)))
     }
     missing = [(k, task) for k, task in enumerate(tasks) if k not in found and task.forces_n]
-    work = parallel_map(_press_stated, missing, jobs=_JOBS, new_process_each=False)
+    jobs = _JOBS if len(tasks) >= _WORTH_PROCESSES else 1
+    work = parallel_map(_press_stated, missing, jobs=jobs, new_process_each=False)
     with doing("pressing the gel of the stated modulus") as tell:
         for number, ((k, task), history) in enumerate(work, start=1):
             found[k] = history
