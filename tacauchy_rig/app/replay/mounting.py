@@ -252,7 +252,7 @@ def find_offset(
 
 def offset_of(values: Sequence[FoundValue]) -> tuple[float, float] | None:
     """Return the offset that is to be simulated [m]; None where none is."""
-    if not all(value.taken for value in values):
+    if not values or not all(value.taken for value in values):
         return None
     x, y = (value.value or 0.0 for value in values)
     return x, y

@@ -46,6 +46,8 @@ from tacauchy_rig.core.store.replay_files import ReplayFields
 
 _AFTERWARDS_S = 60.0
 """Processor time of the coarse presses of an indenter, for uncertainties and the residual [s]."""
+_PROBES = 4
+"""Presses of an indenter that tell where its place is, about."""
 _Files = dict[int, ReplayFields]
 """Arrays and images by trial that are not on disk yet."""
 
@@ -90,9 +92,19 @@ def replay_run(
 
     tilts = [mounted(each.run, each.inputs, on_progress=say_once) for each in parts]
     parts = [replace(part, inputs=tilt.inputs) for part, tilt in zip(parts, tilts, strict=True)]
+    places: list[tuple[FoundValue, ...]] = [()] * len(parts)
+    is_found = config.replay.pose is PoseSource.FOUND
+    files: _Files = {}
     if len(parts) > 1:
         optics = optics_of(given, sensor, calibrate=calibrate, on_progress=on_progress)
-        files: _Files = {}
+        if is_found:
+            on_progress("finding the place of each indenter from some of its presses")
+            some = [
+                parts[k] for own in tools_of(parts) for k in own[:: max(1, len(own) // _PROBES)]
+            ]
+            tried = replay_parts(some, optics, on_progress=on_progress)
+            places = _found_places(parts, _images(run, tried, {}), optics)
+            parts = _moved(parts, places)
         after_s = _AFTERWARDS_S * len(list(tools_of(parts)))
         replays = replay_parts(parts, optics, afterwards_s=after_s, on_progress=on_progress)
     else:
@@ -102,27 +114,18 @@ def replay_run(
         optics = optics_of(given, sensor, calibrate=calibrate, on_progress=on_progress)
         attempts = measured_attempts(parts[0].run)
         first, files = rendered(attempts, sensor, *pressed, optics)
-        replays = [first]
-    places: list[tuple[FoundValue, ...]] = [()] * len(parts)
-    if config.replay.pose is PoseSource.FOUND:
-        places = _found_places(parts, _images(run, replays, files), optics)
-        offsets = [offset_of(place) for place in places]
-        if any(offsets):
-            on_progress("  images show contacts at other places: pressing again there")
-            parts = [
-                replace(part, inputs=part.inputs.moved(offset_m or (0.0, 0.0)))
-                for part, offset_m in zip(parts, offsets, strict=True)
-            ]
-            if len(parts) > 1:
-                replays = replay_parts(parts, optics, on_progress=on_progress)
-            else:
+        if is_found:
+            places = _found_places(parts, _images(run, [first], files), optics)
+            if offset_of(places[0]) is not None:
+                on_progress("  images show the contact at another place: pressing again there")
+                parts = _moved(parts, places)
                 pressed = press_together(parts[0].task, on_progress=on_progress)
-                first, files = rendered(measured_attempts(parts[0].run), sensor, *pressed, optics)
-                replays = [first]
-            replays = [
-                replace(each, model=replace(each.model, found_offset_m=offset_m or (0.0, 0.0)))
-                for each, offset_m in zip(replays, offsets, strict=True)
-            ]
+                first, files = rendered(attempts, sensor, *pressed, optics)
+        replays = [first]
+    replays = [
+        replace(each, model=replace(each.model, found_offset_m=offset_of(place) or (0.0, 0.0)))
+        for each, place in zip(replays, places, strict=True)
+    ]
     found = [(*tilt.values, *place) for tilt, place in zip(tilts, places, strict=True)]
     images = _images(run, replays, files)
     inputs, residual = _uncertainties(parts, found, replays, images, optics, on_progress)
@@ -169,6 +172,14 @@ def _images(run: RunReading, replays: Sequence[Replay], files: _Files) -> dict[i
         if image is not None:
             found[trial.index] = image
     return found
+
+
+def _moved(parts: Sequence[Part], places: Sequence[tuple[FoundValue, ...]]) -> list[Part]:
+    """Return parts where images show their contacts."""
+    return [
+        replace(part, inputs=part.inputs.moved(offset_of(place) or (0.0, 0.0)))
+        for part, place in zip(parts, places, strict=True)
+    ]
 
 
 def _found_places(
