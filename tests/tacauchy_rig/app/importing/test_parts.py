@@ -22,7 +22,6 @@ from tacauchy_rig.core.simulated import ForceInput
 from tacauchy_rig.core.store.check.run import check_run
 from tacauchy_rig.core.store.run_store import RunStore
 
-MESHES_APART = 1e-3  # of a depth: a force's mesh is another than the depth's (preset fast)
 HEAD = "image,fz,depth,x,y,tool"
 _CORNERS = [(x, y, z) for z in (0, 4) for y in (-2, 2) for x in (-2, 2)]
 _SIDES = ("023 031", "457 476", "015 054", "267 273", "046 062", "137 175")
@@ -153,7 +152,7 @@ def test_presses_without_a_force_are_replayed_to_their_depths(
     run = open_run(imported(small, *rows, force=False).paths.root)
     replay = replay_run(run)
     depths = [trial.depth_simulated_m for trial in replay.trials]
-    assert depths == pytest.approx([0.2e-3, 0.3e-3], rel=MESHES_APART)
+    assert depths == pytest.approx([0.2e-3, 0.3e-3], rel=1e-6)
     assert all(math.isnan(trial.force_measured_n) for trial in replay.trials)
     assert replay.trials[1].force_simulated_n > replay.trials[0].force_simulated_n > 0.1
     assert check_run(run.store).passed, list(check_run(run.store).missed())

@@ -148,7 +148,13 @@ def test_optics_are_calibrated_from_the_balls_of_a_mixed_run(small: Path) -> Non
         f"{names[3]},1,0.2,3,0,{ball}",
     )
     run = open_run(imported(small, *rows, images=True).paths.root)
-    further = {"circles": None, "check": None, "preset": None, "folds": 5, "jobs": 1}
+    further: dict[str, Any] = {
+        "circles": None,
+        "check": None,
+        "preset": None,
+        "folds": 5,
+        "jobs": 1,
+    }
     asked: dict[str, Any] = {"background": None, "scale_px_m": None, "out": None, "sensor": None}
     request = request_of(small, run, ball_diameter_m=None, **asked, **further)
     assert request.ball_diameter_m == pytest.approx(6e-3)
