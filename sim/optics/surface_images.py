@@ -12,9 +12,8 @@ from sim.fields.press_fields import top_surface
 from sim.optics.colour.colour_model import ColourModel
 from sim.optics.colour.nominal import nominal_model
 from sim.optics.height.height_map import TOUCHING_M, SurfaceHeights, gap_left
-from sim.optics.markers.material_points import MaterialPoints
-from sim.optics.markers.point_kernel import see_points
-from sim.optics.markers.printed_markers import marker_places
+from sim.optics.markers.marker_printer import MarkerPrinter, SeenPoints
+from sim.optics.markers.printed_markers import find_markers, marker_places
 from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
 from sim.scene.indenter import Indenter
 from sim.sensor.camera_geometry import CameraGeometry
@@ -36,8 +35,8 @@ class SurfaceImages:
         model: The pad; its nodes are what positions are of.
         sensor: Camera, pad, markers, and what is not given below.
         samples: Of a pixel, both ways; replays take 2.
-        background: No-contact frame without markers, RGB, uint8, shape [height, width, 3]; evenly
-            grey by default.
+        background: No-contact frame, RGB, uint8, shape [height, width, 3]; the markers that it
+            shows go with the gel. Evenly grey by default.
         blur_px: Standard deviation of the camera's blur [px].
 
     Raises:
@@ -73,11 +72,12 @@ class SurfaceImages:
             pad=sensor.pad,
             device=model.device,
         )
+        markers = None if background is None else find_markers(background)
         if background is None:
             shape = (geometry.height, geometry.width, 3)
             background = np.full(shape, GREY_LEVEL, dtype=np.uint8)
         renderer = TactileRenderer(
-            background,
+            background if markers is None else markers.bare,
             self._heights.rest_m.numpy().reshape(fine.height, fine.width),
             colours or nominal_model(sensor),
             geometry,
@@ -88,10 +88,9 @@ class SurfaceImages:
         )
         self._dents, self._render = renderer.prepared(count)
         places = marker_places(sensor.markers) if sensor.markers else np.zeros((0, 2))
-        self._points = MaterialPoints(top, places, count=count, device=model.device)
-        self._places_px: Any = device.array(geometry.to_pixels(places), wp.vec2d)
-        self._back = wp.mat22d(*np.linalg.inv(geometry.direction_matrix).reshape(-1))
-        self._markers: Any = device.zeros((count, len(places), 2), wp.float32)
+        on: dict[str, Any] = {"count": count, "device": model.device}
+        self._points = SeenPoints(top, places, geometry, **on)
+        self._printer = None if markers is None else MarkerPrinter(top, markers, geometry, **on)
 
     def images(self, positions: Any, tips: Any, rotations: Any = None) -> Any:
         """Return images, RGB, Warp uint8, shape [count, height, width, 3].
@@ -107,7 +106,10 @@ class SurfaceImages:
         turned = self._upright if rotations is None else rotations
         self._refuse_unfit(positions, tips, turned)
         self._heights.dents(positions, tips, turned, self._dents)
-        return self._render()
+        images = self._render()
+        if self._printer is not None:
+            self._printer.over(images, positions)
+        return images
 
     def markers(self, positions: Any) -> Any:
         """Return column and row of the markers [px], Warp float32, shape [count, marker_count, 2].
@@ -115,10 +117,7 @@ class SurfaceImages:
         They are in the order of ``marker_places``; none where the sensor's file has none.
         """
         self._refuse_unfit(positions)
-        moved = self._points.displacement(positions)
-        taken = [self._places_px, self._back, moved]
-        self._device.launch(see_points, moved.shape, taken, [self._markers])
-        return self._markers
+        return self._points.pixels(positions)
 
     def _refuse_unfit(self, positions: Any, *poses: Any) -> None:
         found = [tuple(array.shape) for array in (positions, *poses)]

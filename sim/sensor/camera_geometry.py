@@ -30,6 +30,8 @@ class CameraGeometry:
         mirrored: True where rows grow with -y.
         crop_fraction: Part of the raw frame's width cut off at left and right each, and of its
             height at top and bottom each, before it is resized.
+        distance_m: Of the camera's pinhole from the gel [m]: what is pressed nearer to it is seen
+            farther from the image's middle. Infinite is a view by parallel rays.
     """
 
     width: int
@@ -41,6 +43,7 @@ class CameraGeometry:
     rotation_rad: float = 0.0
     mirrored: bool = False
     crop_fraction: float = 0.0
+    distance_m: float = math.inf
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:

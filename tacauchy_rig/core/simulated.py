@@ -170,6 +170,8 @@ class MarkerMotion:
             frame of the dwell could be read.
         lost: Markers of the no-contact frame that were not found again.
         apart_rms_m: Of the recorded minus the simulated motion [m].
+        apart_median_px: Likewise, the median over the markers in the image [px].
+        tracking_error_px: Standard error of a tracked motion along columns or rows [px].
     """
 
     trial: int
@@ -182,6 +184,8 @@ class MarkerMotion:
     simulated_largest_m: Annotated[float | None, _LeftOut] = None
     apart_rms_m: Annotated[float | None, _LeftOut] = None
     apart_largest_m: Annotated[float | None, _LeftOut] = None
+    apart_median_px: Annotated[float | None, _LeftOut] = None
+    tracking_error_px: Annotated[float | None, _LeftOut] = None
 
 
 @pydantic_dataclass(frozen=True, slots=True, kw_only=True)

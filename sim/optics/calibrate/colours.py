@@ -20,6 +20,7 @@ from sim.optics.calibrate.photometric_fit import (
     joined,
 )
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_presses_fit
+from sim.optics.calibrate.presses.marker_motion import ORTHOGRAPHIC, MotionModel
 from sim.optics.calibrate.presses.scene import (
     BEYOND_RIM,
     PlacedPress,
@@ -52,6 +53,7 @@ class Calibration:
         lights: Light of each frame [grey levels], shape [press_count, 3, 3]; see ``light_at``.
         shadows: What the dents hide from the lamps; None where the sensor shows no shadows.
         blur_px: Standard deviation of the camera's blur [px].
+        motion: How the gel's markers move in the image.
     """
 
     model: PhotometricModel
@@ -60,6 +62,7 @@ class Calibration:
     lights: FloatArray
     shadows: ShadowCaster | None = None
     blur_px: float = 0.0
+    motion: MotionModel = ORTHOGRAPHIC
 
     def placed(self, presses: Sequence[BallPress]) -> list[PlacedPress]:
         """Return the presses that it was made of where they were found, in their light."""
@@ -174,7 +177,7 @@ def averaged_no_contact(
         change = pixels.predict(circle).reshape(total.shape)
         level = image - scene.frame_light_image(each.light) - change
         outside = circle.distance(columns, rows) > BEYOND_RIM * circle.radius_px
-        known = (outside & scene.bare)[..., None] & exposed(image)
+        known = (outside & each.press.shown)[..., None] & exposed(image)
         total += np.where(known, level, 0.0)
         count += known
     return np.asarray(total / count)
@@ -191,7 +194,7 @@ class PressSamples:
         self, scene: PressScene, placed: PlacedPress, *, blur_px: float = 0.0, every: int = 1
     ) -> None:
         press, circle = placed.press, placed.circle
-        rows, columns = (places[::every] for places in scene.pixels_around(press.circle))
+        rows, columns = (places[::every] for places in scene.pixels_around(press))
         self._scene, self._circle, self._columns, self._rows = scene, circle, columns, rows
         self._levels = press.image[rows, columns]
         self._expected = scene.expected(rows, columns, placed.light)

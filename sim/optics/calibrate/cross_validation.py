@@ -19,6 +19,7 @@ from skimage.metrics import structural_similarity
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.optics_fit import press_image, without_shadows
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.presses.marker_motion import fit_motions
 from sim.optics.calibrate.presses.scene import PlacedPress, PressScene, exposed
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
@@ -49,16 +50,25 @@ def render_presses(
 def _lit(press: BallPress, circle: Circle, found: Calibration) -> PlacedPress:
     """Return a press without its shadows, in its frame's light."""
     lit = without_shadows(press, circle, found.scene, found.shadows)
-    return PlacedPress(press=lit, circle=circle, light=found.scene.light(lit, circle, found.model))
+    light, motion = found.scene.light(lit, circle, found.model), None
+    if press.tracks is not None:
+        profile, geometry = found.scene.profile, found.scene.geometry
+        _, (motion,) = fit_motions([press.tracks], [circle], profile, geometry, found.motion)
+    return PlacedPress(press=lit, circle=circle, light=light, motion=motion)
 
 
 def _rendered(press: BallPress, placed: PlacedPress, found: Calibration) -> RenderedPress:
     """Return a press as it is, where it was placed."""
     started = time.perf_counter()
-    image = press_image(found, placed.circle)
+    image = press_image(found, placed.circle, placed.motion)
     seconds = time.perf_counter() - started
     return RenderedPress(
-        press=press, rendered=image, light=placed.light, circle=placed.circle, seconds=seconds
+        press=press,
+        rendered=image,
+        light=placed.light,
+        circle=placed.circle,
+        motion=placed.motion,
+        seconds=seconds,
     )
 
 
@@ -116,6 +126,7 @@ def check_scores(
         as_labelled_frames_as_they_came=score_presses(labelled, scene, light_matched=False),
         light_rms_levels=float(np.sqrt(np.mean([item.light[0] ** 2 for item in nudged]))),
         nudge_rms_px=float(np.sqrt(np.mean(np.square(moves)))),
+        markers=marker_scores(nudged, scene.geometry.mean_scale_m),
     )
 
 
@@ -159,6 +170,56 @@ class PressScores:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerScores:
+    """How far markers are seen from where they are drawn, over all presses of a set.
+
+    Attributes:
+        tracked: Markers that were followed from the no-contact frame into the presses' images.
+        lost: Markers that were not found again.
+        moved_px: Median motion of those under and beside the contact, within 1.6 of its radii [px].
+        error_px: Median distance of drawn from tracked motion [px].
+        error_m: The same [m].
+        near_error_px: Median of those under and beside the contact [px].
+        near_error_p90_px: Which nine of ten of those keep [px].
+        tracking_error_px: Median standard error of a tracked motion along columns or rows [px].
+    """
+
+    tracked: int
+    lost: int
+    moved_px: float
+    error_px: float
+    error_m: float
+    near_error_px: float
+    near_error_p90_px: float
+    tracking_error_px: float
+
+
+def marker_scores(rendered: Sequence[RenderedPress], pixel_m: float) -> MarkerScores | None:
+    """Compare the markers of presses with where they are drawn; None where none was followed."""
+    pairs = [
+        (item.press.tracks, item.motion)
+        for item in rendered
+        if item.press.tracks is not None and item.motion is not None
+    ]
+    if not pairs or not any(len(tracks.rest_px) for tracks, _ in pairs):
+        return None
+    error = np.concatenate([motion.error_px for _, motion in pairs])
+    near = np.concatenate([motion.under for _, motion in pairs])
+    moved = np.concatenate([np.hypot(*tracks.motion_px.T) for tracks, _ in pairs])
+    close = error[near] if near.any() else error
+    return MarkerScores(
+        tracked=len(error),
+        lost=sum(tracks.lost for tracks, _ in pairs),
+        moved_px=float(np.median(moved[near] if near.any() else moved)),
+        error_px=float(np.median(error)),
+        error_m=float(np.median(error)) * pixel_m,
+        near_error_px=float(np.median(close)),
+        near_error_p90_px=float(np.quantile(close, 0.9)),
+        tracking_error_px=float(np.median(np.concatenate([t.error_px for t, _ in pairs]))),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CheckScores(PressScores):
     """Scores of presses that the model has not seen: circles nudged, with each frame's light.
 
@@ -167,12 +228,14 @@ class CheckScores(PressScores):
         as_labelled_frames_as_they_came: Labelled circles, against the frames as they came.
         light_rms_levels: Root mean square of the level of that light [grey levels].
         nudge_rms_px: Root mean square of the circles' moves in x, y and radius [px].
+        markers: Of sensors with markers.
     """
 
     as_labelled: PressScores
     as_labelled_frames_as_they_came: PressScores
     light_rms_levels: float
     nudge_rms_px: float
+    markers: MarkerScores | None = None
 
 
 def score_presses(
@@ -184,7 +247,7 @@ def score_presses(
         light = item.light if light_matched else np.zeros_like(item.light)
         real = item.press.image.astype(np.float64)
         image = as_seen(item.rendered, light, scene)
-        without = as_seen(scene.background, light, scene)
+        without = as_seen(scene.frame, light, scene)
         inside = contact_mask(item.press.circle, *real.shape[:2])
         changes.append((real - without)[inside])
         errors.append((image - real)[inside])

@@ -20,16 +20,23 @@ from pydantic import TypeAdapter
 from sim.optics.calibrate.colours import Calibration, calibrate_optics, fit_model
 from sim.optics.calibrate.photometric_fit import lowest_place
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.presses.marker_motion import (
+    GelMotion,
+    fit_motions,
+    motion_terms,
+    moved_gel,
+)
 from sim.optics.calibrate.presses.scene import PlacedPress, PredictedPixels, PressScene, exposed
 from sim.optics.render.shadows import darkening, lost_share
 from sim.sensor.optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, FloatArray
 
 
-def press_image(found: Calibration, circle: Circle) -> FloatArray:
+def press_image(found: Calibration, circle: Circle, motion: GelMotion | None = None) -> FloatArray:
     """Return a press over the no-contact frame [grey levels], shape [height, width, 3].
 
-    Shadows and colours change the light, the lens blurs it, and the camera's response shows it.
+    Shadows and colours change the light, the lens blurs it, the camera's response shows it, and
+    markers take their share of it where the gel has carried them.
     """
     scene, model = found.scene, found.model
     light = model.response.light(scene.background)
@@ -40,7 +47,34 @@ def press_image(found: Calibration, circle: Circle) -> FloatArray:
         change = change + darkening(found.shadows, bulge, tilt, scene.geometry).transpose(1, 2, 0)
     if found.blur_px > 0.0:
         change = np.asarray(cv2.GaussianBlur(change, (0, 0), found.blur_px), dtype=np.float64)
-    return np.asarray(model.response.levels(light + change), dtype=np.float64)
+    levels = np.asarray(model.response.levels(light + change), dtype=np.float64)
+    if scene.markers is None:
+        return levels
+    return scene.markers.over(levels, gel_motion(found, circle, motion))
+
+
+def gel_motion(found: Calibration, circle: Circle, motion: GelMotion | None) -> Float32Array:
+    """Return by how much the gel that pixels see has moved [px], shape [2, height, width]."""
+    coarse = found.scene.geometry.refined(1.0 / _EVERY_PX)
+    rows, columns = np.mgrid[: coarse.height + 1, : coarse.width + 1].astype(np.float64)
+    places = _EVERY_PX * (np.stack([columns.ravel(), rows.ravel()], axis=1) + 0.5) - 0.5
+    terms = motion_terms(circle, found.scene.profile, found.scene.geometry, places)
+    moved = moved_gel(terms, found.motion, motion).astype(np.float32)
+    size = (_EVERY_PX * columns.shape[1], _EVERY_PX * rows.shape[0])
+    planes = moved.T.reshape(2, *rows.shape)
+    fine = np.stack([cv2.resize(each, size, interpolation=cv2.INTER_LINEAR) for each in planes])
+    return fine[:, : found.scene.geometry.height, : found.scene.geometry.width]
+
+
+def with_motion(presses: Sequence[BallPress], found: Calibration) -> Calibration:
+    """Return a calibration that knows how markers move, from the presses that it was made of."""
+    pairs = zip(presses, found.circles, strict=True)
+    told = [(p.tracks, circle) for p, circle in pairs if p.tracks is not None]
+    if not told:
+        return found
+    tracks, circles = zip(*told, strict=True)
+    model, _ = fit_motions(tracks, circles, found.scene.profile, found.scene.geometry)
+    return replace(found, motion=model)
 
 
 def without_shadows(
@@ -74,6 +108,7 @@ def pressed_surface(scene: PressScene, circle: Circle) -> tuple[Float32Array, Fl
     )
 
 
+_EVERY_PX = 4  # pixels at which motion is evaluated; it is interpolated between
 SHADOWS = "shadows"  # their name in a calibration's provenance
 _ROUNDS = 2
 _LOOKED_AT = 10  # deepest presses; their shadows are the longest
@@ -249,6 +284,7 @@ def calibrate_presses(
         found = calibrate_optics(presses, scene)
     else:
         found = calibrate_with_shadows(presses, scene, shadows)
+    found = with_motion(presses, found)
     if not blurred:
         return found
     placed = lit_presses(presses, found)
@@ -284,7 +320,7 @@ def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
         rows, columns = np.indices(press.image.shape[:2])[:, *window]
         near = circle.distance(columns, rows) < _REACH * circle.radius_px
         image = press.image[window]
-        known = (near & scene.bare[window])[..., None] & exposed(image)
+        known = (near & press.shown[window])[..., None] & exposed(image)
         seen = image - scene.background[window] - scene.frame_light_image(each.light)[window]
         pixels = PredictedPixels(scene, found.model, columns.ravel(), rows.ravel())
         sharp = pixels.predict(circle).reshape(seen.shape)

@@ -20,11 +20,17 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
 from sim.fields.press_fields import surface_state
 from sim.optics.markers.material_points import surface_displacement
-from sim.optics.markers.printed_markers import draw_markers, marker_places, track_markers
+from sim.optics.markers.printed_markers import (
+    draw_markers,
+    find_markers,
+    follow_markers,
+    marker_places,
+)
 from sim.scene.scene import Motion, Scene
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import MarkerGrid
 from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.errors import ConfigError
 
 _LEVEL = 150
 _NOISE_LEVELS = 2.0
@@ -162,10 +168,16 @@ def _compare(
         image = draw_markers(plain, at, grid.radius_m, geometry)
         noisy = image + _NOISE_LEVELS * rng.standard_normal(image.shape)
         frames.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
-    tracks = track_markers(frames[0], frames[1], geometry, radius_m=grid.radius_m)
-    which = cKDTree(places).query(tracks.places_m)[1]
+    markers = find_markers(frames[0])
+    if markers is None:
+        raise ConfigError(
+            "the frame at rest shows no marker",
+            remedy="check the sensor file's [markers] radius and pixel size",
+        )
+    tracks = follow_markers(markers, frames[1])
+    which = cKDTree(places).query(geometry.to_pad(tracks.rest_px))[1]
     scale = (geometry.scale_x_m, geometry.scale_y_m)
-    error = np.linalg.norm((tracks.displacement_m - moved[which]) / scale, axis=1)
+    error = np.linalg.norm(tracks.motion_px - moved[which] / scale, axis=1)
     return MarkerComparison(
         largest_m=float(np.linalg.norm(moved, axis=1).max()),
         difference_rms_m=float(np.sqrt(np.mean(difference**2))),

@@ -26,17 +26,144 @@ def carry_points(
     moved_out[env, i] = moved
 
 
+@wp.struct
+class Projection:
+    """How points of the gel are seen.
+
+    Attributes:
+        back: Pixels for a pad step [px/m].
+        middle: Column and row of the camera's axis [px].
+        per_distance: One over the pinhole's distance from the gel [1/m].
+    """
+
+    back: wp.mat22d
+    middle: wp.vec2d
+    per_distance: wp.float64
+
+
 @wp.kernel(enable_backward=False)
 def see_points(
+    view: Projection,
     rest_px: wp.array(dtype=wp.vec2d),
-    back: wp.mat22d,
     # Data in:
     moved: wp.array2d(dtype=wp.vec3d),
     # Data out:
     pixel_out: wp.array3d(dtype=wp.float32),
 ):
-    """Project points that moved."""
+    """Project points that moved; what comes nearer to the camera moves away from its axis."""
     env, i = wp.tid()
-    pixel = rest_px[i] + back * wp.vec2d(moved[env, i][0], moved[env, i][1])
+    by = moved[env, i]
+    pixel = rest_px[i] + view.back * wp.vec2d(by[0], by[1])
+    nearer = -by[2] * view.per_distance
+    pixel += (pixel - view.middle) * (nearer / (wp.float64(1.0) - nearer))
     for axis in range(2):
         pixel_out[env, i, axis] = wp.float32(pixel[axis])
+
+
+_ROUNDS = wp.constant(4)
+
+
+@wp.func
+def _between(values: wp.array3d(dtype=wp.vec2f), env: int, x: wp.float32, y: wp.float32):
+    """Interpolate linearly at a column and row of an array, bounded by its border."""
+    x = wp.clamp(x, wp.float32(0.0), wp.float32(values.shape[2] - 1))
+    y = wp.clamp(y, wp.float32(0.0), wp.float32(values.shape[1] - 1))
+    left, top = wp.min(int(x), values.shape[2] - 2), wp.min(int(y), values.shape[1] - 2)
+    u, v = x - wp.float32(left), y - wp.float32(top)
+    upper = values[env, top, left] * (wp.float32(1.0) - u) + values[env, top, left + 1] * u
+    lower = values[env, top + 1, left] * (wp.float32(1.0) - u) + values[env, top + 1, left + 1] * u
+    return upper * (wp.float32(1.0) - v) + lower * v
+
+
+@wp.kernel(enable_backward=False)
+def motion_of(
+    spacing: wp.float32,
+    # Data in:
+    seen: wp.array3d(dtype=wp.float32),
+    # Data out:
+    moved_out: wp.array3d(dtype=wp.vec2f),
+):
+    """Take a lattice's places at rest from where its points are seen [px]."""
+    env, i, j = wp.tid()
+    at = i * moved_out.shape[2] + j
+    moved_out[env, i, j] = wp.vec2f(
+        seen[env, at, 0] - spacing * wp.float32(j), seen[env, at, 1] - spacing * wp.float32(i)
+    )
+
+
+@wp.kernel(enable_backward=False)
+def came_from(
+    spacing: wp.float32,
+    # Data in:
+    moved: wp.array3d(dtype=wp.vec2f),
+    # Data out:
+    motion_out: wp.array3d(dtype=wp.vec2f),
+):
+    """Turn the motion of gel from points of a lattice into that of the gel now seen there [px]."""
+    env, i, j = wp.tid()
+    x, y = wp.float32(j), wp.float32(i)
+    by = moved[env, i, j]
+    for _ in range(_ROUNDS):
+        if wp.isfinite(by[0] + by[1]):
+            by = _between(moved, env, x - by[0] / spacing, y - by[1] / spacing)
+    motion_out[env, i, j] = by
+
+
+@wp.func
+def _ink_at(ink: wp.array2d(dtype=wp.vec4f), x: wp.float32, y: wp.float32):
+    x = wp.clamp(x, wp.float32(0.0), wp.float32(ink.shape[1] - 1))
+    y = wp.clamp(y, wp.float32(0.0), wp.float32(ink.shape[0] - 1))
+    left, top = wp.min(int(x), ink.shape[1] - 2), wp.min(int(y), ink.shape[0] - 2)
+    u, v = x - wp.float32(left), y - wp.float32(top)
+    upper = ink[top, left] * (wp.float32(1.0) - u) + ink[top, left + 1] * u
+    lower = ink[top + 1, left] * (wp.float32(1.0) - u) + ink[top + 1, left + 1] * u
+    return upper * (wp.float32(1.0) - v) + lower * v
+
+
+@wp.kernel(enable_backward=False)
+def print_ink(
+    spacing: wp.int32,
+    dark: wp.vec3f,
+    ink: wp.array2d(dtype=wp.vec4f),
+    inked: wp.array2d(dtype=wp.uint8),
+    # Data in:
+    motion: wp.array3d(dtype=wp.vec2f),
+    # Data in and out:
+    image: wp.array4d(dtype=wp.uint8),
+):
+    """Print markers over a cell of the lattice of images of bare gel: see ``PrintedMarkers``.
+
+    ``inked`` is 1 for cells that have ink or a neighbour with ink; what comes from others is bare.
+    """
+    env, i, j = wp.tid()
+    corner, right = motion[env, i, j], motion[env, i, j + 1]
+    below, opposite = motion[env, i + 1, j], motion[env, i + 1, j + 1]
+    middle = (corner + right + below + opposite) * wp.float32(0.25)
+    if not wp.isfinite(middle[0] + middle[1]):
+        return
+    step = wp.float32(spacing)
+    from_row = int(wp.floor(wp.float32(i) + wp.float32(0.5) - middle[1] / step))
+    from_column = int(wp.floor(wp.float32(j) + wp.float32(0.5) - middle[0] / step))
+    from_row = wp.clamp(from_row, 0, inked.shape[0] - 1)
+    from_column = wp.clamp(from_column, 0, inked.shape[1] - 1)
+    if inked[from_row, from_column] == wp.uint8(0):
+        return
+    for a in range(spacing):
+        row = i * spacing + a
+        v = wp.float32(a) / step
+        left_by = corner * (wp.float32(1.0) - v) + below * v
+        along = (right * (wp.float32(1.0) - v) + opposite * v - left_by) / step
+        for c in range(spacing):
+            column = j * spacing + c
+            if row < image.shape[1] and column < image.shape[2]:
+                by = left_by + along * wp.float32(c)
+                share = _ink_at(ink, wp.float32(column) - by[0], wp.float32(row) - by[1])
+                is_bare = share == wp.vec4f(1.0, 0.0, 0.0, 0.0)
+                if not is_bare:
+                    for channel in range(3):
+                        level = wp.float32(image[env, row, column, channel]) - dark[channel]
+                        level = dark[channel] + share[0] * level + share[1 + channel]
+                        level = wp.clamp(
+                            level + wp.float32(0.5), wp.float32(0.0), wp.float32(255.0)
+                        )
+                        image[env, row, column, channel] = wp.uint8(level)

@@ -1,112 +1,41 @@
-"""Printed markers: found in images, taken from the no-contact frame and moved with the gel.
+"""Printed markers: found in a no-contact frame, followed in other frames, drawn where gel goes.
 
-Ink takes a share of the light, whatever the light. What each marker takes is read off the
-no-contact frame, so that a rendered image has the markers of this very unit, blurred as its camera
-blurs them.
+A pixel shows gel and ink in shares that are read off the no-contact frame, so that a rendered image
+has the markers of this very unit, blurred as its camera blurs them, over gel lit as it is then. Any
+pattern that is darker than the gel is found: grids, irregular dots, dense speckles.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import MarkerGrid
-from tacauchy_rig.core.arrays import BoolArray, Float32Array, FloatArray, ImageArray
-from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.arrays import (
+    AnyArray,
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    ImageArray,
+    RealArray,
+)
 from tacauchy_rig.core.rgb import to_grey
 
-_FAINTEST = 0.25  # of what the gel around a marker reflects
-_WINDOW_RADII = 1.6
-_ROUNDS = 4
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MarkerTracks:
-    """Markers of a frame at rest that were found again.
-
-    Attributes:
-        places_m: Centres at rest on the pad [m], shape [n, 2].
-        displacement_m: Along the pad's x and y [m], shape [n, 2].
-        lost: Markers at rest with no partner.
-    """
-
-    places_m: FloatArray
-    displacement_m: FloatArray
-    lost: int
-
-
-def track_markers(
-    rest: ImageArray, loaded: ImageArray, geometry: CameraGeometry, *, radius_m: float
-) -> MarkerTracks:
-    """Find the markers of a radius [m] in both frames and pair each with its nearest, both ways.
-
-    Raises:
-        ConfigError: The frame at rest shows no marker.
-    """
-    radius_px = radius_m / geometry.mean_scale_m
-    first = dark_markers(to_grey(rest), radius_px=radius_px)
-    second = dark_markers(to_grey(loaded), radius_px=radius_px)
-    if len(first) == 0:
-        raise ConfigError(
-            "the frame at rest shows no marker",
-            remedy="check the sensor file's [markers] radius and pixel size against the image",
-        )
-    if len(second) == 0:
-        second = np.full((1, 2), np.inf)
-    there, back = cKDTree(second).query(first)[1], cKDTree(first).query(second)[1]
-    paired = back[np.minimum(there, len(second) - 1)] == np.arange(len(first))
-    places = geometry.to_pad(first[paired])
-    return MarkerTracks(
-        places_m=places,
-        displacement_m=geometry.to_pad(second[there[paired]]) - places,
-        lost=int(np.sum(~paired)),
-    )
-
-
-def dark_markers(image: ImageArray, *, radius_px: float) -> FloatArray:
-    """Find dots of a radius that are darker than the gel around them: column and row [px], [n, 2].
-
-    Ink takes a share of the light, whatever the light: the share is what is weighed, against the
-    median of a window that is wider than a marker.
-    """
-    window = 2 * round(2.5 * radius_px) + 1
-    around = cv2.medianBlur(image, window).astype(np.float64)
-    share = 1.0 - image / np.maximum(around, 1.0)
-    smooth = ndimage.gaussian_filter(share, 0.5 * radius_px)
-    peak = smooth == ndimage.maximum_filter(smooth, size=window)
-    places = np.argwhere(peak & (smooth > _FAINTEST)).astype(np.float64).tolist()
-    found = [_centre(share, column, row, radius_px) for row, column in places]
-    return np.array([centre for centre in found if centre is not None]).reshape(-1, 2)
-
-
-def _centre(
-    share: FloatArray, column: float, row: float, radius_px: float
-) -> tuple[float, float] | None:
-    """Move a soft round window to the centre of what it holds; None at the image's border."""
-    height, width = share.shape
-    reach = _WINDOW_RADII * radius_px
-    for _ in range(_ROUNDS):
-        if not (reach <= column <= width - 1 - reach and reach <= row <= height - 1 - reach):
-            return None
-        left, top = int(column - reach), int(row - reach)
-        size = int(2 * reach) + 3
-        part = share[top : top + size, left : left + size]
-        j, i = np.mgrid[: part.shape[0], : part.shape[1]]
-        distance = np.hypot(i + left - column, j + top - row)
-        weight = np.maximum(part, 0.0) * np.clip(reach - distance + 0.5, 0.0, 1.0)
-        total = max(float(weight.sum()), 1e-9)
-        column = left + float((weight * i).sum()) / total
-        row = top + float((weight * j).sum()) / total
-    return column, row
-
-
-_REACH = 1.6  # radii around a marker that its blurred edge reaches
-_FOUND_SHARE = 0.6  # of the markers that the sensor's file puts into the image
+_WIDEST = 1.0 / 8.0  # of the image's height: what is wider is no marker
+_EDGE_SHARE, _DARK_SHARE = 0.15, 0.3  # of the light that ink takes at its edge, and within
+_LEAST_PX, _FEWEST = 8, 4
+_BLURRED_PX = 3  # around a marker, which the lens spreads its ink over
+_SMOOTHING_PX = 0.7
+# Tracking: the pyramid's windows and levels, the way there and back, and what neighbours allow.
+_WINDOW_PX, _LEVELS = 15, 3
+_THERE_AND_BACK_PX, _OFF_NEIGHBOURS, _NEIGHBOURS = 0.5, 3.0, 6
+_LEAST_OFF_PX = 1.5
+_UNLIKE_LEVELS = 40.0  # mean difference of two windows of one marker
 _EDGE_PX = 1.0
 _INK = 0.15
 
@@ -116,105 +45,198 @@ class PrintedMarkers:
     """The markers of one no-contact frame.
 
     Attributes:
-        bare: The frame without its markers, RGB, uint8, shape [height, width, 3].
-        ink: Share of the light that the markers leave, same shape.
+        frame: The frame as it is, RGB, uint8, shape [height, width, 3].
+        bare: The frame without its markers, likewise.
+        dark: Colour of the ink [grey levels], shape [3].
+        print: How much of the gel is seen, 0 under ink and 1 beside it, then what red, green and
+            blue differ from ink and gel mixed so [grey levels], shape [height, width, 4].
         mask: True on the markers and a little beyond, shape [height, width].
         centres_px: Column and row of each marker at rest [px], shape [n, 2].
-        places_m: The same on the pad [m], shape [n, 2].
-        reach_px: Distance from a centre within which a marker dims the image [px].
     """
 
+    frame: ImageArray
     bare: ImageArray
-    ink: Float32Array
+    dark: Float32Array
+    print: Float32Array
     mask: BoolArray
     centres_px: FloatArray
-    places_m: FloatArray
-    reach_px: float
 
-    def over(
-        self, image: ImageArray, displacement_m: FloatArray, geometry: CameraGeometry
-    ) -> ImageArray:
-        """Print the markers over an image of the bare gel.
+    def over(self, image: AnyArray, motion_px: RealArray | None = None) -> FloatArray:
+        """Return an image of the bare gel, shape [height, width, 3], with the markers over it.
 
         Args:
-            image: RGB, uint8, shape [height, width, 3].
-            displacement_m: Of each marker along the pad's x and y [m], shape [n, 2].
+            image: RGB [grey levels].
+            motion_px: By how much the gel that each pixel sees has moved, along columns and rows
+                [px], shape [2, height, width]; None is gel at rest.
         """
-        moved = geometry.to_pixels(self.places_m + displacement_m)
-        size = 2 * int(np.ceil(self.reach_px)) + 3
-        height, width = self.ink.shape[:2]
-        # With room for windows that reach beyond the border.
-        cover = np.ones((height + 2 * size, width + 2 * size, 3), dtype=np.float32)
-        for start, end in zip(self.centres_px, moved, strict=True):
-            left, top = (int(value) - size // 2 for value in np.rint(end))
-            if -size < left < width and -size < top < height:
-                middle = start - end + (left, top) + 0.5 * (size - 1)
-                patch = cv2.getRectSubPix(self.ink, (size, size), middle.tolist())
-                cover[top + size : top + 2 * size, left + size : left + 2 * size] *= patch
-        seen = cover[size:-size, size:-size]
-        return np.asarray(np.clip(np.rint(image * seen), 0.0, 255.0), dtype=np.uint8)
+        printed: AnyArray = self.print
+        if motion_px is not None:
+            rows, columns = np.indices(self.mask.shape, dtype=np.float32)
+            x = (columns - motion_px[0]).astype(np.float32)
+            y = (rows - motion_px[1]).astype(np.float32)
+            border = cv2.BORDER_REPLICATE
+            printed = cv2.remap(self.print, x, y, cv2.INTER_LINEAR, borderMode=border)
+        cover = printed[..., :1]
+        return np.asarray(self.dark + cover * (image - self.dark) + printed[..., 1:], np.float64)
 
 
-def printed_markers(
-    frame: ImageArray, grid: MarkerGrid | None, geometry: CameraGeometry
-) -> PrintedMarkers | None:
-    """Read the markers off a no-contact frame; None where it shows none.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerTracks:
+    """Markers of a frame at rest that were found again.
+
+    Attributes:
+        rest_px: Column and row of their centres at rest [px], shape [n, 2].
+        motion_px: Along columns and rows [px], shape [n, 2].
+        error_px: Standard error of each component, from what two windows differ by [px], [n].
+        lost: Markers at rest that were not found again.
+    """
+
+    rest_px: FloatArray
+    motion_px: FloatArray
+    error_px: FloatArray
+    lost: int
+
+
+def find_markers(frame: ImageArray) -> PrintedMarkers | None:
+    """Find dark markers in a no-contact frame, RGB, and take them off; None where it shows none.
 
     A make of sensor is sold with and without them, so the frame decides.
-
-    Args:
-        frame: RGB, uint8, shape [height, width, 3].
-        grid: The markers of the sensor's file; None where it has none.
-
-    Raises:
-        ConfigError: Markers are there, but not where the file says.
     """
-    if grid is None:
+    taken = ink_taken(frame)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(
+        (taken > _EDGE_SHARE).astype(np.uint8)
+    )
+    widest = _widest_px(frame)
+    area, sides = stats[:, cv2.CC_STAT_AREA], stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
+    darkest = np.zeros(count)
+    np.maximum.at(darkest, np.asarray(labels, dtype=np.intp).ravel(), taken.ravel())
+    kept = (darkest > _DARK_SHARE) & (area >= _LEAST_PX) & (sides.max(axis=1) < 4 * widest)
+    kept[0] = False
+    if kept.sum() < _FEWEST:
         return None
-    radius_px = grid.radius_m / geometry.mean_scale_m
-    expected = geometry.to_pixels(marker_places(grid))
-    border = _REACH * radius_px + 1.0
-    size = np.array([geometry.width, geometry.height]) - 1.0
-    whole = expected[np.all((expected > border) & (expected < size - border), axis=1)]
-    found = dark_markers(to_grey(frame), radius_px=radius_px)
-    if len(whole) == 0 or len(found) < _FOUND_SHARE * len(whole):
-        return None
-    pitch_px = min(grid.pitch_m) / geometry.mean_scale_m
-    off = cKDTree(expected).query(found)[0]
-    kept = found[off < 0.5 * pitch_px]
-    if len(kept) < _FOUND_SHARE * len(whole):
-        raise ConfigError(
-            f"{len(found)} markers are in the no-contact frame, {len(kept)} of them near one of "
-            f"the {len(whole)} places of the sensor's file",
-            remedy="correct columns, rows and pitch in the sensor's [markers], or its pixel size",
-        )
-    reach_px = _REACH * radius_px
-    kept = np.concatenate([kept, _cut_off(expected, kept, reach_px, size)])
-    rows, columns = np.indices(frame.shape[:2])
-    mask = cKDTree(kept).query(np.stack([columns, rows], axis=-1))[0] <= reach_px
-    bare = cv2.inpaint(frame, mask.astype(np.uint8), 3.0, cv2.INPAINT_TELEA)
-    share = frame.astype(np.float32) / np.maximum(bare.astype(np.float32), 1.0)
+    size = 2 * _BLURRED_PX + 1
+    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    mask = cv2.dilate(kept[labels].astype(np.uint8), around)
+    bare = np.asarray(cv2.inpaint(frame, mask, _BLURRED_PX, cv2.INPAINT_TELEA), dtype=np.uint8)
+    seen, gel = frame.astype(np.float32), bare.astype(np.float32)
+    ink = taken > np.quantile(taken[kept[labels]], 0.5)
+    dark = np.median(seen[ink & kept[labels]], axis=0)
+    contrast = gel - dark
+    cover = np.sum((seen - dark) * contrast, axis=2) / np.maximum(np.sum(contrast**2, axis=2), 1.0)
+    cover = np.where(mask > 0, np.clip(cover, 0.0, 1.0), 1.0)[..., None]
+    weights = np.where(kept[labels], taken, 0.0).ravel()
+    places = np.indices(labels.shape).reshape(2, -1)[::-1]
+    total = np.bincount(labels.ravel(), weights, count)[kept]
+    sums = [np.bincount(labels.ravel(), weights * axis, count)[kept] for axis in places]
     return PrintedMarkers(
-        bare=np.asarray(bare, dtype=np.uint8),
-        ink=np.asarray(share, dtype=np.float32),
-        mask=mask,
-        centres_px=kept,
-        places_m=geometry.to_pad(kept),
-        reach_px=reach_px,
+        frame=frame,
+        bare=bare,
+        dark=dark.astype(np.float32),
+        print=np.concatenate([cover, seen - dark - cover * contrast], axis=2).astype(np.float32),
+        mask=mask > 0,
+        centres_px=np.stack([each / total for each in sums], axis=1),
     )
 
 
-def _cut_off(
-    expected: FloatArray, found: FloatArray, reach_px: float, size: FloatArray
-) -> FloatArray:
-    """Return where the markers lie that the image's border cuts, from all the others [px]."""
-    grid = expected[cKDTree(expected).query(found)[1]]
-    terms = np.column_stack([grid, np.ones(len(grid))])
-    map_to_image = np.linalg.lstsq(terms, found, rcond=None)[0]
-    predicted = np.column_stack([expected, np.ones(len(expected))]) @ map_to_image
-    missing = cKDTree(found).query(predicted)[0] > reach_px
-    shown = np.all((predicted > -reach_px) & (predicted < size + reach_px), axis=1)
-    return np.asarray(predicted[missing & shown])
+def ink_taken(image: ImageArray) -> Float32Array:
+    """Return the share of light that pixels lack of the gel around them, shape [height, width]."""
+    grey = cv2.GaussianBlur(to_grey(image).astype(np.float32), (0, 0), _SMOOTHING_PX)
+    size = 2 * _widest_px(image) // 2 + 1
+    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    around = cv2.morphologyEx(grey, cv2.MORPH_CLOSE, window)
+    return np.asarray(1.0 - grey / np.maximum(around, 1.0), dtype=np.float32)
+
+
+def _widest_px(image: ImageArray) -> int:
+    return max(5, round(_WIDEST * float(image.shape[0])))
+
+
+def follow_markers(printed: PrintedMarkers, loaded: ImageArray) -> MarkerTracks:
+    """Follow markers into another frame, RGB, by pyramidal Lucas-Kanade, there and back.
+
+    Markers that disagree with their neighbours are looked for again where those have gone; what
+    stays apart, is hidden, or looks otherwise is lost.
+    """
+    before, after = (_levels(ink_taken(image)) for image in (printed.frame, loaded))
+    rest = printed.centres_px
+    moved, error = _flow(before, after, rest, np.zeros_like(rest))
+    for _ in range(2):
+        off = _off_neighbours(rest, moved)
+        if not off.any() or off.all():
+            break
+        known = np.flatnonzero(~off)
+        near = known[cKDTree(rest[known]).query(rest[off], k=min(3, len(known)))[1]]
+        start = np.median(moved[near.reshape(off.sum(), -1)], axis=1)
+        moved[off], error[off] = _flow(before, after, rest[off], start)
+    found = ~_off_neighbours(rest, moved)
+    return MarkerTracks(
+        rest_px=rest[found],
+        motion_px=moved[found],
+        error_px=error[found],
+        lost=int(np.sum(~found)),
+    )
+
+
+def _levels(taken: Float32Array) -> ImageArray:
+    return np.asarray(np.clip(taken * 255.0, 0.0, 255.0), dtype=np.uint8)
+
+
+def _flow(
+    before: ImageArray, after: ImageArray, rest: FloatArray, start: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return motions [px] and their standard errors [px]; not a number where none was found."""
+    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.01)
+    size: dict[str, Any] = {
+        "winSize": (_WINDOW_PX, _WINDOW_PX),
+        "maxLevel": _LEVELS,
+        "criteria": stop,
+    }
+    here, guess = rest.astype(np.float32), (rest + start).astype(np.float32)
+    use = cv2.OPTFLOW_USE_INITIAL_FLOW
+    there, seen, unlike = cv2.calcOpticalFlowPyrLK(
+        before, after, here, guess.copy(), flags=use, **size
+    )
+    back, seen_back, _ = cv2.calcOpticalFlowPyrLK(
+        after, before, there, here.copy(), flags=use, **size
+    )
+    apart = np.linalg.norm(back - here, axis=1)
+    good = (seen.ravel() > 0) & (seen_back.ravel() > 0) & (apart < _THERE_AND_BACK_PX)
+    good &= unlike.ravel() < _UNLIKE_LEVELS
+    slopes = np.square(np.array(np.gradient(before.astype(np.float64))))
+    energy = cv2.boxFilter(0.5 * slopes.sum(axis=0), -1, (_WINDOW_PX, _WINDOW_PX), normalize=False)
+    column, row = np.rint(rest).astype(int).T
+    strength = energy[row.clip(0, len(energy) - 1), column.clip(0, energy.shape[1] - 1)]
+    error = unlike.ravel() / np.sqrt(np.maximum(strength, 1e-9))
+    motion = np.where(good[:, None], there - here, np.nan).astype(np.float64)
+    return motion, np.where(good, error, np.nan)
+
+
+def _off_neighbours(rest: FloatArray, moved: FloatArray) -> BoolArray:
+    """Return True where a motion is unknown, or far from that of most neighbours."""
+    known = np.isfinite(moved[:, 0])
+    if known.sum() <= _NEIGHBOURS:
+        return np.asarray(~known)
+    places, motion = rest[known], moved[known]
+    near = motion[cKDTree(places).query(places, k=_NEIGHBOURS + 1)[1][:, 1:]]
+    middle = np.median(near, axis=1)
+    spread = np.median(np.linalg.norm(near - middle[:, None], axis=2), axis=1)
+    apart = np.linalg.norm(motion - middle, axis=1)
+    off = np.array(~known)
+    off[known] = apart > _OFF_NEIGHBOURS * spread + _LEAST_OFF_PX
+    return np.asarray(off, dtype=np.bool_)
+
+
+def hidden_by(printed: PrintedMarkers, tracks: MarkerTracks) -> BoolArray:
+    """Return True where markers hide the gel at rest or moved as they were tracked."""
+    if len(tracks.rest_px) == 0:
+        return printed.mask
+    height, width = printed.mask.shape
+    rows, columns = np.mgrid[:height, :width]
+    places = np.stack([columns, rows], axis=-1).reshape(-1, 2)
+    nearest = cKDTree(tracks.rest_px + tracks.motion_px).query(places)[1]
+    source = np.rint(places - tracks.motion_px[nearest]).astype(int)
+    x, y = source[:, 0].clip(0, width - 1), source[:, 1].clip(0, height - 1)
+    return np.asarray(printed.mask | printed.mask[y, x].reshape(height, width))
 
 
 def marker_places(grid: MarkerGrid) -> FloatArray:

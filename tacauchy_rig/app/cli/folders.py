@@ -244,7 +244,8 @@ def _say_markers(markers: Sequence[MarkerMotion]) -> None:
             say(
                 f"  markers of trial {found.trial}: {found.tracked} tracked, moved "
                 f"{_mm(found.recorded_largest_m)} mm at most, the simulated ones "
-                f"{_mm(found.simulated_largest_m)} mm; {_mm(found.apart_rms_m)} mm apart rms"
+                f"{_mm(found.simulated_largest_m)} mm; {_mm(found.apart_rms_m)} mm apart rms, "
+                f"{found.apart_median_px or 0.0:.2f} px in the median"
             )
 
 

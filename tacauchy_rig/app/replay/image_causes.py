@@ -21,7 +21,7 @@ from sim.effects.effect_plan import full_plan
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
-from sim.optics.markers.printed_markers import printed_markers
+from sim.optics.markers.printed_markers import find_markers
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset
 from sim.sensitivity import COARSE
@@ -88,7 +88,7 @@ def split_images(
     pressable = [part for part in parts if not isinstance(part.inputs.indenter, MeshIndenter)]
     if len(pressable) < len(parts):
         on_progress("  the residual is not split for mesh indenters: their presses take minutes")
-    chosen, seen = _chosen(pressable, images, optics), {}
+    chosen, seen = _chosen(pressable, images), {}
     modes: dict[str, Mode] = {}
     for part, presses in chosen:
         try:
@@ -114,13 +114,13 @@ def split_images(
 
 
 def _chosen(
-    parts: Sequence[SplitPart], images: Mapping[int, ImageArray], optics: OpticalCalibration
+    parts: Sequence[SplitPart], images: Mapping[int, ImageArray]
 ) -> list[tuple[SplitPart, list[_Press]]]:
     """Return the presses that are pressed again, the smallest force of each part first."""
     found = []
     for part in parts:
         there = (each for each in part.attempts if each.record.index in images)
-        presses = [press for each in there if (press := _press_of(each, part, optics))]
+        presses = [press for each in there if (press := _press_of(each, part))]
         if presses:
             found.append((part, sorted(presses, key=lambda press: press.force_n)))
     found = _spread(found, _MOST_PARTS)
@@ -137,15 +137,13 @@ class _Press:
     bare: ImageArray
 
 
-def _press_of(
-    attempt: AttemptReading, part: SplitPart, optics: OpticalCalibration
-) -> _Press | None:
+def _press_of(attempt: AttemptReading, part: SplitPart) -> _Press | None:
     images, record = attempt.images, attempt.record
     force_n = record.force_measured_n or part.forces_n.get(record.index, 0.0)
     if images is None or force_n <= 0.0:
         return None
-    printed = printed_markers(images.reference, part.inputs.sensor.markers, optics.geometry)
-    bare = images.reference if printed is None else printed.bare
+    markers = find_markers(images.reference)
+    bare = images.reference if markers is None else markers.bare
     return _Press(attempt.record.index, force_n, images, bare)
 
 

@@ -24,6 +24,7 @@ from tacauchy_rig.core.errors import ConfigError
 
 WIDTH, HEIGHT = "width_px", "height_px"  # names in a calibration's provenance
 SCALE_X, SCALE_Y = "scale_x_m_px", "scale_y_m_px"
+CAMERA_DISTANCE = "camera_distance_m"
 CIRCLES, POSITIONS, NO_CONTACT = "circles.csv", "positions.csv", "no_contact.png"
 _SCALES_APART = 0.05  # of each other: a calibration's and the sensor file's
 
@@ -73,6 +74,7 @@ def calibrate_folder(
     places = read_positions(folder / POSITIONS) if (folder / POSITIONS).exists() else {}
     unloaded = read_rgb(folder / NO_CONTACT)
     scene = pressed_scene(sensor, unloaded, nominal, ball_diameter_m=ball_diameter_m)
+    presses = [scene.followed(press) for press in presses]
     geometry, residual_px = nominal, None
     if places:
         circles = calibrate_presses(presses, scene, sensor.optics.shadows, blurred=False)
@@ -87,6 +89,7 @@ def calibrate_folder(
         )
     found = calibrate_presses(presses, scene, sensor.optics.shadows)
     shadows = found.shadows
+    geometry = replace(geometry, distance_m=found.motion.distance_m)
     source = {
         BLUR_PX: found.blur_px,
         SHADOWS: None if shadows is None else asdict(shadows),
@@ -176,6 +179,9 @@ def calibrated_optics(given: str, sensor: Sensor) -> OpticalCalibration:
     model = load_photometric(Path(given))
     _check_view(given, model.provenance, nominal)
     blur_px = model.provenance.get(BLUR_PX, 0.0)
+    distance_m = model.provenance.get(CAMERA_DISTANCE)
+    if isinstance(distance_m, float):
+        nominal = replace(nominal, distance_m=distance_m)
     return OpticalCalibration(
         model=model,
         geometry=nominal,

@@ -71,12 +71,10 @@ def _seen(fields: TrialFields, sensor: Sensor) -> tuple[HeightMaps, ImageArray]:
     shape = (optics.geometry.height, optics.geometry.width, 3)
     even = np.full(shape, GREY_LEVEL, dtype=np.uint8)
     maps = height_maps(fields.surface, optics.geometry, pad=sensor.pad)
-    image = image_of(fields.surface, sensor, optics, unloaded=even)
-    found = _markers(fields, sensor)
     if sensor.markers is not None:
-        places = found["marker_rest_m"] + found["marker_displacement_m"]
-        image = draw_markers(image, places, sensor.markers.radius_m, optics.geometry)
-    return maps, image
+        places = marker_places(sensor.markers)
+        even = draw_markers(even, places, sensor.markers.radius_m, optics.geometry)
+    return maps, image_of(fields.surface, sensor, optics, unloaded=even)
 
 
 def _markers(fields: TrialFields, sensor: Sensor) -> dict[str, np.ndarray]:

@@ -16,9 +16,10 @@ from reports.evidence.attempt import AttemptReading
 from sim.fields.press_fields import TrialFields
 from sim.fields.surface import IntermediateState, SurfaceState
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.optics.markers.material_points import surface_displacement
-from sim.optics.markers.printed_markers import PrintedMarkers, printed_markers, track_markers
+from sim.optics.markers.marker_printer import MarkerPrinter, seen_motion
+from sim.optics.markers.printed_markers import PrintedMarkers, find_markers, follow_markers
 from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.optics import OpticalCalibration, nominal_optics
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
@@ -61,15 +62,13 @@ def render_trial(
             "readable no-contact frame",
             remedy=f"`{command_line('recover', attempt.store.paths.root)}`, or repeat the trial",
         )
-    printed = printed_markers(unloaded, sensor.markers, geometry)
-    bare = unloaded if printed is None else printed.bare
+    markers = find_markers(unloaded)
     maps = height_maps(fields.surface, geometry, pad=sensor.pad)
-    image = image_of(fields.surface, sensor, optics, unloaded=bare)
+    image = image_of(fields.surface, sensor, optics, unloaded=unloaded)
     moved = None
-    if printed is not None and sensor.markers is not None:
-        found = surface_displacement(fields.surface, printed.places_m)[:, :2]
-        image = printed.over(image, found, geometry)
-        moved = _marker_motion(attempt, printed, fields, optics, sensor.markers.radius_m)
+    if markers is not None:
+        loaded = None if attempt.images is None else attempt.images.real
+        moved = marker_motion(attempt.record.index, markers, loaded, fields.surface, geometry)
     return RenderedTrial(
         kept=ReplayFields(
             fields=fields.arrays,
@@ -131,10 +130,14 @@ def image_of(
     """Return the image of a pressed surface.
 
     Args:
-        unloaded: No-contact frame without markers.
+        unloaded: No-contact frame; the markers that it shows go with the gel.
     """
     fine = height_maps(surface, optics.geometry.refined(SAMPLES), pad=sensor.pad)
-    return drawn_image(fine.rest, fine.loaded, optics, unloaded=unloaded)
+    markers = find_markers(unloaded)
+    if markers is None:
+        return drawn_image(fine.rest, fine.loaded, optics, unloaded=unloaded)
+    bare = drawn_image(fine.rest, fine.loaded, optics, unloaded=markers.bare)
+    return MarkerPrinter(surface.top, markers, optics.geometry).image_over(bare, surface)
 
 
 def drawn_image(
@@ -168,33 +171,42 @@ def replay_images(sensor: Sensor) -> Callable[[SurfaceState], ImageArray]:
     return lambda surface: image_of(surface, sensor, optics, unloaded=even)
 
 
-def _marker_motion(
-    attempt: AttemptReading,
-    printed: PrintedMarkers,
-    fields: TrialFields,
-    optics: OpticalCalibration,
-    radius_m: float,
+def marker_motion(
+    trial: int,
+    markers: PrintedMarkers,
+    loaded: ImageArray | None,
+    surface: SurfaceState,
+    geometry: CameraGeometry,
 ) -> MarkerMotion:
-    """Compare the markers' way in the recorded frames with that of the simulated surface."""
-    trial, drawn = attempt.record.index, len(printed.places_m)
-    if attempt.images is None:
+    """Compare the markers' way into a recorded frame with that of the simulated surface.
+
+    Args:
+        loaded: Frame of the dwell, RGB; None where none could be read.
+    """
+    drawn = len(markers.centres_px)
+    if loaded is None:
         return MarkerMotion(trial=trial, drawn=drawn)
-    tracks = track_markers(
-        attempt.images.reference, attempt.images.real, optics.geometry, radius_m=radius_m
-    )
-    simulated = surface_displacement(fields.surface, tracks.places_m)[:, :2]
+    tracks = follow_markers(markers, loaded)
+    simulated = seen_motion(surface, geometry.to_pad(tracks.rest_px), geometry)
+    apart, scale = tracks.motion_px - simulated, (geometry.scale_x_m, geometry.scale_y_m)
     return MarkerMotion(
         trial=trial,
         drawn=drawn,
-        tracked=len(tracks.places_m),
+        tracked=len(tracks.rest_px),
         lost=tracks.lost,
-        recorded_rms_m=_rms(tracks.displacement_m),
-        recorded_largest_m=_largest(tracks.displacement_m),
-        simulated_rms_m=_rms(simulated),
-        simulated_largest_m=_largest(simulated),
-        apart_rms_m=_rms(tracks.displacement_m - simulated),
-        apart_largest_m=_largest(tracks.displacement_m - simulated),
+        recorded_rms_m=_rms(tracks.motion_px * scale),
+        recorded_largest_m=_largest(tracks.motion_px * scale),
+        simulated_rms_m=_rms(simulated * scale),
+        simulated_largest_m=_largest(simulated * scale),
+        apart_rms_m=_rms(apart * scale),
+        apart_largest_m=_largest(apart * scale),
+        apart_median_px=_median(apart),
+        tracking_error_px=float(np.median(tracks.error_px)) if len(tracks.error_px) else None,
     )
+
+
+def _median(vectors: np.ndarray) -> float:
+    return float(np.median(np.linalg.norm(vectors, axis=1))) if len(vectors) else 0.0
 
 
 def _rms(vectors: np.ndarray) -> float:
@@ -224,7 +236,7 @@ def intermediate_arrays(
     for attempt in attempts:
         trial = fields[attempt.record.index]
         if trial.intermediate and attempt.reference is not None:
-            found[attempt.record.index] = _intermediate(attempt, sensor, trial, optics, maps)
+            found[attempt.record.index] = _intermediate(attempt, trial, optics, maps)
     return found
 
 
@@ -236,7 +248,6 @@ def spread(states: Sequence[IntermediateState]) -> list[IntermediateState]:
 
 def _intermediate(
     attempt: AttemptReading,
-    sensor: Sensor,
     fields: TrialFields,
     optics: OpticalCalibration,
     maps: _Maps,
@@ -244,11 +255,13 @@ def _intermediate(
     geometry, unloaded = optics.geometry, attempt.reference
     if unloaded is None:
         return {}
-    printed = printed_markers(unloaded, sensor.markers, geometry)
+    markers = find_markers(unloaded)
     states = spread(fields.intermediate)
     seen = [maps.of(state) for state in states]
+    top = states[0].surface.top
+    printer = None if markers is None else MarkerPrinter(top, markers, geometry)
     renderer = TactileRenderer(
-        unloaded if printed is None else printed.bare,
+        unloaded if markers is None else markers.bare,
         seen[0].rest,
         optics.model,
         geometry,
@@ -258,9 +271,8 @@ def _intermediate(
     images = []
     for state, each in zip(states, seen, strict=True):
         image = renderer.render(each.loaded)
-        if printed is not None:
-            moved = surface_displacement(state.surface, printed.places_m)[:, :2]
-            image = printed.over(image, moved, geometry)
+        if printer is not None:
+            image = printer.image_over(image, state.surface)
         images.append(_small(image))
     return {
         "force_n": np.array([state.force_n for state in states]),

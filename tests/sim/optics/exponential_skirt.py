@@ -38,4 +38,5 @@ class ExponentialSkirt:
         slope = tilt / np.sqrt(1.0 - tilt**2)
         rise = 0.5 * (slope[1:] + slope[:-1]) * np.diff(radius)
         height = np.concatenate([[0.0], np.cumsum(rise)])
-        return RadialProfile(radius_m=radius, tilt=tilt, indentation_m=height[-1] - height)
+        depth = height[-1] - height
+        return RadialProfile(radius_m=radius, tilt=tilt, indentation_m=depth, outward_m=0.1 * depth)

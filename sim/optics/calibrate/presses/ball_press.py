@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
+from sim.optics.markers.printed_markers import MarkerTracks
+from tacauchy_rig.core.arrays import AnyArray, BoolArray, FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.rgb import decode_rgb
 
@@ -91,11 +92,22 @@ class BallPress:
 
     Attributes:
         image: RGB, uint8, shape [height, width, 3].
+        tracks: The gel's markers as they were followed into the image; None where it has none.
+        hidden: True where the image does not show the gel that the ball presses: its markers do,
+            or something that was excluded, shape [height, width]; None is nowhere.
     """
 
     name: str
     image: ImageArray
     circle: Circle
+    tracks: MarkerTracks | None = None
+    hidden: BoolArray | None = None
+
+    @property
+    def shown(self) -> BoolArray:
+        """True where the image shows the gel, shape [height, width]."""
+        shape = self.image.shape[:2]
+        return np.ones(shape, dtype=np.bool_) if self.hidden is None else ~self.hidden
 
 
 def read_rgb(path: Path) -> ImageArray:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 from scipy.optimize import minimize
 
-from sim.optics.calibrate.presses.ball_press import Circle
+from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.scene import PressScene
-from tacauchy_rig.core.arrays import FloatArray, ImageArray
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
 
 _SMOOTHING_PX = 2.0
@@ -21,7 +22,60 @@ _STRONG_QUANTILE = 0.97  # of the changes, where a search for the contact starts
 _LEAST_EXPLAINED = 0.3  # of the changes' variance
 
 
-def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_m: float) -> Circle:
+_ELSEWHERE = 1.0  # radii of a label by which a contact that contradicts it is away
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WrongLabel:
+    """A press whose image shows the contact elsewhere than its label says.
+
+    Attributes:
+        found: Where the image shows it.
+        explained: Share of the change of colour that the gel around the found contact explains.
+        explained_as_labelled: The same of the labelled contact.
+    """
+
+    press: BallPress
+    found: Circle
+    explained: float
+    explained_as_labelled: float
+
+    def __str__(self) -> str:
+        label, found = self.press.circle, self.found
+        return (
+            f"{self.press.name} was left out: its label says column {label.x_px:.0f}, row "
+            f"{label.y_px:.0f}, radius {label.radius_px:.0f} px, but the image shows the contact "
+            f"at {found.x_px:.0f}, {found.y_px:.0f}, radius {found.radius_px:.0f} px, which "
+            f"explains {self.explained:.0%} of the change of colour, the label "
+            f"{max(self.explained_as_labelled, 0.0):.0%}; correct the label"
+        )
+
+
+def wrong_label(press: BallPress, scene: PressScene, *, ball_radius_m: float) -> WrongLabel | None:
+    """Return what contradicts a press's label; None where its image shows the contact there."""
+    change, label = ContactChange(press.image, scene, press.shown), press.circle
+    far_px = _ELSEWHERE * label.radius_px
+    if math.dist(change.start, (label.x_px, label.y_px)) < far_px:
+        return None
+    found, explained = change.search(ball_radius_m)
+    if math.dist((found.x_px, found.y_px), (label.x_px, label.y_px)) < far_px:
+        return None
+    as_labelled = change.explained(label)
+    if explained < _LEAST_EXPLAINED or explained < 2.0 * as_labelled:
+        return None
+    return WrongLabel(
+        press=press, found=found, explained=explained, explained_as_labelled=as_labelled
+    )
+
+
+def find_circle(
+    name: str,
+    image: ImageArray,
+    scene: PressScene,
+    *,
+    ball_radius_m: float,
+    shown: BoolArray | None = None,
+) -> Circle:
     """Find the contact by how strongly the colour changes, whatever the lights' colours are.
 
     Coloured lights from several sides change the colour about in proportion to the surface's tilt;
@@ -30,39 +84,70 @@ def find_circle(name: str, image: ImageArray, scene: PressScene, *, ball_radius_
     Args:
         image: RGB, shape [height, width, 3].
         ball_radius_m: Radius of the ball [m].
+        shown: True where the image shows the gel, shape [height, width]; None is everywhere.
 
     Raises:
         ConfigError: The image shows no contact.
     """
-    change = image - scene.background
-    change = change - np.median(change, axis=(0, 1))  # that of the frame's light
-    smooth = ndimage.gaussian_filter(change, (_SMOOTHING_PX, _SMOOTHING_PX, 0.0))
-    seen = np.linalg.norm(smooth[::_STRIDE, ::_STRIDE], axis=2).ravel()
+    change = ContactChange(image, scene, shown)
+    found, explained = change.search(ball_radius_m)
     height, width = image.shape[:2]
-    y, x = np.mgrid[:height:_STRIDE, :width:_STRIDE].astype(np.float64).reshape(2, -1)
-    strong = seen >= np.quantile(seen, _STRONG_QUANTILE)
-    start = float(np.median(x[strong])), float(np.median(y[strong]))
-    level_gel = replace(scene, rest_slope=None)  # a dome's own slope changes no image
-
-    def misfit(parameters: FloatArray) -> float:
-        px, py, radius = parameters
-        circle = Circle(x_px=px, y_px=py, radius_px=max(float(radius), 1.0))
-        tilt = np.hypot(*level_gel.surface(circle, x, y).tilt)
-        tilt = tilt - tilt.mean()
-        level = seen - seen.mean()
-        gain = max(float(tilt @ level) / max(float(tilt @ tilt), 1e-12), 0.0)
-        return float(np.mean((level - gain * tilt) ** 2))
-
-    scale = scene.geometry.mean_scale_m
-    starts = [[*start, share * ball_radius_m / scale] for share in _RADII]
-    searches = (minimize(misfit, begin, method="Nelder-Mead") for begin in starts)
-    found = min(searches, key=lambda search: float(search.fun))
-    px, py, radius = found.x.tolist()
-    explained = 1.0 - float(found.fun) / max(float(np.var(seen)), 1e-12)
-    inside = 0.0 <= px < width and 0.0 <= py < height and 1.0 < radius < ball_radius_m / scale
-    if not inside or seen.max() < _FAINTEST_LEVELS or explained < _LEAST_EXPLAINED:
+    largest = ball_radius_m / scene.geometry.mean_scale_m
+    inside = 0.0 <= found.x_px < width and 0.0 <= found.y_px < height
+    inside &= 1.0 < found.radius_px < largest
+    if not inside or change.strongest < _FAINTEST_LEVELS or explained < _LEAST_EXPLAINED:
         raise ConfigError(
             f"{name} shows no contact of a ball that can be found",
             remedy="remove the image, or give its circle in a table: --circles circles.csv",
         )
-    return Circle(x_px=px, y_px=py, radius_px=radius)
+    return found
+
+
+class ContactChange:
+    """How strongly the colour of an image changes, and which contact explains that.
+
+    Attributes:
+        start: Column and row of the middle of the strongest changes [px].
+        strongest: Of the changes [grey levels].
+    """
+
+    def __init__(self, image: ImageArray, scene: PressScene, shown: BoolArray | None) -> None:
+        known = np.ones(image.shape[:2], dtype=np.bool_) if shown is None else shown
+        change = image - scene.background
+        change = change - np.median(change[known], axis=0)  # that of the frame's light
+        weight = ndimage.gaussian_filter(known.astype(np.float64), _SMOOTHING_PX)
+        smooth = ndimage.gaussian_filter(
+            np.where(known[..., None], change, 0.0), (_SMOOTHING_PX, _SMOOTHING_PX, 0.0)
+        )
+        smooth = smooth / np.maximum(weight, 1e-3)[..., None]
+        rows, columns = np.nonzero(known[::_STRIDE, ::_STRIDE])
+        self._y, self._x = rows * float(_STRIDE), columns * float(_STRIDE)
+        seen = np.linalg.norm(smooth[::_STRIDE, ::_STRIDE], axis=2)[rows, columns]
+        strong = seen >= np.quantile(seen, _STRONG_QUANTILE)
+        self._seen, self.strongest = seen - seen.mean(), float(seen.max())
+        self.start = float(np.median(self._x[strong])), float(np.median(self._y[strong]))
+        self._gel = replace(scene, rest_slope=None)  # a dome's own slope changes no image
+
+    def explained(self, circle: Circle) -> float:
+        """Return which share of the changes' variance the gel's tilt around a contact explains."""
+        tilt = np.hypot(*self._gel.surface(circle, self._x, self._y).tilt)
+        tilt = tilt - tilt.mean()
+        gain = max(float(tilt @ self._seen) / max(float(tilt @ tilt), 1e-12), 0.0)
+        left = float(np.mean((self._seen - gain * tilt) ** 2))
+        return 1.0 - left / max(float(np.var(self._seen)), 1e-12)
+
+    def search(self, ball_radius_m: float) -> tuple[Circle, float]:
+        """Return the contact that explains most, and how much it does."""
+
+        def circle(parameters: FloatArray) -> Circle:
+            x, y, radius = parameters.tolist()
+            return Circle(x_px=x, y_px=y, radius_px=max(radius, 1.0))
+
+        scale = self._gel.geometry.mean_scale_m
+        starts = [[*self.start, share * ball_radius_m / scale] for share in _RADII]
+        searches = [
+            minimize(lambda place: -self.explained(circle(place)), begin, method="Nelder-Mead")
+            for begin in starts
+        ]
+        found = min(searches, key=lambda search: float(search.fun))
+        return circle(found.x), -float(found.fun)

@@ -11,6 +11,7 @@ from sim.effects.plan import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
+from sim.fields.surface import SurfaceState
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.scene.indenter import Sphere
 from sim.scene.scene import Preset, Target
@@ -40,11 +41,13 @@ class RadialProfile:
         radius_m: Ascending distances from the ball's axis [m], shape [sample_count].
         tilt: Sine of the surface's angle, positive where it rises outwards, same shape.
         indentation_m: Unloaded minus loaded height [m], same shape.
+        outward_m: How far the gel that is there now has moved away from the axis [m], same shape.
     """
 
     radius_m: FloatArray
     tilt: FloatArray
     indentation_m: FloatArray
+    outward_m: FloatArray
 
     def curvature(self, radius_m: FloatArray, *, width_m: float) -> FloatArray:
         """Return the divergence of the tilt [1/m] at distances from the axis, over a width [m].
@@ -66,7 +69,8 @@ class PressedProfiles:
     """Profiles of simulated presses at several depths, interpolated in the contact's radius.
 
     Between two presses, and beyond the first and last, profiles are scaled as a ball of fixed size
-    wants it: lengths along the gel with the contact's radius a, tilt with a, indentation with a^2.
+    wants it: lengths along the gel with the contact's radius a, tilt with a, and displacements
+    with a^2.
 
     Args:
         presses: Contact radius [m] and profile of each simulated press.
@@ -95,15 +99,18 @@ class PressedProfiles:
         scaled = []
         for own, profile in near:
             scale = contact_radius_m / own
-            tilt = np.interp(radius / scale, profile.radius_m, profile.tilt, right=0.0)
-            depth = np.interp(radius / scale, profile.radius_m, profile.indentation_m, right=0.0)
-            scaled.append(np.stack([scale * tilt, scale**2 * depth]))
-        tilt, depth = (1.0 - share) * scaled[0] + share * scaled[1]
-        return RadialProfile(radius_m=radius, tilt=tilt, indentation_m=depth)
+            columns = (profile.tilt, profile.indentation_m, profile.outward_m)
+            at = radius / scale
+            found = [np.interp(at, profile.radius_m, each, right=0.0) for each in columns]
+            scaled.append(np.array([scale, scale**2, scale**2])[:, None] * np.stack(found))
+        tilt, depth, outward = (1.0 - share) * scaled[0] + share * scaled[1]
+        return RadialProfile(radius_m=radius, tilt=tilt, indentation_m=depth, outward_m=outward)
 
 
-def radial_profile(maps: HeightMaps, geometry: CameraGeometry) -> tuple[float, RadialProfile]:
-    """Average the height maps of a press on the pad's centre, seen finely, over the azimuth.
+def radial_profile(
+    maps: HeightMaps, surface: SurfaceState, geometry: CameraGeometry
+) -> tuple[float, RadialProfile]:
+    """Average a press on the pad's centre, its height maps seen finely, over the azimuth.
 
     Returned are the contact's radius [m], from its area, and the profile.
     """
@@ -120,8 +127,25 @@ def radial_profile(maps: HeightMaps, geometry: CameraGeometry) -> tuple[float, R
     slope = -np.gradient(depth, radius)
     area = float(maps.contact.sum()) * geometry.scale_x_m * geometry.scale_y_m
     return float(np.sqrt(area / np.pi)), RadialProfile(
-        radius_m=radius, tilt=slope / np.hypot(1.0, slope), indentation_m=depth
+        radius_m=radius,
+        tilt=slope / np.hypot(1.0, slope),
+        indentation_m=depth,
+        outward_m=_moved_outward(surface, radius),
     )
+
+
+def _moved_outward(surface: SurfaceState, radius_m: FloatArray) -> FloatArray:
+    """Return how far the gel at distances from the axis has moved away from it [m], [n]."""
+    rest, now = (np.hypot(*p[:, :2].T) for p in (surface.positions_rest, surface.positions))
+    ring = np.searchsorted(edges := np.append(0.0, radius_m[1:] + 0.5 * np.diff(radius_m)), now)
+    size = len(edges) + 1
+    count = np.bincount(ring, minlength=size)
+    filled = count > 0
+    filled[-1] = False  # beyond
+    at, moved = (
+        np.bincount(ring, values, size)[filled] / count[filled] for values in (now, now - rest)
+    )
+    return np.asarray(np.interp(radius_m, np.append(0.0, at), np.append(0.0, moved)))
 
 
 def ball_profiles(
@@ -155,6 +179,6 @@ def ball_profiles(
         # presses are then predicted 10 % worse.
         surface = replace(surface_state(path, path.advance(depth)), mesh_axis_m=None)
         maps = height_maps(surface, geometry, contact_gap_m=_TOUCHING_M, pad=sensor.pad)
-        found.append(radial_profile(maps, geometry))
+        found.append(radial_profile(maps, surface, geometry))
         on_press(len(found))
     return PressedProfiles(found)

@@ -9,7 +9,7 @@ the gel is not touched, and subtracted. At the ends of a camera's range a pixel 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -17,11 +17,17 @@ from scipy.optimize import least_squares
 from sim.optics.calibrate.photometric_fit import SurfacePoints
 from sim.optics.calibrate.presses.ball_press import BallPress, Circle
 from sim.optics.calibrate.presses.gel_profile import GelProfile, ball_profiles
+from sim.optics.calibrate.presses.marker_motion import GelMotion
 from sim.optics.colour.colour_model import LINEAR, Response
 from sim.optics.colour.nominal import exponents_for, lamp_count_of
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.height.rest_slope import rest_slopes
-from sim.optics.markers.printed_markers import printed_markers
+from sim.optics.markers.printed_markers import (
+    PrintedMarkers,
+    find_markers,
+    follow_markers,
+    hidden_by,
+)
 from sim.scene.scene import Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
@@ -143,11 +149,13 @@ class PlacedPress:
         press: As it was labelled.
         circle: Its contact's edge, labelled or nudged.
         light: Of its frame [grey levels], as ``light_at`` has it, shape [3, 3].
+        motion: How ball and image were moved; None where no marker tells.
     """
 
     press: BallPress
     circle: Circle
     light: FloatArray
+    motion: GelMotion | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,8 +163,9 @@ class PressScene:
     """Camera, no-contact frame and gel that all presses of a set share.
 
     Attributes:
-        background: No-contact frame, RGB levels as float, shape [height, width, 3].
-        masked: True where a marker hides the gel, shape [height, width]; None is nowhere.
+        background: No-contact frame without its markers, RGB levels as float, shape
+            [height, width, 3].
+        markers: Those of the no-contact frame; None where it shows none.
         rest_slope: dz/d(column) and dz/d(row) of the unloaded gel [1], shape [2, height, width];
             None is level gel.
         lamp_count: Near lamps that the model may have; with none it is a polynomial alone.
@@ -166,7 +175,7 @@ class PressScene:
     background: FloatArray
     profile: GelProfile
     exponents: IntArray
-    masked: BoolArray | None = None
+    markers: PrintedMarkers | None = None
     rest_slope: FloatArray | None = None
     lamp_count: int = 0
 
@@ -222,21 +231,20 @@ class PressScene:
         return light_at(light, self.normalised(columns, rows)).reshape(self.background.shape)
 
     @property
-    def bare(self) -> BoolArray:
-        """True where no marker hides the gel, shape [height, width]."""
-        shape = self.background.shape[:2]
-        return np.ones(shape, dtype=np.bool_) if self.masked is None else ~self.masked
+    def frame(self) -> FloatArray:
+        """The no-contact frame with its markers, as float, shape [height, width, 3]."""
+        return self.background if self.markers is None else self.markers.over(self.background)
 
     def normalised(self, columns: AnyArray, rows: AnyArray) -> FloatArray:
         """Return pixel positions as the model wants them, in [-1, 1], shape [2, n]."""
         height, width = self.background.shape[:2]
         return np.stack([2.0 * columns / (width - 1) - 1.0, 2.0 * rows / (height - 1) - 1.0])
 
-    def pixels_around(self, circle: Circle) -> tuple[IndexArray, IndexArray]:
-        """Return rows and columns of the fitting lattice in contact and skirt."""
+    def pixels_around(self, press: BallPress) -> tuple[IndexArray, IndexArray]:
+        """Return rows and columns of the fitting lattice in a press's contact and skirt."""
         rows, columns = self._lattice(_STRIDE)
-        near = circle.distance(columns, rows) < _SKIRT_RADII * circle.radius_px
-        near &= self.bare[rows, columns]
+        near = press.circle.distance(columns, rows) < _SKIRT_RADII * press.circle.radius_px
+        near &= press.shown[rows, columns]
         return rows[near], columns[near]
 
     def _lattice(self, stride: int) -> tuple[IndexArray, IndexArray]:
@@ -249,6 +257,13 @@ class PressScene:
         position = self.normalised(columns, rows)
         return np.asarray(self.background[rows, columns] + light_at(light, position))
 
+    def followed(self, press: BallPress) -> BallPress:
+        """Return a press with its markers followed, and where they hide the gel."""
+        if self.markers is None:
+            return press
+        tracks = follow_markers(self.markers, press.image)
+        return replace(press, tracks=tracks, hidden=hidden_by(self.markers, tracks))
+
     def light(self, press: BallPress, circle: Circle, model: PhotometricModel | None) -> FloatArray:
         """Estimate the frame's light against the no-contact frame's, outside the contact.
 
@@ -259,7 +274,7 @@ class PressScene:
         distance = circle.distance(columns, rows)
         edge = np.quantile(distance, _FAR_FRACTION) if model is None else 0.0
         outside = distance > max(float(edge), BEYOND_RIM * circle.radius_px)
-        outside &= self.bare[rows, columns]
+        outside &= press.shown[rows, columns]
         rows, columns = rows[outside], columns[outside]
         seen = seen_change(press.image[rows, columns], self.background[rows, columns])
         change = seen.change
@@ -276,7 +291,7 @@ class PressScene:
         Outliers (hair, scratches) are bounded, and the label keeps a weak pull of its own.
         """
         press = placed.press
-        rows, columns = self.pixels_around(press.circle)
+        rows, columns = self.pixels_around(press)
         expected = self.expected(rows, columns, placed.light)
         seen = seen_change(press.image[rows, columns], expected)
         label = np.array([press.circle.x_px, press.circle.y_px, press.circle.radius_px])
@@ -371,7 +386,7 @@ def pressed_scene(
     """Press the ball in the simulator, and put camera, no-contact frame and gel together.
 
     Args:
-        sensor: Its pad is pressed, its lamps are counted, its markers left out.
+        sensor: Its pad is pressed, its lamps are counted.
         unloaded: No-contact frame, RGB, shape [height, width, 3].
 
     Raises:
@@ -379,13 +394,13 @@ def pressed_scene(
         ConvergenceError: As ``ball_profiles``.
     """
     exponents = exponents_for(sensor)  # before anything is simulated
-    printed = printed_markers(unloaded, sensor.markers, geometry)
+    markers = find_markers(unloaded)
     return PressScene(
         exponents=exponents,
         lamp_count=lamp_count_of(sensor),
         geometry=geometry,
-        background=unloaded.astype(np.float64),
-        masked=None if printed is None else printed.mask,
+        background=(unloaded if markers is None else markers.bare).astype(np.float64),
+        markers=markers,
         profile=ball_profiles(
             sensor, ball_diameter_m=ball_diameter_m, preset=preset, on_press=on_press
         ),

@@ -40,7 +40,7 @@ def draw_coverage(
     )
     slopes.invert_yaxis()
     figure.colorbar(mesh, ax=slopes, label="presses that show it")
-    places.imshow(np.clip(scene.background / 255.0, 0.0, 1.0))
+    places.imshow(np.clip(scene.frame / 255.0, 0.0, 1.0))
     for circle in circles:
         places.add_patch(
             Outline((circle.x_px, circle.y_px), circle.radius_px, fill=False, lw=0.8, color="#222")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -33,7 +34,7 @@ from sim.optics.calibrate.presses.ball_press import (
     read_ball_presses,
     read_rgb,
 )
-from sim.optics.calibrate.presses.find_circle import find_circle
+from sim.optics.calibrate.presses.find_circle import find_circle, wrong_label
 from sim.optics.calibrate.presses.gel_profile import DEPTHS_M
 from sim.optics.calibrate.presses.scene import PressScene, pressed_scene
 from sim.scene.scene import Preset
@@ -45,7 +46,7 @@ from tacauchy_rig.app.calibration.optics.figures import (
     draw_presses,
     write_renderings,
 )
-from tacauchy_rig.app.replay.optics import HEIGHT, SCALE_X, SCALE_Y, WIDTH
+from tacauchy_rig.app.replay.optics import CAMERA_DISTANCE, HEIGHT, SCALE_X, SCALE_Y, WIDTH
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.long_task import Remaining
@@ -155,19 +156,42 @@ def read_input(request: OpticsRequest) -> OpticsInput:
     )
 
 
+def rightly_labelled(
+    labelled: Sequence[BallPress], scene: PressScene, *, ball_radius_m: float
+) -> tuple[list[BallPress], list[str]]:
+    """Return presses with their markers followed, and why those are left out that are missing."""
+    presses, wrong = [], []
+    for press in map(scene.followed, labelled):
+        contradiction = wrong_label(press, scene, ball_radius_m=ball_radius_m)
+        if contradiction is None:
+            presses.append(press)
+        else:
+            wrong.append(str(contradiction))
+    return presses, wrong
+
+
 def find_presses(
     read: OpticsInput, scene: PressScene, *, ball_radius_m: float
 ) -> tuple[list[BallPress], list[str]]:
     """Return the labelled presses, or find the contacts of those without labels; and warnings.
 
+    Presses whose label their image contradicts are left out, and named in the warnings.
+
     Raises:
-        ConfigError: An image shows no contact.
+        ConfigError: An image shows no contact, or hardly any label is right.
     """
-    presses = list(read.labelled)
+    presses, wrong = rightly_labelled(read.labelled, scene, ball_radius_m=ball_radius_m)
+    if read.labelled and len(presses) < FEWEST:
+        raise ConfigError(
+            f"{len(wrong)} of {len(read.labelled)} labels contradict their images: {wrong[0]}",
+            remedy="check that the circles are of these images, and their columns",
+        )
     for name, image in read.images.items():
-        circle = find_circle(name, image, scene, ball_radius_m=ball_radius_m)
-        presses.append(BallPress(name=name, image=image, circle=circle))
-    return presses, check_before(presses, read.geometry, ball_radius_m=ball_radius_m)
+        unplaced = BallPress(name=name, image=image, circle=Circle(x_px=0, y_px=0, radius_px=1))
+        press = scene.followed(unplaced)
+        circle = find_circle(name, image, scene, ball_radius_m=ball_radius_m, shown=press.shown)
+        presses.append(replace(press, circle=circle))
+    return presses, wrong + check_before(presses, read.geometry, ball_radius_m=ball_radius_m)
 
 
 def _in_folder_or_as_given(path: Path, folder: Path) -> Path:
@@ -226,14 +250,14 @@ def calibrate_and_check(
     request: OpticsRequest,
     *,
     on_step: OnStep = lambda *_: None,
-    on_held_out: Callable[[Sequence[RenderedPress]], None] = lambda _: None,
+    on_held_out: Callable[[Mapping[int, RenderedPress]], None] = lambda _: None,
 ) -> OpticsResult:
     """Read, refuse or warn, cross-validate, fit, check, and write the calibration and its figures.
 
     Args:
         on_step: Told of each step.
         on_held_out: Given every press as a model that had not seen it renders it where it was
-            labelled or found, in the order of their table.
+            labelled or found, by its place in their table, from 1.
 
     Raises:
         ConfigError: A file is missing or damaged, or the presses cannot be calibrated from.
@@ -280,16 +304,20 @@ def calibrate_and_check(
     scores, labelled, held_out, calibration = cross_validate(
         presses, scene, fit=fit, folds=folds, jobs=request.jobs, on_fold=fitted
     )
-    place = {press.name: number for number, press in enumerate(presses)}
-    on_held_out(sorted(labelled, key=lambda item: place[item.press.name]))
+    names = [press.name for press in read.labelled or presses]
+    on_held_out({names.index(item.press.name) + 1: item for item in labelled})
     coverage = slope_coverage(calibration.circles, calibration.scene)
     warnings += check_after(scores, held_out, scene) + check_coverage(coverage)
-    others = render_presses(read.check, calibration)
+    checked, wrong = rightly_labelled(
+        read.check, scene, ball_radius_m=0.5 * request.ball_diameter_m
+    )
+    warnings += wrong
+    others = render_presses(checked, calibration)
     provenance = _provenance(request, presses, scores, calibration)
     files = _write_files(request, calibration, coverage, held_out, scene, provenance)
     return OpticsResult(
         cross_validation=scores,
-        check=check_scores(*others, scene) if read.check else None,
+        check=check_scores(*others, scene) if checked else None,
         coverage=coverage,
         warnings=warnings,
         presses=_press_rows(presses, calibration.circles, held_out, scene),
@@ -302,7 +330,7 @@ def _provenance(
     request: OpticsRequest, presses: Sequence[BallPress], scores: CheckScores, found: Calibration
 ) -> dict[str, Any]:
     geometry = found.scene.geometry
-    digest = hashlib.sha256()
+    digest, distance_m = hashlib.sha256(), found.motion.distance_m
     for press in presses:
         digest.update(press.name.encode())
         digest.update(press.image.tobytes())
@@ -322,6 +350,7 @@ def _provenance(
         "held_out_mae_levels": scores.mae,
         "held_out_ssim_crop": scores.ssim_crop,
         BLUR_PX: found.blur_px,
+        CAMERA_DISTANCE: distance_m if math.isfinite(distance_m) else None,
         SHADOWS: None if found.shadows is None else asdict(found.shadows),
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -126,7 +126,7 @@ def optics(
 
 def _write_outputs(
     folder: Path | None,
-    images: Sequence[RenderedPress],
+    images: Mapping[int, RenderedPress],
     *,
     folds: int,
     trials: Mapping[str, int],
@@ -145,14 +145,15 @@ def _write_outputs(
     simulator = Simulator(
         name="tacauchy_rig's optics",
         version=__version__,
-        milliseconds_an_image=1e3 * sum(each.seconds for each in images) / len(images),
+        milliseconds_an_image=1e3 * sum(each.seconds for each in images.values()) / len(images),
         machine=f"cpu, {machine()}, the formula in NumPy",
         note=f"Cross-validated, {folds} folds: of each press nothing is used but its contact's "
-        "circle, as drawn or as found in its image.",
+        "circle, as drawn or as found in its image, and how its markers say that ball and image "
+        "moved sideways.",
     )
     presses = {
         trials.get(each.press.name, k): PressOutput(image=each.image)
-        for k, each in enumerate(images, start=1)
+        for k, each in sorted(images.items())
     }
     write_outputs(folder, Outputs(simulator=simulator, presses=presses))
     say(f"wrote {folder}")
@@ -178,6 +179,14 @@ def _show(result: OpticsResult) -> None:
             f"  light {scores.light_rms_levels:.1f} grey levels rms, circles moved "
             f"{scores.nudge_rms_px:.1f} px rms"
         )
+        if (markers := scores.markers) is not None:
+            say(
+                f"  markers: {markers.tracked} tracked to {markers.tracking_error_px:.2f} px, "
+                f"{markers.lost} lost; drawn {markers.error_px:.2f} px "
+                f"({markers.error_m * 1e3:.3f} mm) off in the median; at the contact they moved "
+                f"{markers.moved_px:.1f} px and are {markers.near_error_px:.2f} px off, nine of "
+                f"ten up to {markers.near_error_p90_px:.2f} px"
+            )
     for path in result.files:
         say(f"wrote {path}")
 

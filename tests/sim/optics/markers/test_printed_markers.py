@@ -1,4 +1,4 @@
-"""Markers of a no-contact frame, taken off it and printed again where the gel carried them."""
+"""Markers of a no-contact frame: found, taken off, printed again, and followed."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ import cv2
 import numpy as np
 import pytest
 
+from sim.optics.markers.marker_printer import MarkerPrinter, seen_motion
 from sim.optics.markers.printed_markers import (
+    PrintedMarkers,
     draw_markers,
+    find_markers,
+    follow_markers,
+    hidden_by,
     marker_places,
-    printed_markers,
-    track_markers,
 )
 from sim.sensor.sensor import MarkerGrid
-from tacauchy_rig.core.errors import ConfigError
-from tests.sim.optics.analytic_surface import camera
+from tests.sim.optics.analytic_surface import APEX_M, camera, pressed_surface
 
 GRID = MarkerGrid(columns=5, rows=4, pitch_m=(2.4e-3, 2.2e-3), radius_m=3.5e-4)
 FINE = replace(
@@ -26,64 +28,147 @@ FINE = replace(
     centre_x_px=158.3,
     centre_y_px=121.9,
 )
+ROWS, COLUMNS = np.mgrid[:240, :320].astype(np.float64)
 
 
 def _gel() -> np.ndarray:
-    rows, columns = np.mgrid[:240, :320]
-    return np.stack([120 + 0.1 * columns, 140 - 0.1 * rows, 130 + 0.05 * rows], -1).astype(np.uint8)
+    red, green, blue = 120 + 0.1 * COLUMNS, 140 - 0.1 * ROWS, 130 + 0.05 * ROWS
+    return np.stack([red, green, blue], -1).astype(np.uint8)
 
 
-def _frame(displacement_m: np.ndarray | float = 0.0, *, noise: float = 0.0) -> np.ndarray:
-    image = draw_markers(_gel(), marker_places(GRID) + displacement_m, GRID.radius_m, FINE)
+def _seen(image: np.ndarray, noise: float = 0.0, seed: int = 0) -> np.ndarray:
     blurred = cv2.GaussianBlur(image, (0, 0), 0.8).astype(float)
-    blurred += noise * np.random.default_rng(0).standard_normal(blurred.shape)
+    blurred += noise * np.random.default_rng(seed).standard_normal(blurred.shape)
     return np.clip(np.rint(blurred), 0, 255).astype(np.uint8)
 
 
+def _frame(displacement_m: np.ndarray | float = 0.0, *, noise: float = 0.0) -> np.ndarray:
+    places = marker_places(GRID) + displacement_m
+    return _seen(draw_markers(_gel(), places, GRID.radius_m, FINE), noise)
+
+
+def _speckled(seed: int, count: int, least_px: float, most_px: float, gap_px: float) -> np.ndarray:
+    """Return irregular blots of any size at random places, some of them cut by the border."""
+    rng, image, kept = np.random.default_rng(seed), _gel(), []
+    while len(kept) < count:
+        x, y = rng.uniform((-2.0, -2.0), (322.0, 242.0))
+        radius = rng.uniform(least_px, most_px)
+        if all(np.hypot(x - a, y - b) > radius + c + gap_px for a, b, c in kept):
+            kept.append((x, y, radius))
+    for x, y, radius in kept:
+        turn = np.arctan2(ROWS - y, COLUMNS - x)
+        outline = radius * (1.0 + 0.15 * np.cos(3.0 * turn + x))
+        image[np.hypot(COLUMNS - x, ROWS - y) < outline] = (35, 38, 32)
+    return image
+
+
+def _found(frame: np.ndarray) -> PrintedMarkers:
+    found = find_markers(frame)
+    assert found is not None
+    return found
+
+
 def test_markers_come_off_and_go_on_again() -> None:
-    """Without motion the frame comes back; without markers it is the bare gel."""
-    printed = printed_markers(_frame(), GRID, FINE)
-    assert printed is not None
+    """Without motion the frame comes back exactly; without markers it is the bare gel."""
+    printed = _found(_frame())
     assert len(printed.centres_px) == 20
+    np.testing.assert_allclose(
+        printed.centres_px[np.lexsort(np.rint(printed.centres_px / 9.0).T)][0],
+        FINE.to_pixels(marker_places(GRID))[0],
+        atol=0.2,
+    )
     assert np.abs(printed.bare.astype(int) - _gel()).max() <= 5
-    again = printed.over(printed.bare, np.zeros_like(printed.places_m), FINE)
-    assert np.abs(again.astype(int) - _frame()).max() <= 1
+    np.testing.assert_allclose(printed.over(printed.bare), _frame(), atol=1e-3)
 
 
-def test_moved_markers_are_where_they_were_moved_to() -> None:
-    """Tracked in a frame with noise, every marker is within 0.1 px of its displacement."""
-    printed = printed_markers(_frame(noise=1.0), GRID, FINE)
-    assert printed is not None
-    moved = 4e-5 * np.stack([np.sin(np.arange(20.0)), np.cos(2.0 * np.arange(20.0))], axis=1)
-    image = printed.over(printed.bare, moved, FINE)
-    tracks = track_markers(_frame(), image, FINE, radius_m=GRID.radius_m)
-    assert tracks.lost == 0
-    order = [int(np.argmin(np.linalg.norm(printed.places_m - p, axis=1))) for p in tracks.places_m]
-    error_px = (tracks.displacement_m - moved[order]) / (FINE.scale_x_m, FINE.scale_y_m)
-    assert np.linalg.norm(error_px, axis=1).max() < 0.1
+@pytest.mark.parametrize(
+    ("count", "sizes", "gap_px"), [(25, (3.0, 12.0), 8.0), (250, (2.0, 3.5), 3.0)]
+)
+def test_any_pattern_is_found_and_followed(
+    count: int, sizes: tuple[float, float], gap_px: float
+) -> None:
+    """Irregular blots, cut ones and dense ones: nearly all are found, and followed to 0.1 px."""
+    still = _speckled(11, count, *sizes, gap_px)
+    printed = _found(_seen(still, 1.0))
+    assert 0.9 * count <= len(printed.centres_px) <= count
+    x = COLUMNS - 3.0 * np.sin(ROWS / 60.0)
+    moved = cv2.remap(still, x.astype(np.float32), ROWS.astype(np.float32), cv2.INTER_LINEAR)
+    tracks = follow_markers(printed, _seen(moved, 1.0, seed=5))
+    assert tracks.lost <= 0.2 * count  # some of those that the border cuts
+    true = np.stack([3.0 * np.sin(tracks.rest_px[:, 1] / 60.0), 0.0 * tracks.rest_px[:, 1]], 1)
+    error = np.linalg.norm(tracks.motion_px - true, axis=1)
+    assert np.median(error) < 0.1
+    assert np.median(tracks.error_px) < 0.1
 
 
-def test_markers_at_the_border_move_too() -> None:
-    """A row that the image cuts in half is found by the others and moved like them."""
-    cut = replace(FINE, centre_y_px=2.0 + 1.5 * 2.2e-3 / FINE.scale_y_m)
-    image = draw_markers(_gel(), marker_places(GRID), GRID.radius_m, cut)
-    printed = printed_markers(image, GRID, cut)
-    assert printed is not None
-    assert printed.centres_px[:, 1].min() < 4.0
-    moved = np.tile([6e-5, 0.0], (len(printed.places_m), 1))
-    wanted = draw_markers(_gel(), marker_places(GRID) + moved[0], GRID.radius_m, cut)
-    drawn = printed.over(printed.bare, moved, cut)
-    assert np.abs(drawn[:12].astype(int) - wanted[:12]).mean() < 1.0
+def test_large_motion_is_followed_and_hidden_markers_are_lost() -> None:
+    """Dots that go farther than half their distance keep their names; a covered one is lost."""
+    rest = FINE.to_pixels(marker_places(GRID))
+    far = 22.0 * np.exp(-((np.linalg.norm(rest - (160.0, 120.0), axis=1) / 130.0) ** 2))
+    moved_px = far[:, None] * (0.8, 0.6)
+    image = draw_markers(_gel(), FINE.to_pad(rest + moved_px), GRID.radius_m, FINE)
+    column, row = np.rint(rest[8] + moved_px[8]).astype(int)
+    image[row - 9 : row + 10, column - 9 : column + 10] = 150
+    tracks = follow_markers(_found(_frame()), _seen(image, 1.0))
+    order = np.argmin(np.linalg.norm(rest[:, None] - tracks.rest_px, axis=2), axis=0)
+    assert tracks.lost >= 1
+    assert 8 not in order
+    assert len(order) >= 17
+    assert np.linalg.norm(tracks.motion_px - moved_px[order], axis=1).max() < 0.3
+
+
+def test_a_hidden_mask_covers_markers_before_and_after() -> None:
+    """What markers hide at rest and moved is left out of fits."""
+    printed = _found(_frame())
+    shift = np.array([6e-4, 0.0])
+    hidden = hidden_by(printed, follow_markers(printed, _frame(shift)))
+    for at in (marker_places(GRID), marker_places(GRID) + shift):
+        column, row = np.rint(FINE.to_pixels(at)).astype(int).T
+        assert hidden[row, column].all()
+    assert hidden.mean() < 0.3
+
+
+def test_a_printer_moves_markers_with_the_surface() -> None:
+    """Drawn over the bare gel, markers are where the surface carries them, and stretched like it.
+
+    The formula in NumPy gives the same image.
+    """
+    flat = pressed_surface(lambda x, _: np.full_like(x, APEX_M))
+    moved = flat.positions.copy()
+    moved[:, 0] += 0.1 * flat.positions_rest[:, 0] + 5e-5
+    view = replace(camera(), width=96, height=72, centre_x_px=47.5, centre_y_px=35.5)
+    plain = np.full((72, 96, 3), 130, np.uint8)
+    grid = MarkerGrid(columns=3, rows=2, pitch_m=(1.5e-3, 1.6e-3), radius_m=2.5e-4)
+    places = marker_places(grid)
+    printed = _found(_seen(draw_markers(plain, places, grid.radius_m, view)))
+    surface = replace(flat, positions=moved)
+    image = MarkerPrinter(flat.top, printed, view).image_over(printed.bare, surface)
+    goes = places + np.stack([0.1 * places[:, 0] + 5e-5, 0.0 * places[:, 0]], axis=1)
+    wanted = _seen(draw_markers(plain, goes, grid.radius_m, view))
+    assert np.abs(image.astype(int) - wanted).mean() < 1.0
+    motion = seen_motion(surface, places, view)
+    np.testing.assert_allclose(motion, (goes - places) / view.scale_x_m, atol=1e-3)
+    x, _ = view.pad_grid()
+    field = np.stack([(x - (x - 5e-5) / 1.1) / view.scale_x_m, 0.0 * x])
+    assert np.abs(printed.over(printed.bare, field) - image).max() < 4.0
+    still = MarkerPrinter(flat.top, printed, view).image_over(printed.bare, flat)
+    np.testing.assert_array_equal(still, printed.frame)
+
+
+def test_what_is_pressed_nearer_is_seen_farther_out() -> None:
+    """A camera at a distance sees gel that comes nearer magnified, about the image's middle."""
+    flat = pressed_surface(lambda x, _: np.full_like(x, APEX_M))
+    nearer = flat.positions - (0.0, 0.0, 1e-3)
+    view = replace(camera(), distance_m=0.02)
+    motion = seen_motion(replace(flat, positions=nearer), np.array([[1e-3, 0.0]]), view)
+    middle = 0.5 * np.array([view.width - 1.0, view.height - 1.0])
+    away = view.to_pixels(np.array([[1e-3, 0.0]])) - middle
+    np.testing.assert_allclose(motion, away / 19.0, atol=1e-3)
 
 
 def test_a_frame_without_markers_has_none() -> None:
-    """Units are sold without markers: nothing is drawn, nothing is masked."""
-    assert printed_markers(_gel(), GRID, FINE) is None
-    assert printed_markers(_frame(), None, FINE) is None
-
-
-def test_markers_off_their_places_are_refused() -> None:
-    """A pixel size that is far off names the section to correct."""
-    wrong = replace(GRID, pitch_m=(0.8e-3, 0.7e-3), radius_m=3.5e-4)
-    with pytest.raises(ConfigError, match="near one of the"):
-        printed_markers(_frame(), wrong, FINE)
+    """Units are sold without markers: nothing is masked, and a speck is no marker."""
+    assert find_markers(_seen(_gel(), 2.0)) is None
+    specks = _gel()
+    specks[50:53, 80:83] = 20
+    assert find_markers(_seen(specks, 1.0)) is None

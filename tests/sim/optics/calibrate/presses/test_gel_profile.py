@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,12 +29,17 @@ def test_radial_profile_of_a_pressed_ball() -> None:
     fine = camera(
         width=400, height=400, scale_x_m=2e-5, scale_y_m=2e-5, centre_x_px=199.5, centre_y_px=199.5
     )
-    contact_radius, profile = radial_profile(height_maps(surface, fine, contact_gap_m=1e-6), fine)
+    maps = height_maps(surface, fine, contact_gap_m=1e-6)
+    contact_radius, profile = radial_profile(maps, surface, fine)
     assert contact_radius == pytest.approx(1.2e-3, rel=0.05)
     under = profile.radius_m < 1.1e-3
     np.testing.assert_allclose(profile.tilt[under], profile.radius_m[under] / BALL_M, atol=0.01)
     assert profile.indentation_m[0] == pytest.approx(8e-4, rel=0.01)
     assert 0.0 < profile.indentation_m[-1] < 1e-4
+    np.testing.assert_array_equal(profile.outward_m, 0.0)
+    wider = replace(surface, positions=surface.positions * (1.02, 1.02, 1.0))
+    outward = radial_profile(maps, wider, fine)[1].outward_m
+    np.testing.assert_allclose(outward, profile.radius_m * (1.0 - 1.0 / 1.02), atol=1e-6)
 
 
 @pytest.mark.parametrize("contact_radius", [0.7e-3, 1.0e-3, 1.25e-3, 1.6e-3])
@@ -49,8 +56,9 @@ def test_pressed_profiles_interpolate_between_presses(contact_radius: float) -> 
 
 def test_profiles_without_contact_are_refused() -> None:
     """A press that does not touch cannot give a profile."""
+    zero = np.zeros(2)
     nothing = RadialProfile(
-        radius_m=np.array([0.0, 1.0]), tilt=np.zeros(2), indentation_m=np.zeros(2)
+        radius_m=np.array([0.0, 1.0]), tilt=zero, indentation_m=zero, outward_m=zero
     )
     with pytest.raises(ConfigError, match="1 simulated presses give no gel profile"):
         PressedProfiles([(0.0, nothing)])

@@ -242,4 +242,4 @@ def test_contradictory_presses_are_refused(tmp_path: Path) -> None:
     (folder / "circles.csv").write_text("\n".join([lines[0], *moved]), encoding="utf-8")
     words = [*OPTIONS, "--folds", 2, "--out", tmp_path / "c.npz"]
     message = _refused("optics", folder, *words).message
-    assert "contradict each other" in message
+    assert "of 8 labels contradict their images: 0000.png was left out" in message
