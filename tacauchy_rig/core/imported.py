@@ -32,6 +32,21 @@ class ImportedTrial:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CameraClock:
+    """How images were aligned in time with the force.
+
+    Attributes:
+        offset_s: Added to a camera's time for the log's own time [s].
+        uncertainty_s: Its standard uncertainty [s].
+        correlation: Of what is seen with what is felt, with this offset.
+    """
+
+    offset_s: float
+    uncertainty_s: float
+    correlation: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
     """Where an imported run is from.
 
@@ -42,6 +57,7 @@ class Imported:
         unknown: What the source does not say, a sentence each.
         notes: What was made of it, a sentence each: losses, and how presses were found.
         files: SHA-256 of what was read, by the name within the source.
+        clock: None where no camera's clock was aligned.
     """
 
     kind: str
@@ -51,3 +67,4 @@ class Imported:
     notes: tuple[str, ...]
     trials: tuple[ImportedTrial, ...]
     files: dict[str, str] = field(default_factory=dict)
+    clock: CameraClock | None = None

@@ -33,10 +33,17 @@ class Dimension(StrEnum):
 
 UNITS: dict[Dimension, dict[str, float]] = {
     Dimension.LENGTH: {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    Dimension.FORCE: {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    Dimension.FORCE: {
+        "N": 1.0,
+        "mN": 1e-3,
+        "kN": 1e3,
+        "gf": 9.80665e-3,
+        "kgf": 9.80665,
+        "lbf": 4.4482216152605,
+    },
     Dimension.TORQUE: {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "N mm": 1e-3, "Nmm": 1e-3},
     Dimension.PRESSURE: {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6},
-    Dimension.TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
+    Dimension.TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     Dimension.SPEED: {"m/s": 1.0, "mm/s": 1e-3, "um/s": 1e-6},
     Dimension.ACCELERATION: {"m/s^2": 1.0, "mm/s^2": 1e-3},
     Dimension.ANGLE: {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3},

@@ -133,10 +133,17 @@ def read_folders(folders: Sequence[Path], evidence: RunEvidence) -> list[Outputs
             "there is nothing to judge",
             remedy="name a FOLDER, or ask for --baseline rigid or --task",
         )
+    geometry = evidence.geometry
     asked = Asked(
         trials=tuple(t.index for t in evidence.trials),
-        size_px=(evidence.geometry.width_px, evidence.geometry.height_px),
+        size_px=(geometry.width_px, geometry.height_px),
         references=references_of(evidence),
+        measured={
+            t.index: (t.record.force_measured_n, t.record.depth_measured_m)
+            for t in evidence.trials
+            if t.record is not None
+        },
+        pixel_m2=(geometry.scale_x_m_px or 0.0) * (geometry.scale_y_m_px or 0.0),
     )
     others = []
     for folder in folders:

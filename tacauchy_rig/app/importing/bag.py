@@ -6,9 +6,11 @@ looked at, since the reader would make code of them.
 
 from __future__ import annotations
 
+import re
 import struct
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
@@ -17,26 +19,30 @@ import numpy as np
 from backports import zstd
 from lz4.frame import LZ4FrameDecompressor
 from pydantic import Field
-from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
+from tacauchy_rig.app.importing.offset import Signal, image_change, offset_to_force
 from tacauchy_rig.app.importing.presses import (
     Frame,
     Press,
     PressFinding,
+    PressSpan,
     Recorded,
     S,
     Samples,
     Streams,
     cut,
+    drift_note,
     find_presses,
 )
 from tacauchy_rig.app.importing.source import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
+from tacauchy_rig.core.arrays import Int64Array
 from tacauchy_rig.core.config.fields import Length, Section
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.imported import CameraClock
+from tacauchy_rig.core.rgb import decode_rgb, encode_png
 
 TYPES = get_typestore(Stores.ROS2_HUMBLE)
 MESSAGES_MOST = 2_000_000
@@ -48,6 +54,8 @@ WRENCH, POSE = "geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/PoseStamped
 MCAP = ".mcap"
 STORAGES = (MCAP, ".db3")
 METADATA = "metadata.yaml"
+CLOCKS_S = 0.1
+"""By which messages of image and force are stamped and logged differently: of clocks apart."""
 # Of what a broken file makes the reader say.
 _BROKEN = (
     ReaderError,
@@ -89,26 +97,32 @@ def read_bag(source: Source, data: BagData) -> Recorded:
     Raises:
         RecordError: It is damaged, a topic is missing or of another type, or no press is found.
     """
-    path = _checked(source, data.file)
+    paths = _checked(source, data.file)
     try:
-        with Reader(path) as reader:
-            streams = _streams(reader, data)
+        with ExitStack() as stack:
+            bag = Bag(data.file, [stack.enter_context(Reader(path)) for path in paths])
+            streams, notes = _streams(bag, data)
     except RecordError:
         raise
     except _BROKEN as error:
         raise RecordError(
             f"{data.file}: no whole ROS 2 bag: {type(error).__name__}: {str(error)[:200]}",
-            remedy="`ros2 bag reindex`, or record it anew",
+            remedy="copy it anew from its source; `mcap recover` of the MCAP tools mends a file "
+            "whose end is missing",
         ) from error
     found = find_presses(streams.force, data.presses)
+    clock = None
+    if notes.camera_s:
+        streams, clock = _aligned(streams, found, notes)
     presses = tuple(_placed(press, data.pad_centre) for press in cut(streams, found))
     return Recorded(
         presses=presses,
         has_clock=True,
         unknown=tuple(_unknown(data, streams)),
-        notes=(_FOUND.format(count=len(presses)),),
+        notes=(_FOUND.format(count=len(presses)), *drift_note(found), *notes.told),
         contact_force_n=data.presses.contact_force,
         name="bag",
+        clock=clock,
     )
 
 
@@ -119,22 +133,76 @@ _FOUND = (
 )
 
 
-def _checked(source: Source, name: str) -> Path:
-    """Return the bag; every file of a folder lies within the source and is no pack of its own."""
+@dataclass(frozen=True, slots=True)
+class Bag:
+    """The files of a bag, each read by itself: what its metadata says of them is not needed."""
+
+    name: str
+    readers: Sequence[Reader]
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Types by topic."""
+        return {each.topic: each.msgtype for file in self.readers for each in file.connections}
+
+    def count(self, topic: str) -> int:
+        """Return how many messages a topic has, by whichever publisher."""
+        every = (each for file in self.readers for each in file.connections)
+        return sum(each.msgcount for each in every if each.topic == topic)
+
+    def messages(self, topic: str) -> Iterator[tuple[int, int, Any]]:
+        """Yield when each was logged and stamped [ns], and its content."""
+        for file in self.readers:
+            own = [each for each in file.connections if each.topic == topic]
+            for connection, logged_ns, raw in file.messages(own) if own else ():
+                message: Any = TYPES.deserialize_cdr(raw, connection.msgtype)
+                stamp = message.header.stamp
+                header_ns = int(stamp.sec) * S + int(stamp.nanosec)
+                yield int(logged_ns), header_ns or int(logged_ns), message
+
+
+@dataclass(slots=True)
+class _Notes:
+    """What was met while reading.
+
+    Attributes:
+        told: Sentences.
+        camera_s: By how much the camera's stamps are moved to fit the force's [s].
+    """
+
+    told: list[str]
+    camera_s: float = 0.0
+
+
+def _checked(source: Source, name: str) -> list[Path]:
+    """Return the bag's files; each lies within the source and is no pack of its own."""
     if Path(name).suffix in STORAGES:
-        return _bounded(source.path(name, field="data.file", most_bytes=LARGE_BYTES))
+        return [_bounded(source.path(name, field="data.file", most_bytes=LARGE_BYTES))]
     folder = source.folder(name, field="data.file")
     inside = "" if folder == source.root else f"{folder.relative_to(source.root)}/"
-    source.path(f"{inside}{METADATA}", field="data.file", most_bytes=MIB)
-    for path in sorted(folder.iterdir()):
+    if (folder / METADATA).exists():
+        about = source.read(f"{inside}{METADATA}", field="data.file", most_bytes=MIB)
+        if re.search(rb"compression_mode:\s*['\"]?message", about, re.IGNORECASE):
+            raise RecordError(
+                f"{name}: its messages are packed one by one",
+                remedy="`ros2 bag convert` without compression_mode",
+            )
+    files = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
+    for path in files:
         if path.suffix in (".zstd", ".zst"):
             raise RecordError(
                 f"data.file: {path.name} is packed as a whole", remedy="unpack it: `zstd -d`"
             )
-        if path.suffix in STORAGES:
-            stored = source.path(f"{inside}{path.name}", field="data.file", most_bytes=LARGE_BYTES)
-            _bounded(stored)
-    return folder
+    stored = [path.name for path in files if path.suffix in STORAGES]
+    if not stored:
+        raise RecordError(
+            f"data.file: {name!r} holds no file {' or '.join(STORAGES)}",
+            remedy="name the folder that `ros2 bag record` wrote, or the file itself",
+        )
+    return [
+        _bounded(source.path(f"{inside}{each}", field="data.file", most_bytes=LARGE_BYTES))
+        for each in stored
+    ]
 
 
 def _bounded(path: Path) -> Path:
@@ -152,36 +220,63 @@ def _unknown(data: BagData, streams: Streams) -> Iterator[str]:
         yield "Where on the pad was pressed is not known."
 
 
-def _streams(reader: Reader, data: BagData) -> Streams:
-    if reader.compression_mode:
-        raise RecordError(
-            f"{data.file}: its messages are packed one by one",
-            remedy="`ros2 bag convert` without compression_mode",
-        )
-    image = _topic(reader, data.image, IMAGES, "data.image")
-    force = _topic(reader, data.force, (WRENCH,), "data.force")
-    pose = _topic(reader, data.pose, (POSE,), "data.pose", optional=True)
+def _streams(bag: Bag, data: BagData) -> tuple[Streams, _Notes]:
+    image = _topic(bag, data.image, IMAGES, "data.image")
+    force = _topic(bag, data.force, (WRENCH,), "data.force")
+    pose = _topic(bag, data.pose, (POSE,), "data.pose", optional=True)
     if image is None or force is None:
-        raise RecordError(f"{data.file}: has no images or no forces", remedy="name its topics")
-    return Streams(
-        force=_samples(reader, force, _wrench),
-        frames=tuple(_frames(reader, image)),
-        pose=None if pose is None else _samples(reader, pose, _pose),
+        raise RecordError(f"{bag.name}: has no images or no forces", remedy="name its topics")
+    notes = _Notes([])
+    felt, felt_late = _samples(bag, force, _wrench, notes)
+    frames, seen_late = _frames(bag, image)
+    apart_s = float(np.median(seen_late) - np.median(felt_late)) / S
+    if abs(apart_s) > CLOCKS_S:
+        notes.camera_s = apart_s
+    streams = Streams(
+        force=felt,
+        frames=frames,
+        pose=None if pose is None else _samples(bag, pose, _pose, notes)[0],
     )
+    return streams, notes
+
+
+def _aligned(
+    streams: Streams, found: Sequence[PressSpan], notes: _Notes
+) -> tuple[Streams, CameraClock]:
+    """Return the streams with the camera's stamps in the clock of the force.
+
+    Both are as late as messages take to arrive, so their difference is roughly that of the clocks;
+    what is seen and felt of the presses tells the rest.
+    """
+    moved = [replace(f, stamp_ns=f.stamp_ns + round(notes.camera_s * S)) for f in streams.frames]
+    images = [decode_rgb(frame.read(), reduction=8) for frame in moved]
+    known = [k for k, image in enumerate(images) if image is not None]
+    time_s = np.array([moved[k].stamp_ns for k in known]) / S
+    change = image_change((image for image in images if image is not None), time_s)
+    offset = offset_to_force(streams.force, Signal(time_s=time_s, value=change), found)
+    shift_ns = round(offset.seconds * S)
+    frames = [replace(frame, stamp_ns=frame.stamp_ns + shift_ns) for frame in moved]
+    clock = CameraClock(
+        offset_s=notes.camera_s + offset.seconds,
+        uncertainty_s=offset.uncertainty_s,
+        correlation=offset.correlation,
+    )
+    notes.told.append(
+        f"The camera's stamps are {-clock.offset_s:+.3f} s from the force's, of another clock: "
+        f"they were moved by when contact shows in both, standard uncertainty "
+        f"{1e3 * clock.uncertainty_s:.0f} ms."
+    )
+    return replace(streams, frames=frames), clock
 
 
 def _topic(
-    reader: Reader,
-    name: str | None,
-    types: tuple[str, ...],
-    field: str,
-    *,
-    optional: bool = False,
-) -> Connection | None:
+    bag: Bag, name: str | None, types: tuple[str, ...], field: str, *, optional: bool = False
+) -> str | None:
     """Return a topic by its name, or the only one of its types."""
-    there = {each.topic: each.msgtype for each in reader.connections}
-    fitting = [c for c in reader.connections if c.msgtype in types and name in (None, c.topic)]
-    if len(fitting) == 1 and fitting[0].msgcount <= MESSAGES_MOST:
+    there = bag.topics
+    fitting = [t for t, kind in there.items() if kind in types and name in (None, t)]
+    fitting = [topic for topic in fitting if bag.count(topic)] or fitting
+    if len(fitting) == 1 and bag.count(fitting[0]) <= MESSAGES_MOST:
         return fitting[0]
     if not fitting and optional and name is None:
         return None
@@ -193,26 +288,21 @@ def _topic(
     )
 
 
-def _messages(reader: Reader, topic: Connection) -> Iterator[tuple[int, Any]]:
-    """Yield stamp and content; the stamp is the header's, the log's where that says nothing."""
-    for _, logged_ns, raw in reader.messages([topic]):
-        message: Any = TYPES.deserialize_cdr(raw, topic.msgtype)
-        stamp = message.header.stamp
-        header_ns = int(stamp.sec) * S + int(stamp.nanosec)
-        yield header_ns or int(logged_ns), message
-
-
-def _samples(reader: Reader, topic: Connection, values: Any) -> Samples:
+def _samples(bag: Bag, topic: str, values: Any, notes: _Notes) -> tuple[Samples, Int64Array]:
+    """Return a topic's numbers by stamp, and how late each was logged [ns]."""
     rows = sorted(
-        ((stamp, values(message)) for stamp, message in _messages(reader, topic)),
+        ((stamp, logged - stamp, values(each)) for logged, stamp, each in bag.messages(topic)),
         key=lambda row: row[0],
     )
-    value = np.array([row for _, row in rows], dtype=np.float64).reshape(-1, 6)
-    if not np.isfinite(value).all():
-        raise RecordError(
-            f"{topic.topic}: holds values that are no finite numbers", remedy="leave them out"
+    value = np.array([row for *_, row in rows], dtype=np.float64).reshape(-1, 6)
+    known = np.isfinite(value).all(axis=1)
+    if not known.all():
+        notes.told.append(
+            f"{topic}: {int((~known).sum())} of {len(known)} messages hold values that are no "
+            "finite numbers and were left out."
         )
-    return Samples(stamp_ns=np.array([stamp for stamp, _ in rows], dtype=np.int64), value=value)
+    stamps, late = (np.array([row[k] for row in rows], dtype=np.int64) for k in (0, 1))
+    return Samples(stamp_ns=stamps[known], value=value[known]), late
 
 
 def _wrench(message: Any) -> list[float]:
@@ -229,20 +319,22 @@ def _pose(message: Any) -> list[float]:
     return [place.x, place.y, place.z, *vector]
 
 
-def _frames(reader: Reader, topic: Connection) -> Iterator[Frame]:
-    size = 0
-    found = []
-    for number, (stamp_ns, message) in enumerate(_messages(reader, topic)):
+def _frames(bag: Bag, topic: str) -> tuple[tuple[Frame, ...], Int64Array]:
+    """Return a topic's images by stamp, and how late each was logged [ns]."""
+    size, is_raw = 0, bag.topics[topic] == IMAGES[1]
+    found, late = [], []
+    for number, (logged_ns, stamp_ns, message) in enumerate(bag.messages(topic)):
         size += len(message.data)
         if size > FRAMES_BYTES:
             raise RecordError(
-                f"{topic.topic}: more than {FRAMES_BYTES} bytes of images", remedy="split the bag"
+                f"{topic}: more than {FRAMES_BYTES} bytes of images", remedy="split the bag"
             )
-        name = f"{topic.topic} {number}"
-        raw = topic.msgtype == IMAGES[1]
-        data = _raw(message, name) if raw else message.data.tobytes()
+        name = f"{topic} {number}"
+        data = _raw(message, name) if is_raw else message.data.tobytes()
         found.append(Frame(stamp_ns=stamp_ns, name=name, read=partial(bytes, data)))
-    yield from sorted(found, key=lambda frame: frame.stamp_ns)
+        late.append(logged_ns - stamp_ns)
+    frames = tuple(sorted(found, key=lambda frame: frame.stamp_ns))
+    return frames, np.array(late or [0], dtype=np.int64)
 
 
 _CHANNELS: Mapping[str, tuple[int, ...]] = {

@@ -7,20 +7,22 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import Field, field_validator
 
-from tacauchy_rig.app.importing.bag import BagData, read_bag
-from tacauchy_rig.app.importing.lerobot import LeRobotData, read_lerobot
+from sim.scene.indenter import Indenter
+from sim.scene.terms import parse_indenter
+from sim.sensor.sensor import Sensor, load_sensor
+from tacauchy_rig.app.importing.images import Converter, Images
+from tacauchy_rig.app.importing.plausible import Keys, check_presses
 from tacauchy_rig.app.importing.presses import Recorded
-from tacauchy_rig.app.importing.records import RecordsData, read_records
+from tacauchy_rig.app.importing.problems import Problems
 from tacauchy_rig.app.importing.source import MIB, Source
-from tacauchy_rig.app.importing.table import CsvData, read_csv_folder, read_section
-from tacauchy_rig.app.importing.taxim import TaximData, read_taxim
-from tacauchy_rig.app.importing.video import VideoData, read_video
+from tacauchy_rig.app.importing.table import read_section
 from tacauchy_rig.app.importing.writing import write_run
 from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.config.load import LoadedConfig, leaves, nest, parse_override, restore_config
@@ -56,6 +58,7 @@ class Spec(Section):
         simulated: The presses are of a simulator or an emulator.
         data: Of the source; its kind says what may stand there.
         rig: What the run's ``rig.toml`` is to say of sensor, replay and report.
+        images: By what convention images were stored.
     """
 
     kind: SourceKind
@@ -63,6 +66,7 @@ class Spec(Section):
     simulated: bool = False
     data: dict[str, Any]
     rig: dict[str, Any]
+    images: Images = Images()
 
     @field_validator("rig")
     @classmethod
@@ -94,15 +98,15 @@ BARE = {
 FILE = "data.file"
 
 
-READERS: Mapping[SourceKind, tuple[type[Section], Callable[[Source, Any], Recorded]]] = {
-    SourceKind.CSV: (CsvData, read_csv_folder),
-    SourceKind.BAG: (BagData, read_bag),
-    SourceKind.TAXIM: (TaximData, read_taxim),
-    SourceKind.VIDEO: (VideoData, read_video),
-    SourceKind.RECORDS: (RecordsData, read_records),
-    SourceKind.LEROBOT: (LeRobotData, read_lerobot),
+READERS: Mapping[SourceKind, tuple[str, str, str]] = {
+    SourceKind.CSV: ("rows", "CsvData", "read_csv_folder"),
+    SourceKind.BAG: ("bag", "BagData", "read_bag"),
+    SourceKind.TAXIM: ("taxim", "TaximData", "read_taxim"),
+    SourceKind.VIDEO: ("video", "VideoData", "read_video"),
+    SourceKind.RECORDS: ("records", "RecordsData", "read_records"),
+    SourceKind.LEROBOT: ("lerobot", "LeRobotData", "read_lerobot"),
 }
-"""Of each format its ``[data]``, and what reads it."""
+"""Of each format its module, its ``[data]``, and what reads it: others are not even loaded."""
 
 
 def import_run(
@@ -110,7 +114,7 @@ def import_run(
     *,
     parent: Path,
     overrides: Sequence[str] = (),
-    check: Callable[[RigConfig], None] = lambda _: None,
+    check: Callable[[RigConfig], object] = lambda _: None,
 ) -> RunStore:
     """Import what a file or a folder with ``import.toml`` describes, as a new run in ``parent``.
 
@@ -121,29 +125,111 @@ def import_run(
         check: Refuses a configuration that nothing can be replayed with.
 
     Raises:
-        ConfigError: The description is wrong; every field is named.
-        RecordError: A file of the source is missing, odd or too large.
+        RigError: Something is wrong; all that was met is told, by field, or by file and line.
     """
     source = Source(path if path.is_dir() else path.parent)
     overridden = {k: v for each in overrides for k, v in leaves(parse_override(each))}
     spec = _spec(source, path, overridden)
-    stated = _stated(source, spec, trusted=overridden)
-    kind, read = READERS[spec.kind]
-    recorded = _with_tools(source, read(source, read_section(kind, spec.data, where="data.")))
+    problems, stated = source.problems, None
+    with problems.noting():
+        stated = _stated(source, spec, trusted=overridden)
+    recorded = _read(source, spec)
+    if stated is None:
+        problems.refuse()
+        stated = {}
     rig = _rig(spec, {**_common(recorded), **stated}, recorded)
-    check(rig.config)
-    for term in {each.indenter for each in recorded.presses} - {""}:
-        check(restore_config({**rig.written, "replay.indenter": term}))
+    with problems.noting():
+        check(rig.config)
+    sensor = None
+    with problems.noting():
+        sensor = load_sensor(rig.config.sensor.name)
+    if sensor is None:
+        problems.refuse()
+    indenters = _indenters(recorded, rig.config, problems)
+    check_presses(
+        recorded.presses,
+        indenters,
+        _with_modulus(sensor, rig.config.replay.young),
+        _KEYS.get(spec.kind, KEYS),
+        sign=rig.config.force_sensor.compression_sign,
+        problems=problems,
+    )
     return write_run(
         parent,
         rig,
         recorded,
         kind=spec.kind.value,
-        source=source.root.name if path.is_dir() else path.name,
-        files=source.hashes,
+        source=source,
+        name=source.root.name if path.is_dir() else path.name,
         config_text=_as_toml(rig.written),
         simulated=spec.simulated,
+        converter=Converter(how=spec.images, camera=sensor.camera),
     )
+
+
+KEYS = Keys(
+    force_sign="rig.force_sensor.compression_sign = -1",
+    force="the unit of forces (data.columns.force.unit)",
+    depth_sign="data.columns.depth.sign = -1",
+    depth="the unit of depths (data.columns.depth.unit)",
+    place="data.columns.x and y, their unit or sign",
+)
+_STREAM = replace(KEYS, depth_sign="that the pose's z grows upwards, away from the gel")
+_KEYS = {
+    SourceKind.BAG: replace(
+        _STREAM, force="what publishes the force (bags are in N)", place="data.pad_centre"
+    ),
+    SourceKind.LEROBOT: replace(_STREAM, force="data.force.unit", depth="data.pose.unit"),
+    SourceKind.VIDEO: replace(
+        _STREAM, depth_sign="data.columns.z.sign = -1", depth="data.columns.z.unit"
+    ),
+}
+"""What declares conventions, by the source's format."""
+
+
+def _read(source: Source, spec: Spec) -> Recorded:
+    """Return what the source holds, as far as it can be read.
+
+    Raises:
+        RigError: Nothing of it can be.
+    """
+    name, kind, reader = READERS[spec.kind]
+    module = import_module(f"tacauchy_rig.app.importing.{name}")
+    recorded = None
+    with source.problems.noting():
+        recorded = getattr(module, reader)(
+            source, read_section(getattr(module, kind), spec.data, where="data.")
+        )
+    if recorded is None or not recorded.presses:
+        source.problems.refuse()
+        recorded = recorded or Recorded(presses=(), has_clock=False)
+    return _with_tools(source, recorded)
+
+
+def _with_modulus(sensor: Sensor, young_pa: float | None) -> Sensor:
+    """Return the sensor with a gel of the stated modulus [Pa]."""
+    if young_pa is None:
+        return sensor
+    return replace(sensor, material=replace(sensor.material, young_pa=young_pa))
+
+
+def _indenters(recorded: Recorded, config: RigConfig, problems: Problems) -> list[Indenter | None]:
+    """Return the indenter of each press; terms that name none are noted where they stand."""
+    known: dict[str, Indenter | None] = {"": None}
+    if config.replay.indenter:
+        with problems.noting():
+            known[""] = parse_indenter(config.replay.indenter)
+    for press in recorded.presses:
+        if press.indenter in known:
+            continue
+        known[press.indenter] = None
+        try:
+            known[press.indenter] = parse_indenter(press.indenter)
+        except ConfigError as error:
+            told = error.message.removeprefix("--indenter ")
+            also = " A word of your own has a term under [data.indenters]."
+            problems.add(f"{press.indenter_at}: {told}", remedy=f"{error.remedy}.{also}")
+    return [known[press.indenter] for press in recorded.presses]
 
 
 def _spec(source: Source, path: Path, overridden: Mapping[str, Any]) -> Spec:
@@ -185,11 +271,12 @@ def _stated(source: Source, spec: Spec, *, trusted: Mapping[str, Any]) -> dict[s
 
 def _with_tools(source: Source, recorded: Recorded) -> Recorded:
     """Return the presses with indenters of triangles found in the folder."""
-    presses = tuple(
-        replace(each, indenter=mesh_within(source, each.indenter, field="the presses' indenter"))
-        for each in recorded.presses
-    )
-    return replace(recorded, presses=presses)
+    presses = []
+    for each in recorded.presses:
+        with source.problems.noting():
+            term = mesh_within(source, each.indenter, field="the presses' indenter")
+            presses.append(replace(each, indenter=term))
+    return replace(recorded, presses=tuple(presses))
 
 
 def _common(recorded: Recorded) -> dict[str, Any]:

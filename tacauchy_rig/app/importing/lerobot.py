@@ -25,6 +25,7 @@ from tacauchy_rig.app.importing.presses import (
     Samples,
     Streams,
     cut,
+    drift_note,
     find_presses,
     needed,
 )
@@ -67,7 +68,7 @@ class Rows:
         """Return a column of numbers, or of lists of as many numbers each, shape [n, k].
 
         Raises:
-            RecordError: It holds something else, or values that are no finite numbers.
+            RecordError: It holds something else.
         """
         cells = self.table.column(column).to_pylist()
         try:
@@ -77,11 +78,6 @@ class Rows:
                 f"{self.name}: {column}: no numbers, or not as many in each row",
                 remedy="name a feature of numbers",
             ) from error
-        if not np.isfinite(values).all():
-            raise RecordError(
-                f"{self.name}: {column}: holds values that are no finite numbers",
-                remedy="leave these episodes out",
-            )
         return values
 
     def image(self, column: str, row: int, *, most_bytes: int) -> bytes:
@@ -222,9 +218,10 @@ def read_lerobot(source: Source, data: LeRobotData) -> Recorded:
         ConfigError: A feature or a unit is not what is said.
     """
     dataset = _dataset(source, data)
-    presses = [
-        press for episode in dataset.episodes for press in _presses(source, data, dataset, episode)
-    ]
+    presses: list[Press] = []
+    for episode in dataset.episodes:
+        with source.problems.noting():
+            presses += _presses(source, data, dataset, episode)
     return Recorded(
         presses=tuple(presses),
         has_clock=True,
@@ -303,7 +300,7 @@ def _info(source: Source) -> dict[str, Any]:
 
 def _parquets(source: Source) -> list[str]:
     folder = source.folder(EPISODES, field="the dataset")
-    return [str(path.relative_to(source.root)) for path in sorted(folder.glob("*/*.parquet"))]
+    return [str(path.relative_to(source.root)) for path in sorted(folder.glob("*/[!.]*.parquet"))]
 
 
 def _columns(image: str, features: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -323,22 +320,42 @@ def _presses(
     stamp_ns = _stamps(rows, index)
     factor = unit_factor(data.force.unit, Dimension.FORCE, field="data.force.unit")
     turn = unit_factor(data.moment_unit, Dimension.TORQUE, field="data.moment_unit")
-    force = Samples(
-        stamp_ns=stamp_ns, value=_wrench(rows.numbers(data.force.feature), data.force, factor, turn)
+    wrench = _wrench(rows.numbers(data.force.feature), data.force, factor, turn)
+    force = _finite(
+        source, stamp_ns, wrench, wrench[:, 2], f"episode {index}: {data.force.feature}"
     )
     pose = None
     if data.pose is not None:
         metres = unit_factor(data.pose.unit, Dimension.LENGTH, field="data.pose.unit")
         placed = metres * _components(rows.numbers(data.pose.feature), data.pose, 3)
         padded = np.pad(placed, ((0, 0), (0, 3)), constant_values=np.nan)
-        pose = Samples(stamp_ns=stamp_ns, value=padded)
+        where = f"episode {index}: {data.pose.feature}"
+        pose = _finite(source, stamp_ns, padded, placed.sum(axis=1), where)
     try:
         found = find_presses(force, data.presses)
         frames = _frames(source, dataset, episode, rows, stamp_ns, needed(stamp_ns, found))
+        source.notes += [f"Episode {index}: {note}" for note in drift_note(found)]
         for press in cut(Streams(force=force, frames=frames, pose=pose), found):
             yield replace(press, name=f"episode {index}, {press.name}")
     except RecordError as error:
         raise RecordError(f"episode {index}: {error.message}", remedy=error.remedy) from error
+
+
+def _finite(
+    source: Source, stamp_ns: Int64Array, values: FloatArray, told_by: FloatArray, where: str
+) -> Samples:
+    """Return the rows with finite numbers; how many were left out is noted.
+
+    Raises:
+        RecordError: There is none.
+    """
+    known = np.isfinite(told_by)
+    if not known.any():
+        raise RecordError(f"{where}: holds no finite numbers", remedy="leave this episode out")
+    if not known.all():
+        lost = f"{int((~known).sum())} of {len(known)} rows hold no finite numbers"
+        source.notes.append(f"{where}: {lost} and were left out.")
+    return Samples(stamp_ns=stamp_ns[known], value=values[known])
 
 
 def _rows(source: Source, data: LeRobotData, dataset: _Dataset, episode: Mapping[str, Any]) -> Rows:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import statistics
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +16,7 @@ from pydantic import Field
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, Int64Array
 from tacauchy_rig.core.config.fields import Force, Section
 from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.imported import CameraClock
 from tacauchy_rig.core.run import FZ
 
 Window = tuple[int, int]
@@ -70,6 +74,8 @@ class Press:
         depth_m: Stated depth [m], where no pose gives it.
         place_m: Beside the pad's centre [m]; None is not known.
         indenter: As ``press --indenter`` has it; empty is the run's.
+        where: Where the source has it, for messages; empty is its name.
+        indenter_at: Where the source names its indenter.
         contact_px: Column, row and radius of the contact's edge as drawn into the image [px].
     """
 
@@ -84,7 +90,28 @@ class Press:
     depth_m: float | None = None
     place_m: tuple[float, float] | None = None
     indenter: str = ""
+    where: str = ""
+    indenter_at: str = ""
     contact_px: tuple[float, float, float] | None = None
+
+    @property
+    def held(self) -> FloatArray | None:
+        """Wrenches over the dwell above the press's zero, shape [n, 6]; None where none are."""
+        if self.force is None:
+            return None
+        value = self.force.within(self.dwell).value
+        if not len(value):
+            return None
+        zero = 0.0 if self.tare is None else self.force.within(self.tare).value.mean(axis=0)
+        return np.asarray(value - zero)
+
+    @property
+    def measured_depth_m(self) -> float | None:
+        """Of the tip below first contact [m], by its pose or as stated."""
+        if self.pose is None or self.contact_z_m is None:
+            return self.depth_m
+        z = self.pose.within(self.dwell).value[:, 2]
+        return self.contact_z_m - float(z.mean()) if len(z) else self.depth_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,6 +126,7 @@ class Recorded:
         contact_force_n: At which depths begin [N]; None is first touch.
         name: Of a run of it.
         rig: Fields of ``rig.toml`` that its format comes with; ``import.toml`` counts more.
+        clock: How the camera's clock was aligned with the force's; None where nothing was.
     """
 
     presses: tuple[Press, ...]
@@ -109,6 +137,7 @@ class Recorded:
     rig: Mapping[str, Any] = field(default_factory=dict)
     contact_force_n: float | None = None
     name: str = "imported"
+    clock: CameraClock | None = None
 
 
 S = 1_000_000_000
@@ -124,6 +153,14 @@ SMOOTHED = 2 * HALF + 1
 """Samples of force whose median decides where it is held: one that jumps does not."""
 RELEASED = 0.5
 """Of the force that begins a press: below it the press is over, so noise makes no second one."""
+RELEASED_SHARE = 0.15
+"""Of a press's own largest force: below it the press is over too, since a zero drifts meanwhile."""
+BLOCK_NS = S // 50
+"""Of the medians in which presses are looked for: a zero is followed from one to the next."""
+DRIFT_TOLD = 0.2
+"""Of the force of contact: a zero that drifts by more during a press is taken off."""
+VALLEY = 0.5
+"""Of the lower of two peaks: a force that falls below it between them is of two presses."""
 MAX_PRESSES = 10_000
 
 
@@ -171,6 +208,7 @@ class PressSpan:
         pressed: From its first force to its last.
         held: The longest stretch with nearly its largest force.
         touched_ns: When the gel was touched.
+        drift_n_s: How fast the cell's zero drifts from this rest to the next [N/s].
     """
 
     name: str
@@ -178,6 +216,7 @@ class PressSpan:
     pressed: Window
     held: Window
     touched_ns: int
+    drift_n_s: float = 0.0
 
 
 def find_presses(force: Samples, finding: PressFinding) -> list[PressSpan]:
@@ -191,12 +230,11 @@ def find_presses(force: Samples, finding: PressFinding) -> list[PressSpan]:
             f"the recording has {len(force.stamp_ns)} samples of force, too few to find a press",
             remedy="check the name of the force's topic or column",
         )
-    force_n = axial_force(force)
-    spans = list(_loaded_windows(force.stamp_ns, force_n, finding.press_force))
+    spans = _loaded_windows(force, finding)
     if not 0 < len(spans) < MAX_PRESSES:
         raise RecordError(
             f"the force is above data.presses.press_force ({finding.press_force:g} N) in "
-            f"{len(spans)} stretches; the largest is {force_n.max():.3g} N",
+            f"{len(spans)} stretches; the largest is {axial_force(force).max():.3g} N",
             remedy="set data.presses.press_force between the noise and the weakest press",
         )
     found, free_ns = [], int(force.stamp_ns[0])
@@ -205,7 +243,29 @@ def find_presses(force: Samples, finding: PressFinding) -> list[PressSpan]:
         rest = _rest(force, (free_ns, pressed[0] - APART_NS), finding, name)
         found.append(_span(name, force, rest, pressed, finding))
         free_ns = pressed[1] + APART_NS
-    return found
+    return [
+        replace(each, drift_n_s=_drift(force, each, later.rest, finding))
+        for each, later in pairwise([*found, found[-1]])
+    ]
+
+
+def _drift(force: Samples, span: PressSpan, later: Window, finding: PressFinding) -> float:
+    """Return how fast the zero drifts from a press's rest to a later one [N/s]; 0 if hardly."""
+    zeros = [np.median(force.within(rest).value[:, FZ]) for rest in (span.rest, later)]
+    apart_s = (sum(later) - sum(span.rest)) / 2.0 / S
+    rate = float(zeros[1] - zeros[0]) / apart_s if apart_s > 0.0 else 0.0
+    during = abs(rate) * (span.held[1] - span.rest[0]) / S
+    return rate if during > DRIFT_TOLD * finding.contact_force else 0.0
+
+
+def drift_note(found: Sequence[PressSpan]) -> list[str]:
+    """Return what was made of a zero that drifts, a sentence; none where it does not."""
+    during = [abs(each.drift_n_s) * (each.held[1] - each.rest[1]) / S for each in found]
+    note = (
+        f"The cell's zero drifts, by up to {max(during):.3f} N from a rest until the press after "
+        "it was held: it was taken to drift evenly from rest to rest, and taken off."
+    )
+    return [note] * any(during)
 
 
 def needed(stamp_ns: Int64Array, found: Sequence[PressSpan]) -> BoolArray:
@@ -224,18 +284,72 @@ def cut(streams: Streams, found: Sequence[PressSpan]) -> tuple[Press, ...]:
     return tuple(_press(streams, each) for each in found)
 
 
-def _loaded_windows(stamp_ns: np.ndarray, force_n: FloatArray, above: float) -> Iterator[Window]:
-    """Yield when a signal is above a level, from there until it falls below half of it."""
-    inside, start = False, 0
-    for index in np.flatnonzero((force_n > above) | (force_n < RELEASED * above)).tolist():
-        if force_n[index] > above and not inside:
-            inside, start = True, index
-        elif inside and force_n[index] < RELEASED * above:
-            inside = False
-            if stamp_ns[index] - stamp_ns[start] >= SHORTEST_NS:
-                yield int(stamp_ns[start]), int(stamp_ns[index])
-    if inside and stamp_ns[-1] - stamp_ns[start] >= SHORTEST_NS:
-        yield int(stamp_ns[start]), int(stamp_ns[-1])
+def _loaded_windows(force: Samples, finding: PressFinding) -> list[Window]:
+    """Return when a force is above a level, over a zero that is followed from rest to rest.
+
+    A press is over where less than half of the force that begins one is left, or little of its own
+    largest. The zero is the median of the last second at rest, so that one that drifts neither
+    begins a press nor keeps one from ending.
+    """
+    stamp_ns, axis = _blocks(force)
+    zero = float(np.median(axis[stamp_ns <= stamp_ns[0] + REST_NS]))
+    rest, settling = _Recent(REST_NS), _Recent(SHORTEST_NS)
+    windows: list[Window] = []
+    start = ended = None
+    peak, least = 0.0, RELEASED * finding.press_force
+    for now, value in zip(stamp_ns.tolist(), axis.tolist(), strict=True):
+        felt = abs(value - zero)
+        if start is None:
+            if felt > finding.press_force:
+                start, peak = now, felt
+            elif felt < least:
+                rest.add(now, value)
+                zero = rest.median
+        elif ended is None:
+            peak = max(peak, felt)
+            if felt < max(least, RELEASED_SHARE * peak):
+                ended, settling = now, _Recent(SHORTEST_NS)
+        else:
+            settling.add(now, value)
+            if felt > max(finding.press_force, 2.0 * RELEASED_SHARE * peak):
+                ended = None  # no rest between: one stretch, of which _check_one thinks its own
+            elif now - ended >= APART_NS and settling.range < least:
+                windows.append((start, ended))
+                start = ended = None
+                zero, rest = settling.median, settling
+    if start is not None:
+        windows.append((start, ended or int(stamp_ns[-1])))
+    return [window for window in windows if window[1] - window[0] >= SHORTEST_NS]
+
+
+class _Recent:
+    """Values of the newest stretch of time [ns]."""
+
+    def __init__(self, length_ns: int) -> None:
+        self._length_ns = length_ns
+        self._held: deque[tuple[int, float]] = deque()
+
+    def add(self, now: int, value: float) -> None:
+        self._held.append((now, value))
+        while self._held[0][0] < now - self._length_ns:
+            self._held.popleft()
+
+    @property
+    def median(self) -> float:
+        return statistics.median(value for _, value in self._held)
+
+    @property
+    def range(self) -> float:
+        values = [value for _, value in self._held]
+        return max(values) - min(values)
+
+
+def _blocks(force: Samples) -> tuple[Int64Array, FloatArray]:
+    """Return times and medians of the force along the axis in blocks of ``BLOCK_NS``."""
+    number = (force.stamp_ns - force.stamp_ns[0]) // BLOCK_NS
+    begins = np.flatnonzero(np.diff(number, prepend=-1))
+    parts = np.split(force.value[:, FZ], begins[1:])
+    return force.stamp_ns[begins], np.array([float(np.median(part)) for part in parts])
 
 
 def axial_force(force: Samples, rest: Window | None = None) -> FloatArray:
@@ -270,6 +384,7 @@ def _span(
     name: str, force: Samples, rest: Window, pressed: Window, finding: PressFinding
 ) -> PressSpan:
     stamp_ns, force_n = force.stamp_ns, axial_force(force, rest)
+    _check_one(name, stamp_ns, force_n, pressed)
     return PressSpan(
         name=name,
         rest=rest,
@@ -277,6 +392,27 @@ def _span(
         held=_held(stamp_ns, force_n, pressed, finding.held_share),
         touched_ns=_touched(stamp_ns, force_n, pressed, rest[1], finding.contact_force),
     )
+
+
+def _check_one(name: str, stamp_ns: Int64Array, force_n: FloatArray, pressed: Window) -> None:
+    """Refuse a stretch in which the force falls deeply between two peaks.
+
+    Raises:
+        RecordError: It does: these are several presses without a rest between them.
+    """
+    inside = (stamp_ns >= pressed[0]) & (stamp_ns <= pressed[1])
+    smooth = _smooth(force_n[inside])
+    before = np.maximum.accumulate(smooth)
+    after = np.maximum.accumulate(smooth[::-1])[::-1]
+    low = np.flatnonzero(smooth < VALLEY * np.minimum(before, after))
+    if len(low):
+        k = low[np.argmin(smooth[low])]
+        raise RecordError(
+            f"{name}: the force falls from {before[k]:.3g} N to {smooth[k]:.3g} N and rises to "
+            f"{after[k]:.3g} N again, {(stamp_ns[inside][k] - pressed[0]) / S:.1f} s after it "
+            "began: several presses without a rest between them",
+            remedy="record a second without contact between presses, or cut the recording there",
+        )
 
 
 def _press(streams: Streams, found: PressSpan) -> Press:
@@ -289,12 +425,15 @@ def _press(streams: Streams, found: PressSpan) -> Press:
             remedy="record images for at least a second without contact before each press",
         )
     pose = None if streams.pose is None else streams.pose.within(whole)
+    force = streams.force.within(whole)
+    since_s = (force.stamp_ns - sum(rest) / 2.0) / S
+    force.value[:, FZ] -= found.drift_n_s * since_s
     return Press(
         name=found.name,
         frames=frames,
         reference=(unloaded[0], unloaded[-1]),
         dwell=found.held,
-        force=streams.force.within(whole),
+        force=force,
         pose=pose if pose is not None and len(pose.stamp_ns) else None,
         tare=rest,
         contact_z_m=_height(pose, found.touched_ns),

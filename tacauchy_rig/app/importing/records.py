@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from tacauchy_rig.app.importing.presses import Recorded
+from tacauchy_rig.app.importing.rows import RowsData, image_files, presses_of
 from tacauchy_rig.app.importing.source import (
     IMAGE_PIXELS,
     MIB,
@@ -25,7 +25,7 @@ from tacauchy_rig.app.importing.source import (
     read_member,
     read_npy,
 )
-from tacauchy_rig.app.importing.table import RowsData, Table, image_files, presses_of
+from tacauchy_rig.app.importing.table import Table
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import ColourOrder, encode_png
 
@@ -50,7 +50,7 @@ class RecordsData(RowsData):
         starts: Beginning of the names of records to take; left out, all.
         still: Keys of ways aside and turns: records in which one is not zero are left out, since a
             replay presses straight.
-        indenters: Terms as ``press --indenter`` has them, by a part of the record's name.
+        indenters: As for every table, but by a part of the record's name.
         no_contact: A PNG or JPEG, or an ``.npy``.
     """
 
@@ -58,7 +58,6 @@ class RecordsData(RowsData):
     records: str = "."
     starts: str = ""
     still: tuple[str, ...] = ()
-    indenters: dict[str, str] = Field(default_factory=dict)
 
 
 def read_records(source: Source, data: RecordsData) -> Recorded:
@@ -69,7 +68,12 @@ def read_records(source: Source, data: RecordsData) -> Recorded:
         ConfigError: A unit is not of what it is to measure.
     """
     names = _names(source, data)
-    rows = [row for name in names if (row := _row(_read(source, name), name, data)) is not None]
+    found = {}
+    for name in names:
+        with source.problems.noting():
+            found[name] = _row(_read(source, name), name, data)
+    rows = [row for row in found.values() if row is not None]
+    source.problems.refuse()
     if not rows:
         raise RecordError(
             f"data.records: all of {len(names)} records move aside or turn",
@@ -80,6 +84,9 @@ def read_records(source: Source, data: RecordsData) -> Recorded:
         name=f"records of {data.records}",
         columns=columns,
         rows=[[row.get(key, "") for key in columns] for row in rows],
+        places=[row[_PRESS] for row in rows],
+        decimal=".",
+        problems=source.problems,
     )
     own_columns = {"press": _PRESS, **({"indenter": _INDENTER} if data.indenters else {})}
     recorded = presses_of(
@@ -101,6 +108,7 @@ def _names(source: Source, data: RecordsData) -> list[str]:
         path.name
         for path in (source.root / folder).iterdir()
         if path.suffix in (NPY, NPZ) and path.name.startswith(data.starts)
+        if not path.name.startswith(".")
     }
     kept = sorted(
         name
@@ -156,8 +164,9 @@ def _row(record: Record, name: str, data: RecordsData) -> dict[str, str] | None:
             raise RecordError(f"data.still: {name} has no number {key!r}", remedy=_keys(record))
         if float(cells[key]) != 0.0:
             return None
+    image = data.columns.image or ""
     wanted = [each.column for each in dict(data.columns).values() if hasattr(each, "column")]
-    for key in (*wanted, data.columns.image):
+    for key in (*wanted, image):
         if key not in record:
             raise RecordError(f"data.columns: {name} has no {key!r}", remedy=_keys(record))
     terms = [term for part, term in data.indenters.items() if part in PurePath(name).stem]
@@ -166,7 +175,7 @@ def _row(record: Record, name: str, data: RecordsData) -> dict[str, str] | None:
             f"data.indenters: {len(terms)} of {', '.join(data.indenters)} are in the name {name}",
             remedy="write for each indenter a part of the records' names that no other has",
         )
-    own = {_PRESS: PurePath(name).stem, data.columns.image: name}
+    own = {_PRESS: PurePath(name).stem, image: name}
     return {**cells, **own, **({_INDENTER: terms[0]} if terms else {})}
 
 
@@ -183,7 +192,7 @@ def _keys(record: Record) -> str:
 
 
 def _image(source: Source, name: str, field: str, data: RecordsData) -> Callable[[], bytes]:
-    key = data.columns.image
+    key = data.columns.image or ""
 
     def read() -> bytes:
         return _png(_read(source, name)[key], f"{field}: {name}: {key}", data.colour_order)

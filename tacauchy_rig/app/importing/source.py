@@ -15,8 +15,8 @@ from typing import IO, Any
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
-from PIL import Image
 
+from tacauchy_rig.app.importing.problems import Problems
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.run_files import file_sha256, read_error
 
@@ -29,8 +29,6 @@ TABLE_BYTES = 256 * MIB
 """Of a table or a log: a kilohertz for half an hour, seven numbers a line."""
 LARGE_BYTES = 8192 * MIB
 """Of a bag, a video or an archive, which is read piece by piece."""
-_KINDS = ("JPEG", "PNG")
-_MODES = ("RGB", "L")
 
 
 class Source:
@@ -39,6 +37,8 @@ class Source:
     Attributes:
         root: Where it lies, links resolved.
         hashes: SHA-256 of what was read of it, by name.
+        problems: What is wrong with it, as far as it was looked at.
+        notes: What was made of it, a sentence each.
     """
 
     def __init__(self, root: Path) -> None:
@@ -48,6 +48,8 @@ class Source:
             )
         self.root = root.resolve()
         self.hashes: dict[str, str] = {}
+        self.problems = Problems()
+        self.notes: list[str] = []
 
     def path(self, name: str, *, field: str, most_bytes: int) -> Path:
         """Return where a file lies, its hash noted.
@@ -106,39 +108,11 @@ class Source:
         if not name or "\0" in name or Path(name).is_absolute():
             raise RecordError(f"{field}: {name!r} is no name within the folder", remedy=remedy)
         path = Path(os.path.realpath(self.root / name))
+        if "\\" in name and not path.exists():  # written under Windows
+            path = Path(os.path.realpath(self.root / name.replace("\\", "/")))
         if not path.is_relative_to(self.root):
             raise RecordError(f"{field}: {name!r} leads out of the folder", remedy=remedy)
         return path
-
-
-def image_size(data: bytes, *, name: str) -> tuple[int, int]:
-    """Return width and height [px] of a whole JPEG or PNG in colour or grey.
-
-    Raises:
-        RecordError: It is another kind, damaged, or larger than any camera's.
-    """
-    try:
-        with Image.open(io.BytesIO(data), formats=_KINDS) as image:
-            width, height = image.size
-            if width * height > IMAGE_PIXELS:
-                raise RecordError(
-                    f"image {name}: says that it is {width} x {height} px; at most {IMAGE_PIXELS} "
-                    "pixels are read",
-                    remedy="scale it down, or leave it out",
-                )
-            if image.mode not in _MODES:
-                raise RecordError(
-                    f"image {name}: of the kind {image.mode}; 8 bits of colour or grey are read",
-                    remedy="convert it to RGB with 8 bits a channel",
-                )
-            image.load()
-    except (Image.DecompressionBombError, OSError, ValueError, SyntaxError) as error:
-        # Pillow raises a SyntaxError where a PNG is broken.
-        raise RecordError(
-            f"image {name}: no whole JPEG or PNG ({len(data)} bytes): {error}",
-            remedy="replace the file, or leave its row out",
-        ) from error
-    return width, height
 
 
 ARRAY_BYTES = 1024 * MIB

@@ -1,4 +1,9 @@
-"""Tables of others: a CSV, its rows as presses, and the images that they name."""
+"""Tables of others as text: separator, decimal sign, units and times, and where each cell stands.
+
+Read with ``csv`` of the standard library: it takes no time to start and keeps every cell with its
+line, where readers that guess types (pandas, Polars, pyarrow, DuckDB; 12 to 170 MB) tell one bad
+cell at most, and its Sniffer takes the comma of ``1,5`` for a separator.
+"""
 
 from __future__ import annotations
 
@@ -6,32 +11,40 @@ import csv
 import io
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import Any, TypeVar
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import ValidationError
 
-from tacauchy_rig.app.importing.presses import (
-    ORDER_NS,
-    Frame,
-    Press,
-    Recorded,
-    Samples,
-    Window,
-)
-from tacauchy_rig.app.importing.source import IMAGE_BYTES, TABLE_BYTES, Source
+from tacauchy_rig.app.importing.problems import Problems, shown
+from tacauchy_rig.app.importing.source import TABLE_BYTES, Source
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.config.fields import Force, Section
+from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.quantities import UNITS, Dimension
-from tacauchy_rig.core.run import FZ
 
 ROWS_MOST = 2_000_000
 """A kilohertz for half an hour."""
 COLUMNS_MOST = 1000
+SEPARATORS = "\t;|,"
+"""In this order: whoever writes decimal commas separates by another sign."""
+LOOKED_AT = 50
+"""Lines that tell the separator."""
+ISO = "iso"
+"""Unit of times as ISO 8601 writes them; a unit with ``%`` is a format of ``strptime``."""
+UNKNOWN = {"", "nan", "na", "n/a", "none", "null", "#n/a", "-"}
+"""Cells of values that nobody knows."""
+MOST = {Dimension.FORCE: 1e5, Dimension.TORQUE: 1e4, Dimension.LENGTH: 100.0}
+"""SI; no press of a gel has more."""
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_POINT_ONLY = re.compile(r"[0-9eE+\-. \t\x1f]*")
+_BLANKS = str.maketrans("\u2212", "-", "\u00a0\u202f\u2009 '")
+_COMMA = re.compile(r"[+-]?(\d{1,3}(\.\d{3})+|\d*),\d+([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 
 
 T = TypeVar("T", bound=Section)
@@ -73,14 +86,38 @@ def _line(problem: Any, kind: type[Section]) -> str:
 
 
 class Column(Section):
-    """A column with numbers: its name, and the unit of what stands in it."""
+    """A column with numbers.
+
+    Attributes:
+        column: Its name.
+        unit: Of what stands in it; of times also ``iso`` or a format of ``strptime``.
+        sign: -1 where the numbers count the other way.
+    """
 
     column: str
     unit: str
+    sign: Literal[1, -1] = 1
 
     def factor(self, dimension: Dimension, *, field: str) -> float:
         """Return what its numbers are multiplied by to be SI; refuses as ``unit_factor``."""
-        return unit_factor(self.unit, dimension, field=f"{field}.unit")
+        return self.sign * unit_factor(self.unit, dimension, field=f"{field}.unit")
+
+    @property
+    def is_text(self) -> bool:
+        """Its times are dates as text, not numbers."""
+        return self.unit == ISO or "%" in self.unit
+
+
+class Dialect(Section):
+    """How a table is written; what is left out is found.
+
+    Attributes:
+        separator: Between cells.
+        decimal: Sign of decimals.
+    """
+
+    separator: str | None = None
+    decimal: Literal[".", ","] | None = None
 
 
 def unit_factor(unit: str, dimension: Dimension, *, field: str) -> float:
@@ -90,92 +127,203 @@ def unit_factor(unit: str, dimension: Dimension, *, field: str) -> float:
         ConfigError: The unit is not of the dimension.
     """
     units = UNITS[dimension]
-    if unit not in units:
-        raise ConfigError(
-            f'{field}: "{unit}" is no unit of a {dimension.value}',
-            remedy=f"one of: {', '.join(each for each in units if each)}",
-        )
-    return units[unit]
+    if unit in units:
+        return units[unit]
+    listed = f"one of: {', '.join(each for each in units if each)}"
+    if dimension is Dimension.FORCE and unit in UNITS[Dimension.MASS]:
+        listed = f'write "{unit}f" if the balance or cell shows gram-force; else {listed}'
+    if dimension is Dimension.TIME:
+        listed += f', "{ISO}", or a format such as "%d.%m.%Y %H:%M:%S.%f"'
+    raise ConfigError(f'{field}: "{unit}" is no unit of a {dimension.value}', remedy=listed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """A CSV with a head line.
+    """Rows of text below a head line.
 
     Attributes:
         name: Of its file, for messages.
         columns: Where each column stands in a row.
         rows: Of text, all as long as the head.
+        places: Of each row, for messages: the line, or the record's name.
+        decimal: Sign of decimals; None: what each column shows.
+        problems: Takes what is wrong; reading goes on with unknown values.
     """
 
     name: str
     columns: Mapping[str, int]
     rows: Sequence[Sequence[str]]
+    places: Sequence[int | str]
+    decimal: str | None = None
+    problems: Problems = field(default_factory=Problems)
+
+    def where(self, row: int, column: str = "") -> str:
+        """Return where a cell stands."""
+        place = self.places[row]
+        line = f"{self.name} line {place}" if isinstance(place, int) else place
+        return f'{line}, column "{column}"' if column else line
 
     def text(self, column: str, *, field: str) -> list[str]:
-        """Return a column's cells, blanks at their ends taken off.
-
-        Raises:
-            RecordError: There is no such column.
-        """
+        """Return a column's cells, blanks at their ends taken off; empty ones without a column."""
         if column not in self.columns:
-            raise RecordError(
+            self.problems.add(
                 f'{field}: {self.name} has no column "{column}"',
                 remedy=f"its columns: {', '.join(self.columns)}",
             )
+            return [""] * len(self.rows)
         place = self.columns[column]
         return [row[place].strip() for row in self.rows]
 
-    def numbers(self, column: Column | None, dimension: Dimension, *, field: str) -> list[float]:
-        """Return a column in SI; NaN in an empty cell, and all of them without a column.
-
-        Raises:
-            RecordError: There is no such column, or a cell holds no finite number.
-            ConfigError: The unit is not of the dimension.
-        """
+    def numbers(self, column: Column | None, dimension: Dimension, *, field: str) -> FloatArray:
+        """Return a column in SI; NaN where nothing is known, and where a cell is no number."""
         if column is None:
-            return [math.nan] * len(self.rows)
-        factor = column.factor(dimension, field=field)
+            return np.full(len(self.rows), np.nan)
         cells = self.text(column.column, field=field)
-        return [
-            factor * self._number(cell, line, column) if cell else math.nan
-            for line, cell in enumerate(cells, start=2)
-        ]
-
-    def _number(self, cell: str, line: int, column: Column) -> float:
-        try:
-            value = float(cell)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise RecordError(
-                f'{self.name} line {line}, column "{column.column}": {cell[:40]!r} is no finite '
-                f"number of {column.unit}",
-                remedy="write a decimal point and no unit; leave the cell empty if nobody knows",
+        if dimension is Dimension.TIME and column.is_text:
+            return self._instants(cells, column)
+        factor = math.nan
+        with self.problems.noting():
+            factor = column.factor(dimension, field=field)
+        values = factor * self._plain(cells, column)
+        if (most := MOST.get(dimension)) is not None:
+            self._tell(
+                column,
+                "more than any press of a gel has",
+                np.flatnonzero(np.abs(values) > most),
+                remedy=f"correct the value, or {field}.unit",
             )
-        return value
+        return np.asarray(values)
+
+    def _plain(self, cells: Sequence[str], column: Column) -> FloatArray:
+        """Return cells as numbers; those with decimal commas too."""
+        if self.decimal != "," and _POINT_ONLY.fullmatch("\x1f".join(cells)):
+            try:
+                return np.array([cell or "nan" for cell in cells], dtype=np.float64)
+            except ValueError:
+                pass  # told below, with its line
+        comma = self._has_commas(cells, column)
+        values = np.array([_number(cell, comma=comma) for cell in cells])
+        known = np.array([cell.lower() not in UNKNOWN for cell in cells], dtype=bool)
+        self._tell(
+            column,
+            f"is no finite number of {column.unit}",
+            np.flatnonzero(known & ~np.isfinite(values)),
+            remedy="write plain numbers without a unit; leave the cell empty if nobody knows",
+        )
+        return np.where(known & np.isfinite(values), values, np.nan)
+
+    def _has_commas(self, cells: Sequence[str], column: Column) -> bool:
+        """Return whether a column's decimals follow a comma."""
+        if self.decimal is not None:
+            return self.decimal == ","
+        plain = [cell.translate(_BLANKS) for cell in cells]
+        found = [cell for cell in plain if _COMMA.fullmatch(cell)]
+        if found and all(_THOUSANDS.fullmatch(cell) for cell in found):
+            with_point = any("." in cell for cell in plain)
+            if not with_point:
+                self.problems.add(
+                    f'{self.name}, column "{column.column}": {found[0]!r} may be a decimal comma '
+                    "or one of thousands",
+                    remedy='state it: data.decimal = "," or "."',
+                )
+            return not with_point
+        return bool(found)
+
+    def _instants(self, cells: Sequence[str], column: Column) -> FloatArray:
+        """Return dates and times [s]; those without a zone count as UTC."""
+        values = np.array([_instant(cell, column.unit) for cell in cells])
+        known = np.array([cell.lower() not in UNKNOWN for cell in cells], dtype=bool)
+        self._tell(
+            column,
+            "is no time of the stated form",
+            np.flatnonzero(known & np.isnan(values)),
+            remedy=f'"{ISO}" is such as 2026-11-27T10:00:00.250; else a format such as '
+            '"%d.%m.%Y %H:%M:%S.%f"',
+        )
+        return values
+
+    def _tell(self, column: Column, what: str, rows: np.ndarray, *, remedy: str) -> None:
+        place = self.columns.get(column.column, 0)
+        lines = [
+            f"{self.where(k, column.column)}: {self.rows[k][place].strip()[:40]!r} {what}"
+            for k in rows.tolist()
+        ]
+        if lines:
+            self.problems.add(shown(lines), remedy=remedy)
 
 
-def read_table(source: Source, name: str, *, field: str) -> Table:
-    """Read a CSV with a head line, separated by commas, in UTF-8.
+def _number(cell: str, *, comma: bool) -> float:
+    """Return a cell's number; NaN where it is none."""
+    plain = cell.translate(_BLANKS)
+    if not comma:
+        plain = _without_thousands(plain)
+    elif _COMMA.fullmatch(plain):
+        plain = plain.replace(".", "").replace(",", ".")
+    elif "." in plain:
+        return math.nan  # of another sign of decimals than the column's
+    return float(plain) if _NUMBER.fullmatch(plain) else math.nan
+
+
+def _without_thousands(plain: str) -> str:
+    whole, point, rest = plain.partition(".")
+    return f"{whole.replace(',', '')}{point}{rest}" if _THOUSANDS.fullmatch(whole) else plain
+
+
+def _instant(cell: str, unit: str) -> float:
+    try:
+        found = datetime.fromisoformat(cell) if unit == ISO else datetime.strptime(cell, unit)
+    except ValueError:
+        return math.nan
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+
+
+def read_table(source: Source, name: str, *, field: str, dialect: Dialect | None = None) -> Table:
+    """Read a table with a head line; rows that are too short or too long are told and left out.
 
     Raises:
-        RecordError: It is not that, or too long.
+        RecordError: It is no text, has no rows, or is too long.
     """
-    data = source.read(name, field=field, most_bytes=TABLE_BYTES)
+    dialect = dialect or Dialect()
+    text = decoded(source.read(name, field=field, most_bytes=TABLE_BYTES), name)
+    separator, text = separator_of(text, stated=dialect.separator)
     try:
-        lines = list(csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True))
-    except (UnicodeDecodeError, csv.Error) as error:
+        (_, head), *found = _cells(text, separator) or [(0, [""])]
+    except csv.Error as error:
         raise RecordError(
-            f"{name}: no CSV in UTF-8: {error}", remedy="save it as CSV with commas, UTF-8"
+            f"{name}: no table: {error}", remedy="look for a quotation mark that does not end"
         ) from error
-    head, rows = [cell.strip() for cell in lines[0]] if lines else [], lines[1:]
-    rows = [row for row in rows if any(cell.strip() for cell in row)]
-    if not rows or not any(head):
+    head = [cell.strip() for cell in head]
+    _check_size(name, head, len(found))
+    rows, places, odd = [], [], []
+    for line, cells in found:
+        row = cells if not any(cell.strip() for cell in cells[len(head) :]) else []
+        if len(row) >= len(head):
+            rows.append(row)
+            places.append(line)
+        else:
+            odd.append(f"{name} line {line}: {len(cells)} cells, the head line has {len(head)}")
+    if odd:
+        sign = {" ": "blank", "\t": "tab"}.get(separator, separator)
+        source.problems.add(
+            shown(odd),
+            remedy=f"cells are separated by {sign!r}: mend these lines, or state data.separator",
+        )
+    return Table(
+        name=name,
+        columns={cell: k for k, cell in enumerate(head)},
+        rows=rows,
+        places=places,
+        decimal=dialect.decimal,
+        problems=source.problems,
+    )
+
+
+def _check_size(name: str, head: Sequence[str], count: int) -> None:
+    if not count or not any(head):
         raise RecordError(f"{name}: has no row below its head line", remedy="look at the file")
-    if len(rows) > ROWS_MOST or len(head) > COLUMNS_MOST:
+    if count > ROWS_MOST or len(head) > COLUMNS_MOST:
         raise RecordError(
-            f"{name}: {len(rows)} rows of {len(head)} columns; at most {ROWS_MOST} and "
+            f"{name}: {count} rows of {len(head)} columns; at most {ROWS_MOST} and "
             f"{COLUMNS_MOST} are read",
             remedy="split it",
         )
@@ -185,261 +333,59 @@ def read_table(source: Source, name: str, *, field: str) -> Table:
             f"{name}: the column {', '.join(sorted(twice))} stands twice in its head line",
             remedy="rename one of them",
         )
-    for line, row in enumerate(rows, start=2):
-        if len(row) != len(head):
-            raise RecordError(
-                f"{name} line {line}: {len(row)} cells, the head line has {len(head)}",
-                remedy="a comma in a number or a line that was cut off: mend that line",
-            )
-    return Table(name=name, columns={cell: k for k, cell in enumerate(head)}, rows=rows)
 
 
-Image = Callable[[str, str], Callable[[], bytes]]
-"""Returns what reads an image, from its name and the field that names it; whether it is there is
-asked at once."""
-
-UNLOADED, PRESSED = "unloaded", "pressed"
-WRENCH = ("force_x", "force_y", "force", "moment_x", "moment_y", "moment_z")
-POSE = ("x", "y", "z")
-_DIMENSIONS = {"force": Dimension.FORCE, "moment": Dimension.TORQUE, "time": Dimension.TIME}
-"""By the first word of a column's name; all others are lengths."""
-
-
-class SampleColumns(Section):
-    """Which columns hold forces, moments and the tip's position, and in which unit.
-
-    Attributes:
-        force: Along the sensor's axis; the others of the wrench as they are known.
-        x: Of the tip relative to the pad's centre.
-        z: Of the tip, upwards.
-    """
-
-    force: Column | None = None
-    force_x: Column | None = None
-    force_y: Column | None = None
-    moment_x: Column | None = None
-    moment_y: Column | None = None
-    moment_z: Column | None = None
-    x: Column | None = None
-    y: Column | None = None
-    z: Column | None = None
-
-
-def read_columns(table: Table, columns: SampleColumns, *names: str) -> FloatArray:
-    """Return columns by their role in SI, shape [n, names]; NaN where nothing is known."""
-    values = [
-        table.numbers(
-            getattr(columns, name),
-            _DIMENSIONS.get(name.partition("_")[0], Dimension.LENGTH),
-            field=f"data.columns.{name}",
-        )
-        for name in names
-    ]
-    return np.array(values).T
-
-
-class Columns(SampleColumns):
-    """Which column holds what.
-
-    Attributes:
-        image: File of the row's image, within ``images``.
-        press: Name of the press that a row belongs to; without, each row is a press.
-        state: ``unloaded`` or ``pressed``; anything else is neither. Without, every row is pressed.
-        depth: Below first touch.
-        indenter: As ``press --indenter`` has it.
-    """
-
-    image: str
-    press: str | None = None
-    state: str | None = None
-    indenter: str | None = None
-    time: Column | None = None
-    depth: Column | None = None
-    contact_z: Column | None = None
-
-
-class RowsData(Section):
-    """``[data]`` of every kind of table.
-
-    Attributes:
-        no_contact: Image of the gel at rest, for presses without an unloaded row.
-        is_tared: Forces are zero without contact: unloaded rows define no zero.
-        contact_force: At which depth counts from; left out, depth counts from first touch.
-    """
-
-    columns: Columns
-    no_contact: str | None = None
-    is_tared: bool = False
-    contact_force: Force | None = None
-
-
-class CsvData(RowsData):
-    """``[data]`` of a folder with a CSV.
-
-    Attributes:
-        table: The CSV.
-        images: Folder of the images.
-    """
-
-    table: str = "presses.csv"
-    images: str = "."
-
-
-def read_csv_folder(source: Source, data: CsvData) -> Recorded:
-    """Read a folder of images with a CSV.
+def decoded(data: bytes, name: str) -> str:
+    """Return a table's text, of UTF-8, UTF-16 with its mark, or a Western European code page.
 
     Raises:
-        RecordError: A file is missing or odd; names it with line and column.
-        ConfigError: A unit is not of what it is to measure.
+        RecordError: It is none of them.
     """
-    table = read_table(source, data.table, field="data.table")
-    images = source.folder(data.images, field="data.images").relative_to(source.root)
-    prefix = "" if str(images) == "." else f"{images}/"
-    return presses_of(table, data, image=image_files(source, prefix), at_rest=image_files(source))
+    marked = data[:2] in (b"\xff\xfe", b"\xfe\xff")
+    for code in ("utf-16",) if marked else ("utf-8-sig", "cp1252"):
+        try:
+            text = data.decode(code)
+        except UnicodeDecodeError:
+            continue
+        if "\0" not in text:
+            return text
+    raise RecordError(
+        f"{name}: no CSV in UTF-8, UTF-16 or Windows-1252",
+        remedy="save it as CSV in UTF-8; of a spreadsheet save one sheet as CSV",
+    )
 
 
-def image_files(source: Source, prefix: str = "") -> Image:
-    """Return what finds images that are files, below a folder."""
+def separator_of(text: str, *, stated: str | None) -> tuple[str, str]:
+    """Return the separator of a table's cells, and its text without a line that states it.
 
-    def image(name: str, field: str) -> Callable[[], bytes]:
-        source.path(prefix + name, field=field, most_bytes=IMAGE_BYTES)
-        return partial(source.read, prefix + name, field=field, most_bytes=IMAGE_BYTES)
-
-    return image
-
-
-def presses_of(table: Table, data: RowsData, *, image: Image, at_rest: Image) -> Recorded:
-    """Return the presses that a table's rows hold.
-
-    Args:
-        image: Of a row.
-        at_rest: Of ``no_contact``.
-
-    Raises:
-        RecordError: A row is odd; names it with line and column.
-        ConfigError: A unit is not of what it is to measure.
+    It is the first sign that parts all lines alike; blanks, where no sign does.
     """
-    rows = _Rows(table, data.columns)
-    presses = (
-        _press(data, rows, np.flatnonzero(rows.press == name), image=image, at_rest=at_rest)
-        for name in dict.fromkeys(rows.press.tolist())
-    )
-    has_clock = data.columns.time is not None
-    return Recorded(
-        presses=tuple(presses),
-        has_clock=has_clock,
-        contact_force_n=data.contact_force,
-        unknown=tuple(_unknown(data.columns, data)),
-        notes=() if has_clock else ("Stamps of this run count rows; no time was stated.",),
-    )
+    first, _, rest = text.partition("\n")
+    if found := re.fullmatch(r"sep=(.)\s*", first):
+        return found[1], f"\n{rest}"
+    if stated:
+        return stated, text
+    lines = [line for line in text.splitlines()[: 4 * LOOKED_AT] if line.strip()][:LOOKED_AT]
+    shares = {}
+    for sign in SEPARATORS:
+        counts = [len(row) for row in csv.reader(lines, delimiter=sign) if row]
+        if counts and counts[0] > 1:
+            shares[sign] = counts.count(counts[0]) / len(counts)
+    if shares:
+        return max(shares, key=lambda sign: shares[sign]), text
+    words = {len(line.split()) for line in lines}
+    return (" " if len(words) == 1 and words != {1} else ","), text
 
 
-def _unknown(columns: Columns, data: RowsData) -> list[str]:
-    has_zero = columns.force is None or data.is_tared or columns.state is not None
-    lacks = {
-        "What ties force and image of a row together in time": True,
-        "The force": columns.force is None,
-        "The zero of the force cell": not has_zero,
-        "The depth": columns.depth is None and columns.z is None,
-        "Where on the pad was pressed": columns.x is None or columns.y is None,
-        "How the indenter leans": columns.moment_x is None,
-    }
-    return [f"{what} is not known." for what, is_lacking in lacks.items() if is_lacking]
-
-
-class _Rows:
-    """A table as arrays of one length."""
-
-    def __init__(self, table: Table, columns: Columns) -> None:
-        def text(column: str | None, name: str, otherwise: list[str]) -> np.ndarray:
-            cells = table.text(column, field=f"data.columns.{name}") if column else otherwise
-            return np.array(cells, dtype=object)
-
-        count = len(table.rows)
-        self.table = table.name
-        self.stamp_ns = ORDER_NS * np.arange(1, count + 1)
-        if columns.time is not None:
-            self.stamp_ns = _stamps(read_columns(table, columns, "time")[:, 0], table.name)
-        self.press = text(columns.press, "press", [str(k) for k in range(1, count + 1)])
-        self.state = text(columns.state, "state", [PRESSED] * count)
-        self.image = text(columns.image, "image", [])
-        self.indenter = text(columns.indenter, "indenter", [""] * count)
-        self.wrench = read_columns(table, columns, *WRENCH)
-        self.place = read_columns(table, columns, *POSE)
-        self.depth, self.contact_z = read_columns(table, columns, "depth", "contact_z").T
-
-    def window(self, own: np.ndarray) -> Window | None:
-        """Return first and last stamp of some rows; None of none."""
-        stamps = self.stamp_ns[own]
-        return (int(stamps.min()), int(stamps.max())) if len(own) else None
-
-    def samples(self, own: np.ndarray, values: FloatArray) -> Samples | None:
-        """Return the values of some rows as a stream; None of none."""
-        return Samples(stamp_ns=self.stamp_ns[own], value=values[own]) if len(own) else None
-
-
-def _stamps(time_s: FloatArray, name: str) -> np.ndarray:
-    """Return times as stamps that begin a second after zero."""
-    if np.isnan(time_s).any():
-        line = int(np.flatnonzero(np.isnan(time_s))[0]) + 2
-        raise RecordError(f"{name} line {line}: has no time", remedy="every row needs one")
-    return np.asarray(np.rint((time_s - time_s.min() + 1.0) * 1e9), dtype=np.int64)
-
-
-def _press(data: RowsData, rows: _Rows, own: np.ndarray, *, image: Image, at_rest: Image) -> Press:
-    name = rows.press[own[0]]
-    own = own[np.argsort(rows.stamp_ns[own], kind="stable")]
-    unloaded, pressed = own[rows.state[own] == UNLOADED], own[rows.state[own] == PRESSED]
-    if not len(pressed):
-        raise RecordError(
-            f'{rows.table}: press {name} has no row whose state is "{PRESSED}"',
-            remedy=f'write "{UNLOADED}" and "{PRESSED}" into the column of data.columns.state',
-        )
-    frames = [
-        Frame(
-            stamp_ns=int(rows.stamp_ns[k]),
-            name=rows.image[k],
-            read=image(rows.image[k], f"press {name}, image"),
-        )
-        for k in own
-        if rows.image[k]
-    ]
-    reference = rows.window(unloaded[rows.image[unloaded] != ""])
-    if reference is None and data.no_contact is not None:
-        stamp = int(rows.stamp_ns[own[0]]) - ORDER_NS
-        rest = at_rest(data.no_contact, "data.no_contact")
-        frames.insert(0, Frame(stamp_ns=stamp, name=data.no_contact, read=rest))
-        reference = (stamp, stamp)
-    if reference is None:
-        raise RecordError(
-            f"{rows.table}: press {name} has no image of the gel at rest",
-            remedy=f'name one as data.no_contact, or add rows whose state is "{UNLOADED}"',
-        )
-    has_force = np.asarray(~np.isnan(rows.wrench[:, FZ]))
-    has_place = np.asarray(~np.isnan(rows.place).any(axis=1))
-    pose = np.pad(rows.place, ((0, 0), (0, 3)), constant_values=math.nan)
-    x, y, _ = _mean(rows.place[pressed])
-    return Press(
-        name=name,
-        frames=tuple(frames),
-        reference=reference,
-        dwell=rows.window(pressed) or (0, 0),
-        force=rows.samples(own[has_force[own]], rows.wrench),
-        pose=rows.samples(own[has_place[own]], pose),
-        tare=None if data.is_tared else rows.window(unloaded[has_force[unloaded]]),
-        contact_z_m=_known(_mean(rows.contact_z[own])),
-        depth_m=_known(_mean(rows.depth[pressed])),
-        place_m=None if math.isnan(x) or math.isnan(y) else (float(x), float(y)),
-        indenter=next((rows.indenter[k] for k in pressed if rows.indenter[k]), ""),
-    )
-
-
-def _known(value: FloatArray) -> float | None:
-    return None if math.isnan(value) else float(value)
-
-
-def _mean(values: FloatArray) -> FloatArray:
-    """Return the mean over rows of what is known; NaN where nothing is."""
-    known = ~np.isnan(values)
-    total = np.where(known, values, 0.0).sum(axis=0)
-    return np.asarray(np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), np.nan))
+def _cells(text: str, separator: str) -> list[tuple[int, list[str]]]:
+    """Return the rows that hold something, each with its line."""
+    if separator == " ":
+        split = enumerate(map(str.split, text.splitlines()), start=1)
+        return [(line, cells) for line, cells in split if cells]
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+    rows, before = [], 0
+    for cells in reader:
+        if any(cell.strip() for cell in cells):
+            rows.append((before + 1, cells))
+        before = reader.line_num
+    return rows

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tacauchy_rig.app.importing.images import Converter
 from tacauchy_rig.app.importing.presses import Press, Recorded, Samples
-from tacauchy_rig.app.importing.source import image_size
+from tacauchy_rig.app.importing.source import Source
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import LoadedConfig
 from tacauchy_rig.core.errors import RecordError, RigError
@@ -40,7 +41,6 @@ FRAMES_MOST = 2000
 """Of a press: a minute at 30 Hz."""
 CHUNK_BYTES = 4 * 2**20
 """Of a recording that nothing can cut off: it can be made again."""
-Z = 2  # of a position
 UNKNOWN_STATE = -1
 """Of an arm that nobody here knows: no state of RTDE's."""
 UNKNOWN_VELOCITY: Vector6 = (np.nan,) * 6
@@ -52,10 +52,11 @@ def write_run(
     recorded: Recorded,
     *,
     kind: str,
-    source: str,
-    files: Mapping[str, str],
+    source: Source,
+    name: str,
     config_text: str,
     simulated: bool,
+    converter: Converter,
 ) -> RunStore:
     """Write presses as a new run folder in ``parent``; what fails leaves none behind.
 
@@ -63,32 +64,38 @@ def write_run(
         loaded: The run's configuration.
         recorded: What was read.
         kind: Of the source.
-        source: Its name.
-        files: SHA-256 of what was read, by name.
+        source: Its files; what is wrong with images is noted there, and refused at the end.
+        name: Of the source.
         config_text: What ``rig.toml`` is to say.
         simulated: The source says that its presses are of a simulator or an emulator.
+        converter: Of its images.
 
     Raises:
-        RecordError: An image is damaged, a press lacks what every press has, or the disk is full.
+        RecordError: Something is wrong with the source, or the disk is full.
     """
-    _check_counts(recorded)
+    with source.problems.noting():
+        _check_counts(recorded)
+    if source.problems and not recorded.presses:
+        source.problems.refuse()
     store = RunStore.create(
         parent, loaded, config_text=config_text, simulated=simulated, versions=versions()
     )
     try:
         trials = []
-        for index, press in enumerate(recorded.presses, start=1):
-            _write_press(store, index, press)
+        for index, press in enumerate(recorded.presses[:PRESSES_MOST], start=1):
+            _write_press(store, index, press, converter, source)
             trials.append(_trial_entry(index, press))
+        source.problems.refuse()
         store.imported.save(
             Imported(
                 kind=kind,
-                source=source,
+                source=name,
                 has_clock=recorded.has_clock,
                 unknown=recorded.unknown,
-                notes=recorded.notes,
+                notes=(*recorded.notes, *source.notes, *converter.notes),
                 trials=tuple(trials),
-                files=dict(files),
+                files=dict(source.hashes),
+                clock=recorded.clock,
             )
         )
     except (RigError, OSError):
@@ -113,7 +120,8 @@ def _check_counts(recorded: Recorded) -> None:
                 remedy="leave out frames that show neither the gel at rest nor the press held",
             )
         for what, (start, end) in (("no-contact", press.reference), ("held", press.dwell)):
-            if not any(start <= frame.stamp_ns <= end for frame in press.frames):
+            inside = any(start <= frame.stamp_ns <= end for frame in press.frames)
+            if press.frames and not inside:
                 raise RecordError(
                     f"press {press.name}: has no {what} frame",
                     remedy="every press needs an image of the gel without contact and one with it",
@@ -133,7 +141,9 @@ def _trial_entry(index: int, press: Press) -> ImportedTrial:
     )
 
 
-def _write_press(store: RunStore, index: int, press: Press) -> None:
+def _write_press(
+    store: RunStore, index: int, press: Press, converter: Converter, source: Source
+) -> None:
     metadata = {
         "run": store.paths.root.name,
         "trial": str(index),
@@ -146,10 +156,23 @@ def _write_press(store: RunStore, index: int, press: Press) -> None:
     with RecordingWriter(path, metadata=metadata, chunk_size=CHUNK_BYTES) as writer:
         writer.write(_force(press.force))
         writer.write(_arm(press.pose))
-        for number, frame in enumerate(press.frames):
-            data = frame.read()
-            width, height = image_size(data, name=frame.name)
-            image = ImageFrame(
+        for image in _images(press, converter, source):
+            writer.write([image])
+        writer.close()
+        sha256 = writer.sha256
+    store.save_result(_result(store, index, press, sha256))
+
+
+def _images(press: Press, converter: Converter, source: Source) -> Iterator[ImageFrame]:
+    """Yield the images of a press; those that are damaged or unlike the rest are noted."""
+    rest, same = None, []
+    for number, frame in enumerate(press.frames):
+        is_rest = press.reference[0] <= frame.stamp_ns <= press.reference[1]
+        with source.problems.noting():
+            data, (width, height) = converter.convert(frame.read(), name=frame.name, rest=rest)
+            rest = rest or data
+            same += [frame.name] * (data == rest and not is_rest)
+            yield ImageFrame(
                 stamp_ns=frame.stamp_ns,
                 counter=number,
                 device_stamp_s=None,
@@ -157,10 +180,11 @@ def _write_press(store: RunStore, index: int, press: Press) -> None:
                 height=height,
                 jpeg=data,
             )
-            writer.write([image])
-        writer.close()
-        sha256 = writer.sha256
-    store.save_result(_result(store, index, press, sha256))
+    if same and len(same) == len([f for f in press.frames if f.stamp_ns > press.reference[1]]):
+        source.problems.add(
+            f"press {press.name}: {same[0]} is the image of the gel at rest, byte for byte",
+            remedy="name another image at rest, or correct this press's image",
+        )
 
 
 def _force(samples: Samples | None) -> Iterator[Message]:
@@ -202,7 +226,7 @@ def _result(store: RunStore, index: int, press: Press, sha256: str | None) -> Tr
         force_target_n=np.nan,
         reason=f"imported: {press.name}",
         contact_z_m=press.contact_z_m,
-        depth_measured_m=_depth(press),
+        depth_measured_m=press.measured_depth_m,
         dwell_start_ns=press.dwell[0],
         dwell_end_ns=press.dwell[1],
         reference_start_ns=press.reference[0],
@@ -210,13 +234,6 @@ def _result(store: RunStore, index: int, press: Press, sha256: str | None) -> Tr
         recording_sha256=sha256,
         **_forces(press, store.config.force_sensor.compression_sign),
     )
-
-
-def _depth(press: Press) -> float | None:
-    if press.pose is None or press.contact_z_m is None:
-        return press.depth_m
-    held = press.pose.within(press.dwell).value[:, Z]
-    return press.contact_z_m - float(held.mean()) if len(held) else press.depth_m
 
 
 def _forces(press: Press, sign: int) -> dict[str, Any]:
@@ -236,13 +253,15 @@ def _forces(press: Press, sign: int) -> dict[str, Any]:
 
 
 def _tare(samples: Samples, window: tuple[int, int]) -> Tare | None:
-    if len(samples.stamp_ns) < 2:  # too few for a scatter
+    count = len(samples.stamp_ns)
+    if not count:
         return None
-    mean, deviation = samples.value.mean(axis=0), samples.value.std(axis=0, ddof=1)
+    mean = samples.value.mean(axis=0)
+    deviation = samples.value.std(axis=0, ddof=1) if count > 1 else np.zeros(6)
     return Tare(
         start_ns=window[0],
         end_ns=window[1],
         mean=(*_halves(mean)[0], *_halves(mean)[1]),
         deviation=(*_halves(deviation)[0], *_halves(deviation)[1]),
-        sample_count=len(samples.stamp_ns),
+        sample_count=count,
     )

@@ -10,7 +10,7 @@ import json
 import tomllib
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -30,6 +30,22 @@ IMAGE, HEIGHT, FIELDS = "image.png", "height.npy", "fields.npz"
 PRESSURE, SHEAR = "pressure", ("shear_x", "shear_y")
 
 
+class Signs(Section):
+    """``[signs]``: -1 where numbers count the other way.
+
+    Attributes:
+        force: Positive in compression.
+        depth: Positive into the gel.
+        height: Negative where the gel is pressed in.
+        pressure: Positive in compression.
+    """
+
+    force: Literal[1, -1] = 1
+    depth: Literal[1, -1] = 1
+    height: Literal[1, -1] = 1
+    pressure: Literal[1, -1] = 1
+
+
 class Units(Section):
     """``[units]``: of what stands in files without one.
 
@@ -44,8 +60,8 @@ class Units(Section):
     height: str | None = None
     pressure: str | None = None
 
-    def column(self, name: str, *, file: str) -> Column:
-        """Return a column of numbers with its unit; ``name`` is a unit's here.
+    def column(self, name: str, *, file: str, signs: Signs) -> Column:
+        """Return a column of numbers with its unit and sign; ``name`` is a unit's here.
 
         Raises:
             ConfigError: The unit is not stated, or is of something else.
@@ -56,7 +72,7 @@ class Units(Section):
                 f"{DESCRIPTION}: units.{name} is not stated, and {file} has numbers of it",
                 remedy=f"write {name} under [units]: one of {', '.join(UNITS[dimension])}",
             )
-        column = Column(column=name, unit=unit)
+        column = Column(column=name, unit=unit, sign=getattr(signs, name))
         column.factor(dimension, field=f"{DESCRIPTION}: units.{name}")
         return column
 
@@ -87,6 +103,7 @@ class Description(Section):
     left_out: tuple[int, ...] = ()
     note: str = Field(default="", max_length=600)
     units: Units = Units()
+    signs: Signs = Signs()
 
     @property
     def simulator(self) -> Simulator:

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tacauchy_rig.app.importing.images import image_size
 from tacauchy_rig.app.importing.source import (
     ARRAY_BYTES,
     IMAGE_BYTES,
     Source,
-    image_size,
     members,
     read_member,
     read_npy,
 )
 from tacauchy_rig.app.importing.table import read_table
+from tacauchy_rig.app.judging.conventions import check_conventions
 from tacauchy_rig.app.judging.layout import (
     DESCRIPTION,
     DIMENSIONS,
@@ -51,11 +52,15 @@ class Asked:
         trials: Their numbers, which are its folders' names.
         size_px: Width and height of the scored images [px].
         references: No-contact frames by trial, as far as they can be read.
+        measured: Force [N] and depth [m] by trial; None is not known.
+        pixel_m2: Area of the gel that a pixel sees [m^2]; 0 is not known.
     """
 
     trials: tuple[int, ...]
     size_px: tuple[int, int]
     references: Mapping[int, ImageArray]
+    measured: Mapping[int, tuple[float | None, float | None]] = field(default_factory=dict)
+    pixel_m2: float = 0.0
 
 
 def read_outputs(folder: Path, asked: Asked) -> Outputs:
@@ -89,6 +94,8 @@ def _read(source: Source, asked: Asked) -> Outputs:
         presses[trial] = PressOutput(force_n=force, depth_m=depth, **shown)
     _check_all_or_none(presses)
     _check_colours(presses, asked, about)
+    check_conventions(presses, asked.measured, asked.pixel_m2, source.problems)
+    source.problems.refuse()
     return Outputs(
         simulator=about.simulator, presses=presses, left_out=tuple(sorted(about.left_out))
     )
@@ -132,18 +139,19 @@ def _forces(
     columns = {}
     for name in ("force", "depth"):
         there = name in table.columns
-        column = about.units.column(name, file=FORCES) if there else None
+        column = about.units.column(name, file=FORCES, signs=about.signs) if there else None
         columns[name] = table.numbers(column, DIMENSIONS[name], field=FORCES)
     found: dict[int, tuple[float | None, float | None]] = {}
     names = table.text("press", field=FORCES)
-    for line, (name, force, depth) in enumerate(
-        zip(names, columns["force"], columns["depth"], strict=True), start=2
+    source.problems.refuse()
+    for row, (name, force, depth) in enumerate(
+        zip(names, columns["force"].tolist(), columns["depth"].tolist(), strict=True)
     ):
         is_number = name.isascii() and name.isdecimal()
         trial = int(name[:9]) if is_number else -1
         if trial not in asked.trials or trial in found or trial in about.left_out:
             raise RecordError(
-                f'{FORCES} line {line}: press "{name[:40]}" is none of the run, stands twice, or '
+                f'{table.where(row)}: press "{name[:40]}" is none of the run, stands twice, or '
                 "was left out",
                 remedy=f"one line a press, {asked.trials[0]} to {asked.trials[-1]}",
             )
@@ -160,12 +168,12 @@ def _shown(source: Source, folder: str, asked: Asked, about: Description) -> dic
         found["image"] = _image(source, f"{folder}/{IMAGE}", asked, about)
     if (root / HEIGHT).exists():
         name = f"{folder}/{HEIGHT}"
-        unit = about.units.column("height", file=name)
+        unit = about.units.column("height", file=name, signs=about.signs)
         factor = unit.factor(DIMENSIONS["height"], field=DESCRIPTION)
         found["height_m"] = factor * _read_pixels(source, name, (height, width))
     if (root / FIELDS).exists():
         name = f"{folder}/{FIELDS}"
-        unit = about.units.column(PRESSURE, file=name)
+        unit = about.units.column(PRESSURE, file=name, signs=about.signs)
         factor = unit.factor(DIMENSIONS[PRESSURE], field=DESCRIPTION)
         arrays = _read_fields(source, name, (height, width), known=(PRESSURE, *SHEAR))
         if PRESSURE in arrays:
@@ -176,7 +184,7 @@ def _shown(source: Source, folder: str, asked: Asked, about: Description) -> dic
                     f"{name}: holds one of {' and '.join(SHEAR)} without the other",
                     remedy="give the shear on the gel along the pad's x and along its y",
                 )
-            found["shear_pa"] = factor * np.stack(along, axis=-1)
+            found["shear_pa"] = abs(factor) * np.stack(along, axis=-1)
     if not found:
         raise RecordError(
             f"{folder}: holds none of {IMAGE}, {HEIGHT} and {FIELDS}",

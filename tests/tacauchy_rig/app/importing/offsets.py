@@ -17,21 +17,14 @@ from drivers.emulators.camera.frames import DEPTH_STEP_M, FrameFactory, PressKey
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
-from tacauchy_rig.app.importing.presses import (
-    PressFinding,
-    S,
-    Samples,
-    axial_force,
-    find_presses,
-)
-from tacauchy_rig.app.importing.video import (
+from tacauchy_rig.app.importing.offset import (
     SMALL,
     Offset,
     Signal,
-    find_offset,
-    followed,
     image_change,
+    offset_to_force,
 )
+from tacauchy_rig.app.importing.presses import PressFinding, S, Samples, find_presses
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.run import FZ, Pose
 
@@ -133,16 +126,10 @@ def _seen(plant: Plant, heights_m: FloatArray, random: np.random.Generator) -> I
 
 def offset_of(world: Recorded, *, with_height: bool) -> Offset:
     """Find the offset as an import does."""
-    force = world.force
-    felt = Signal(time_s=force.stamp_ns / S, value=axial_force(force))
-    spans = [each.pressed for each in find_presses(force, PressFinding())]
-    seen = Signal(time_s=world.frame_s, value=image_change(world.frames, 1.0 / FRAME_S))
-    return find_offset(
-        Signal(time_s=felt.time_s, value=np.sqrt(felt.value)),
-        seen,
-        [(start / S, end / S) for start, end in spans],
-        followed=followed(felt, world.height if with_height else None),
-    )
+    seen = Signal(time_s=world.frame_s, value=image_change(world.frames, world.frame_s))
+    found = find_presses(world.force, PressFinding())
+    height = world.height if with_height else None
+    return offset_to_force(world.force, seen, found, height=height)
 
 
 def _row(release_m_s: float, worlds: list[Recorded], *, with_height: bool) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tacauchy_rig.app.importing.video import MEMORY_S, MEMORY_SHARE, Signal, without_memory
+from tacauchy_rig.app.importing.offset import MEMORY_S, MEMORY_SHARE, Signal, without_memory
 from tests.tacauchy_rig.app.importing.offsets import SLOW_M_S, offset_of, recorded
 
 

@@ -1,0 +1,248 @@
+"""Images of others as the sensor's camera would have given them: whole, upright, of one size."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Literal
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.app.importing.source import IMAGE_PIXELS
+from tacauchy_rig.core.arrays import ImageArray
+from tacauchy_rig.core.config.fields import Section
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.rgb import ColourOrder, encode_png
+
+_KINDS = ("JPEG", "PNG")
+_MODES = ("RGB", "L")
+_ORIENTATION = 0x0112
+"""EXIF's tag of how a viewer is to turn an image."""
+_AS_STORED = 1
+_SWAPPED_SIDES = (5, 6, 7, 8)
+ASPECT = 0.02
+"""Relative difference of aspect ratios that is no squeezing: of cameras whose modes are rounded."""
+_TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
+Size = tuple[int, int]
+
+
+class Images(Section):
+    """``[images]``: by what convention all images of the source were stored.
+
+    Attributes:
+        turn: Clockwise, to be as the sensor's camera gives them [deg].
+        colour_order: BGR where a viewer shows red as blue.
+        cropped: They show what is left after the sensor's crop, not the whole frame.
+    """
+
+    turn: Literal[0, 90, 180, 270] = 0
+    colour_order: ColourOrder = ColourOrder.RGB
+    cropped: bool = False
+
+
+def image_size(data: bytes, *, name: str) -> Size:
+    """Return width and height [px] of a whole JPEG or PNG in colour or grey, as it is stored.
+
+    Raises:
+        RecordError: It is another kind, damaged, or larger than any camera's.
+    """
+    return _opened(data, name)[0]
+
+
+def _opened(data: bytes, name: str) -> tuple[Size, int]:
+    """Return the size of an image, and how EXIF turns it."""
+    remedy = "replace the file, or leave its row out"
+    try:
+        with Image.open(io.BytesIO(data), formats=_KINDS) as image:
+            width, height = image.size
+            if width * height > IMAGE_PIXELS:
+                raise RecordError(
+                    f"image {name}: says that it is {width} x {height} px; at most {IMAGE_PIXELS} "
+                    "pixels are read",
+                    remedy="scale it down, or leave it out",
+                )
+            if image.mode not in _MODES:
+                raise RecordError(
+                    f"image {name}: of the kind {image.mode}; 8 bits of colour or grey are read",
+                    remedy="convert it to RGB with 8 bits a channel",
+                )
+            if image.format == "PNG":
+                image.load()
+            turned = int(image.getexif().get(_ORIENTATION, _AS_STORED))
+            is_jpeg = image.format == "JPEG"
+    except (Image.DecompressionBombError, OSError, ValueError, SyntaxError) as error:
+        # Pillow raises a SyntaxError where a PNG is broken.
+        raise RecordError(
+            f"image {name}: no whole JPEG or PNG ({len(data)} bytes): {error}", remedy=remedy
+        ) from error
+    if is_jpeg and (damage := _damage(data)):
+        raise RecordError(
+            f"image {name}: no whole JPEG ({len(data)} bytes): {damage}", remedy=remedy
+        )
+    return (width, height), turned
+
+
+def _damage(data: bytes) -> str:
+    """Return what libjpeg says of a JPEG while it is decoded; empty where it is whole.
+
+    It goes on behind damage, with grey or shifted blocks, and warns on standard error alone.
+    """
+    with _stderr() as told:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    return told[0] if told else "" if image is not None else "it cannot be decoded"
+
+
+@contextmanager
+def _stderr() -> Iterator[list[str]]:
+    """Take what libraries write to standard error within; the lines are there afterwards."""
+    told: list[str] = []
+    with tempfile.TemporaryFile() as taken:
+        kept = os.dup(2)
+        os.dup2(taken.fileno(), 2)
+        try:
+            yield told
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            taken.seek(0)
+            told += taken.read().decode("utf-8", "replace").splitlines()
+
+
+@dataclass(slots=True, kw_only=True)
+class Converter:
+    """Makes images of a source such as the sensor's camera gives.
+
+    Attributes:
+        how: The source's convention.
+        camera: Of the sensor.
+        notes: What was made of images, a sentence each.
+        refused: Sizes that were told to have another shape, once each.
+    """
+
+    how: Images
+    camera: CameraGeometry
+    notes: dict[str, None] = field(default_factory=dict)
+    refused: set[Size] = field(default_factory=set)
+
+    def convert(self, data: bytes, *, name: str, rest: bytes | None) -> tuple[bytes, Size]:
+        """Return an image's bytes, as they are where nothing has to be changed, and its size.
+
+        Args:
+            rest: The converted image of the gel at rest; None for that image itself.
+
+        Raises:
+            RecordError: It is damaged, or of another size than the camera or the image at rest.
+        """
+        stored, exif = _opened(data, name)
+        still = None if rest is None else _size_of(rest)
+        if exif == _AS_STORED and self.how == Images() and self._is_large(stored):
+            self._check(stored, name=name, rest=still)
+            return data, stored
+        image = self._fitting(data, exif, rest)
+        if self.how.colour_order is ColourOrder.BGR:
+            image = image[..., ::-1]
+        self._check((image.shape[1], image.shape[0]), name=name, rest=None)
+        image = self._enlarged(image)
+        size = (image.shape[1], image.shape[0])
+        self._check(size, name=name, rest=still)
+        return encode_png(np.ascontiguousarray(image)), size
+
+    def _fitting(self, data: bytes, exif: int, rest: bytes | None) -> ImageArray:
+        """Return an image as EXIF turns it, or as it is stored where only that fits the rest."""
+        upright = self._turned(data, cv2.IMREAD_COLOR)
+        if exif == _AS_STORED:
+            return upright
+        stored = self._turned(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        if rest is None:
+            self._note("EXIF turns the image at rest, and so it was taken.")
+            return upright
+        still = np.asarray(cv2.imdecode(np.frombuffer(rest, np.uint8), cv2.IMREAD_COLOR))[..., ::-1]
+        fits = [_apart(image, still) for image in (upright, stored)]
+        kept = stored if fits[1] < fits[0] else upright
+        did = "as stored" if kept is stored else "as EXIF turns it"
+        self._note(f"Images that EXIF turns were taken so that they fit the image at rest: {did}.")
+        return kept
+
+    def _turned(self, data: bytes, flag: int) -> ImageArray:
+        image = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), flag), np.uint8)[..., ::-1]
+        turn = _TURNS.get(self.how.turn)
+        return image if turn is None else np.asarray(cv2.rotate(np.ascontiguousarray(image), turn))
+
+    def _is_large(self, size: Size) -> bool:
+        """Return whether at least what is scored is left of an image after the crop."""
+        left = [side - 2 * int(side * self.camera.crop_fraction) for side in size]
+        return left[0] >= self.camera.width and left[1] >= self.camera.height
+
+    def _enlarged(self, image: ImageArray) -> ImageArray:
+        """Return an image of which the crop leaves what is scored."""
+        height, width = image.shape[:2]
+        scored = (self.camera.width, self.camera.height)
+        told = f"Images of {width} x {height} px"
+        if not self.how.cropped:
+            if self._is_large((width, height)):
+                return image
+            left = 1.0 - 2.0 * self.camera.crop_fraction
+            whole = (math.ceil(scored[0] / left) + 2, math.ceil(scored[1] / left) + 2)
+            self._note(
+                f"{told} were taken as whole frames and enlarged, since fewer than the "
+                f"{scored[0]} x {scored[1]} px that are scored are left after the sensor's crop; "
+                "state images.cropped = true if they were cropped already."
+            )
+            return np.asarray(cv2.resize(image, whole, interpolation=cv2.INTER_LINEAR))
+        self._note(f"{told} were stated to be cropped; a border was put around for the crop.")
+        inner = np.asarray(cv2.resize(image, scored, interpolation=cv2.INTER_AREA))
+        across, down = (_border(side, self.camera.crop_fraction) for side in scored)
+        edge = cv2.BORDER_REPLICATE
+        return np.asarray(cv2.copyMakeBorder(inner, down, down, across, across, edge))
+
+    def _note(self, sentence: str) -> None:
+        self.notes[sentence] = None
+
+    def _check(self, size: Size, *, name: str, rest: Size | None) -> None:
+        """Refuse an image of another shape than the camera's or the image at rest."""
+        width, height = size
+        told = f"image {name}: {width} x {height} px"
+        if rest is not None and rest != size:
+            raise RecordError(
+                f"{told}; its image at rest has {rest[0]} x {rest[1]} px",
+                remedy="take both with one camera mode, and turn none of them",
+            )
+        want, is_now = self.camera.width / self.camera.height, width / height
+        if size in self.refused or abs(is_now / want - 1.0) <= ASPECT:
+            return
+        self.refused.add(size)
+        is_turned = abs(want * is_now - 1.0) <= ASPECT
+        why = ": it is turned by a quarter" if is_turned else ""
+        raise RecordError(
+            f"{told}, as others may be, an aspect ratio of {is_now:.3f}; the sensor's is "
+            f"{want:.3f}{why}",
+            remedy="state images.turn = 90 or 270 if all are turned, or turn the image"
+            if is_turned
+            else "cut images to the sensor's aspect ratio, or name another sensor: squeezed they "
+            "would not be to scale",
+        )
+
+
+def _border(side: int, crop: float) -> int:
+    """Return a border that a crop takes off a side with it."""
+    return int(side * crop / (1.0 - 2.0 * crop))
+
+
+def _size_of(data: bytes) -> Size:
+    with Image.open(io.BytesIO(data), formats=_KINDS) as image:
+        return image.size
+
+
+def _apart(image: ImageArray, still: ImageArray) -> float:
+    """Return how far images are from each other [grey level]; infinite for unlike sizes."""
+    if image.shape != still.shape:
+        return float("inf")
+    return float(np.abs(image.astype(np.int16) - still.astype(np.int16)).mean())
