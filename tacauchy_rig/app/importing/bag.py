@@ -23,7 +23,13 @@ from rosbags.rosbag2 import Reader, ReaderError
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from tacauchy_rig.app.importing.offset import Signal, image_change, offset_to_force
+from tacauchy_rig.app.importing.offset import (
+    Signal,
+    felt_over_rests,
+    image_change,
+    likeness,
+    offset_to_force,
+)
 from tacauchy_rig.app.importing.presses import (
     Frame,
     Press,
@@ -55,7 +61,11 @@ MCAP = ".mcap"
 STORAGES = (MCAP, ".db3")
 METADATA = "metadata.yaml"
 CLOCKS_S = 0.1
-"""By which messages of image and force are stamped and logged differently: of clocks apart."""
+"""By which stamps of image and force are apart, if they are of clocks of their own."""
+FITS = 0.9
+"""Of the best correlation: stamps that have it fit as they are."""
+ALIGNED_MOST = 20_000
+"""Frames that are looked at: a quarter of an hour at 20 Hz."""
 # Of what a broken file makes the reader say.
 _BROKEN = (
     ReaderError,
@@ -111,9 +121,7 @@ def read_bag(source: Source, data: BagData) -> Recorded:
             "whose end is missing",
         ) from error
     found = find_presses(streams.force, data.presses)
-    clock = None
-    if notes.camera_s:
-        streams, clock = _aligned(streams, found, notes)
+    streams, clock = _aligned(streams, found, notes)
     presses = tuple(_placed(press, data.pad_centre) for press in cut(streams, found))
     return Recorded(
         presses=presses,
@@ -230,8 +238,7 @@ def _streams(bag: Bag, data: BagData) -> tuple[Streams, _Notes]:
     felt, felt_late = _samples(bag, force, _wrench, notes)
     frames, seen_late = _frames(bag, image)
     apart_s = float(np.median(seen_late) - np.median(felt_late)) / S
-    if abs(apart_s) > CLOCKS_S:
-        notes.camera_s = apart_s
+    notes.camera_s = apart_s if abs(apart_s) > CLOCKS_S else 0.0
     streams = Streams(
         force=felt,
         frames=frames,
@@ -242,29 +249,41 @@ def _streams(bag: Bag, data: BagData) -> tuple[Streams, _Notes]:
 
 def _aligned(
     streams: Streams, found: Sequence[PressSpan], notes: _Notes
-) -> tuple[Streams, CameraClock]:
+) -> tuple[Streams, CameraClock | None]:
     """Return the streams with the camera's stamps in the clock of the force.
 
-    Both are as late as messages take to arrive, so their difference is roughly that of the clocks;
-    what is seen and felt of the presses tells the rest.
+    Messages of both are about as late, so when they arrive tells clocks roughly apart; what is seen
+    and felt of the presses tells the rest. Stamps that already fit stay as they are.
     """
     moved = [replace(f, stamp_ns=f.stamp_ns + round(notes.camera_s * S)) for f in streams.frames]
-    images = [decode_rgb(frame.read(), reduction=8) for frame in moved]
+    images = [decode_rgb(frame.read(), reduction=8) for frame in moved[:ALIGNED_MOST]]
     known = [k for k, image in enumerate(images) if image is not None]
+    if len(known) < 3:
+        return streams, None
     time_s = np.array([moved[k].stamp_ns for k in known]) / S
     change = image_change((image for image in images if image is not None), time_s)
-    offset = offset_to_force(streams.force, Signal(time_s=time_s, value=change), found)
-    shift_ns = round(offset.seconds * S)
-    frames = [replace(frame, stamp_ns=frame.stamp_ns + shift_ns) for frame in moved]
+    seen = Signal(time_s=time_s, value=change)
+    felt = felt_over_rests(streams.force, found)
+    try:
+        offset = offset_to_force(streams.force, seen, found)
+    except RecordError as error:
+        notes.told.append(
+            f"Whether the camera has the force's clock is not known: {error.message}."
+        )
+        return replace(streams, frames=moved), None
+    fits = likeness(felt, seen, 0.0) > FITS * offset.correlation
+    shift_s = 0.0 if fits or abs(offset.seconds) < CLOCKS_S else offset.seconds
+    if not shift_s and not notes.camera_s:
+        return streams, None
+    frames = [replace(frame, stamp_ns=frame.stamp_ns + round(shift_s * S)) for frame in moved]
     clock = CameraClock(
-        offset_s=notes.camera_s + offset.seconds,
+        offset_s=notes.camera_s + shift_s,
         uncertainty_s=offset.uncertainty_s,
         correlation=offset.correlation,
     )
     notes.told.append(
-        f"The camera's stamps are {-clock.offset_s:+.3f} s from the force's, of another clock: "
-        f"they were moved by when contact shows in both, standard uncertainty "
-        f"{1e3 * clock.uncertainty_s:.0f} ms."
+        f"The camera's stamps are of another clock: {clock.offset_s:+.3f} s were added, by when "
+        f"contact shows in both, standard uncertainty {1e3 * clock.uncertainty_s:.0f} ms."
     )
     return replace(streams, frames=frames), clock
 

@@ -6,7 +6,7 @@ import io
 import math
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
@@ -16,11 +16,12 @@ import numpy as np
 from PIL import Image
 
 from sim.sensor.camera_geometry import CameraGeometry
+from tacauchy_rig.app.importing.problems import Problems
 from tacauchy_rig.app.importing.source import IMAGE_PIXELS
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.rgb import ColourOrder, encode_png
+from tacauchy_rig.core.rgb import ColourOrder, decode_rgb, encode_png
 
 _KINDS = ("JPEG", "PNG")
 _MODES = ("RGB", "L")
@@ -31,6 +32,10 @@ _SWAPPED_SIDES = (5, 6, 7, 8)
 ASPECT = 0.02
 """Relative difference of aspect ratios that is no squeezing: of cameras whose modes are rounded."""
 _TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
+SWAPPED_SHARE = 0.5
+"""Of the difference from the no-contact frame: so much less with channels swapped is no chance."""
+SWAPPED_LEVELS = 5.0
+"""[grey level] that a swap has to gain: less is noise on a nearly grey sensor."""
 Size = tuple[int, int]
 
 
@@ -125,12 +130,26 @@ class Converter:
         camera: Of the sensor.
         notes: What was made of images, a sentence each.
         refused: Sizes that were told to have another shape, once each.
+        pairs: An image of each press and its image at rest, scaled down.
     """
 
     how: Images
     camera: CameraGeometry
     notes: dict[str, None] = field(default_factory=dict)
     refused: set[Size] = field(default_factory=set)
+    pairs: list[tuple[ImageArray, ImageArray]] = field(default_factory=list)
+
+    def check_colours(self, problems: Problems) -> None:
+        """Note images whose channels are in another order than those of the gel at rest."""
+        if not self.pairs:
+            return
+        as_stated, swapped = apart_as_stated_and_swapped(self.pairs)
+        if are_swapped(as_stated, swapped):
+            problems.add(
+                f"images pressed are {as_stated:.1f} grey levels from those at rest; with red and "
+                f"blue exchanged {swapped:.1f}",
+                remedy="write both in one order of channels; images.colour_order is of all",
+            )
 
     def convert(self, data: bytes, *, name: str, rest: bytes | None) -> tuple[bytes, Size]:
         """Return an image's bytes, as they are where nothing has to be changed, and its size.
@@ -203,6 +222,12 @@ class Converter:
         edge = cv2.BORDER_REPLICATE
         return np.asarray(cv2.copyMakeBorder(inner, down, down, across, across, edge))
 
+    def compare(self, data: bytes, rest: bytes) -> None:
+        """Keep an image of a press and its image at rest for ``check_colours``."""
+        image, still = (decode_rgb(each, reduction=8) for each in (data, rest))
+        if image is not None and still is not None:
+            self.pairs.append((image, still))
+
     def _note(self, sentence: str) -> None:
         self.notes[sentence] = None
 
@@ -246,3 +271,25 @@ def _apart(image: ImageArray, still: ImageArray) -> float:
     if image.shape != still.shape:
         return float("inf")
     return float(np.abs(image.astype(np.int16) - still.astype(np.int16)).mean())
+
+
+def apart_as_stated_and_swapped(
+    pairs: Sequence[tuple[ImageArray, ImageArray]],
+) -> tuple[float, float]:
+    """Return how far images are from those at rest, and how far with red and blue exchanged.
+
+    Args:
+        pairs: An image and its image at rest each.
+
+    Returns:
+        Medians over the pairs [grey level].
+    """
+    return (
+        float(np.median([_apart(image, rest) for image, rest in pairs])),
+        float(np.median([_apart(image[..., ::-1], rest) for image, rest in pairs])),
+    )
+
+
+def are_swapped(as_stated: float, swapped: float) -> bool:
+    """Return whether images look like those at rest only with channels exchanged."""
+    return swapped < SWAPPED_SHARE * as_stated and as_stated - swapped > SWAPPED_LEVELS

@@ -108,7 +108,7 @@ def find_offset(
     return Offset(
         seconds=float(bounds_s.mean()),
         uncertainty_s=math.hypot(scatter_s, single_s, UNIFORM * interval_s, apart_s),
-        correlation=_likeness(first, second, float(bounds_s.mean())),
+        correlation=likeness(first, second, float(bounds_s.mean())),
     )
 
 
@@ -136,7 +136,7 @@ def _check_rate(
         )
 
 
-def _likeness(first: Signal, second: Signal, offset_s: float) -> float:
+def likeness(first: Signal, second: Signal, offset_s: float) -> float:
     """Return the correlation of two signals where both are, with an offset."""
     time_s = second.time_s + offset_s
     inside = (time_s >= first.time_s[0]) & (time_s <= first.time_s[-1])
@@ -170,11 +170,11 @@ def _coarse(first: Signal, second: Signal, step_s: float) -> float:
     best = int(np.argmax(both))
     apart = np.abs(lag_s - lag_s[best]) > APART_S
     rival = float(both[apart].max(initial=0.0))
-    likeness = _likeness(first, second, float(lag_s[best]))
-    if likeness < LIKE or rival > ALONE * both[best]:
+    like = likeness(first, second, float(lag_s[best]))
+    if like < LIKE or rival > ALONE * both[best]:
         raise RecordError(
             f"video and force log fit best with an offset of {lag_s[best]:.2f} s, where they are "
-            f"correlated by {likeness:.2f}; another offset fits {100.0 * rival / both[best]:.0f} % "
+            f"correlated by {like:.2f}; another offset fits {100.0 * rival / both[best]:.0f} % "
             "as well",
             remedy=f"both have to show the same presses ({LIKE} at least), at uneven times",
         )
@@ -221,18 +221,25 @@ def offset_to_force(
     force: Samples, seen: Signal, found: Sequence[PressSpan], *, height: Signal | None = None
 ) -> Offset:
     """Find what is to be added to times of images for those of the force."""
-    felt = Signal(time_s=force.stamp_ns / S, value=_over_rests(force, found))
-    log = Signal(time_s=felt.time_s, value=np.sqrt(felt.value))
+    felt = _over_rests(force, found)
+    log = felt_over_rests(force, found)
     spans_s = [(start / S, end / S) for start, end in (each.pressed for each in found)]
     return find_offset(log, seen, spans_s, followed=followed(felt, height))
 
 
-def _over_rests(force: Samples, found: Sequence[PressSpan]) -> FloatArray:
+def felt_over_rests(force: Samples, found: Sequence[PressSpan]) -> Signal:
+    """Return how far contact is felt: the root of the force, about as an image changes with it."""
+    felt = _over_rests(force, found)
+    return Signal(time_s=felt.time_s, value=np.sqrt(felt.value))
+
+
+def _over_rests(force: Samples, found: Sequence[PressSpan]) -> Signal:
     """Return how much is felt [N] over a zero that goes evenly from rest to rest."""
     rests = [each.rest for each in found]
     zeros = [float(np.median(force.within(rest).value[:, FZ])) for rest in rests]
     middles = [sum(rest) / 2.0 for rest in rests]
-    return np.asarray(np.abs(force.value[:, FZ] - np.interp(force.stamp_ns, middles, zeros)))
+    zero = np.interp(force.stamp_ns, middles, zeros)
+    return Signal(time_s=force.stamp_ns / S, value=np.abs(force.value[:, FZ] - zero))
 
 
 def followed(felt: Signal, height: Signal | None) -> tuple[Signal, ...]:

@@ -30,6 +30,8 @@ DEEPEST = 1.0
 """Of the gel's height."""
 BESIDE_M = 2e-3
 """That a place may be beside the gel's edge."""
+_COMMON = ("N", "mN", "gf")
+"""Units of force whose confusion is told."""
 SHALLOW_M = 2e-6
 """A deepest press that is shallower leaves no image: its unit is larger than is stated."""
 
@@ -212,21 +214,17 @@ def _check_forces(
 
 
 def unit_meant(times: float) -> str:
-    """Return what is told of the unit with which forces would fit that are so many times too large.
+    """Return what is told of units with which forces would fit that are so many times too large.
 
-    Of those that bring it near one, the nearest.
+    Of all that bring them near one, the nearest first.
     """
     units = UNITS[Dimension.FORCE]
-    left = {
-        (small, large): abs(math.log(times * units[small] / units[large]))
-        for small in units
-        for large in ("N", "mN", "kN", "gf")
-        if small != large
-    }
-    small, large = min(left, key=lambda pair: (round(left[pair], 1), pair[1] != "N"))
-    if not left[small, large] < math.log(LIKE):
-        return ""
-    return f": the numbers look like {small} where {large} is stated"
+    pairs = [(small, large) for small in units for large in ("N", "mN") if small != large]
+    left = {pair: abs(math.log(times * units[pair[0]] / units[pair[1]])) for pair in pairs}
+    found = [pair for pair in sorted(pairs, key=left.__getitem__) if left[pair] < math.log(LIKE)]
+    large = found[0][1] if found else ""
+    fitting = [small for small, stated in found if stated == large and small in _COMMON]
+    return f": the numbers look like {' or '.join(fitting)} where {large} is stated" * bool(fitting)
 
 
 def _first(pressed: Sequence[Pressed], ratios: FloatArray) -> str:

@@ -85,6 +85,7 @@ def write_run(
         for index, press in enumerate(recorded.presses[:PRESSES_MOST], start=1):
             _write_press(store, index, press, converter, source)
             trials.append(_trial_entry(index, press))
+        converter.check_colours(source.problems)
         source.problems.refuse()
         store.imported.save(
             Imported(
@@ -165,11 +166,14 @@ def _write_press(
 
 def _images(press: Press, converter: Converter, source: Source) -> Iterator[ImageFrame]:
     """Yield the images of a press; those that are damaged or unlike the rest are noted."""
-    rest, same = None, []
+    rest, same, compared = None, [], False
     for number, frame in enumerate(press.frames):
         is_rest = press.reference[0] <= frame.stamp_ns <= press.reference[1]
         with source.problems.noting():
             data, (width, height) = converter.convert(frame.read(), name=frame.name, rest=rest)
+            if rest is not None and not is_rest and not compared:
+                compared = True
+                converter.compare(data, rest)
             rest = rest or data
             same += [frame.name] * (data == rest and not is_rest)
             yield ImageFrame(

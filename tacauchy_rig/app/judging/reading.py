@@ -9,7 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.app.importing.images import image_size
+from tacauchy_rig.app.importing.images import (
+    apart_as_stated_and_swapped,
+    are_swapped,
+    image_size,
+)
 from tacauchy_rig.app.importing.source import (
     ARRAY_BYTES,
     IMAGE_BYTES,
@@ -38,10 +42,6 @@ from tacauchy_rig.core.rgb import ColourOrder, decode_rgb
 from tacauchy_rig.core.simulated import Outputs, PressOutput
 
 NPY = ".npy"
-SWAPPED_SHARE = 0.5
-"""Of the difference from the no-contact frame: so much less with channels swapped is no chance."""
-SWAPPED_LEVELS = 5.0
-"""[grey level] that a swap has to gain: less is noise on a nearly grey sensor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -238,15 +238,14 @@ def _check_all_or_none(presses: Mapping[int, PressOutput]) -> None:
 def _check_colours(presses: Mapping[int, PressOutput], asked: Asked, about: Description) -> None:
     """Refuse images that look like the sensor only with red and blue exchanged."""
     pairs = [
-        (press.image.astype(np.float64), asked.references[trial].astype(np.float64))
+        (press.image, asked.references[trial])
         for trial, press in presses.items()
         if press.image is not None and trial in asked.references
     ]
     if not pairs or about.colour_order is None:
         return
-    as_stated = float(np.median([np.abs(a - b).mean() for a, b in pairs]))
-    swapped = float(np.median([np.abs(a[..., ::-1] - b).mean() for a, b in pairs]))
-    if swapped < SWAPPED_SHARE * as_stated and as_stated - swapped > SWAPPED_LEVELS:
+    as_stated, swapped = apart_as_stated_and_swapped(pairs)
+    if are_swapped(as_stated, swapped):
         other = ColourOrder.RGB if about.colour_order is ColourOrder.BGR else ColourOrder.BGR
         raise RecordError(
             f'colour_order = "{about.colour_order.value}": so read, images are {as_stated:.1f} '

@@ -30,7 +30,7 @@ kind = "csv"
 [data]
 table = "presses.csv"
 no_contact = "rest.png"
-is_tared = true
+is_tared = {tared}
 {data}
 [data.columns]
 image = "file"
@@ -68,7 +68,7 @@ class Folder:
 
     def write(self) -> None:
         """Write all of it."""
-        known = {"top": "", "data": "", "force": "N", "depth": "mm", "columns": ""}
+        known = {"top": "", "tared": "true", "data": "", "force": "N", "depth": "mm", "columns": ""}
         spec = SPEC.format(**{**known, "force_sign": "", **self.spec})
         (self.root / "import.toml").write_text(spec)
         text = "\n".join(self.separator.join(row) for row in self.rows) + "\n"
@@ -220,7 +220,7 @@ def millinewtons(folder: Folder) -> None:
     """Millinewtons or grams where newtons are stated."""
     unit, factor = (("mN", 1e3), ("gf", 1 / 9.80665e-3))[folder.random.integers(2)]
     _cells(folder, 1, lambda v: repr(v * factor))
-    folder.told = (f"look like {unit} where N", "data.columns.force.unit")
+    folder.told = ("the numbers look like", unit, "where N is", "data.columns.force.unit")
 
 
 def metres(folder: Folder) -> None:
@@ -263,6 +263,7 @@ def _labelled(folder: Folder, time: Callable[[int], str], *, after: bool = False
             rows.append([name if held else "rest.png", felt, d if held else "", *told])
     folder.rows = rows
     folder.tolerance_n = 1e-6
+    folder.spec["tared"] = "false"
     folder.spec["data"] = 'unloaded = "rest"\npressed = "press"'
     folder.spec["columns"] = 'time = { column = "t", unit = "s" }\npress = "n"\nstate = "s"\n'
 
