@@ -6,8 +6,8 @@ import math
 import statistics
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -243,10 +243,12 @@ def find_presses(force: Samples, finding: PressFinding) -> list[PressSpan]:
         rest = _rest(force, (free_ns, pressed[0] - APART_NS), finding, name)
         found.append(_span(name, force, rest, pressed, finding))
         free_ns = pressed[1] + APART_NS
-    return [
-        replace(each, drift_n_s=_drift(force, each, later.rest, finding))
-        for each, later in pairwise([*found, found[-1]])
-    ]
+    rests = [each.rest for each in found]
+    with suppress(RecordError):  # none is needed behind the last press
+        rests.append(_rest(force, (free_ns, int(force.stamp_ns[-1])), finding, "the end"))
+    rates = [_drift(force, *each, finding) for each in zip(found, rests[1:], strict=False)]
+    rates += [rates[-1] if rates else 0.0] * (len(found) - len(rates))
+    return [replace(span, drift_n_s=rate) for span, rate in zip(found, rates, strict=True)]
 
 
 def _drift(force: Samples, span: PressSpan, later: Window, finding: PressFinding) -> float:

@@ -6,6 +6,7 @@ import io
 import os
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -261,3 +262,52 @@ def test_old_presses_are_not_mixed_with_new_ones(folder: Path) -> None:
     """Nothing is written into a folder that holds something."""
     with pytest.raises(RigError, match="not empty"):
         write_outputs(folder, _outputs())
+
+
+MEASURED = {1: (1.0, 0.3e-3), 2: (2.0, 0.5e-3), 3: (3.0, 0.7e-3)}
+PIXEL_M2 = 4e-9
+
+
+def _conventional(random: np.random.Generator) -> Outputs:
+    """Return outputs of a fair simulator: forces, heights and pressures within a factor of two."""
+    presses = {}
+    for trial, (force, depth) in MEASURED.items():
+        factor = random.uniform(0.5, 2.0)
+        there = np.zeros((HEIGHT, WIDTH))
+        there[4:8, 4:8] = 1.0
+        presses[trial] = PressOutput(
+            force_n=factor * force,
+            height_m=-factor * depth * there,
+            pressure_pa=factor * force / PIXEL_M2 / there.sum() * there,
+        )
+    return Outputs(simulator=SIMULATOR, presses=presses, left_out=())
+
+
+@pytest.mark.parametrize(
+    ("factors", "told"),
+    [
+        ({}, ""),
+        ({"force_n": -1.0}, "signs.force = -1"),
+        ({"force_n": 1e3}, "the numbers look like mN where N"),
+        ({"force_n": 1e-3}, "units.force"),
+        ({"height_m": -1.0}, "signs.height = -1"),
+        ({"height_m": 1e-3}, "units.height of simulator.toml: the numbers look like m where mm"),
+        ({"pressure_pa": -1.0}, "signs.pressure = -1"),
+        ({"pressure_pa": 1e3}, "units.pressure"),
+    ],
+)
+def test_a_convention_is_no_defeat(factors: dict[str, float], told: str, tmp_path: Path) -> None:
+    """What is wrong by its sign or unit in every press is refused by the key that declares it."""
+    outputs = _conventional(np.random.default_rng(len(told)))
+    presses = {
+        trial: replace(press, **{name: by * getattr(press, name) for name, by in factors.items()})
+        for trial, press in outputs.presses.items()
+    }
+    write_outputs(tmp_path / "theirs", replace(outputs, presses=presses))
+    asked = replace(ASKED, measured=MEASURED, pixel_m2=PIXEL_M2)
+    if not told:
+        assert len(read_outputs(tmp_path / "theirs", asked).presses) == len(MEASURED)
+        return
+    with pytest.raises(RigError) as refused:
+        read_outputs(tmp_path / "theirs", asked)
+    assert told in str(refused.value)
