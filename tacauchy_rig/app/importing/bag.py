@@ -314,7 +314,7 @@ def _samples(bag: Bag, topic: str, values: Any, notes: _Notes) -> tuple[Samples,
         key=lambda row: row[0],
     )
     value = np.array([row for *_, row in rows], dtype=np.float64).reshape(-1, 6)
-    known = np.isfinite(value).all(axis=1)
+    known = np.asarray(np.isfinite(value).all(axis=1))
     if not known.all():
         notes.told.append(
             f"{topic}: {int((~known).sum())} of {len(known)} messages hold values that are no "

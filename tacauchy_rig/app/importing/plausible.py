@@ -241,7 +241,8 @@ def hertz_n(indenter: Indenter | None, depth_m: float, sensor: Sensor) -> float:
     material, pad = sensor.material, sensor.pad
     modulus_pa = material.young_pa / (1.0 - material.poisson**2)
     if isinstance(indenter, Sphere):
-        return 4.0 / 3.0 * modulus_pa * math.sqrt(indenter.diameter_m / 2.0) * abs(depth_m) ** 1.5
+        root = math.sqrt(indenter.diameter_m / 2.0 * abs(depth_m) ** 3)
+        return 4.0 / 3.0 * modulus_pa * root
     if isinstance(indenter, Cylinder):
         return modulus_pa * indenter.diameter_m * abs(depth_m)
     area_m2 = 4.0 * math.prod(pad.half_extents())

@@ -185,14 +185,14 @@ class Table:
         with self.problems.noting():
             factor = column.factor(dimension, field=field)
         values = factor * self._plain(cells, column)
-        if (most := MOST.get(dimension)) is not None:
-            self._tell(
-                column,
-                "more than any press of a gel has",
-                np.flatnonzero(np.abs(values) > most),
-                remedy=f"correct the value, or {field}.unit",
-            )
-        return np.asarray(values)
+        too_large = np.abs(values) > MOST.get(dimension, math.inf)
+        self._tell(
+            column,
+            "more than any press of a gel has",
+            np.flatnonzero(too_large),
+            remedy=f"correct the value, or {field}.unit",
+        )
+        return np.where(too_large, np.nan, values)
 
     def _plain(self, cells: Sequence[str], column: Column) -> FloatArray:
         """Return cells as numbers; those with decimal commas too."""

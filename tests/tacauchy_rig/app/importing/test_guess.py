@@ -19,7 +19,7 @@ TOOLS = ("Kugel 6 mm", "Kugel 8 mm", "Zylinder 5mm")
 
 
 def lab(folder: Path, random: np.random.Generator, count: int) -> np.ndarray:
-    """Write presses of a DIGIT at unlike places as a spreadsheet exports them; return forces [N]."""
+    """Write presses of a DIGIT at unlike places as spreadsheets do; return their forces [N]."""
     (folder / "bilder").mkdir(parents=True)
     force = random.uniform(0.5, 3.0, count)
     rows = ["Nr;Zeit;Bild;Werkzeug;Kraft [gf];Tiefe [mm];x [mm];y [mm]"]

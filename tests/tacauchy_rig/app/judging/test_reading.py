@@ -220,7 +220,10 @@ DAMAGES: dict[str, tuple[Damage, str]] = {
         "leads out",
     ),
     "no number": (lambda f: _replace(f / "forces.csv", "0.5", "much"), "line 2"),
-    "a force that is NaN": (lambda f: _replace(f / "forces.csv", "0.5", "nan"), "line 2"),
+    "a force that is NaN": (
+        lambda f: _replace(f / "forces.csv", "0.5", "nan"),
+        "presses 1 have no",
+    ),
     "a press of no run's force": (lambda f: _replace(f / "forces.csv", "3,", "7,"), 'press "7"'),
     "a force twice": (lambda f: _replace(f / "forces.csv", "3,", "1,"), "stands twice"),
     "no column": (lambda f: _replace(f / "forces.csv", "press", "trial"), "no column"),
