@@ -174,7 +174,7 @@ def _images(press: Press, converter: Converter, source: Source) -> Iterator[Imag
             if rest is not None and not is_rest and not compared:
                 compared = True
                 converter.compare(data, rest)
-            rest = rest or data
+            rest = rest or (data if is_rest else None)
             same += [frame.name] * (data == rest and not is_rest)
             yield ImageFrame(
                 stamp_ns=frame.stamp_ns,

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2 import StoragePlugin, Writer
 from scipy.spatial.transform import Rotation
 
@@ -107,19 +115,40 @@ def write_bag(
     *,
     spec: str = BAG_SPEC,
     storage: StoragePlugin = StoragePlugin.MCAP,
+    changed: Callable[[str, int, Any], Any] = lambda _name, _stamp_ns, message: message,
 ) -> Path:
-    """Write all of a run as a ROS 2 bag, and how to import it."""
+    """Write all of a run as a ROS 2 bag by two publishers a topic, and how to import it."""
     folder.mkdir(parents=True)
     kinds = {"/gel/image": IMAGE, "/cell/wrench": WRENCH, "/tip/pose": POSE}
     with Writer(folder / "recorded", version=9, storage_plugin=storage) as writer:
         topics = {
-            name: writer.add_connection(name, kind, typestore=TYPES) for name, kind in kinds.items()
+            (name, depth): writer.add_connection(
+                name, kind, typestore=TYPES, offered_qos_profiles=[_qos(depth)]
+            )
+            for name, kind in kinds.items()
+            for depth in (1, 10)
         }
         for name, stamp_ns, message in sorted(_messages(store), key=lambda each: each[1]):
-            raw = TYPES.serialize_cdr(message, kinds[name])
-            writer.write(topics[name], stamp_ns, raw)
+            raw = TYPES.serialize_cdr(changed(name, stamp_ns, message), kinds[name])
+            writer.write(topics[name, 10 if stamp_ns % 2 else 1], stamp_ns, raw)
     (folder / "import.toml").write_text(spec, encoding="utf-8")
     return folder
+
+
+def _qos(depth: int) -> Qos:
+    """Return how a publisher offers a topic: with a queue of so many messages."""
+    unlimited = QosTime(sec=2147483647, nsec=4294967295)
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=depth,
+        reliability=QosReliability.BEST_EFFORT,
+        durability=QosDurability.VOLATILE,
+        deadline=unlimited,
+        lifespan=unlimited,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=unlimited,
+        avoid_ros_namespace_conventions=False,
+    )
 
 
 def _messages(store: RunStore) -> Iterator[tuple[str, int, Any]]:
@@ -132,21 +161,22 @@ def _messages(store: RunStore) -> Iterator[tuple[str, int, Any]]:
             felt = kinds["geometry_msgs/msg/Wrench"](
                 force=vector(*wrench[:3]), torque=vector(*wrench[3:])
             )
-            yield "/cell/wrench", stamp, kinds[WRENCH](header=_header(stamp), wrench=felt)
+            yield "/cell/wrench", stamp, kinds[WRENCH](header=header(stamp), wrench=felt)
         for stamp, pose in zip(arm.stamp_ns.tolist(), arm.pose.tolist(), strict=True):
             turned = Rotation.from_rotvec(pose[3:]).as_quat().tolist()
             place = kinds["geometry_msgs/msg/Pose"](
                 position=point(*pose[:3]),
                 orientation=kinds["geometry_msgs/msg/Quaternion"](*turned),
             )
-            yield "/tip/pose", stamp, kinds[POSE](header=_header(stamp), pose=place)
+            yield "/tip/pose", stamp, kinds[POSE](header=header(stamp), pose=place)
         for frame in recording.frames():
             data = np.frombuffer(frame.jpeg, np.uint8)
-            image = kinds[IMAGE](header=_header(frame.stamp_ns), format="jpeg", data=data)
+            image = kinds[IMAGE](header=header(frame.stamp_ns), format="jpeg", data=data)
             yield "/gel/image", frame.stamp_ns, image
 
 
-def _header(stamp_ns: int) -> Any:
+def header(stamp_ns: int) -> Any:
+    """Return the header of a message with a stamp."""
     sec, nanosec = divmod(stamp_ns, 10**9)
     stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
     return TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id="")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rosbags.rosbag2 import StoragePlugin
@@ -11,7 +14,7 @@ from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.check.run import check_run
 from tacauchy_rig.core.store.run_store import RunStore
-from tests.tacauchy_rig.app.importing.sources import counting, write_bag
+from tests.tacauchy_rig.app.importing.sources import counting, header, write_bag
 
 
 @pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
@@ -62,3 +65,34 @@ def test_a_bag_that_was_cut_off_is_refused(ours: RunStore, tmp_path: Path) -> No
     with pytest.raises(RecordError):
         import_run(folder, parent=tmp_path / "runs")
     assert not list((tmp_path / "runs").glob("*"))
+
+
+CAMERA_S = 4.2  # that the camera's clock is ahead
+
+
+def test_a_bag_as_other_tools_leave_it(ours: RunStore, tmp_path: Path) -> None:
+    """No storage is named, forces begin with no numbers, and the camera has a clock of its own."""
+    first: list[int] = []
+
+    def changed(name: str, stamp_ns: int, message: Any) -> Any:
+        if name == "/gel/image":
+            return replace(message, header=header(stamp_ns + round(CAMERA_S * 1e9)))
+        first.append(stamp_ns)
+        if name == "/cell/wrench" and len(first) < 10:
+            force = replace(message.wrench.force, z=math.nan)
+            return replace(message, wrench=replace(message.wrench, force=force))
+        return message
+
+    folder = write_bag(ours, tmp_path / "source", changed=changed)
+    about = folder / "recorded" / "metadata.yaml"
+    about.write_text(
+        about.read_text().replace("storage_identifier: mcap", "storage_identifier: ''")
+    )
+    store = import_run(folder, parent=tmp_path)
+    for theirs, own in zip(counting(store), counting(ours), strict=True):
+        assert theirs.force_measured_n == pytest.approx(own.force_measured_n, rel=5e-3)
+    imported = store.imported.load()
+    assert imported is not None
+    assert imported.clock is not None
+    assert imported.clock.offset_s == pytest.approx(-CAMERA_S, abs=0.1)
+    assert any("no finite numbers" in note.replace("\n", " ") for note in imported.notes)

@@ -13,6 +13,7 @@ from tacauchy_rig.core.store.check.run import check_run
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.tacauchy_rig.app.importing.sources import counting, write_video
 
+LOG = b"t,fx,fy,fz,mx,my,mz,x,y,z\n"
 LATER_S = 0.7  # that the log begins after the video
 
 
@@ -50,7 +51,8 @@ def test_a_log_of_other_presses_is_refused(ours: RunStore, tmp_path: Path) -> No
     ("name", "content", "told"),
     [
         ("gel.avi", b"RIFF....AVI no video at all", "0 frames"),
-        ("force.csv", b"t,fx,fy,fz,mx,my,mz,x,y,z\n0,0,0,0,0,0,0,0,0,0\n0" + b",0" * 9, "line 3"),
+        ("force.csv", LOG + b"0" + b",0" * 9 + b"\n0" + b",0" * 9, "too coarse"),
+        ("force.csv", LOG + b"1" + b",0" * 9 + b"\n0" + b",0" * 9, "line 3"),
     ],
 )
 def test_what_is_damaged_is_named(
