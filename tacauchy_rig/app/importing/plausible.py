@@ -245,8 +245,9 @@ def hertz_n(indenter: Indenter | None, depth_m: float, sensor: Sensor) -> float:
         return 4.0 / 3.0 * modulus_pa * root
     if isinstance(indenter, Cylinder):
         return modulus_pa * indenter.diameter_m * abs(depth_m)
-    area_m2 = 4.0 * math.prod(pad.half_extents())
-    return math.nan if depth_m < pad.height_m else modulus_pa * area_m2 / LIKE
+    if not depth_m >= pad.height_m:  # or it is not known
+        return math.nan
+    return modulus_pa * 4.0 * math.prod(pad.half_extents()) / LIKE
 
 
 def _check_axis(held: Sequence[FloatArray], problems: Problems) -> None:
