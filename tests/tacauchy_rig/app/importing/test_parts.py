@@ -16,7 +16,7 @@ from tacauchy_rig.app.replay.parts import parts_of
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report import report_run
 from tacauchy_rig.app.replay.settings import check_names
-from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import encode_png
 from tacauchy_rig.core.simulated import ForceInput
 from tacauchy_rig.core.store.check.run import check_run
@@ -93,7 +93,7 @@ def test_presses_unlike_each_other_are_parts(small: Path) -> None:
 def test_an_indenter_that_is_none_is_refused_at_once(small: Path) -> None:
     """By import, not by a replay hours later."""
     rows = ("1,,0,0,sphere:diameter=6mm", "1,,0,0,star:diameter=6mm")
-    with pytest.raises(ConfigError, match="star"):
+    with pytest.raises(RecordError, match=r'line 3, column "tool": .star'):
         imported(small, *rows)
 
 
