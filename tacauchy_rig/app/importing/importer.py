@@ -130,9 +130,8 @@ def import_run(
     source = Source(path if path.is_dir() else path.parent)
     overridden = {k: v for each in overrides for k, v in leaves(parse_override(each))}
     spec = _spec(source, path, overridden)
-    problems, stated = source.problems, None
-    with problems.noting():
-        stated = _stated(source, spec, trusted=overridden)
+    problems = source.problems
+    stated = problems.attempt(lambda: _stated(source, spec, trusted=overridden))
     recorded = _read(source, spec)
     if stated is None:
         problems.refuse()
@@ -140,11 +139,9 @@ def import_run(
     rig = _rig(spec, {**_common(recorded), **stated}, recorded)
     with problems.noting():
         check(rig.config)
-    sensor = None
-    with problems.noting():
-        sensor = load_sensor(rig.config.sensor.name)
+    sensor = problems.attempt(lambda: load_sensor(rig.config.sensor.name))
     if sensor is None:
-        problems.refuse()
+        raise problems.all_in_one
     indenters = _indenters(recorded, rig.config, problems)
     check_presses(
         recorded.presses,

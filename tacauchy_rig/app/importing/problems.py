@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import groupby
+from typing import TypeVar
 
 from tacauchy_rig.core.errors import RecordError, RigError
 
+T = TypeVar("T")
 SHOWN = 20
 """Lines that are told of one kind of problem; the rest is counted."""
 
@@ -37,23 +39,36 @@ class Problems:
         except RigError as error:
             self._note(error)
 
+    def attempt(self, make: Callable[[], T]) -> T | None:
+        """Return what is made; None where that ends in an error, which is noted."""
+        try:
+            return make()
+        except RigError as error:
+            self._note(error)
+            return None
+
     def refuse(self) -> None:
         """End where there was a problem.
 
         Raises:
-            RigError: The only one as it was, or a RecordError that lists all.
+            RigError: As ``all_in_one``.
         """
-        if len(self._found) == 1:
-            raise self._found[0]
         if self._found:
-            groups = [
-                (remedy, shown([each.message for each in errors]))
-                for remedy, errors in groupby(self._found, key=lambda each: each.remedy)
-            ]
-            told = [f"{lines}\n  -> {remedy}" for remedy, lines in groups[:-1]]
-            remedy, last = groups[-1]
-            message = "\n".join([f"{len(self._found)} problems", *told, last])
-            raise RecordError(message, remedy=remedy)
+            raise self.all_in_one
+
+    @property
+    def all_in_one(self) -> RigError:
+        """The only problem as it was, or one that lists all."""
+        if len(self._found) == 1:
+            return self._found[0]
+        groups = [
+            (remedy, shown([each.message for each in errors]))
+            for remedy, errors in groupby(self._found, key=lambda each: each.remedy)
+        ]
+        told = [f"{lines}\n  -> {remedy}" for remedy, lines in groups[:-1]]
+        remedy, last = groups[-1]
+        message = "\n".join([f"{len(self._found)} problems", *told, last])
+        return RecordError(message, remedy=remedy)
 
 
 def shown(lines: Sequence[str]) -> str:

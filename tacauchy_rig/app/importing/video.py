@@ -214,7 +214,8 @@ def _decoded_by_av(path: Path, name: str) -> Iterator[tuple[float, NDArray[np.ui
     try:
         with av.open(str(path)) as file:
             for frame in file.decode(video=0):
-                yield float(frame.time or 0.0), frame.to_ndarray(format="bgr24")
+                image = np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
+                yield float(frame.time or 0.0), image
     except av.FFmpegError as error:
         raise RecordError(
             f"{name}: no whole video: {str(error)[:200]}", remedy="copy it anew from its source"
