@@ -233,7 +233,8 @@ def _seen(path: Path, data: VideoData) -> tuple[Signal, list[str]]:
     def frames() -> Iterator[NDArray[np.uint8]]:
         for time_s, frame in video_frames(path, data.video):
             times.append(time_s)
-            yield cv2.resize(frame, (160, 120), interpolation=cv2.INTER_AREA)
+            small = cv2.resize(frame, (160, 120), interpolation=cv2.INTER_AREA)
+            yield np.asarray(small, np.uint8)
 
     kept = list(frames())
     time_s, note = _frame_times(np.array(times), data)
