@@ -82,6 +82,7 @@ class ContactInverse:
         at += [c.renews, descents.poses, descents.grip, descents.positions]
         contact_shape = tuple(descents.contact_buffers[1].shape)
         tip_row, state = model.pattern.dof_count, descents.state
+        descents.places = self._rest.places(state)
         self._corrected = device.zeros(descents.sources.shape, self.kind)
 
         def blocks(kernel: Any, inputs: list[Any], most: int = _THREADS) -> Any:

@@ -192,3 +192,16 @@ def lift(gaps: wp.array2d(dtype=wp.float64), least: wp.float64, poses: Poses):
         tip = poses.tips[b]
         tip[2] = tip[2] + wp.max(least - nearest[0], wp.float64(0.0))
         poses.tips[b] = tip
+
+
+@wp.kernel(enable_backward=False)
+def per_area(
+    areas: wp.array(dtype=wp.float64),
+    pressed: wp.array2d(dtype=wp.float64),
+    sheared: wp.array2d(dtype=wp.vec3d),
+):
+    """Turn forces [N] at nodes into tractions [Pa]; launches over [environment_count, nodes]."""
+    b, n = wp.tid()
+    if areas[n] > wp.float64(0.0):
+        pressed[b, n] = pressed[b, n] / areas[n]
+        sheared[b, n] = sheared[b, n] / areas[n]

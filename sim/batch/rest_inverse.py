@@ -60,6 +60,9 @@ class FactoredRest:
         at = (3 * missing[:, None] + np.arange(3)).reshape(-1)
         self.compliance.numpy()[at] = found
 
+    def places(self, state: Any) -> None:
+        """Return nothing: every environment keeps its column."""
+
     def apply(self, asked: NDArray[np.int32], sources: Any, found: Any) -> None:
         """Set ``found`` to the inverse times ``sources``, shape [environment_count, row_count]."""
         given, out = sources.numpy(), found.numpy()
@@ -108,6 +111,11 @@ class DenseRest(DenseProduct):
 
     def need(self, nodes: IntArray) -> None:
         """Do nothing: all rows are known."""
+
+    def places(self, state: Any) -> Any:
+        """Return a launch that gives who asks the first columns, so that few blocks are read."""
+        count = len(state.slot)
+        return self._device.record(kernels.place, (count,), [state, self.width, self.blocks])
 
 
 def _dense(model: Model, whole: int, device: Device) -> Any:

@@ -7,6 +7,8 @@ matrices.
 # Annotations are evaluated where they stand, since native functions have no body to look them up.
 import warp as wp
 
+from sim.solve.descent_state import Act, Descent
+
 BLOCK = 64
 """Pivots that are swept at once."""
 
@@ -70,6 +72,23 @@ def pack(
     if row < size and column < size:
         at = (tile * steps + step) * 512 + place
         packed[0, at] = wp.float16(matrix[row, column] * scale)
+
+
+@wp.kernel(enable_backward=False)
+def place(d: Descent, width: wp.int32, blocks: wp.array(dtype=wp.int32)):
+    """Give who asks the first columns, and blocks without any no matrix; over environments."""
+    b = wp.tid()
+    before = wp.int32(0)
+    total = wp.int32(0)
+    for k in range(d.slot.shape[0]):
+        if d.act[k] == Act.SOLVE:
+            total += 1
+            if k < b:
+                before += 1
+    if d.act[b] == Act.SOLVE:
+        d.slot[b] = before
+    if b < blocks.shape[0]:
+        blocks[b] = wp.where(b * width < total, 0, -1)
 
 
 @wp.kernel(enable_backward=False)

@@ -50,8 +50,6 @@ from sim.contact.indenter_distance import (
     signed_distance,
 )
 
-_STIFFNESS_FACTOR = wp.constant(wp.float64(8.0))  # kappa over E d_hat
-
 
 @wp.struct
 class TouchedSurface:
@@ -66,6 +64,7 @@ class TouchedSurface:
     # share of d_hat below which the barrier goes on as a parabola, the same shape
     extensions: wp.array(dtype=wp.float64)
     friction: wp.array(dtype=wp.float64)  # mu, the same shape
+    stiffness: wp.array(dtype=wp.float64)  # kappa over E d_hat, the same shape
     distance: wp.float64  # d_hat [m]
     slip: wp.float64  # s [m], the offset at which sticking has become sliding
     bonded: wp.bool  # points that touch stick, with k = E / d_hat
@@ -97,7 +96,7 @@ def normal_contact(surface: TouchedSurface, b: wp.int32, s: wp.float64):
     one = wp.float64(1.0)
     r = wp.max(s, surface.extensions[b])
     h = s - r
-    scale = _STIFFNESS_FACTOR * surface.young[b]
+    scale = surface.stiffness[b] * surface.young[b]
     energy = r - one - wp.log(r) + h * (one - one / r) + wp.float64(0.5) * h * h / (r * r)
     pressure = scale * (one - one / r + h / (r * r))
     change = scale / surface.distance * (one / (r * r))
@@ -267,7 +266,10 @@ class ContactKernels:
             what ``touch`` gave, and tells the pressure's change and size [N].
         drag: Lets anchors of sliding points follow.
         stiffen: Semidefinite stiffness of every point [N/m], and which nodes are touched.
-        wrench: Adds force [N] and moment about the tip [N m] on the indenter.
+        wrench: Adds force [N] and moment about the tip [N m] on the indenter, and the area at rest
+            of what touches [m^2].
+        spread: Adds the traction on the gel [N] and the area at rest [m^2] to the nodes around
+            every point, by shares that are nowhere negative.
     """
 
     touch: Any
@@ -276,6 +278,7 @@ class ContactKernels:
     drag: Any
     stiffen: Any
     wrench: Any
+    spread: Any
 
 
 @wp.func
@@ -507,6 +510,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         if distance < surface.distance:
             _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
             v = n * slope
+            wp.atomic_add(wrench_out, b, 6, surface.areas[f, q])
         if wp.static(grips):
             _more, along = held_back(surface, here, grip, b, f, q, x)
             v += along
@@ -517,7 +521,38 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
                 wp.atomic_add(wrench_out, b, k, force[k])
                 wp.atomic_add(wrench_out, b, 3 + k, moment[k])
 
+    @wp.kernel(enable_backward=False, module="unique")
+    def spread(
+        # Model:
+        surface: TouchedSurface,
+        body: Any,
+        hats: wp.array2d(dtype=wp.float64),
+        # Data in:
+        poses: Poses,
+        grip: GripArrays,
+        positions: wp.array2d(dtype=wp.vec3d),
+        # Data out:
+        pressed_out: wp.array2d(dtype=wp.float64),
+        sheared_out: wp.array2d(dtype=wp.vec3d),
+    ):
+        b, f, q = wp.tid()
+        x = surface_point(surface, positions[b], f, q)
+        here = posed(body, poses, b)
+        distance, _n = gap_of(here, x)
+        if distance < surface.distance:
+            _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
+            along = wp.vec3d()
+            if wp.static(grips):
+                _more, along = held_back(surface, here, grip, b, f, q, x)
+            for k in range(surface.faces.shape[1]):
+                share = hats[q, k] * surface.areas[f, q]
+                if share > wp.float64(0.0):
+                    wp.atomic_add(pressed_out, b, surface.faces[f, k], -slope * share)
+                    wp.atomic_add(sheared_out, b, surface.faces[f, k], -along * share)
+
     def built(kernel: Any) -> Any:
         return wp.overload(kernel, {"body": body_kind})
 
-    return ContactKernels(*(built(each) for each in (touch, force, hold, drag, stiffen, wrench)))
+    return ContactKernels(
+        *(built(each) for each in (touch, force, hold, drag, stiffen, wrench, spread))
+    )

@@ -53,14 +53,21 @@ class ContactSurface:
         )
         self._surface = self.of([young_pa], [options.friction])
 
-    def of(self, young_pa: Sequence[float], friction: Sequence[float]) -> Any:
-        """Return the surface for environments that differ in E [Pa] and mu."""
+    def of(
+        self,
+        young_pa: Sequence[float],
+        friction: Sequence[float],
+        stiffness: Sequence[float] | None = None,
+    ) -> Any:
+        """Return the surface for environments that differ in E [Pa], mu, and kappa over E d_hat."""
+        usual = np.full(len(young_pa), self._options.stiffness)
         extensions = np.full(len(young_pa), self._options.extension)
         return replaced(
             TouchedSurface,
             self._surface,
             young=self._device.array(young_pa, wp.float64),
             friction=self._device.array(friction, wp.float64),
+            stiffness=self._device.array(usual if stiffness is None else stiffness, wp.float64),
             extensions=self._device.array(extensions, wp.float64),
         )
 

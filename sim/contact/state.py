@@ -22,6 +22,9 @@ class ContactOptions:
         extension: Share of d_hat below which the barrier is a parabola, at most. At 1 it is one
             altogether, which Newton likes best, and gaps stay positive while the pressure is below
             kappa / d_hat.
+        stiffness: kappa over E d_hat.
+        overlap: By how many times d_hat a point may overlap where the barrier is a parabola
+            altogether.
     """
 
     distance_m: float = 1.0e-5
@@ -29,6 +32,8 @@ class ContactOptions:
     friction: float = 0.0
     slip_m: float = 1.0e-6
     extension: float = 0.5
+    stiffness: float = 8.0
+    overlap: float = 0.0
 
     @property
     def is_tangential(self) -> bool:
@@ -42,7 +47,7 @@ class ContactOptions:
 
     def gap_least_m(self, extension: float) -> float:
         """Return the gap below which a point needs a barrier that is extended less [m]."""
-        return extension * self.distance_m if extension < 1.0 else 0.0
+        return (extension if extension < 1.0 else -self.overlap) * self.distance_m
 
 
 @dataclass(slots=True, kw_only=True)

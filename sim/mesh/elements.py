@@ -118,6 +118,21 @@ def quadratic_triangle_values(barycentric: FloatArray) -> FloatArray:
     return np.concatenate([corners, np.stack(middles, axis=-1)], axis=-1)
 
 
+def quarter_hats(barycentric: FloatArray) -> FloatArray:
+    """Return the linear shape functions of a quadratic face's four parts, shape [..., 6].
+
+    They are nowhere negative and sum to one, at points in barycentric coordinates [..., 3].
+    """
+    corners = np.maximum(2.0 * barycentric - 1.0, 0.0)
+    middles = []
+    for a, b in FACE_EDGES:
+        first, second, third = (barycentric[..., k] for k in (a, b, 3 - a - b))
+        by_corner = np.where(first > 0.5, 2.0 * second, np.where(second > 0.5, 2.0 * first, 0.0))
+        centre = barycentric.max(axis=-1) <= 0.5
+        middles.append(np.where(centre, 1.0 - 2.0 * third, by_corner))
+    return np.concatenate([corners, np.stack(middles, axis=-1)], axis=-1)
+
+
 def quadratic_nodes(
     vertices: FloatArray, cells: IntArray, *, edges: Sequence[tuple[int, int]] = EDGES
 ) -> tuple[FloatArray, IntArray]:

@@ -84,6 +84,7 @@ class Descents:
         grip: What tangential contact remembers; ``grip_start`` from before the step.
         threads: Of a block that has an environment.
         sources: What the inverse is asked for; ``found`` what it answers.
+        places: A launch that gives who asks a column of these; None where each keeps its own.
     """
 
     def __init__(
@@ -123,6 +124,7 @@ class Descents:
         self._views = (
             {} if device.is_gpu else {name: getattr(self.state, name).numpy() for name in names}
         )
+        self.places: Any = None
         rows, nodes = model.pattern.dof_count + 1, len(model.nodes)
         self._allocate(memory, rows)
         self.positions = device.zeros((count, nodes), wp.vec3d)
@@ -182,6 +184,8 @@ class Descents:
         if self._hold is not None and (self._device.is_gpu or self.get("holding").any()):
             self._hold.launch()
             self._judge_again.launch()
+        if self.places is not None:
+            self.places.launch()
         self._prepare.launch()
         self._invert()
         self._turn.launch()

@@ -12,4 +12,5 @@ class Part(StrEnum):
     THREADS = "threads"
     RENDERING = "rendering"
     UNLIKE = "unlike"
+    ALONE = "alone"
     SCENES = "scenes"

@@ -17,6 +17,7 @@ from sim.press_command import scene_of
 from sim.scene.scene import Preset, Scene, SceneTerms
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.bench import Part
+from sim.studies.bench.alone import alone_table, measure_alone
 from sim.studies.bench.parts import (
     FORCE_ERROR_MAX,
     ImageOf,
@@ -60,6 +61,7 @@ _TABLES: dict[Part, Callable[[Sequence[Row]], Table]] = {
     Part.THREADS: threads_table,
     Part.RENDERING: rendering_table,
     Part.UNLIKE: unlike_table,
+    Part.ALONE: alone_table,
 }
 _press: Callable[[Any], ScenePress] = TypeAdapter(ScenePress).validate_python
 # Presets of references; the next is taken where one does not come to its end.
@@ -253,6 +255,7 @@ def _measured(part: Part, options: BenchOptions) -> list[Row]:
         Part.THREADS: lambda: measure_threads(scene),
         Part.RENDERING: lambda: measure_rendering(scene),
         Part.UNLIKE: lambda: measure_unlike(scene),
+        Part.ALONE: lambda: measure_alone(scene),
     }
     return list(measures[part]())
 

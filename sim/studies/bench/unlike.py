@@ -42,11 +42,17 @@ def bodies() -> list[Indenter]:
 
 
 def draw_poses(
-    pad: BoxPad, of: Sequence[Indenter], count: int, *, seed: int = SEED
+    pad: BoxPad,
+    of: Sequence[Indenter],
+    count: int,
+    *,
+    seed: int = SEED,
+    which: IntArray | None = None,
 ) -> tuple[IntArray, FloatArray]:
-    """Draw indenters, by their place, and poses anywhere on a pad, shape [count, 7]."""
+    """Draw indenters by their place, if none are given, and poses anywhere, shape [count, 7]."""
     rng = np.random.default_rng(seed)
-    which = rng.integers(0, len(of), count).astype(np.int32)
+    if which is None:
+        which = rng.integers(0, len(of), count).astype(np.int32)
     half = np.array(pad.half_extents()) - _MARGIN_M
     poses = np.zeros((count, 7))
     poses[:, :2] = rng.uniform(-half, half, (count, 2))

@@ -35,6 +35,8 @@ _LIMITS = {
     "trial": (0, 10**6),
 }
 """By the last word of a field's name: its unit, or what it counts."""
+# Before the last word these make it a quotient, as in ``scale_px_m`` and ``stiffness_n_m``.
+_NUMERATORS = {"px", "levels", "kg", "m", "n", "nm", "pa", "rad"}
 _ANY_UNIT = (-1e100, 1e100)  # the square of which is still a number
 _START, _END = "start_ns", "end_ns"
 _REMEDY = "the file was edited or damaged: take it from a copy of the run, or press the trial again"
@@ -84,7 +86,8 @@ def _check_fields(value: Any, source: str, place: str) -> None:
 
 
 def _check_number(value: float, source: str, place: str, name: str, *, is_optional: bool) -> None:
-    low, high = _LIMITS.get(name.rpartition("_")[2], _ANY_UNIT)
+    unit, before = [*reversed(name.split("_")), ""][:2]
+    low, high = _ANY_UNIT if before in _NUMERATORS else _LIMITS.get(unit, _ANY_UNIT)
     if math.isinf(value) or (math.isnan(value) and is_optional):
         raise _refused(source, place, value, "is no number that can be measured")
     if value < low or value > high:

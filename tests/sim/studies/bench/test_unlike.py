@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.press_command import scene_from
 from sim.scene.pad import BoxPad
-from sim.studies.bench import unlike
+from sim.studies.bench import alone, unlike
 
 PAD = BoxPad(size_x_m=12e-3, size_y_m=10e-3, height_m=3e-3)
 
@@ -39,3 +39,16 @@ def test_a_row_counts_what_was_found() -> None:
     assert row["presses [s]"] > 0.0
     assert unlike.unlike_table([row]).passed
     assert not unlike.unlike_table([{**row, "found": 1}]).passed
+
+
+@pytest.mark.slow
+def test_a_batch_is_held_against_presses_alone() -> None:
+    """A ball on a pad: the row counts it, and a force that is far off does not pass."""
+    scene = scene_from(
+        "--pad box:12x10x3mm --young 0.1MPa --poisson 0.45 --indenter plane --depth 0.1mm"
+    )
+    (row,) = alone.measure_alone(scene, count=1, edges_m=(2e-3,), tolerance=0.1)
+    assert row["found"] == 1
+    assert abs(row["F_z off, median [%]"]) < 20.0
+    assert alone.alone_table([{**row, alone.WITHIN: 100.0}]).passed
+    assert not alone.alone_table([{**row, alone.WITHIN: 50.0}]).passed
