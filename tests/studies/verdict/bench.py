@@ -20,8 +20,13 @@ from tacauchy_rig.app.replay.optics import (
     say_nothing,
 )
 from tacauchy_rig.app.replay.parts import Part
-from tacauchy_rig.app.replay.pressing import measured_depths, mounted, press_parts
-from tacauchy_rig.app.replay.replay import render_again
+from tacauchy_rig.app.replay.pressing import (
+    measured_attempts,
+    measured_depths,
+    mounted,
+    press_together,
+)
+from tacauchy_rig.app.replay.rendering import rendered as rendered_trials
 from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.simulated import ForceInput, Replay
@@ -147,12 +152,13 @@ def bench_of(
 def _pressed(run: RunReading, inputs: ReplayInputs) -> Pressed:
     """Press a run's trials of one indenter at one place."""
     part = Part(run=run, inputs=inputs, config=run.store.config)
-    return Pressed(*press_parts([part])[0])
+    return Pressed(*press_together(part.task))
 
 
 def rendered(
     run: RunReading, inputs: ReplayInputs, pressed: Pressed, optics: OpticalCalibration
 ) -> tuple[Replay, dict[int, ImageArray]]:
     """Render what was pressed: the replay as the camera sees it, and images by trial."""
-    replay, kept = render_again(run, inputs.sensor, pressed.replay, pressed.fields, optics)
+    attempts = measured_attempts(run)
+    replay, kept = rendered_trials(attempts, inputs.sensor, pressed.replay, pressed.fields, optics)
     return replay, {i: found.image for i, found in kept.items() if found.image is not None}
