@@ -20,9 +20,8 @@ dry-run: $(VENV)/.product
 test: $(VENV)/.tools
 	$(BIN)/python -m pytest -n 2 --dist worksteal --durations=50 -m "not slow"
 
-# Many of these wait for devices in real time, and none computes at low priority.
 test-slow: $(VENV)/.tools
-	$(BIN)/python -m pytest -n 3 --dist worksteal --durations=20 -m "slow"
+	$(BIN)/python -m pytest -n 2 --dist worksteal --durations=20 -m "slow"
 
 check: lint types contracts dependencies
 
