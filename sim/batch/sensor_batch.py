@@ -50,6 +50,9 @@ _RIM_SHARE, _SHARP_SHARE = 0.1, 0.25
 # rounded body and under a sharp one, whose edges would sink in: what elements as wide as a contact
 # are too stiff by. Without it F_z is 1 to 60 % too large, and a descent takes twice as many steps.
 _GIVES, _GIVES_SHARP = 0.05, 0.02
+# The bias is known of models that give way like that, up to this factor: a mesh's edges are not
+# exactly as long as was asked.
+_SAME_GIVES = 2.0
 # How often a load is corrected at most, and the change of a bias that is none.
 _PUSHES, _SAME_BIAS = 8, 5e-4
 # Edges of the mesh by which a point may overlap.
@@ -79,7 +82,8 @@ class Felt:
         wrench: Force [N] and moment about the tip [N m] on the indenter, pad frame, without the
             mesh's bias, shape [..., 6].
         raw_wrench: With it, as the mesh is in balance.
-        force_error: What the force may be off by, over its size: 19 of 20 are within.
+        force_error: What the force may be off by, over its size: 19 of 20 are within. NaN for a
+            model that ``sensor_model`` did not make: its bias is unknown, and stays.
         contact_area_m2: Of what touches, at rest [m^2].
         residual: Norm of the unbalanced force over the contact force's.
         valid: The environment found its equilibrium; what it felt is not a number otherwise.
@@ -185,7 +189,11 @@ class SensorBatch:
         is_round = self._rims == Rim.ROUND
         stiffness = model.contact_options.stiffness * np.where(is_round, 1.0, _GIVES / _GIVES_SHARP)
         careful = ~is_round | model.contact_options.is_tangential
-        self._step_m = model.height_m * np.where(careful, *_STEP_SHARES[::-1])
+        longest, short = _STEP_SHARES
+        self._step_m = model.height_m * np.where(careful, short, longest)
+        contact, softness = model.contact_options, 1.0 - float(np.median(poisson)) ** 2
+        gives = contact.distance_m / (contact.stiffness * self._edge_m * softness)
+        self._bias_known = 1.0 / _SAME_GIVES < gives / _GIVES < _SAME_GIVES
         self.inverse = ContactInverse(model, count=self.count, young_share=1.0 / shares)
         self.descents = Descents(
             model,
@@ -403,6 +411,8 @@ class SensorBatch:
         return on_host(self._wrench).copy()
 
     def _bias(self, touched: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if not self._bias_known:
+            return np.zeros(self.count), np.full(self.count, np.nan)
         lengths = {"edge_m": self._edge_m, "height_m": self.model.height_m}
         return force_bias(touched[:, 6], rims=self._rims, **lengths)
 

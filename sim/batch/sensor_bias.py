@@ -8,7 +8,8 @@ way (``sensor_batch``) takes a little too much where it is wide for the pad's he
 with the edge length h at the surface, the pad's height H and the radius a of a disc of the
 contact's area. The numbers were fitted to 240 forces of drawn balls and rounded punches on two
 sensors and meshes of three edges, against presses on fine meshes of their own; so was what
-remains, for 19 forces of 20. Sharp bodies were compared with four presses only.
+remains, for 19 forces of 20. Sharp bodies were compared with four presses only, friction not at
+all.
 """
 
 from __future__ import annotations

@@ -268,7 +268,7 @@ class ContactKernels:
         stiffen: Semidefinite stiffness of every point [N/m], and which nodes are touched.
         wrench: Adds force [N] and moment about the tip [N m] on the indenter, and the area at rest
             of what touches [m^2].
-        spread: Adds the traction on the gel [N] and the area at rest [m^2] to the nodes around
+        spread: Adds pressure and shear on the gel, times the area at rest [N], to the nodes around
             every point, by shares that are nowhere negative.
     """
 

@@ -81,6 +81,9 @@ def test_every_environment_feels_what_a_single_press_does(stiff: Model) -> None:
     ]
     np.testing.assert_allclose(felt.raw_wrench[:, 2], single, rtol=1e-4)
     assert felt.residual.max() <= 1e-6
+    # The bias is not known of a model that was made otherwise.
+    np.testing.assert_array_equal(felt.wrench, felt.raw_wrench)
+    assert np.isnan(felt.force_error).all()
 
 
 def test_a_load_is_met(stiff: Model) -> None:
@@ -122,6 +125,7 @@ def test_tractions_sum_to_the_wrench(rough: Model) -> None:
     force = felt.raw_wrench[0, :3]
     assert pressure.min() >= 0.0
     assert pressure @ areas == pytest.approx(np.linalg.norm(force), rel=0.1)
+    assert 0.0 < felt.force_error[0] < 1.0
     assert areas @ shear[:, 0] == pytest.approx(-force[0], rel=0.1)
 
 
