@@ -51,10 +51,9 @@ PANELS = {
 
 GROUPS = {
     "calibrate": (
-        "Calibrate optics, scale, markers, the gel's material, or the delays of streams.",
+        "Calibrate optics, scale, the gel's material, or the delays of streams.",
         {
             "scale": f"{_CLI}.calibrate.scale:scale",
-            "markers": f"{_CLI}.calibrate.markers:markers",
             "optics": f"{_CLI}.calibrate.optics:optics",
             "latency": f"{_CLI}.calibrate.latency:latency",
             "material": f"{_CLI}.calibrate.material:material",
