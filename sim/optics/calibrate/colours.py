@@ -9,19 +9,18 @@ from itertools import product
 
 import numpy as np
 
+from sim.optics.calibrate.ball_press import BallPress, Circle, check_presses_fit
+from sim.optics.calibrate.marker_motion import ORTHOGRAPHIC, MotionModel
 from sim.optics.calibrate.photometric_fit import (
     REFERENCE,
     RIDGE,
     PhotometricSamples,
-    SurfacePoints,
     fit_photometric,
     fit_response,
     fit_terms,
     joined,
 )
-from sim.optics.calibrate.presses.ball_press import BallPress, Circle, check_presses_fit
-from sim.optics.calibrate.presses.marker_motion import ORTHOGRAPHIC, MotionModel
-from sim.optics.calibrate.presses.scene import (
+from sim.optics.calibrate.press_scene import (
     BEYOND_RIM,
     PlacedPress,
     PredictedPixels,
@@ -109,24 +108,22 @@ def fit_model(
 ) -> PhotometricModel:
     """Fit response, lamps, ridge and coefficients where circles and lights are known.
 
-    Args:
-        known: An earlier model, where the search starts; without one the camera is taken to be
-            linear and the ridge is the usual one.
-        blur_px: Standard deviation of the camera's blur, which is not the gel's [px].
+    The search starts at an earlier model; without one the camera is taken to be linear and the
+    ridge is the usual one. The camera's blur is not the gel's.
     """
-    exponents, lamp_count = scene.exponents, scene.lamp_count
     whole = [PressSamples(scene, each, blur_px=blur_px) for each in placed]
-    every = max(1, sum(len(each.surface.change) for each in whole) // _FEW)
+    every = max(1, sum(len(each.columns) for each in whole) // _FEW)
     few = [PressSamples(scene, each, blur_px=blur_px, every=every) for each in placed]
-    polynomial = [each.surface.polynomial(exponents) for each in whole]
+    polynomial = [each.samples.polynomial(scene.exponents) for each in whole]
 
     def fitted(
         stand_in: PhotometricModel | None, terms: ShadingTerms | None, ridge: float | None
     ) -> PhotometricModel:
+        pairs = zip(polynomial, whole, strict=True)
         return fit_photometric(
             [each.through(response, stand_in) for each in whole],
-            exponents=exponents,
-            features=_with_terms(polynomial, whole, terms),
+            exponents=scene.exponents,
+            features=[np.concatenate([p, each.samples.shading(terms)]) for p, each in pairs],
             ridge=ridge,
             terms=terms,
             response=response,
@@ -135,28 +132,24 @@ def fit_model(
 
     response, terms, ridge = LINEAR, None, RIDGE if known is None else None
     if known is not None:
-        shapes = [each.surface.polynomial(exponents) for each in few]
-        features = _with_terms(shapes, few, known.terms)
-        response = fit_response(lambda tried: [each.through(tried) for each in few], features)
         terms = known.terms
+        features = [
+            np.concatenate([p.samples.polynomial(scene.exponents), p.samples.shading(terms)])
+            for p in few
+        ]
+        response = fit_response(lambda tried: [each.through(tried) for each in few], features)
         if response != known.response:
             # Its light is not comparable with that of another response: begin anew.
             known = fitted(None, terms, RIDGE)
-    if lamp_count:
-        samples = joined([each.through(response, known) for each in few])
-        pixel_m = scene.geometry.mean_scale_m
+    if scene.lamp_count:
         terms = fit_terms(
-            samples, lamp_count=lamp_count, aspect=scene.aspect, pixel_m=pixel_m, start=terms
+            joined([each.through(response, known) for each in few]),
+            lamp_count=scene.lamp_count,
+            aspect=scene.aspect,
+            pixel_m=scene.geometry.mean_scale_m,
+            start=terms,
         )
     return fitted(known, terms, ridge)
-
-
-def _with_terms(
-    polynomial: Sequence[FloatArray], presses: Sequence[PressSamples], terms: ShadingTerms | None
-) -> list[FloatArray]:
-    """Return what the model is linear in, of each press."""
-    pairs = zip(polynomial, presses, strict=True)
-    return [np.concatenate([shape, press.surface.shading(terms)]) for shape, press in pairs]
 
 
 def averaged_no_contact(
@@ -186,27 +179,39 @@ def averaged_no_contact(
 class PressSamples:
     """Pixels around a contact; their surface is the same through every camera's response.
 
-    Args:
-        blur_px: Standard deviation of the camera's blur [px].
+    Attributes:
+        columns: Of the pixels.
+        samples: Their surface, its colours not known yet.
     """
 
     def __init__(
         self, scene: PressScene, placed: PlacedPress, *, blur_px: float = 0.0, every: int = 1
     ) -> None:
-        press, circle = placed.press, placed.circle
-        rows, columns = (places[::every] for places in scene.pixels_around(press))
-        self._scene, self._circle, self._columns, self._rows = scene, circle, columns, rows
-        self._levels = press.image[rows, columns]
+        circle, image = placed.circle, placed.press.image
+        rows, columns = (places[::every] for places in scene.pixels_around(placed.press))
+        self.columns = columns
+        self._scene, self._circle, self._rows = scene, circle, rows
+        self._levels = image[rows, columns]
         self._expected = scene.expected(rows, columns, placed.light)
-        self._unloaded = scene.background[rows, columns]
+        surface, shares = [scene.surface(circle, columns, rows)], [1.0]
+        if blur_px > 0.0:
+            # Four points around a pixel, whose mean a Gaussian blur is to third order.
+            height, width = image.shape[:2]
+            for right, down in product((-blur_px, blur_px), repeat=2):
+                x = np.clip(columns + right, 0.0, width - 1.0)
+                y = np.clip(rows + down, 0.0, height - 1.0)
+                surface.append(scene.surface(circle, x, y))
+            shares = [0.0, *[0.25] * 4]
+        if (rest := scene.at_rest(columns, rows)) is not None:
+            surface.append(rest)
+            shares.append(-1.0)
         unknown = np.zeros_like(self._expected.T)
-        self.surface = PhotometricSamples(
-            gel=scene.surface(circle, columns, rows),
+        self.samples = PhotometricSamples(
+            surface=np.stack(surface),
+            shares=tuple(shares),
             position=scene.normalised(columns, rows),
             change=unknown,
             weights=unknown,
-            rest=scene.at_rest(columns, rows),
-            around=self._blurred_over(blur_px),
         )
 
     def through(
@@ -218,26 +223,15 @@ class PressSamples:
         they do not count.
         """
         seen = seen_change(self._levels, self._expected, response)
-        gain = np.maximum(response.light(self._unloaded), 1.0) / REFERENCE
+        unloaded = self._scene.background[self._rows, self.columns]
+        gain = np.maximum(response.light(unloaded), 1.0) / REFERENCE
         change, weights = seen.change, gain * light_weights(self._levels, response)
         if model is None:
             weights *= seen.exposed
         else:
             lost = np.flatnonzero(~seen.exposed.all(axis=1))
-            pixels = PredictedPixels(self._scene, model, self._columns[lost], self._rows[lost])
+            pixels = PredictedPixels(self._scene, model, self.columns[lost], self._rows[lost])
             predicted = change.copy()
             predicted[lost] = gain[lost] * pixels.light_change(self._circle)
-            change = seen.completed(predicted)
-        return replace(self.surface, change=(change / gain).T, weights=weights.T)
-
-    def _blurred_over(self, blur_px: float) -> tuple[SurfacePoints, ...]:
-        """Return four points around each pixel whose mean a Gaussian blur is, to third order."""
-        if blur_px == 0.0:
-            return ()
-        height, width = self._scene.background.shape[:2]
-        found = []
-        for right, down in product((-blur_px, blur_px), repeat=2):
-            x = np.clip(self._columns + right, 0.0, width - 1.0)
-            y = np.clip(self._rows + down, 0.0, height - 1.0)
-            found.append(self._scene.surface(self._circle, x, y))
-        return tuple(found)
+            change = predicted - seen.misfit(predicted)  # as predicted where a bound allows it
+        return replace(self.samples, change=(change / gain).T, weights=weights.T)

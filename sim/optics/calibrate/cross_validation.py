@@ -16,11 +16,11 @@ from functools import partial
 import numpy as np
 from skimage.metrics import structural_similarity
 
+from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.colours import Calibration
+from sim.optics.calibrate.marker_motion import fit_motions
 from sim.optics.calibrate.optics_fit import press_image, without_shadows
-from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.marker_motion import fit_motions
-from sim.optics.calibrate.presses.scene import PlacedPress, PressScene, exposed
+from sim.optics.calibrate.press_scene import PlacedPress, PressScene, exposed
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.errors import ConfigError
@@ -60,15 +60,13 @@ def _lit(press: BallPress, circle: Circle, found: Calibration) -> PlacedPress:
 def _rendered(press: BallPress, placed: PlacedPress, found: Calibration) -> RenderedPress:
     """Return a press as it is, where it was placed."""
     started = time.perf_counter()
-    image = press_image(found, placed.circle, placed.motion)
-    seconds = time.perf_counter() - started
     return RenderedPress(
         press=press,
-        rendered=image,
-        light=placed.light,
         circle=placed.circle,
+        light=placed.light,
         motion=placed.motion,
-        seconds=seconds,
+        rendered=press_image(found, placed.circle, placed.motion),
+        seconds=time.perf_counter() - started,
     )
 
 
@@ -157,7 +155,6 @@ class PressScores:
         mae: Mean absolute error inside the contacts [grey levels].
         r2_no_contact: The same of the no-contact frame in place of the rendering; likewise the
             next two.
-        mae_no_contact: [grey levels].
     """
 
     r2: float
@@ -175,10 +172,8 @@ class MarkerScores:
 
     Attributes:
         tracked: Markers that were followed from the no-contact frame into the presses' images.
-        lost: Markers that were not found again.
         moved_px: Median motion of those under and beside the contact, within 1.6 of its radii [px].
         error_px: Median distance of drawn from tracked motion [px].
-        error_m: The same [m].
         near_error_px: Median of those under and beside the contact [px].
         near_error_p90_px: Which nine of ten of those keep [px].
         tracking_error_px: Median standard error of a tracked motion along columns or rows [px].
@@ -312,11 +307,7 @@ _LISTED = 6  # images that a warning names
 def check_before(
     presses: Sequence[BallPress], geometry: CameraGeometry, *, ball_radius_m: float
 ) -> list[str]:
-    """Look at presses before anything is fitted to them, and return warnings, one a line.
-
-    Raises:
-        ConfigError: Most are saturated, or a circle is larger than the ball.
-    """
+    """Return warnings of presses that nothing is fitted to yet; refuse those of no use."""
     for press in presses:
         radius_m = press.circle.radius_px * geometry.mean_scale_m
         if radius_m >= ball_radius_m:
@@ -367,11 +358,7 @@ def check_coverage(coverage: SlopeCoverage) -> list[str]:
 def check_after(
     scores: CheckScores, held_out: Sequence[RenderedPress], scene: PressScene
 ) -> list[str]:
-    """Look at what cross-validation says of the presses, and return warnings, one a line.
-
-    Raises:
-        ConfigError: The presses contradict each other, so that none can be predicted by the rest.
-    """
+    """Return warnings of what cross-validation says; refuse presses that contradict each other."""
     if scores.r2 < _CONTRADICTORY_R2:
         raise ConfigError(
             f"the presses contradict each other: held out, R2 is {scores.r2:.2f} inside the "
@@ -429,7 +416,7 @@ def slope_coverage(circles: Sequence[Circle], scene: PressScene) -> SlopeCoverag
     touched = np.zeros(len(rows), dtype=np.bool_)
     for circle in circles:
         near = circle.distance(columns, rows) <= circle.radius_px
-        inside.append(scene.surface(circle, columns[near], rows[near]).tilt)
+        inside.append(scene.surface(circle, columns[near], rows[near])[:2])
         touched |= near
     limit = max(float(np.hypot(*tilt).max(initial=0.0)) for tilt in inside)
     edges = np.linspace(-limit, limit, _BINS + 1)

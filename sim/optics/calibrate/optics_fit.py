@@ -17,19 +17,31 @@ import cv2
 import numpy as np
 from pydantic import TypeAdapter
 
+from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.colours import Calibration, calibrate_optics, fit_model
+from sim.optics.calibrate.marker_motion import GelMotion, fit_motions, motion_terms
 from sim.optics.calibrate.photometric_fit import lowest_place
-from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.marker_motion import (
-    GelMotion,
-    fit_motions,
-    motion_terms,
-    moved_gel,
-)
-from sim.optics.calibrate.presses.scene import PlacedPress, PredictedPixels, PressScene, exposed
+from sim.optics.calibrate.press_scene import PlacedPress, PredictedPixels, PressScene, exposed
 from sim.optics.render.shadows import darkening, lost_share
 from sim.sensor.optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, FloatArray
+
+SHADOWS, BLUR_PX = "shadows", "blur_px"  # their names in a calibration's provenance
+_EVERY_PX = 4  # pixels at which motion is evaluated; it is interpolated between
+_ROUNDS = 2
+_LOOKED_AT = 10  # deepest presses; their shadows are the longest
+_COARSE = 2  # pixels along rows and columns that are taken together
+_DIRECTIONS = 16  # around the gel, at which lamps are looked for besides those that are named
+_STEPS = (0.2, 0.1, 0.05)  # of azimuth [rad], and of the logarithm of elevation
+_LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
+_BLUR_TURNS = 4
+_SETTLED_PX = 0.05
+_TRIED_PX = np.arange(0.0, 2.26, 0.25)
+_MARGIN_PX = 10
+_REACH = 1.4  # radii of the contact that are looked at
+
+_Dent = tuple[Float32Array, Float32Array, Float32Array]
+"""A press at coarse pixels: bulge [m], tilt, and what the colours leave over, shape [n, 3]."""
 
 
 def press_image(found: Calibration, circle: Circle, motion: GelMotion | None = None) -> FloatArray:
@@ -43,8 +55,7 @@ def press_image(found: Calibration, circle: Circle, motion: GelMotion | None = N
     change = scene.whole_image(model).light_change(circle).reshape(light.shape)
     change = change * model.gain(light)
     if found.shadows is not None:
-        bulge, tilt = pressed_surface(scene, circle)
-        change = change + darkening(found.shadows, bulge, tilt, scene.geometry).transpose(1, 2, 0)
+        change = change + _darkened(found.shadows, scene, circle)
     if found.blur_px > 0.0:
         change = np.asarray(cv2.GaussianBlur(change, (0, 0), found.blur_px), dtype=np.float64)
     levels = np.asarray(model.response.levels(light + change), dtype=np.float64)
@@ -58,10 +69,12 @@ def gel_motion(found: Calibration, circle: Circle, motion: GelMotion | None) -> 
     coarse = found.scene.geometry.refined(1.0 / _EVERY_PX)
     rows, columns = np.mgrid[: coarse.height + 1, : coarse.width + 1].astype(np.float64)
     places = _EVERY_PX * (np.stack([columns.ravel(), rows.ravel()], axis=1) + 0.5) - 0.5
-    terms = motion_terms(circle, found.scene.profile, found.scene.geometry, places)
-    moved = moved_gel(terms, found.motion, motion).astype(np.float32)
+    shared, own = motion_terms(circle, found.scene.profile, found.scene.geometry, places)
+    moved = np.tensordot(found.motion.factors, shared, axes=1)
+    if motion is not None:
+        moved = moved + np.tensordot(motion.own_px, own, axes=1)
     size = (_EVERY_PX * columns.shape[1], _EVERY_PX * rows.shape[0])
-    planes = moved.T.reshape(2, *rows.shape)
+    planes = moved.astype(np.float32).T.reshape(2, *rows.shape)
     fine = np.stack([cv2.resize(each, size, interpolation=cv2.INTER_LINEAR) for each in planes])
     return fine[:, : found.scene.geometry.height, : found.scene.geometry.width]
 
@@ -83,9 +96,7 @@ def without_shadows(
     """Return the press with the light that its dent took away."""
     if shadows is None:
         return press
-    bulge, tilt = pressed_surface(scene, circle)
-    taken = darkening(shadows, bulge, tilt, scene.geometry)
-    image = np.clip(np.rint(press.image - taken.transpose(1, 2, 0)), 0, 255)
+    image = np.clip(np.rint(press.image - _darkened(shadows, scene, circle)), 0, 255)
     return replace(press, image=image.astype(np.uint8))
 
 
@@ -97,29 +108,10 @@ def lit_presses(presses: Sequence[BallPress], found: Calibration) -> list[Placed
     ]
 
 
-def pressed_surface(scene: PressScene, circle: Circle) -> tuple[Float32Array, Float32Array]:
-    """Return indentation [m], shape [height, width], and tilt, shape [2, height, width]."""
-    shape = (scene.geometry.height, scene.geometry.width)
-    rows, columns = np.indices(shape).reshape(2, -1)
-    gel = scene.surface(circle, columns, rows)
-    return (
-        gel.indentation_m.reshape(shape).astype(np.float32),
-        gel.tilt.reshape(2, *shape).astype(np.float32),
-    )
-
-
-_EVERY_PX = 4  # pixels at which motion is evaluated; it is interpolated between
-SHADOWS = "shadows"  # their name in a calibration's provenance
-_ROUNDS = 2
-_LOOKED_AT = 10  # deepest presses; their shadows are the longest
-_COARSE = 2  # pixels along rows and columns that are taken together
-_DIRECTIONS = 16  # around the gel, at which lamps are looked for besides those that are named
-_STEPS = (0.2, 0.1, 0.05)  # of azimuth [rad], and of the logarithm of elevation
-_LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
-
-
-_Dent = tuple[Float32Array, Float32Array, Float32Array]
-"""A press at coarse pixels: bulge [m], tilt, and what the colours leave over, shape [n, 3]."""
+def _darkened(shadows: ShadowCaster, scene: PressScene, circle: Circle) -> Float32Array:
+    """Return the light that a press takes away, not positive, shape [height, width, 3]."""
+    gel = scene.pressed_image(circle).astype(np.float32)
+    return darkening(shadows, gel[2], gel[:2], scene.geometry).transpose(1, 2, 0)
 
 
 def calibrate_with_shadows(
@@ -162,13 +154,7 @@ def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaste
 
 
 class _LostLight:
-    """What lamps lose by some presses, compared with what the colours leave over.
-
-    Args:
-        dents: The presses.
-        found: The fit of the colours.
-        softness_m: Of the shadows.
-    """
+    """What lamps lose by some presses, compared with what the fit of the colours leaves over."""
 
     def __init__(self, dents: Sequence[_Dent], found: Calibration, softness_m: float) -> None:
         self._dents, self._softness_m = dents, softness_m
@@ -225,20 +211,20 @@ def _colours(normal: FloatArray, load: FloatArray) -> tuple[FloatArray, float]:
 
 def _dent(placed: PlacedPress, found: Calibration) -> _Dent:
     scene, circle, image = found.scene, placed.circle, placed.press.image
-    bulge, tilt = pressed_surface(scene, circle)
+    gel = scene.pressed_image(circle)
     left = (
         image
         - scene.background
         - scene.frame_light_image(placed.light)
         - scene.whole_image(found.model).predict(circle).reshape(image.shape)
     )
-    size = (bulge.shape[1] // _COARSE, bulge.shape[0] // _COARSE)
+    size = (image.shape[1] // _COARSE, image.shape[0] // _COARSE)
 
-    def coarse(values: FloatArray | Float32Array) -> Float32Array:
+    def coarse(values: FloatArray) -> Float32Array:
         small = cv2.resize(values.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         return np.asarray(small, dtype=np.float32)
 
-    return coarse(bulge), np.stack([coarse(t) for t in tilt]), coarse(left).reshape(-1, 3)
+    return coarse(gel[2]), np.stack([coarse(t) for t in gel[:2]]), coarse(left).reshape(-1, 3)
 
 
 def _turned(lamp: Lamp, by_rad: float) -> Lamp:
@@ -256,14 +242,6 @@ def read_shadows(provenance: Mapping[str, Any]) -> ShadowCaster | None:
     return reader.validate_python(provenance.get(SHADOWS))
 
 
-_BLUR_TURNS = 4
-_SETTLED_PX = 0.05
-BLUR_PX = "blur_px"  # its name in a calibration's provenance
-_TRIED_PX = np.arange(0.0, 2.26, 0.25)
-_MARGIN_PX = 10
-_REACH = 1.4  # radii of the contact that are looked at
-
-
 def calibrate_presses(
     presses: Sequence[BallPress],
     scene: PressScene,
@@ -275,7 +253,7 @@ def calibrate_presses(
 
     Args:
         shadows: Lamps of the sensor's file that cast some; None is a sensor that shows none.
-        blurred: Find the camera's blur; who only wants the circles is spared that.
+        blurred: Find the camera's blur too.
 
     Raises:
         ConfigError: As ``calibrate_optics``.

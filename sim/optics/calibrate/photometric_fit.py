@@ -13,9 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import partial
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -34,99 +32,61 @@ from tacauchy_rig.core.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SurfacePoints:
-    """The gel's surface at n points.
-
-    Attributes:
-        tilt: Along +column and +row, shape [2, n].
-        indentation_m: Unloaded minus loaded height [m], shape [n].
-        curvature: Divergence of the tilt [1/m], shape [n].
-    """
-
-    tilt: FloatArray
-    indentation_m: FloatArray
-    curvature: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PhotometricSamples:
     """Pixels with known surface and observed colour.
 
     Attributes:
+        surface: Points of the gel whose light a pixel shows: first the one in its middle, then
+            those that a blur mixes in its place and the same pixel's unloaded gel; each as tilt
+            along columns and rows, indentation [m] and curvature [1/m], shape [m, 4, n].
+        shares: Of these points' light in what the pixel shows; -1 of the unloaded gel, whose light
+            is in the no-contact frame.
         position: Normalised pixel position, shape [2, n].
         change: Red, green and blue minus the no-contact colour [grey levels], shape [3, n].
         weights: Of each colour in a fit, zero where it is not known, shape [3, n].
-        rest: The unloaded gel, whose colour is in the no-contact frame; None is level gel.
-        around: Points beside each pixel whose light the camera's blur mixes in its place, all
-            alike; none is a sharp camera.
     """
 
-    gel: SurfacePoints
+    surface: FloatArray
+    shares: tuple[float, ...] = (1.0,)
     position: FloatArray
     change: FloatArray
     weights: FloatArray
-    rest: SurfacePoints | None = None
-    around: tuple[SurfacePoints, ...] = ()
 
     def thinned(self, step: int) -> PhotometricSamples:
         """Return every ``step``-th sample."""
-        thinned: PhotometricSamples = _each_array([self], lambda arrays: arrays[0][..., ::step])
-        return thinned
+        return replace(self, **{name: getattr(self, name)[..., ::step] for name in _BY_SAMPLE})
 
     def polynomial(self, exponents: IntArray) -> FloatArray:
         """Return the polynomial's monomials as the samples show them, shape [count, n]."""
-        return self.seen(lambda at: monomials(at.tilt, self.position, at.indentation_m, exponents))
+        return self._seen(lambda at: monomials(at[:2], self.position, at[2], exponents))
 
     def shading(self, terms: ShadingTerms | None) -> FloatArray:
         """Return the values of lamps and creases as the samples show them, shape [count, n]."""
         if terms is None:
             return np.zeros((0, self.position.shape[1]))
-        return self.seen(lambda at: terms.values(at.tilt, self.position, at.curvature))
+        return self._seen(lambda at: terms.values(at[:2], self.position, at[3]))
 
-    def seen(self, values: Callable[[SurfacePoints], RealArray]) -> FloatArray:
-        """Return the mean of what points give whose light is mixed, less what gel at rest gives.
+    def _seen(self, values: Callable[[FloatArray], RealArray]) -> FloatArray:
+        """Return what values of points, shape [count, n], that are linear in light amount to."""
+        shown = zip(self.shares, self.surface, strict=True)
+        return np.asarray(sum(share * values(points) for share, points in shown if share))
 
-        Values are linear in light, shape [any, n].
-        """
-        first, *others = self.around or (self.gel,)
-        found = np.asarray(values(first), dtype=np.float64)
-        for points in others:
-            found += values(points)
-        found /= 1 + len(others)
-        if self.rest is not None:
-            found -= values(self.rest)
-        return found
+
+_BY_SAMPLE = ("surface", "position", "change", "weights")
 
 
 def joined(parts: Sequence[PhotometricSamples]) -> PhotometricSamples:
-    """Return the samples of several presses as one."""
-    whole: PhotometricSamples = _each_array(parts, partial(np.concatenate, axis=-1))
-    return whole
-
-
-def _each_array(parts: Sequence[Any], made_of: Callable[[Sequence[FloatArray]], FloatArray]) -> Any:
-    """Return what is like the parts, of arrays that are made of theirs."""
-    first = parts[0]
-    if first is None:
-        return None
-    if isinstance(first, np.ndarray):
-        return made_of(parts)
-    if isinstance(first, tuple):
-        return tuple(_each_array(each, made_of) for each in zip(*parts, strict=True))
-    names = [field.name for field in fields(first)]
-    found = {n: _each_array([getattr(part, n) for part in parts], made_of) for n in names}
-    return replace(first, **found)
+    """Return the samples of several presses, seen alike, as one."""
+    arrays = {n: np.concatenate([getattr(p, n) for p in parts], axis=-1) for n in _BY_SAMPLE}
+    return replace(parts[0], **arrays)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NormalEquations:
     """Linear least-squares fits of three colours, as sums over samples: those of presses add up.
 
-    Attributes:
-        normal: Matrix of each colour's fit, shape [3, n, n].
-        load: Its right side, shape [3, n].
-        squares: Sum of the squares of all weighted colours.
-        known_count: Colours that are known.
+    ``normal`` and ``load`` have the shapes [3, n, n] and [3, n]; ``squares`` is the sum of the
+    squares of all weighted colours, ``known_count`` how many of them are known.
     """
 
     normal: FloatArray
@@ -159,10 +119,7 @@ class NormalEquations:
         return cls(**{name: sum(getattr(part, name) for part in parts) for name in names})
 
     def solved(self, ridge: float) -> FloatArray:
-        """Return each colour's coefficients, shape [3, n].
-
-        The ridge, a weight on their squares per sample, keeps those small that samples do not tell.
-        """
+        """Return each colour's coefficients, shape [3, n]; the ridge holds them down per sample."""
         held = self.normal + ridge * self.sample_count * np.eye(self.normal.shape[-1])
         return np.asarray(np.linalg.solve(held, self.load[..., None])[..., 0])
 
@@ -221,8 +178,8 @@ def fit_photometric(
         coefficients=coefficients[: len(exponents)],
         terms=terms,
         term_coefficients=coefficients[len(exponents) :],
-        tilt_limit=max(float(np.hypot(*press.gel.tilt).max()) for press in presses),
-        indentation_limit_m=max(float(press.gel.indentation_m.max()) for press in presses),
+        tilt_limit=max(float(np.hypot(*press.surface[0, :2]).max()) for press in presses),
+        indentation_limit_m=max(float(press.surface[0, 2].max()) for press in presses),
         response=response,
         reference=reference,
         provenance=provenance,
@@ -248,11 +205,9 @@ def fit_ridge(presses: Sequence[NormalEquations]) -> float:
 def fit_response(
     presses_of: Callable[[Response], Sequence[PhotometricSamples]], features: Sequence[FloatArray]
 ) -> Response:
-    """Return the response through which one model explains the samples best.
+    """Return the response through which a model linear in features explains the samples best.
 
-    Args:
-        presses_of: Gives the light of each press's samples as it is through a response.
-        features: What their colours are to be linear in, whatever the response.
+    ``presses_of`` gives the light of each press's samples as it is through a response.
     """
 
     def misfit(knee: float) -> float:
@@ -302,10 +257,8 @@ def fit_terms(
 ) -> ShadingTerms:
     """Find the lamps that explain the samples best beside the polynomial.
 
-    Args:
-        aspect: Height of the image over its width.
-        pixel_m: Length of the gel that a pixel sees: a bend sharper than that is not seen [m].
-        start: Lamps to begin from; None searches all around.
+    Without lamps to start from they are searched all around. A bend sharper than the length of gel
+    that a pixel sees is not seen.
     """
     few = samples.thinned(max(1, samples.change.shape[1] // _SAMPLES))
     search = _Search(few, aspect=aspect, crease_limit=1.0 / pixel_m)

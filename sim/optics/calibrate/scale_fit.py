@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sim.optics.calibrate.presses.ball_press import read_image_table
+from sim.optics.calibrate.ball_press import read_image_table
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
@@ -29,6 +29,7 @@ _SMOOTHING_PX, _LEVELS, _LEVEL_STEP = 1.0, (5, 250), 3
 _SMALLEST_DOT_PX = 2.5  # its side
 # A dot of this share of the grid's dots' size, and so many of its steps off, would be of the grid.
 _LEAST_SIZE, _NEIGHBOUR = 0.7, (0.7, 1.3)
+_FEWEST, _APART_M = 4, 1e-4  # points that fix a scale, and how far from one line they lie
 _EXAMPLES = {
     "charuco": "charuco:columns=8,rows=6,square=2mm,marker=1.5mm,dictionary=4X4_50",
     "aruco": "aruco:columns=5,rows=4,marker=2mm,gap=0.5mm,dictionary=4X4_50",
@@ -52,7 +53,7 @@ class TargetPoints:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _BoardTarget:
-    """A board of ArUco markers, as OpenCV knows it."""
+    """A board of ArUco markers, whose points OpenCV detects and knows by their numbers."""
 
     columns: int
     rows: int
@@ -66,6 +67,23 @@ class _BoardTarget:
                 remedy="for example 4X4_50, 5X5_100 or 6X6_250",
             )
         return cv2.aruco.getPredefinedDictionary(number)
+
+    def _found(
+        self, board: Any, detect: Callable[[Any], Sequence[Any]], image: ImageArray, wanted: int
+    ) -> TargetPoints:
+        # The detectors want markers of more pixels than a 320 x 240 image gives.
+        factor = _ENLARGE if max(image.shape) < _SMALLEST_IMAGE_PX else 1
+        large = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+        corners, found, *_ = detect(large)
+        known, pixels = (None, None) if found is None else board.matchImagePoints(corners, found)
+        if known is None or pixels is None:
+            known, pixels = np.empty((0, 3)), np.empty((0, 2))
+        middle = 0.5 * np.array(board.getRightBottomCorner()[:2])
+        return TargetPoints(
+            positions_m=known.reshape(-1, 3)[:, :2].astype(np.float64) - middle,
+            pixels=(pixels.reshape(-1, 2).astype(np.float64) + 0.5) / factor - 0.5,
+            wanted=wanted,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,9 +108,8 @@ class CharucoTarget(_BoardTarget):
 
     def find(self, image: ImageArray) -> TargetPoints:
         """Return the inner corners that a grey image shows; none where it shows no target."""
-        detector = cv2.aruco.CharucoDetector(board := self.board())
-        wanted = (self.columns - 1) * (self.rows - 1)
-        return _board_points(board, detector.detectBoard, image, wanted=wanted)
+        detect = cv2.aruco.CharucoDetector(board := self.board()).detectBoard
+        return self._found(board, detect, image, (self.columns - 1) * (self.rows - 1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,32 +128,9 @@ class ArucoTarget(_BoardTarget):
         """Return the markers' corners that a grey image shows; none where it shows no target."""
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-        detector = cv2.aruco.ArucoDetector((board := self.board()).getDictionary(), parameters)
-        wanted = 4 * self.columns * self.rows
-        return _board_points(board, detector.detectMarkers, image, wanted=wanted)
-
-
-def _board_points(
-    board: cv2.aruco.Board,
-    detect: Callable[[Any], Sequence[Any]],
-    image: ImageArray,
-    *,
-    wanted: int,
-) -> TargetPoints:
-    """Return a board's points where OpenCV detects corners and their numbers."""
-    # The detectors want markers of more pixels than a 320 x 240 image gives.
-    factor = _ENLARGE if max(image.shape) < _SMALLEST_IMAGE_PX else 1
-    large = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
-    corners, found, *_ = detect(large)
-    known, pixels = (None, None) if found is None else board.matchImagePoints(corners, found)
-    if known is None or pixels is None:
-        known, pixels = np.empty((0, 3)), np.empty((0, 2))
-    middle = 0.5 * np.array(board.getRightBottomCorner()[:2])
-    return TargetPoints(
-        positions_m=known.reshape(-1, 3)[:, :2].astype(np.float64) - middle,
-        pixels=(pixels.reshape(-1, 2).astype(np.float64) + 0.5) / factor - 0.5,
-        wanted=wanted,
-    )
+        board = self.board()
+        detect = cv2.aruco.ArucoDetector(board.getDictionary(), parameters).detectMarkers
+        return self._found(board, detect, image, 4 * self.columns * self.rows)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -250,10 +244,6 @@ def _value(key: str, text: str) -> Any:
     if not length_m > 0.0:
         raise ConfigError(f"--target {key} {text!r} is not positive", remedy="measure the print")
     return length_m
-
-
-_APART_M = 1e-4
-_FEWEST = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.optics.calibrate.presses.gel_profile import RadialProfile
+from sim.optics.calibrate.gel_profile import RadialProfile
 
 _STEEPEST = 0.999
 _SAMPLES_PER_LENGTH = 100

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.scene import PressScene
+from sim.optics.calibrate.ball_press import BallPress, Circle
+from sim.optics.calibrate.press_scene import PressScene
 from sim.optics.colour.model_terms import polynomial_exponents
 from sim.optics.colour.photometric import PhotometricModel
 from sim.sensor.camera_geometry import CameraGeometry

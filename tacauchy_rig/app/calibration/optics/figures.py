@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle as Outline
 
+from sim.optics.calibrate.ball_press import Circle
 from sim.optics.calibrate.cross_validation import RenderedPress, SlopeCoverage, as_seen, crop_window
-from sim.optics.calibrate.presses.ball_press import Circle
-from sim.optics.calibrate.presses.scene import PressScene
+from sim.optics.calibrate.press_scene import PressScene
 from tacauchy_rig.core.rgb import encode_png
 
 _DPI = 150

@@ -10,6 +10,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from sim.optics.calibrate.ball_press import (
+    BallPress,
+    Circle,
+    check_presses_fit,
+    check_size,
+    read_ball_presses,
+    read_rgb,
+)
 from sim.optics.calibrate.colours import Calibration
 from sim.optics.calibrate.cross_validation import (
     FEWEST,
@@ -25,18 +33,10 @@ from sim.optics.calibrate.cross_validation import (
     render_presses,
     slope_coverage,
 )
+from sim.optics.calibrate.find_circle import find_circle, wrong_label
+from sim.optics.calibrate.gel_profile import DEPTHS_M
 from sim.optics.calibrate.optics_fit import BLUR_PX, SHADOWS, calibrate_presses
-from sim.optics.calibrate.presses.ball_press import (
-    BallPress,
-    Circle,
-    check_presses_fit,
-    check_size,
-    read_ball_presses,
-    read_rgb,
-)
-from sim.optics.calibrate.presses.find_circle import find_circle, wrong_label
-from sim.optics.calibrate.presses.gel_profile import DEPTHS_M
-from sim.optics.calibrate.presses.scene import PressScene, pressed_scene
+from sim.optics.calibrate.press_scene import PressScene, pressed_scene
 from sim.scene.scene import Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
@@ -166,7 +166,7 @@ def rightly_labelled(
         if contradiction is None:
             presses.append(press)
         else:
-            wrong.append(str(contradiction))
+            wrong.append(contradiction)
     return presses, wrong
 
 
@@ -189,7 +189,7 @@ def find_presses(
     for name, image in read.images.items():
         unplaced = BallPress(name=name, image=image, circle=Circle(x_px=0, y_px=0, radius_px=1))
         press = scene.followed(unplaced)
-        circle = find_circle(name, image, scene, ball_radius_m=ball_radius_m, shown=press.shown)
+        circle = find_circle(press, scene, ball_radius_m=ball_radius_m)
         presses.append(replace(press, circle=circle))
     return presses, wrong + check_before(presses, read.geometry, ball_radius_m=ball_radius_m)
 

@@ -73,7 +73,7 @@ def scale(
 
 def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFit, str]:
     from reports.evidence.attempt import crop_and_resize
-    from sim.optics.calibrate.presses.ball_press import read_rgb
+    from sim.optics.calibrate.ball_press import read_rgb
     from sim.optics.calibrate.scale_fit import find_target, fit_scale, parse_target
     from tacauchy_rig.app.replay.opening import scored_geometry
     from tacauchy_rig.core.rgb import to_grey
@@ -90,7 +90,7 @@ def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFi
 def _from_presses(folder: Path) -> tuple[ScaleFit, str]:
     import numpy as np
 
-    from sim.optics.calibrate.presses.ball_press import read_ball_presses
+    from sim.optics.calibrate.ball_press import read_ball_presses
     from sim.optics.calibrate.scale_fit import fit_scale, read_positions
 
     places = read_positions(folder / "positions.csv")

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.colours import Calibration, PressSamples, calibrate_optics
 from sim.optics.calibrate.cross_validation import check_scores, cross_validate, render_presses
-from sim.optics.calibrate.photometric_fit import PhotometricSamples, SurfacePoints, fit_photometric
-from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.scene import PlacedPress, PressScene
+from sim.optics.calibrate.photometric_fit import PhotometricSamples, fit_photometric
+from sim.optics.calibrate.press_scene import PlacedPress, PressScene
 from sim.optics.colour.colour_model import LINEAR
 from sim.optics.colour.model_terms import BALL_EXPONENTS
 from sim.optics.colour.photometric import load_photometric
@@ -32,8 +32,8 @@ def test_fit_recovers_the_coefficients() -> None:
     change = true_model().evaluate(tilt, position, depth)
     change[1, ::7] = -300.0
     weights = (change > -300.0).astype(np.float64)
-    gel = SurfacePoints(tilt=tilt, indentation_m=depth, curvature=np.zeros(4000))
-    samples = PhotometricSamples(gel=gel, position=position, change=change, weights=weights)
+    gel = np.stack([*tilt, depth, np.zeros(4000)])[None]
+    samples = PhotometricSamples(surface=gel, position=position, change=change, weights=weights)
     fitted = fit_photometric([samples], exponents=EXPONENTS, ridge=1e-12)
     np.testing.assert_allclose(fitted.coefficients, true_model().coefficients, atol=1e-5)
     assert fitted.tilt_limit == pytest.approx(np.hypot(*tilt).max())
@@ -43,7 +43,7 @@ def test_fit_recovers_the_coefficients() -> None:
 def test_too_few_pixels_are_refused() -> None:
     """A fit with fewer samples than terms says so."""
     few = PhotometricSamples(
-        gel=SurfacePoints(tilt=np.zeros((2, 5)), indentation_m=np.zeros(5), curvature=np.zeros(5)),
+        surface=np.zeros((1, 4, 5)),
         position=np.zeros((2, 5)),
         change=np.zeros((3, 5)),
         weights=np.ones((3, 5)),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.optics.calibrate.presses.ball_press import read_image_table
+from sim.optics.calibrate.ball_press import read_image_table
 from tacauchy_rig.core.errors import ConfigError
 
 

@@ -6,32 +6,22 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 
-from sim.optics.calibrate.photometric_fit import PhotometricSamples, SurfacePoints, _Search
+from sim.optics.calibrate.photometric_fit import PhotometricSamples, _Search
 
 
 @pytest.mark.parametrize("blurred", [False, True])
 def test_slopes_lead_downhill(blurred: bool) -> None:
     """The gradient of what is left over is that of differences, though the fits follow."""
     rng = np.random.default_rng(4)
-
-    def surface() -> SurfacePoints:
-        return SurfacePoints(
-            tilt=rng.uniform(-0.5, 0.5, (2, 300)),
-            indentation_m=rng.uniform(0.0, 1e-3, 300),
-            curvature=rng.uniform(-1e3, 1e3, 300),
-        )
-
+    around = 4 * blurred
+    surface = rng.uniform(-1.0, 1.0, (2 + around, 4, 300))
+    surface *= np.array([0.5, 0.5, 1e-3, 1e3])[:, None]
     samples = PhotometricSamples(
-        gel=surface(),
+        surface=surface,
+        shares=(0.0 if blurred else 1.0, *[0.25] * around, -1.0),
         position=rng.uniform(-1.0, 1.0, (2, 300)),
         change=rng.normal(0.0, 20.0, (3, 300)),
         weights=rng.uniform(0.0, 1.0, (3, 300)),
-        rest=SurfacePoints(
-            tilt=rng.uniform(-0.1, 0.1, (2, 300)),
-            indentation_m=np.zeros(300),
-            curvature=np.zeros(300),
-        ),
-        around=tuple(surface() for _ in range(4 * blurred)),
     )
     search = _Search(samples, aspect=0.75, crease_limit=1e4)
     numbers = np.array([0.3, 0.3, 2.0, 2.0, 0.5, 1.5, -1.0, 0.2, 3.0, 0.1])

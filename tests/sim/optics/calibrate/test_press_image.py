@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.colours import Calibration
-from sim.optics.calibrate.optics_fit import press_image, pressed_surface, without_shadows
-from sim.optics.calibrate.presses.ball_press import BallPress, Circle
+from sim.optics.calibrate.optics_fit import press_image, without_shadows
 from sim.optics.colour.colour_model import Response
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.optics import Lamp, ShadowCaster
@@ -46,7 +46,7 @@ def test_a_press_is_rendered_as_a_replay_renders_it(
     """The same surface, camera, shadows and blur: images agree but where the slope has a kink."""
     found = _calibration(shadows=shadows, blur_px=blur_px)
     scene = found.scene
-    bulge, _ = pressed_surface(scene, CIRCLE)
+    bulge = scene.pressed_image(CIRCLE)[2].astype(np.float32)
     renderer = TactileRenderer(
         scene.background.astype(np.uint8),
         np.zeros(bulge.shape),

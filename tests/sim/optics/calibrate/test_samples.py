@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.photometric_fit import NormalEquations, PhotometricSamples, SurfacePoints
+from sim.optics.calibrate.photometric_fit import NormalEquations, PhotometricSamples
 
 
 def _press(seed: int) -> tuple[np.ndarray, PhotometricSamples]:
     rng = np.random.default_rng(seed)
     samples = PhotometricSamples(
-        gel=SurfacePoints(
-            tilt=np.zeros((2, 40)), indentation_m=np.zeros(40), curvature=np.zeros(40)
-        ),
+        surface=np.zeros((1, 4, 40)),
         position=np.zeros((2, 40)),
         change=rng.normal(0.0, 10.0, (3, 40)),
         weights=rng.integers(0, 3, (3, 40)).astype(np.float64),

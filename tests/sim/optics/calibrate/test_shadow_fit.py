@@ -34,16 +34,10 @@ def _caster(azimuths_deg: tuple[float, ...], elevation_deg: float, level: float)
 def test_lamps_are_found_from_their_shadows() -> None:
     """From lamps a third too high that stand elsewhere, directions and elevations come back."""
     scene, true = press_scene(), _caster((-75.0, 45.0), 12.0, 140.0)
-    rows, columns = (grid.ravel().astype(float) for grid in np.mgrid[:150, :180])
     seen = []
     for press in presses(10, noise=0.5)[0]:
-        gel = scene.surface(press.circle, columns, rows)
-        taken = darkening(
-            true,
-            gel.indentation_m.reshape(150, 180),
-            gel.tilt.reshape(2, 150, 180).astype(np.float32),
-            scene.geometry,
-        )
+        gel = scene.pressed_image(press.circle).astype(np.float32)
+        taken = darkening(true, gel[2], gel[:2], scene.geometry)
         image = np.clip(np.rint(press.image + taken.transpose(1, 2, 0)), 0, 255)
         seen.append(replace(press, image=image.astype(np.uint8)))
     found = calibrate_with_shadows(seen, scene, _caster((100.0, 170.0), 16.0, 80.0))

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.optics.calibrate.colours import calibrate_optics
-from sim.optics.calibrate.presses.scene import seen_change
+from sim.optics.calibrate.press_scene import seen_change
 from sim.optics.colour.colour_model import LINEAR, Response
 from sim.optics.colour.model_terms import BALL_EXPONENTS
 from sim.optics.colour.photometric import load_photometric

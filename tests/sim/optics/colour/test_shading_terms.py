@@ -10,7 +10,6 @@ import pytest
 
 from sim.optics.calibrate.photometric_fit import (
     PhotometricSamples,
-    SurfacePoints,
     fit_photometric,
     fit_terms,
 )
@@ -63,7 +62,7 @@ def test_lamps_are_found_from_colours_alone() -> None:
     weights[[0, 3, 6], [0, 1, 2]], weights[9] = 120.0, 15.0
     change = TERMS.values(tilt, position, curvature).T @ weights
     samples = PhotometricSamples(
-        gel=SurfacePoints(tilt=tilt, indentation_m=np.zeros(6000), curvature=curvature),
+        surface=np.stack([*tilt, np.zeros(6000), curvature])[None],
         position=position,
         change=(change + rng.normal(0.0, 1.0, change.shape)).T,
         weights=np.ones((3, 6000)),

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.photometric_fit import PhotometricSamples, SurfacePoints, fit_photometric
+from sim.optics.calibrate.photometric_fit import PhotometricSamples, fit_photometric
 from sim.optics.colour.colour_model import PixelColours, SampleColours
 from sim.optics.colour.nominal import GREY_EXPONENTS, GreyDepthModel, nominal_photometric
 from sim.optics.pixels.pixel_blocks import PixelBlocks
@@ -108,7 +108,7 @@ def test_grey_is_fitted_with_depth_alone() -> None:
     change = -90.0 * (1.0 - np.exp(-depth / 8e-4))
     tilt, position = rng.uniform(-0.5, 0.5, (2, 3000)), rng.uniform(-1, 1, (2, 3000))
     samples = PhotometricSamples(
-        gel=SurfacePoints(tilt=tilt, indentation_m=depth, curvature=np.zeros(3000)),
+        surface=np.stack([*tilt, depth, np.zeros(3000)])[None],
         position=position,
         change=np.tile(change, (3, 1)),
         weights=np.ones((3, 3000)),

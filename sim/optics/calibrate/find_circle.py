@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
 from scipy.optimize import minimize
 
-from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.scene import PressScene
-from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
+from sim.optics.calibrate.ball_press import BallPress, Circle
+from sim.optics.calibrate.press_scene import PressScene
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 _SMOOTHING_PX = 2.0
@@ -22,88 +21,52 @@ _STRONG_QUANTILE = 0.97  # of the changes, where a search for the contact starts
 _LEAST_EXPLAINED = 0.3  # of the changes' variance
 
 
-_ELSEWHERE = 1.0  # radii of a label by which a contact that contradicts it is away
+def wrong_label(press: BallPress, scene: PressScene, *, ball_radius_m: float) -> str | None:
+    """Return what contradicts a press's label; None where its image shows the contact there.
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WrongLabel:
-    """A press whose image shows the contact elsewhere than its label says.
-
-    Attributes:
-        found: Where the image shows it.
-        explained: Share of the change of colour that the gel around the found contact explains.
-        explained_as_labelled: The same of the labelled contact.
+    A contact that contradicts it is farther away than the label's radius.
     """
-
-    press: BallPress
-    found: Circle
-    explained: float
-    explained_as_labelled: float
-
-    def __str__(self) -> str:
-        label, found = self.press.circle, self.found
-        return (
-            f"{self.press.name} was left out: its label says column {label.x_px:.0f}, row "
-            f"{label.y_px:.0f}, radius {label.radius_px:.0f} px, but the image shows the contact "
-            f"at {found.x_px:.0f}, {found.y_px:.0f}, radius {found.radius_px:.0f} px, which "
-            f"explains {self.explained:.0%} of the change of colour, the label "
-            f"{max(self.explained_as_labelled, 0.0):.0%}; correct the label"
-        )
-
-
-def wrong_label(press: BallPress, scene: PressScene, *, ball_radius_m: float) -> WrongLabel | None:
-    """Return what contradicts a press's label; None where its image shows the contact there."""
-    change, label = ContactChange(press.image, scene, press.shown), press.circle
-    far_px = _ELSEWHERE * label.radius_px
-    if math.dist(change.start, (label.x_px, label.y_px)) < far_px:
+    change, label = _ContactChange(press, scene), press.circle
+    if label.distance(*change.start) < label.radius_px:
         return None
     found, explained = change.search(ball_radius_m)
-    if math.dist((found.x_px, found.y_px), (label.x_px, label.y_px)) < far_px:
-        return None
     as_labelled = change.explained(label)
-    if explained < _LEAST_EXPLAINED or explained < 2.0 * as_labelled:
+    is_near = label.distance(np.float64(found.x_px), np.float64(found.y_px)) < label.radius_px
+    if is_near or explained < _LEAST_EXPLAINED or explained < 2.0 * as_labelled:
         return None
-    return WrongLabel(
-        press=press, found=found, explained=explained, explained_as_labelled=as_labelled
+    return (
+        f"{press.name} was left out: its label says column {label.x_px:.0f}, row "
+        f"{label.y_px:.0f}, radius {label.radius_px:.0f} px, but the image shows the contact "
+        f"at {found.x_px:.0f}, {found.y_px:.0f}, radius {found.radius_px:.0f} px, which "
+        f"explains {explained:.0%} of the change of colour, the label "
+        f"{max(as_labelled, 0.0):.0%}; correct the label"
     )
 
 
-def find_circle(
-    name: str,
-    image: ImageArray,
-    scene: PressScene,
-    *,
-    ball_radius_m: float,
-    shown: BoolArray | None = None,
-) -> Circle:
+def find_circle(press: BallPress, scene: PressScene, *, ball_radius_m: float) -> Circle:
     """Find the contact by how strongly the colour changes, whatever the lights' colours are.
 
     Coloured lights from several sides change the colour about in proportion to the surface's tilt;
     the tilt that the gel would have around each candidate circle is fitted to the change.
 
-    Args:
-        image: RGB, shape [height, width, 3].
-        ball_radius_m: Radius of the ball [m].
-        shown: True where the image shows the gel, shape [height, width]; None is everywhere.
-
     Raises:
         ConfigError: The image shows no contact.
     """
-    change = ContactChange(image, scene, shown)
+    change = _ContactChange(press, scene)
     found, explained = change.search(ball_radius_m)
-    height, width = image.shape[:2]
+    height, width = press.image.shape[:2]
     largest = ball_radius_m / scene.geometry.mean_scale_m
     inside = 0.0 <= found.x_px < width and 0.0 <= found.y_px < height
     inside &= 1.0 < found.radius_px < largest
     if not inside or change.strongest < _FAINTEST_LEVELS or explained < _LEAST_EXPLAINED:
         raise ConfigError(
-            f"{name} shows no contact of a ball that can be found",
+            f"{press.name} shows no contact of a ball that can be found",
             remedy="remove the image, or give its circle in a table: --circles circles.csv",
         )
     return found
 
 
-class ContactChange:
+class _ContactChange:
     """How strongly the colour of an image changes, and which contact explains that.
 
     Attributes:
@@ -111,9 +74,9 @@ class ContactChange:
         strongest: Of the changes [grey levels].
     """
 
-    def __init__(self, image: ImageArray, scene: PressScene, shown: BoolArray | None) -> None:
-        known = np.ones(image.shape[:2], dtype=np.bool_) if shown is None else shown
-        change = image - scene.background
+    def __init__(self, press: BallPress, scene: PressScene) -> None:
+        known = press.shown
+        change = press.image - scene.background
         change = change - np.median(change[known], axis=0)  # that of the frame's light
         weight = ndimage.gaussian_filter(known.astype(np.float64), _SMOOTHING_PX)
         smooth = ndimage.gaussian_filter(
@@ -125,12 +88,12 @@ class ContactChange:
         seen = np.linalg.norm(smooth[::_STRIDE, ::_STRIDE], axis=2)[rows, columns]
         strong = seen >= np.quantile(seen, _STRONG_QUANTILE)
         self._seen, self.strongest = seen - seen.mean(), float(seen.max())
-        self.start = float(np.median(self._x[strong])), float(np.median(self._y[strong]))
+        self.start = np.median(self._x[strong]), np.median(self._y[strong])
         self._gel = replace(scene, rest_slope=None)  # a dome's own slope changes no image
 
     def explained(self, circle: Circle) -> float:
         """Return which share of the changes' variance the gel's tilt around a contact explains."""
-        tilt = np.hypot(*self._gel.surface(circle, self._x, self._y).tilt)
+        tilt = np.hypot(*self._gel.surface(circle, self._x, self._y)[:2])
         tilt = tilt - tilt.mean()
         gain = max(float(tilt @ self._seen) / max(float(tilt @ tilt), 1e-12), 0.0)
         left = float(np.mean((self._seen - gain * tilt) ** 2))
@@ -144,10 +107,13 @@ class ContactChange:
             return Circle(x_px=x, y_px=y, radius_px=max(radius, 1.0))
 
         scale = self._gel.geometry.mean_scale_m
-        starts = [[*self.start, share * ball_radius_m / scale] for share in _RADII]
         searches = [
-            minimize(lambda place: -self.explained(circle(place)), begin, method="Nelder-Mead")
-            for begin in starts
+            minimize(
+                lambda place: -self.explained(circle(place)),
+                [*self.start, share * ball_radius_m / scale],
+                method="Nelder-Mead",
+            )
+            for share in _RADII
         ]
         found = min(searches, key=lambda search: float(search.fun))
         return circle(found.x), -float(found.fun)

@@ -14,10 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from sim.optics.calibrate.photometric_fit import SurfacePoints
-from sim.optics.calibrate.presses.ball_press import BallPress, Circle
-from sim.optics.calibrate.presses.gel_profile import GelProfile, ball_profiles
-from sim.optics.calibrate.presses.marker_motion import GelMotion
+from sim.optics.calibrate.ball_press import BallPress, Circle
+from sim.optics.calibrate.gel_profile import GelProfile, ball_profiles
+from sim.optics.calibrate.marker_motion import GelMotion
 from sim.optics.colour.colour_model import LINEAR, Response
 from sim.optics.colour.nominal import exponents_for, lamp_count_of
 from sim.optics.colour.photometric import PhotometricModel
@@ -44,38 +43,38 @@ _LIGHT_ROUNDS = 3
 _LIGHT_OUTLIER_LEVELS = 10.0
 _DARKEST, _BRIGHTEST = 1, 254
 _TELLING = 251  # of a compressed range the last levels tell less than their noise
+BEYOND_RIM = 1.15
+_STRIDE = 4  # of the pixels along rows and columns that are used for fitting
+_FAR_FRACTION = 0.7
+_SKIRT_RADII = 2.3
+_OUTLIER_LEVELS = 15.0
+_CLICK_WEIGHT = 0.3
+_SETTLED_SHARE = 1e-3  # of a circle's move: what is less ends the search
+_SETTLED_MISFIT = 1e-6  # likewise of what is left over, which noise holds up
 
 
 def light_at(light: FloatArray, position: FloatArray) -> FloatArray:
-    """Evaluate the plane, shape [n, 3].
+    """Evaluate a frame's light, shape [n, 3], at normalised pixel positions, shape [2, n].
 
-    Args:
-        light: Level, change from the middle to the right and to the bottom border of red, green,
-            blue [grey levels], shape [3, 3].
-        position: Normalised pixel position in [-1, 1], shape [2, n].
+    It is the level, and the change from the middle to the right and to the bottom border, of red,
+    green and blue [grey levels], shape [3, 3].
     """
     return np.asarray(light[0] + position.T @ light[1:])
 
 
-def fit_light(
-    change: FloatArray, exposed: BoolArray, position: FloatArray, *, level_only: bool
-) -> FloatArray:
-    """Fit the plane of ``light_at`` to differences from the no-contact frame, bounding outliers.
+def _fit_light(seen: SeenChange, position: FloatArray, *, level_only: bool) -> FloatArray:
+    """Fit the plane of ``light_at``, bounding outliers.
 
-    Args:
-        change: Frame minus what it would be in the no-contact frame's light, shape [n, 3].
-        exposed: False where the pixel is too bright or too dark to tell, shape [n, 3].
-        position: Normalised pixel position, shape [2, n].
-        level_only: Fit no gradient, for pixels that see only a part of the image.
+    A part of the image fixes no gradient: ``level_only``.
     """
     terms = np.column_stack([np.ones(position.shape[1]), position.T * (not level_only)])
     light = []
-    for seen, known in zip(change.T, exposed.T, strict=True):
+    for change, known in zip(seen.change.T, seen.exposed.T, strict=True):
         weight = known.astype(np.float64)
         for _ in range(_LIGHT_ROUNDS):
             weighted = (terms * weight[:, None]).T
-            plane = np.linalg.lstsq(weighted @ terms, weighted @ seen, rcond=None)[0]
-            weight = known / (1.0 + ((seen - terms @ plane) / _LIGHT_OUTLIER_LEVELS) ** 2)
+            plane = np.linalg.lstsq(weighted @ terms, weighted @ change, rcond=None)[0]
+            weight = known / (1.0 + ((change - terms @ plane) / _LIGHT_OUTLIER_LEVELS) ** 2)
         light.append(plane)
     return np.stack(light, axis=1)
 
@@ -105,10 +104,6 @@ class SeenChange:
         off = np.where(self.over, np.minimum(off, 0.0), off)
         return np.where(self.under, np.maximum(off, 0.0), off)
 
-    def completed(self, predicted: FloatArray) -> FloatArray:
-        """Return the change, as predicted where a clipped pixel allows it, shape [n, 3]."""
-        return predicted - self.misfit(predicted)
-
 
 def seen_change(
     levels: ImageArray, expected: FloatArray, response: Response = LINEAR
@@ -131,22 +126,11 @@ def exposed(levels: ImageArray) -> BoolArray:
     return (levels > _DARKEST) & (levels < _BRIGHTEST)
 
 
-BEYOND_RIM = 1.15
-_STRIDE = 4  # of the pixels along rows and columns that are used for fitting
-_FAR_FRACTION = 0.7
-_SKIRT_RADII = 2.3
-_OUTLIER_LEVELS = 15.0
-_CLICK_WEIGHT = 0.3
-_SETTLED_SHARE = 1e-3  # of a circle's move: what is less ends the search
-_SETTLED_MISFIT = 1e-6  # likewise of what is left over, which noise holds up
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedPress:
-    """A press with what was found of it.
+    """A press as it was labelled, with what was found of it.
 
     Attributes:
-        press: As it was labelled.
         circle: Its contact's edge, labelled or nudged.
         light: Of its frame [grey levels], as ``light_at`` has it, shape [3, 3].
         motion: How ball and image were moved; None where no marker tells.
@@ -186,8 +170,8 @@ class PressScene:
         scale = self.geometry.scale_y_m / self.geometry.scale_x_m
         return float((height - 1) * scale / (width - 1))
 
-    def surface(self, circle: Circle, columns: AnyArray, rows: AnyArray) -> SurfacePoints:
-        """Return the gel at pixels, or between them.
+    def surface(self, circle: Circle, columns: AnyArray, rows: AnyArray) -> FloatArray:
+        """Return tilt (2), indentation [m] and curvature [1/m] of the gel at pixels, shape [4, n].
 
         On a slope of the gel the ball touches beside its axis, so that the contact is the one on
         level gel leaned with the slope: the profile adds to the slope at rest.
@@ -203,7 +187,19 @@ class PressScene:
         if self.rest_slope is not None:
             upright = np.sqrt(np.maximum(1.0 - np.sum(tilt**2, axis=0), 1e-6))
             tilt = _tilt_of(tilt / upright + _slope_at(self.rest_slope, columns, rows))
-        return SurfacePoints(tilt=tilt, indentation_m=indentation, curvature=curvature)
+        return np.stack([*tilt, indentation, curvature])
+
+    def at_rest(self, columns: AnyArray, rows: AnyArray) -> FloatArray | None:
+        """Return ``surface`` of the unloaded gel at pixels; None where it is level."""
+        if self.rest_slope is None:
+            return None
+        tilt = _tilt_of(_slope_at(self.rest_slope, columns, rows))
+        return np.concatenate([tilt, np.zeros_like(tilt)])
+
+    def pressed_image(self, circle: Circle) -> FloatArray:
+        """Return ``surface`` of the whole image, shape [4, height, width]."""
+        rows, columns = self._lattice(1)
+        return self.surface(circle, columns, rows).reshape(4, *self.background.shape[:2])
 
     def reach_px(self, circle: Circle) -> float:
         """Return how far from a contact's centre the gel moves [px]."""
@@ -211,14 +207,6 @@ class PressScene:
         profile = self.profile(circle.radius_px * geometry.mean_scale_m)
         scale_m = min(geometry.scale_x_m, geometry.scale_y_m)
         return float(profile.radius_m[-1]) / scale_m + 1.0
-
-    def at_rest(self, columns: AnyArray, rows: AnyArray) -> SurfacePoints | None:
-        """Return the unloaded gel at pixels; None where it is level."""
-        if self.rest_slope is None:
-            return None
-        level = np.zeros(len(columns))
-        tilt = _tilt_of(_slope_at(self.rest_slope, columns, rows))
-        return SurfacePoints(tilt=tilt, indentation_m=level, curvature=level)
 
     def whole_image(self, model: PhotometricModel) -> PredictedPixels:
         """Return all pixels, row after row, made ready to be predicted."""
@@ -265,10 +253,9 @@ class PressScene:
         return replace(press, tracks=tracks, hidden=hidden_by(self.markers, tracks))
 
     def light(self, press: BallPress, circle: Circle, model: PhotometricModel | None) -> FloatArray:
-        """Estimate the frame's light against the no-contact frame's, outside the contact.
+        """Estimate the frame's light, as ``light_at`` has it, outside the contact.
 
-        In the form of ``light_at``. A model explains the skirt; without one, the farthest pixels
-        are taken to be level.
+        A model explains the skirt; without one, the farthest pixels are taken to be level.
         """
         rows, columns = self._lattice(_STRIDE)
         distance = circle.distance(columns, rows)
@@ -277,24 +264,22 @@ class PressScene:
         outside &= press.shown[rows, columns]
         rows, columns = rows[outside], columns[outside]
         seen = seen_change(press.image[rows, columns], self.background[rows, columns])
-        change = seen.change
         if model is not None:
             moved = distance[outside] < self.reach_px(circle)
             pixels = PredictedPixels(self, model, columns[moved], rows[moved])
-            change[moved] -= pixels.predict(circle)
-        position = self.normalised(columns, rows)
-        return fit_light(change, seen.exposed, position, level_only=model is None)
+            seen.change[moved] -= pixels.predict(circle)
+        return _fit_light(seen, self.normalised(columns, rows), level_only=model is None)
 
     def nudged(self, placed: PlacedPress, model: PhotometricModel) -> Circle:
         """Move a circle to where the model explains the image best.
 
         Outliers (hair, scratches) are bounded, and the label keeps a weak pull of its own.
         """
-        press = placed.press
-        rows, columns = self.pixels_around(press)
+        circle = placed.press.circle
+        label = np.array([circle.x_px, circle.y_px, circle.radius_px])
+        rows, columns = self.pixels_around(placed.press)
         expected = self.expected(rows, columns, placed.light)
-        seen = seen_change(press.image[rows, columns], expected)
-        label = np.array([press.circle.x_px, press.circle.y_px, press.circle.radius_px])
+        seen = seen_change(placed.press.image[rows, columns], expected)
         pull = _CLICK_WEIGHT * np.sqrt(seen.change.size)
         pixels = PredictedPixels(self, model, columns, rows)
 
@@ -309,7 +294,7 @@ class PressScene:
 
         found = least_squares(
             residual,
-            np.array(placed.circle.moved_from(press.circle)),
+            np.array(placed.circle.moved_from(circle)),
             diff_step=1e-2,
             ftol=_SETTLED_MISFIT,
             xtol=_SETTLED_SHARE,
@@ -327,21 +312,14 @@ def _slope_at(slope: FloatArray, columns: AnyArray, rows: AnyArray) -> FloatArra
 
 
 class PredictedPixels:
-    """Pixels of a scene through a model, whatever is pressed.
-
-    Args:
-        columns: Of the pixels, shape [n].
-        rows: Of the pixels, shape [n].
-    """
+    """Pixels of a scene, columns and rows of shape [n], through a model, whatever is pressed."""
 
     def __init__(
         self, scene: PressScene, model: PhotometricModel, columns: IndexArray, rows: IndexArray
     ) -> None:
         self._scene, self._model, self._columns, self._rows = scene, model, columns, rows
         self._position = scene.normalised(columns, rows)
-        self._light = np.asarray(
-            model.response.light(scene.background[rows, columns]), dtype=np.float64
-        )
+        self._light = np.asarray(model.response.light(scene.background[rows, columns]), np.float64)
         rest = scene.at_rest(columns, rows)
         self._rest_change = None if rest is None else self._modelled(rest, self._position)
 
@@ -369,9 +347,8 @@ class PredictedPixels:
         change = self._modelled(gel, self._position[:, moved])
         return moved, change if self._rest_change is None else change - self._rest_change[moved]
 
-    def _modelled(self, gel: SurfacePoints, position: FloatArray) -> FloatArray:
-        change = self._model.evaluate(gel.tilt, position, gel.indentation_m, gel.curvature)
-        return np.asarray(change.T, dtype=np.float64)
+    def _modelled(self, gel: FloatArray, position: FloatArray) -> FloatArray:
+        return np.asarray(self._model.evaluate(gel[:2], position, gel[2], gel[3]).T, np.float64)
 
 
 def pressed_scene(
@@ -384,10 +361,6 @@ def pressed_scene(
     on_press: Callable[[int], None] = lambda _: None,
 ) -> PressScene:
     """Press the ball in the simulator, and put camera, no-contact frame and gel together.
-
-    Args:
-        sensor: Its pad is pressed, its lamps are counted.
-        unloaded: No-contact frame, RGB, shape [height, width, 3].
 
     Raises:
         ConfigError: The sensor's renderer cannot be calibrated.

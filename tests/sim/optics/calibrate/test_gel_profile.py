@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.presses.gel_profile import PressedProfiles, RadialProfile, radial_profile
+from sim.optics.calibrate.gel_profile import PressedProfiles, RadialProfile, radial_profile
 from sim.optics.height.height_map import height_maps
 from sim.scene.indenter import Sphere
 from tacauchy_rig.core.errors import ConfigError

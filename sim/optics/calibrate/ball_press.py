@@ -16,6 +16,7 @@ from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.rgb import decode_rgb
 
 _IMAGE = "image"
+_COLUMNS = ("center_x_px", "center_y_px", "radius_px")
 
 
 def read_image_table(
@@ -28,8 +29,8 @@ def read_image_table(
     Raises:
         ConfigError: The table is missing or damaged; the message names the line and the column.
     """
-    columns = (_IMAGE, *numbers)
-    remedy = f"give a CSV in UTF-8 with the columns {', '.join(columns)}"
+    columns = ", ".join((_IMAGE, *numbers))
+    remedy = f"give a CSV in UTF-8 with the columns {columns}"
     try:
         with path.open(newline="", encoding="utf-8-sig") as table:
             reader = csv.DictReader(table)
@@ -40,20 +41,16 @@ def read_image_table(
         ) from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{what} {path} is no CSV: {error}", remedy=remedy) from error
-    missing = [name for name in columns if name not in (reader.fieldnames or ())]
+    missing = [name for name in (_IMAGE, *numbers) if name not in (reader.fieldnames or ())]
     if missing:
-        raise ConfigError(
-            f"{path} lacks the column {', '.join(missing)}",
-            remedy=f"its first line must be: {','.join(columns)}",
-        )
-    found = []
+        raise ConfigError(f"{path} lacks the column {', '.join(missing)}", remedy=remedy)
     for place, row in lines:
         if not row[_IMAGE]:
-            raise ConfigError(f"{place}: names no image", remedy=f"give {', '.join(columns)}")
-        found.append(
-            (place, row[_IMAGE], [_number_of(row[name], f"{place}: {name}") for name in numbers])
-        )
-    return found
+            raise ConfigError(f"{place}: names no image", remedy=f"give {columns}")
+    return [
+        (place, row[_IMAGE], [_number_of(row[name], f"{place}: {name}") for name in numbers])
+        for place, row in lines
+    ]
 
 
 def _number_of(text: str | None, field: str) -> float:
@@ -64,9 +61,6 @@ def _number_of(text: str | None, field: str) -> float:
     if not math.isfinite(value):
         raise ConfigError(f"{field} is {value:g}", remedy="give a finite number")
     return value
-
-
-_COLUMNS = ("center_x_px", "center_y_px", "radius_px")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,8 +87,8 @@ class BallPress:
     Attributes:
         image: RGB, uint8, shape [height, width, 3].
         tracks: The gel's markers as they were followed into the image; None where it has none.
-        hidden: True where the image does not show the gel that the ball presses: its markers do,
-            or something that was excluded, shape [height, width]; None is nowhere.
+        hidden: True where markers or what was excluded hide the gel, shape [height, width]; None
+            is nowhere.
     """
 
     name: str
@@ -148,14 +142,10 @@ def read_ball_presses(folder: Path, circles: Path) -> list[BallPress]:
 
 
 def check_presses_fit(presses: Sequence[BallPress], background: ImageArray) -> None:
-    """Refuse presses that have not the size of the no-contact frame, or no contact inside it.
-
-    Raises:
-        ConfigError: An image has another size, or its circle lies outside the image.
-    """
+    """Refuse presses that have not the size of the no-contact frame, or no contact inside it."""
+    height, width = background.shape[:2]
     for press in presses:
         check_size(press.name, press.image, background)
-        height, width = background.shape[:2]
         circle = press.circle
         if not (0.0 <= circle.x_px <= width - 1.0 and 0.0 <= circle.y_px <= height - 1.0):
             raise ConfigError(
@@ -166,11 +156,7 @@ def check_presses_fit(presses: Sequence[BallPress], background: ImageArray) -> N
 
 
 def check_size(name: str, image: ImageArray, background: ImageArray) -> None:
-    """Refuse an image that has not the size of the no-contact frame.
-
-    Raises:
-        ConfigError: It has not.
-    """
+    """Refuse an image that has not the size of the no-contact frame."""
     if image.shape != background.shape:
         raise ConfigError(
             f"{name} is {image.shape[1]} x {image.shape[0]} px, the no-contact frame "

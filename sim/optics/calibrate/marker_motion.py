@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.optics.calibrate.presses.ball_press import Circle
-from sim.optics.calibrate.presses.gel_profile import GelProfile
+from sim.optics.calibrate.ball_press import Circle
+from sim.optics.calibrate.gel_profile import GelProfile
 from sim.optics.markers.printed_markers import MarkerTracks
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.arrays import BoolArray, FloatArray
 
 _ROUNDS = 12
 _OUTLIER_PX = 0.5
@@ -55,41 +55,28 @@ ORTHOGRAPHIC = MotionModel()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GelMotion:
-    """What a press adds: by how much ball and image were moved along columns and rows [px].
+    """What a press adds.
 
     Attributes:
-        taken_along_px: Of the gel under the ball, shape [2].
-        drift_px: Of the image: everywhere, and more at the right and bottom border, shape [3, 2].
+        own_px: By how much the ball took the gel along, columns and rows, then the drift of the
+            image: everywhere, and more at the right and bottom border, likewise, shape [8].
         error_px: Of each marker: distance of its fitted from its tracked motion, shape [n].
         under: True for markers within 1.6 radii of the contact, shape [n].
     """
 
-    taken_along_px: FloatArray
-    drift_px: FloatArray
+    own_px: FloatArray
     error_px: FloatArray
-    under: np.ndarray[tuple[int], np.dtype[np.bool_]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotionTerms:
-    """Motion of gel at some pixels, linear in what is unknown.
-
-    Attributes:
-        shared: For the factors of all presses, shape [2, n, 2].
-        own: For ``_OWN`` unknowns of the press, likewise.
-    """
-
-    shared: FloatArray
-    own: FloatArray
+    under: BoolArray
 
 
 def motion_terms(
     circle: Circle, profile: GelProfile, geometry: CameraGeometry, places_px: FloatArray
-) -> MotionTerms:
-    """Return what moves the gel that is seen at columns and rows [px], shape [n, 2], when pressed.
+) -> tuple[FloatArray, FloatArray]:
+    """Return what moves the gel seen at columns and rows [px], shape [n, 2], when it is pressed.
 
-    Outside its contact a disc that sticks takes the surface of an elastic half-space along by
-    2/pi asin(a/r) (Mindlin 1949).
+    Motion is linear in the factors of all presses, terms of shape [2, n, 2], and in the press's
+    own unknowns, [8, n, 2]. Outside its contact a disc that sticks takes the surface of an elastic
+    half-space along by 2/pi asin(a/r) (Mindlin 1949).
     """
     scale = np.array([geometry.scale_x_m, geometry.scale_y_m])
     middle = 0.5 * np.array([geometry.width - 1.0, geometry.height - 1.0])
@@ -109,16 +96,7 @@ def motion_terms(
     for axis in range(2):
         own[axis, :, axis] = share
         own[2 + axis :: 2, :, axis] = from_middle.T
-    return MotionTerms(shared=np.stack([near[:, None] * away, slid]), own=own)
-
-
-def moved_gel(terms: MotionTerms, model: MotionModel, motion: GelMotion | None) -> FloatArray:
-    """Return by how much gel has moved in the image [px], shape [n, 2]."""
-    moved = np.tensordot(model.factors, terms.shared, axes=1)
-    if motion is not None:
-        own = np.concatenate([motion.taken_along_px, motion.drift_px.ravel()])
-        moved = moved + np.tensordot(own, terms.own, axes=1)
-    return np.asarray(moved)
+    return np.stack([near[:, None] * away, slid]), own
 
 
 def fit_motions(
@@ -134,29 +112,19 @@ def fit_motions(
     presses leaves two unknowns.
     """
     known = [track.motion_px.ravel() for track in tracks]
-    terms = [
-        motion_terms(circle, profile, geometry, track.rest_px + track.motion_px)
-        for track, circle in zip(tracks, circles, strict=True)
-    ]
-    shared = [each.shared.reshape(2, -1).T for each in terms]
-    own = [each.own.reshape(_OWN, -1).T for each in terms]
-    under = [
-        circle.distance(*(track.rest_px + track.motion_px).T) < _NEAR_RADII * circle.radius_px
-        for track, circle in zip(tracks, circles, strict=True)
-    ]
+    shared, own, under = [], [], []
+    for track, circle in zip(tracks, circles, strict=True):
+        places = track.rest_px + track.motion_px
+        terms = motion_terms(circle, profile, geometry, places)
+        shared.append(terms[0].reshape(2, -1).T)
+        own.append(terms[1].reshape(_OWN, -1).T)
+        under.append(circle.distance(*places.T) < _NEAR_RADII * circle.radius_px)
     near = [np.repeat(np.where(each, 1.0, _FAR_WEIGHT), 2) for each in under]
     weights = near
     found = (model or ORTHOGRAPHIC).factors
     for _ in range(_ROUNDS):
         if model is None:
-            normal, load = np.zeros((2, 2)), np.zeros(2)
-            for a, b, y, w in zip(own, shared, known, weights, strict=True):
-                basis = np.linalg.svd(a * w[:, None], full_matrices=False)[0]
-                rest = [each - basis @ (basis.T @ each) for each in (b * w[:, None], y * w)]
-                normal += rest[0].T @ rest[0]
-                load += rest[0].T @ rest[1]
-            solved = np.linalg.lstsq(normal, load, rcond=1e-9)[0]
-            found = np.maximum(solved, 0.0)
+            found = _shared_factors(own, shared, known, weights)
         left = [y - b @ found for b, y in zip(shared, known, strict=True)]
         values = [
             np.linalg.lstsq(a * w[:, None], y * w, rcond=1e-9)[0]
@@ -167,7 +135,23 @@ def fit_motions(
         bounds = [np.repeat(1.0 / np.hypot(1.0, d / _OUTLIER_PX), 2) for d in away]
         weights = [each * bound for each, bound in zip(near, bounds, strict=True)]
     motions = [
-        GelMotion(taken_along_px=x[:2], drift_px=x[2:].reshape(3, 2), error_px=d, under=close)
+        GelMotion(own_px=x, error_px=d, under=close)
         for x, d, close in zip(values, away, under, strict=True)
     ]
     return MotionModel(per_distance=float(found[0]), slide=float(found[1])), motions
+
+
+def _shared_factors(
+    own: Sequence[FloatArray],
+    shared: Sequence[FloatArray],
+    known: Sequence[FloatArray],
+    weights: Sequence[FloatArray],
+) -> FloatArray:
+    """Return the factors of all presses, not below zero, with what each press owns eliminated."""
+    normal, load = np.zeros((2, 2)), np.zeros(2)
+    for a, b, y, w in zip(own, shared, known, weights, strict=True):
+        basis = np.linalg.svd(a * w[:, None], full_matrices=False)[0]
+        terms, rest = (each - basis @ (basis.T @ each) for each in (b * w[:, None], y * w))
+        normal += terms.T @ terms
+        load += terms.T @ rest
+    return np.maximum(np.linalg.lstsq(normal, load, rcond=1e-9)[0], 0.0)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.presses.ball_press import (
+from sim.optics.calibrate.ball_press import (
     BallPress,
     Circle,
     check_presses_fit,

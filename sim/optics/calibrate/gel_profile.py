@@ -74,9 +74,6 @@ class PressedProfiles:
 
     Args:
         presses: Contact radius [m] and profile of each simulated press.
-
-    Raises:
-        ConfigError: No press, or one without contact.
     """
 
     def __init__(self, presses: Sequence[tuple[float, RadialProfile]]) -> None:
@@ -137,8 +134,8 @@ def radial_profile(
 def _moved_outward(surface: SurfaceState, radius_m: FloatArray) -> FloatArray:
     """Return how far the gel at distances from the axis has moved away from it [m], [n]."""
     rest, now = (np.hypot(*p[:, :2].T) for p in (surface.positions_rest, surface.positions))
-    ring = np.searchsorted(edges := np.append(0.0, radius_m[1:] + 0.5 * np.diff(radius_m)), now)
-    size = len(edges) + 1
+    edges = np.append(0.0, radius_m[1:] + 0.5 * np.diff(radius_m))
+    ring, size = np.searchsorted(edges, now), len(edges) + 1
     count = np.bincount(ring, minlength=size)
     filled = count > 0
     filled[-1] = False  # beyond
@@ -149,17 +146,11 @@ def _moved_outward(surface: SurfaceState, radius_m: FloatArray) -> FloatArray:
 
 
 def ball_profiles(
-    sensor: Sensor,
-    *,
-    ball_diameter_m: float,
-    preset: Preset = Preset.FAST,
-    on_press: Callable[[int], None] = lambda _: None,
+    sensor: Sensor, *, ball_diameter_m: float, preset: Preset, on_press: Callable[[int], None]
 ) -> PressedProfiles:
     """Press a ball into the middle of a sensor's pad and keep the gel's profile at each depth.
 
-    Args:
-        sensor: Pad and material; only the ratio of layers' moduli matters for the shape.
-        ball_diameter_m: Diameter of the ball [m].
+    Only the ratio of layers' moduli matters for the shape.
 
     Raises:
         ConvergenceError: A depth finds no equilibrium.
@@ -171,7 +162,7 @@ def ball_profiles(
     fine = replace(usual, smooth_share=_EDGE_SHARE, growth=_GROWTH, sector_count=_SECTORS)
     model = build_model(scene, mesh=mesh_for(scene, resolution=fine))
     path = path_for(scene, plan_effects(scene), model=model)
-    path.step_max_m = target.depth_m or 0.0  # depths lie so near that each is one step
+    path.step_max_m = DEPTHS_M[-1]  # depths lie so near that each is one step
     geometry = CameraGeometry.centred(_PIXELS, _PIXELS, scale_x_m=_PIXEL_M, scale_y_m=_PIXEL_M)
     found = []
     for depth in DEPTHS_M:

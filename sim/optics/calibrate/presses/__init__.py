@@ -1,1 +1,0 @@
-"""Ball presses: their images, their gel profiles, and what is wrong with them."""
