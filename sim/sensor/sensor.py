@@ -10,7 +10,7 @@ from typing import Any
 
 from sim.scene.indenter import Indenter
 from sim.scene.material import Layer, Material, RelaxationTerm, interface_shares
-from sim.scene.pad import BoxPad, Pad, SurfacePad, read_surface_pad
+from sim.scene.pad import BoxPad, Pad, read_surface_pad
 from sim.scene.scene import Scene, Target, TetWildOptions, tetwild_options_of
 from sim.scene.triangle_surface import MeshUnit
 from sim.sensor.camera_geometry import CameraGeometry
@@ -46,12 +46,8 @@ class Measured:
     source: str
 
 
-def refuse_unknown(data: dict[str, Any]) -> None:
-    """Refuse a file with a key that means nothing, or without one that it needs.
-
-    Raises:
-        ConfigError: The message names the keys.
-    """
+def _refuse_unknown(data: dict[str, Any]) -> None:
+    """Refuse a file with a key that means nothing, or without one that it needs."""
     known = {"name", "title", "lamps", "layers", "optics", "mesh", "relaxation", *DIMENSIONS}
     for key in data.keys() & known - {"name", "title"}:
         is_list = key in _LISTS
@@ -71,19 +67,14 @@ def refuse_unknown(data: dict[str, Any]) -> None:
     if missing:
         raise ConfigError(f"no {', '.join(missing)}", remedy="add what is missing")
     if ("material" in data) == ("layers" in data):
-        found = "both material and layers" if "material" in data else "neither material nor layers"
         raise ConfigError(
-            found,
+            "both material and layers" if "material" in data else "neither material nor layers",
             remedy="give [material] for a gel of one material, else one [[layers]] a layer",
         )
 
 
-def read_numbers(data: dict[str, Any]) -> dict[str, Measured]:
-    """Return the numbers of every section by their dotted names; layers are left out.
-
-    Raises:
-        ConfigError: A number is missing, or lacks its unit, uncertainty or source.
-    """
+def _numbers(data: dict[str, Any]) -> dict[str, Measured]:
+    """Return the numbers of every section by their dotted names; layers are left out."""
     found: dict[str, Measured] = {}
     for section, dimensions in DIMENSIONS.items():
         if section not in data or "surface" in data[section]:
@@ -91,18 +82,14 @@ def read_numbers(data: dict[str, Any]) -> dict[str, Measured]:
         for key, dimension in dimensions.items():
             name = f"{section}.{key}"
             if key in data[section]:
-                found[name] = read_number(data[section][key], name, dimension)
+                found[name] = _number(data[section][key], name, dimension)
             elif name not in _OPTIONAL:
                 raise ConfigError(f"no {name}", remedy="add it")
     return found
 
 
-def read_number(entry: Any, name: str, dimension: Dimension) -> Measured:
-    """Return one number.
-
-    Raises:
-        ConfigError: It lacks its unit, uncertainty or source.
-    """
+def _number(entry: Any, name: str, dimension: Dimension) -> Measured:
+    """Return a number that has its unit, uncertainty and source."""
     if not isinstance(entry, dict) or set(entry) != {"value", "uncertainty", "source"}:
         raise ConfigError(
             f"{name} needs a value, an uncertainty and a source",
@@ -115,16 +102,12 @@ def read_number(entry: Any, name: str, dimension: Dimension) -> Measured:
     return Measured(value=value, uncertainty=uncertainty, source=str(entry["source"]))
 
 
-def read_relaxation(entries: Any) -> tuple[RelaxationTerm, ...]:
-    """Read the ``[[relaxation]]`` tables, one a term of a Prony series of all of the gel.
-
-    Raises:
-        ConfigError: One lacks share, time or source, or they are no such numbers.
-    """
+def _relaxation(entries: list[dict[str, Any]]) -> tuple[RelaxationTerm, ...]:
+    """Read the ``[[relaxation]]`` tables, one a term of a Prony series of all of the gel."""
     terms = []
     for index, entry in enumerate(entries, start=1):
         name = f"relaxation.{index}"
-        if not isinstance(entry, dict) or set(entry) != {"share", "time", "source"}:
+        if set(entry) != {"share", "time", "source"}:
             raise ConfigError(
                 f"{name} needs a share, a time and a source",
                 remedy='write share = "3 %", time = "0.3 s", source = "where it is from"',
@@ -135,8 +118,7 @@ def read_relaxation(entries: Any) -> tuple[RelaxationTerm, ...]:
         )
         with naming(name):
             terms.append(RelaxationTerm(share=share, time_s=time_s))
-    total = sum(term.share for term in terms)
-    if total >= 1.0:
+    if (total := sum(term.share for term in terms)) >= 1.0:
         raise ConfigError(
             f"the relaxation's shares sum to {total:g}",
             remedy="give shares of the stiffness that is there at once; together less than 1",
@@ -144,41 +126,15 @@ def read_relaxation(entries: Any) -> tuple[RelaxationTerm, ...]:
     return tuple(terms)
 
 
-def read_count(data: dict[str, Any], section: str, key: str) -> int:
-    """Return a whole number of a section.
-
-    Raises:
-        ConfigError: It is missing or below 1.
-    """
-    count = data[section].get(key)
+def _count(table: Mapping[str, Any], section: str, key: str) -> int:
+    """Return a whole number of a section's table."""
+    count = table.get(key)
     if not isinstance(count, int) or count < 1:
         raise ConfigError(
             f"{section}.{key} = {count!r} is not a whole number above 0",
             remedy="give a count such as 320",
         )
     return count
-
-
-def surface_of(table: Mapping[str, Any], folder: Path) -> SurfacePad:
-    """Read ``surface = "gel.stl"``, ``unit = "mm"`` and ``source`` of ``[pad]``.
-
-    A relative path starts in the folder.
-
-    Raises:
-        ConfigError: A key is missing or wrong, or the file bounds no pad.
-    """
-    missing = [key for key in SURFACE_KEYS if not str(table.get(key, "")).strip()]
-    if missing:
-        raise ConfigError(
-            f"pad has a surface but no {', '.join(missing)}",
-            remedy='write surface = "gel.stl", unit = "mm", source = "where it is from"',
-        )
-    unit = str(table["unit"])
-    if unit not in set(MeshUnit):
-        raise ConfigError(
-            f"pad.unit = {unit!r} is no unit", remedy=f"one of: {', '.join(MeshUnit)}"
-        )
-    return read_surface_pad(folder / str(table["surface"]), unit=MeshUnit(unit))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -284,33 +240,41 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{origin}: not TOML: {error}", remedy="correct the line") from error
     with naming(origin):
-        refuse_unknown(data)
-        numbers = read_numbers(data)
+        _refuse_unknown(data)
+        numbers = _numbers(data)
         layers = _layers(data, numbers)
-        pad = _pad(data["pad"], numbers, folder or Path())
-        camera, markers = _camera(data, numbers), _markers(data, numbers)
-        _require_rates(data["camera"], numbers)
-        tetwild = tetwild_options_of(data.get("mesh", {}), origin="mesh")
-        terms = read_relaxation(data.get("relaxation", []))
-    return Sensor(
-        name=str(data["name"]),
-        title=str(data["title"]),
-        pad=pad,
-        material=layers[-1].material if layers else _material(numbers, "material"),
-        layers=layers,
-        camera=camera,
-        markers=markers,
-        optics=parse_optics(data, origin),
-        tetwild=tetwild,
-        numbers=numbers,
-    ).relaxing(terms)
+        sensor: dict[str, Any] = {
+            "name": str(data["name"]),
+            "title": str(data["title"]),
+            "pad": _pad(data["pad"], numbers, folder or Path()),
+            "material": layers[-1].material if layers else _material(numbers, "material"),
+            "layers": layers,
+            "camera": _camera(data["camera"], numbers),
+            "markers": _markers(data["markers"], numbers) if "markers" in data else None,
+            "tetwild": tetwild_options_of(data.get("mesh", {}), origin="mesh"),
+            "numbers": numbers,
+        }
+        terms = _relaxation(data.get("relaxation", []))
+    return Sensor(**sensor, optics=parse_optics(data, origin)).relaxing(terms)
 
 
-def _pad(section: dict[str, Any], numbers: dict[str, Measured], folder: Path) -> Pad:
-    if "surface" in section:
-        return surface_of(section, folder)
-    sizes = [name for name in DIMENSIONS["pad"] if f"pad.{name}" in numbers]
-    return BoxPad(**{f"{name}_m": numbers[f"pad.{name}"].value for name in sizes})
+def _pad(table: dict[str, Any], numbers: dict[str, Measured], folder: Path) -> Pad:
+    """Return a pad of stated sizes, or one that a mesh bounds, whose path starts in the folder."""
+    if "surface" not in table:
+        sizes = [name for name in DIMENSIONS["pad"] if f"pad.{name}" in numbers]
+        return BoxPad(**{f"{name}_m": numbers[f"pad.{name}"].value for name in sizes})
+    missing = [key for key in SURFACE_KEYS if not str(table.get(key, "")).strip()]
+    if missing:
+        raise ConfigError(
+            f"pad has a surface but no {', '.join(missing)}",
+            remedy='write surface = "gel.stl", unit = "mm", source = "where it is from"',
+        )
+    unit = str(table["unit"])
+    if unit not in set(MeshUnit):
+        raise ConfigError(
+            f"pad.unit = {unit!r} is no unit", remedy=f"one of: {', '.join(MeshUnit)}"
+        )
+    return read_surface_pad(folder / str(table["surface"]), unit=MeshUnit(unit))
 
 
 def _material(numbers: dict[str, Measured], name: str) -> Material:
@@ -330,20 +294,33 @@ def _layers(data: dict[str, Any], numbers: dict[str, Measured]) -> tuple[Layer, 
                 remedy=f"give {', '.join(wanted)}, no more and no less",
             )
         for key, dimension in wanted.items():
-            numbers[f"{name}.{key}"] = read_number(entry[key], f"{name}.{key}", dimension)
+            numbers[f"{name}.{key}"] = _number(entry[key], f"{name}.{key}", dimension)
         share = numbers[f"{name}.share"].value
         layers.append(Layer(share=share, material=_material(numbers, name)))
     interface_shares(layers)
     return tuple(layers)
 
 
-def _camera(data: dict[str, Any], numbers: dict[str, Measured]) -> CameraGeometry:
-    """Return the pixels after the crop; ``centre`` is what of the pad is in the image's middle."""
-    width, height = (read_count(data, "camera", key) for key in ("width", "height"))
+def _camera(table: dict[str, Any], numbers: dict[str, Measured]) -> CameraGeometry:
+    """Return the pixels after the crop; ``centre`` is what of the pad is in the image's middle.
+
+    The configuration reads the rates (``tacauchy_rig.core.config.load``), which are checked here.
+    """
+    width, height = (_count(table, "camera", key) for key in ("width", "height"))
     pixel_x, pixel_y, centre_x, centre_y = (
         numbers[f"camera.{name}"].value for name in ("pixel_x", "pixel_y", "centre_x", "centre_y")
     )
-    crop = str(data["camera"].get("crop", 0.0))
+    plain = {
+        key: parse_quantity(str(table[key]), dimension=dimension, field=f"camera.{key}")
+        for key, dimension in (("crop", Dimension.RATIO), ("min_rate", Dimension.FREQUENCY))
+        if key in table
+    }
+    rate, least_hz = numbers.get("camera.rate"), plain.get("min_rate", 0.0)
+    if rate is not None and least_hz > rate.value:
+        raise ConfigError(
+            f"camera.min_rate {least_hz:g} Hz is above camera.rate {rate.value:g} Hz",
+            remedy="state the rate that the camera delivers, and the least that suffices",
+        )
     return CameraGeometry(
         width=width,
         height=height,
@@ -351,29 +328,14 @@ def _camera(data: dict[str, Any], numbers: dict[str, Measured]) -> CameraGeometr
         scale_y_m=pixel_y,
         centre_x_px=0.5 * (width - 1) - centre_x / pixel_x,
         centre_y_px=0.5 * (height - 1) - centre_y / pixel_y,
-        crop_fraction=parse_quantity(crop, dimension=Dimension.RATIO, field="camera.crop"),
+        crop_fraction=plain.get("crop", 0.0),
     )
 
 
-def _require_rates(camera: dict[str, Any], numbers: dict[str, Measured]) -> None:
-    """Check the rates, which the configuration reads (``tacauchy_rig.core.config.load``)."""
-    least, rate = camera.get("min_rate"), numbers.get("camera.rate")
-    if least is None:
-        return
-    least_hz = parse_quantity(str(least), dimension=Dimension.FREQUENCY, field="camera.min_rate")
-    if rate is not None and least_hz > rate.value:
-        raise ConfigError(
-            f"camera.min_rate {least_hz:g} Hz is above camera.rate {rate.value:g} Hz",
-            remedy="state the rate that the camera delivers, and the least that suffices",
-        )
-
-
-def _markers(data: dict[str, Any], numbers: dict[str, Measured]) -> MarkerGrid | None:
-    if "markers" not in data:
-        return None
+def _markers(table: dict[str, Any], numbers: dict[str, Measured]) -> MarkerGrid:
     return MarkerGrid(
-        columns=read_count(data, "markers", "columns"),
-        rows=read_count(data, "markers", "rows"),
+        columns=_count(table, "markers", "columns"),
+        rows=_count(table, "markers", "rows"),
         pitch_m=(numbers["markers.pitch_x"].value, numbers["markers.pitch_y"].value),
         radius_m=numbers["markers.radius"].value,
     )

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse
 import warp as wp
+from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
 from sim.device import Device
@@ -25,14 +25,63 @@ from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from sim.solve.loading_path import LoadingPath
-from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
-from sim.twin.frame import Goal, TwinFrame
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError, RigError
 
 # Of the largest force: between them the error goes evenly.
 _SHARES = (0.25, 0.5, 1.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Goal:
+    """Where the gel stands now: one of force and depth is given.
+
+    Attributes:
+        stamp_s: When that was measured, on any clock that goes on evenly [s].
+        force_n: Tared pressing force F_z [N].
+        depth_m: Travel below first touch [m].
+    """
+
+    stamp_s: float
+    force_n: float | None = None
+    depth_m: float | None = None
+
+    @property
+    def touches(self) -> bool:
+        """Whether anything is pressed."""
+        return (self.depth_m or 0.0) > 0.0 or (self.force_n or 0.0) > 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinFrame:
+    """The twin at one goal.
+
+    Attributes:
+        goal: What it was asked for.
+        force_n: Its F_z [N]; zero where nothing touches.
+        force_error_n: Stated error [N]: 95 % of such presses err by less; None where nobody
+            knows.
+        depth_m: Travel below first touch [m].
+        image: What the camera would show, RGB, uint8, shape [height, width, 3].
+        pressure_pa: On the gel where the image's pixels look, shape [rows, columns]; None where
+            it was not asked for.
+        shear_pa: Size of the tangential traction there, likewise.
+        solve_s: Time that the press took [s].
+        draw_s: Time that image and maps took [s].
+        note: Why the frame is not of its goal; empty where it is.
+    """
+
+    goal: Goal
+    force_n: float
+    force_error_n: float | None
+    depth_m: float
+    image: ImageArray
+    pressure_pa: FloatArray | None
+    shear_pa: FloatArray | None
+    solve_s: float
+    draw_s: float
+    note: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,15 +105,11 @@ class StatedForceError:
 
 
 def stated_force_error(scene: Scene, path: LoadingPath, force_max_n: float) -> StatedForceError:
-    """Press a path and preset fast's to some forces, and state the errors of the former's.
+    """Press a scene's path and preset fast's to some forces, and state the errors of the former's.
 
     On edges longer than preset fast's nothing is known of what is left (a punch is off by more than
     ``sim.error`` says there), so the difference to preset fast is measured, and the
     estimated error of preset fast is added. The path is left at the largest force.
-
-    Args:
-        scene: As the path presses it, with preset fast on other edges.
-        force_max_n: The largest force [N].
     """
     fast = replace(scene, refinement=1.0)
     plan = plan_effects(fast)
@@ -85,50 +130,6 @@ def stated_force_error(scene: Scene, path: LoadingPath, force_max_n: float) -> S
         basis = f"the press on shorter edges failed: {error.message}"
         return StatedForceError(forces_n=(), relative=(), basis=basis)
     return StatedForceError(forces_n=forces, relative=relative, basis=basis)
-
-
-class SurfaceMaps:
-    """Tractions of a model's contact surface as maps.
-
-    What is laid out once: which nodes a pixel is between, and by which shares. It is so on the
-    undeformed surface: a map says what acts on the gel that lies at rest where a pixel looks.
-
-    Args:
-        model: A part of a pad is drawn whole.
-        geometry: Where the pixels of a map look.
-    """
-
-    def __init__(self, model: Model, geometry: CameraGeometry) -> None:
-        self._model, self._shape = model, (geometry.height, geometry.width)
-        top = top_surface(model)
-        self._sources = top.sources
-        x, y = geometry.pad_grid()
-        places = np.column_stack([x.ravel(), y.ravel()])
-        mesh = Delaunay(top.rest[:, :2])
-        found = mesh.find_simplex(places)
-        inside = np.flatnonzero(found >= 0)
-        simplex = found[inside]
-        to_shares = mesh.transform[simplex]
-        first = np.einsum("nij,nj->ni", to_shares[:, :2], places[inside] - to_shares[:, 2])
-        shares = np.column_stack([first, 1.0 - first.sum(axis=1)])
-        self._shares = scipy.sparse.csr_matrix(
-            (shares.ravel(), (np.repeat(inside, 3), mesh.simplices[simplex].ravel())),
-            shape=(len(places), len(top.rest)),
-        )
-
-    def of(self, point: PathPoint) -> tuple[FloatArray, FloatArray]:
-        """Return pressure and size of shear [Pa], each of shape [height, width]."""
-        found = surface_traction(self._model, point)
-        sizes = np.linalg.norm(found.tangential_pa, axis=1)
-        return self._drawn(found.pressure_pa), self._drawn(sizes)
-
-    @property
-    def none(self) -> FloatArray:
-        """The map of an untouched gel [Pa]."""
-        return np.zeros(self._shape)
-
-    def _drawn(self, values: FloatArray) -> FloatArray:
-        return np.asarray((self._shares @ values[self._sources]).reshape(self._shape))
 
 
 REFINEMENT, COARSER = 0.7, 0.5
@@ -187,12 +188,8 @@ class Follower:
     """Presses a scene's indenter to goals as they come, and shows each.
 
     Warm: each press goes on from the last. Where one fails, and where a gel that remembers lost
-    contact, the next begins with an untouched gel.
-
-    Args:
-        scene: The press; its target is the largest force that will come [N].
-        sensor: Whose gel it is.
-        options: How its images are made.
+    contact, the next begins with an untouched gel. The scene's target is the largest force that
+    will come.
 
     Attributes:
         stated_error: The stated error of its forces.
@@ -217,10 +214,9 @@ class Follower:
                 break
         self._drawn_from = self._path.model.on(self._options.device)
         self.view, self._blur_px = self._options.view(sensor)
-        self._maps = SurfaceMaps(self._path.model, self.view.refined(_MAP_SHARE))
-        self.stated_error: StatedForceError = stated_force_error(
-            self._scene, self._path, force_max_n
-        )
+        top, self._map_view = top_surface(self._path.model), self.view.refined(_MAP_SHARE)
+        self._map_mesh, self._map_nodes = Delaunay(top.rest[:, :2]), top.sources
+        self.stated_error = stated_force_error(self._scene, self._path, force_max_n)
         self._begin_anew()
         self._wait()
         self._last: PathPoint | None = None
@@ -228,10 +224,9 @@ class Follower:
         self.unloaded(None)
 
     def unloaded(self, background: ImageArray | None) -> None:
-        """Take the no-contact frame over which images are drawn from now on.
+        """Take the no-contact frame, RGB, uint8, of the size of ``view``, for images from now on.
 
-        Args:
-            background: RGB, uint8, of the size of ``view``; None is evenly grey.
+        None is evenly grey.
         """
         self._images = SurfaceImages(
             self._drawn_from,
@@ -249,9 +244,7 @@ class Follower:
     def follow(self, goal: Goal, *, maps: bool = True) -> TwinFrame:
         """Press on to a goal, or back to it, and show that; a press that fails shows the last.
 
-        Args:
-            goal: What to press to; less than 0.02 N is no contact.
-            maps: Whether pressure and shear are wanted, which take as long as the rest.
+        Less than 0.02 N is no contact. Maps of pressure and shear take as long as the rest.
         """
         started, note = time.perf_counter(), ""
         if not goal.touches or (goal.force_n is not None and goal.force_n < NO_FORCE_N):
@@ -300,12 +293,10 @@ class Follower:
     ) -> TwinFrame:
         started = time.perf_counter()
         force = 0.0 if point is None else float(point.force_n[2])
-        pressure = shear = self._maps.none if maps else None
         image = self._untouched
         if point is not None:
             image = self._drawn(point.state.positions, point.state.tip, point.state.rotation)
-            if maps:
-                pressure, shear = self._maps.of(point)
+        pressure, shear = self._traction_maps(point) if maps else (None, None)
         return TwinFrame(
             goal=goal,
             force_n=force,
@@ -318,6 +309,21 @@ class Follower:
             draw_s=time.perf_counter() - started,
             note=note,
         )
+
+    def _traction_maps(self, point: PathPoint | None) -> tuple[FloatArray, FloatArray]:
+        """Return pressure and size of shear [Pa] on the gel that lies at rest where a pixel looks.
+
+        A part of a pad is drawn whole.
+        """
+        shape = (self._map_view.height, self._map_view.width)
+        if point is None:
+            return np.zeros(shape), np.zeros(shape)
+        found = surface_traction(self._path.model, point)
+        sizes = np.linalg.norm(found.tangential_pa, axis=1)
+        values = np.column_stack([found.pressure_pa, sizes])[self._map_nodes]
+        between = LinearNDInterpolator(self._map_mesh, values, fill_value=0.0)
+        pressure, shear = np.moveaxis(between(*self._map_view.pad_grid()), -1, 0)
+        return pressure, shear
 
     def _drawn(self, nodes: FloatArray, tip: FloatArray, rotation: FloatArray) -> ImageArray:
         device = Device(self._options.device)

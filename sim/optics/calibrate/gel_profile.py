@@ -1,4 +1,7 @@
-"""The gel's surface around a pressed ball by the contact's radius, as the simulator presses it."""
+"""The gel's surface around a pressed ball, as the simulator presses it, and the slope at rest.
+
+A dome's colours are in the no-contact frame already.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.scene.indenter import Sphere
+from sim.scene.pad import Pad
 from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
@@ -30,6 +34,8 @@ _GROWTH = 1.5
 _SECTORS = 16
 _CONTACT_DISTANCE_M = 1e-6
 _TOUCHING_M = 1.2e-6
+_STEP_M = 5e-5  # over which the slope of an unloaded pad is taken
+_TOUCHING_ROUNDS = 4
 DEPTHS_M = (2e-4, 3.5e-4, 5e-4, 7e-4, 9e-4, 1.2e-3)
 
 
@@ -173,3 +179,32 @@ def ball_profiles(
         found.append(radial_profile(maps, surface, geometry))
         on_press(len(found))
     return PressedProfiles(found)
+
+
+def pad_slopes(pad: Pad, places_m: FloatArray) -> FloatArray:
+    """Return dz/dx and dz/dy of the top at rest at x, y [m], [..., 2], zero beside the pad."""
+    x, y, step = places_m[..., 0], places_m[..., 1], _STEP_M
+    with np.errstate(invalid="ignore"):
+        along = pad.height_at(x + step, y) - pad.height_at(x - step, y)
+        across = pad.height_at(x, y + step) - pad.height_at(x, y - step)
+    slopes = np.stack([along, across], axis=-1) / (2.0 * step)
+    return np.where(np.isfinite(slopes), slopes, 0.0)
+
+
+def rest_slopes(pad: Pad, geometry: CameraGeometry) -> FloatArray:
+    """Return a pad's slope along columns and rows at every pixel, shape [2, height, width]."""
+    slopes = pad_slopes(pad, np.stack(geometry.pad_grid(), axis=-1))
+    directions = geometry.direction_matrix
+    along = slopes @ (directions / np.linalg.norm(directions, axis=0))
+    return np.ascontiguousarray(np.moveaxis(along, -1, 0))
+
+
+def touching_places(axes_m: FloatArray, pad: Pad, *, ball_radius_m: float) -> FloatArray:
+    """Return where balls with these axes touch a pad, x and y from its centre [m], shape [n, 2].
+
+    Ball and gel have one slope there: on a dome that is beside the axis, towards the top.
+    """
+    places = axes_m
+    for _ in range(_TOUCHING_ROUNDS):
+        places = axes_m + ball_radius_m * pad_slopes(pad, places)
+    return places

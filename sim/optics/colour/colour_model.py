@@ -39,30 +39,26 @@ class Response:
         """Return what the camera shows of light, both in grey levels, same shape."""
         if not self.bends:
             return light
-        kind = light.dtype.type
-        room, knee = kind(BRIGHTEST - self.knee), kind(self.knee)
-        shown = light.copy()
-        bent = np.nonzero(light > knee)  # few pixels are so bright
-        shown[bent] = knee - room * np.expm1((knee - light[bent]) / room)
+        shown, room = light.copy(), BRIGHTEST - self.knee
+        bent = np.nonzero(light > self.knee)  # few pixels are so bright
+        shown[bent] = self.knee - room * np.expm1((self.knee - light[bent]) / room)
         return shown
 
     def light(self, levels: RealArray) -> RealArray:
         """Return the light that shows as these levels, same shape."""
         if not self.bends:
             return levels
-        kind = levels.dtype.type
-        room, knee = kind(BRIGHTEST - self.knee), kind(self.knee)
-        over = np.clip(levels - knee, kind(0.0), room - kind(min(_CLOSEST, 0.5 * float(room))))
-        return np.asarray(np.minimum(levels, knee) - room * np.log1p(-over / room))
+        room = BRIGHTEST - self.knee
+        over = np.clip(levels - self.knee, 0.0, room - min(_CLOSEST, 0.5 * room))
+        return np.asarray(np.minimum(levels, self.knee) - room * np.log1p(-over / room))
 
     def slope(self, levels: RealArray) -> RealArray:
         """Return grey levels per unit of light where the camera shows these levels, same shape."""
-        kind = levels.dtype.type
         if not self.bends:
             return np.ones_like(levels)
-        room = kind(BRIGHTEST - self.knee)
-        over = np.maximum(levels - kind(self.knee), kind(0.0))
-        return np.asarray(np.maximum(kind(1.0) - over / room, kind(_CLOSEST) / room))
+        room = BRIGHTEST - self.knee
+        over = np.maximum(levels - self.knee, 0.0)
+        return np.asarray(np.maximum(1.0 - over / room, _CLOSEST / room))
 
 
 LINEAR = Response()

@@ -63,15 +63,11 @@ BALL_EXPONENTS: IntArray = np.unique(np.concatenate([_STEEP, _GENTLE]), axis=0)
 def monomials(
     tilt: RealArray, position: RealArray, indentation_m: RealArray, exponents: IntArray
 ) -> RealArray:
-    """Return the terms' values, shape [term_count, point_count].
+    """Return the terms' values at n points, shape [term_count, n].
 
-    Args:
-        tilt: Shape [2, point_count].
-        position: Shape [2, point_count].
-        indentation_m: Shape [point_count].
-        exponents: Of tilt (2), position (2) and indentation [mm], shape [term_count, 5].
+    Exponents, shape [term_count, 5], are of tilt (2), position (2) and indentation [mm].
     """
-    depth = indentation_m / tilt.dtype.type(INDENTATION_UNIT_M)
+    depth = indentation_m / INDENTATION_UNIT_M
     powers = [[variable, variable] for variable in (*tilt, *position, depth)]
     for known, degree in zip(powers, exponents.max(axis=0, initial=0), strict=True):
         while len(known) <= degree:
@@ -169,9 +165,7 @@ class NearLamp:
     ) -> RealArray:
         """Return the light on a tilted surface less that on a level one, shape [n].
 
-        Args:
-            tilt: Shape [2, n]; ``upright`` is the normal's third component, shape [n].
-            position: In halves of the image's width along both, shape [2, n].
+        ``upright`` is the normal's third component; positions are as in ``seen_from``.
         """
         along, across, height, level = self.seen_from(position, softness=softness)
         cosine = np.asarray(height * upright + tilt[0] * along + tilt[1] * across)
@@ -182,10 +176,9 @@ class NearLamp:
 
         Positions are in halves of the image's width along both, shape [2, n].
         """
-        kind = position.dtype.type
-        along = kind(self.distance * math.cos(self.azimuth_rad)) - position[0]
-        across = kind(self.distance * math.sin(self.azimuth_rad)) - position[1]
-        height = kind(self.distance * math.tan(self.elevation_rad))
+        along = self.distance * math.cos(self.azimuth_rad) - position[0]
+        across = self.distance * math.sin(self.azimuth_rad) - position[1]
+        height = self.distance * math.tan(self.elevation_rad)
         away = np.sqrt(along * along + across * across + height * height)
         level = np.asarray(height / away)
         return np.stack([along / away, across / away, level, softened(level, softness)])
@@ -213,19 +206,15 @@ class ShadingTerms:
         return _PLACES * (len(self.lamps) + 1)
 
     def values(self, tilt: RealArray, position: RealArray, curvature: RealArray) -> RealArray:
-        """Return the terms, shape [count, n].
+        """Return the terms at n normalised pixel positions, shape [count, n].
 
-        Args:
-            tilt: Shape [2, n].
-            position: Normalised pixel position, shape [2, n].
-            curvature: Divergence of the tilt [1/m], shape [n].
+        The curvature is the divergence of the tilt [1/m].
         """
-        kind = tilt.dtype.type
-        upright = np.sqrt(np.maximum(kind(1.0) - tilt[0] ** 2 - tilt[1] ** 2, kind(0.0)))
-        place = np.stack([position[0], position[1] * kind(self.aspect)])
+        upright = np.sqrt(np.maximum(1.0 - tilt[0] ** 2 - tilt[1] ** 2, 0.0))
+        place = np.stack([position[0], position[1] * self.aspect])
         basic = [lamp.lit(tilt, upright, place, softness=self.softness) for lamp in self.lamps]
-        bound = kind(self.crease_limit)
-        basic.append(np.clip(curvature, -bound, bound) * kind(CREASE_UNIT_M))
+        bounded = np.clip(curvature, -self.crease_limit, self.crease_limit)
+        basic.append(bounded * CREASE_UNIT_M)
         terms = np.empty((len(basic), _PLACES, len(upright)), dtype=tilt.dtype)
         for row, value in zip(terms, basic, strict=True):
             row[0] = value
@@ -235,8 +224,7 @@ class ShadingTerms:
 
 def softened(cosine: RealArray, softness: float) -> RealArray:
     """Return the cosine where it is positive, and zero where not, with a soft bend between."""
-    bend = cosine.dtype.type(softness * softness)
-    return np.asarray(cosine.dtype.type(0.5) * (cosine + np.sqrt(cosine * cosine + bend)))
+    return np.asarray(0.5 * (cosine + np.sqrt(cosine * cosine + softness * softness)))
 
 
 def lamp_planes(terms: ShadingTerms | None, position: RealArray, layout: PixelBlocks) -> Any:

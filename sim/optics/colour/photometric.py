@@ -20,6 +20,7 @@ import numpy as np
 import warp as wp
 from pydantic import TypeAdapter
 
+from sim.device import filled
 from sim.optics.colour.colour_kernel import Colours, colour_pixels
 from sim.optics.colour.colour_model import BRIGHTEST, LINEAR, PixelColours, Response
 from sim.optics.colour.model_terms import (
@@ -94,7 +95,7 @@ class PhotometricModel:
             curvature: Divergence of the tilt [1/m], shape [point_count]; None is no crease.
         """
         bounded = bounded_tilt(tilt, self.tilt_limit)
-        depth = np.minimum(indentation_m, tilt.dtype.type(self.indentation_limit_m))
+        depth = np.minimum(indentation_m, self.indentation_limit_m)
         change = evaluate_polynomial(self.exponents, self.coefficients, bounded, position, depth)
         if self.terms is not None:
             creases = np.zeros_like(indentation_m) if curvature is None else curvature
@@ -106,44 +107,41 @@ class PhotometricModel:
         """Return what the change is multiplied by over a no-contact frame's light [grey levels]."""
         if self.reference is None:
             return np.ones_like(light)
-        kind = light.dtype.type
-        return np.asarray(np.maximum(light, kind(1.0)) * kind(1.0 / self.reference))
+        return np.asarray(np.maximum(light, 1.0) * (1.0 / self.reference))
 
     def over(self, frame: Float32Array, layout: PixelBlocks) -> PixelColours:
         """Make it ready for a no-contact frame [grey levels], shape [3, height, width]."""
-        light = self.response.light(frame)
-        position = normalised_positions(layout.geometry.height, layout.geometry.width)
-        columns = layout.pixel_rows(position[:1, : layout.geometry.width])
+        light = np.asarray(self.response.light(frame), dtype=np.float32)
+        height, width = layout.geometry.height, layout.geometry.width
+        position = normalised_positions(height, width)
         inputs = [
-            self._colours(position[1, :: layout.geometry.width], layout),
-            columns[0],
+            self._colours(position[1, ::width], layout),
+            layout.pixel_rows(position[:1, :width])[0],
             lamp_planes(self.terms, position, layout),
             layout.pixel_rows(self.gain(light)),
         ]
         return PixelColours(
-            light=np.asarray(light, dtype=np.float32),
-            response=self.response,
-            kernel=colour_pixels,
-            inputs=inputs,
+            light=light, response=self.response, kernel=colour_pixels, inputs=inputs
         )
 
     def _colours(self, v: Float32Array, layout: PixelBlocks) -> Any:
-        exponents, terms = self.exponents, self.terms
-        degrees = degrees_of_tilt(exponents)
-        weights = row_weights(exponents, self.coefficients, degrees, v)
-        colours: Any = Colours()
-        colours.tilt_limit = self.tilt_limit
-        colours.depth_limit = min(self.indentation_limit_m, _NO_LIMIT_M)
-        colours.along_powers, colours.depth_powers = degrees.shape
-        colours.degrees = wp.array(degrees.ravel(), dtype=wp.int32, device=layout.device)
-        colours.weight_count = weights.shape[1] * 3
-        colours.weights = layout.array(weights.ravel())
-        colours.lamp_count = 0 if terms is None else len(terms.lamps)
-        colours.bend = 0.0 if terms is None else terms.softness**2
-        colours.crease_limit = 0.0 if terms is None else terms.crease_limit
-        shades = lamp_weights(terms, self.term_coefficients, v)
-        colours.lamp_weights = layout.array(shades.ravel())
-        return colours
+        terms = self.terms
+        degrees = degrees_of_tilt(self.exponents)
+        weights = row_weights(self.exponents, self.coefficients, degrees, v)
+        return filled(
+            Colours,
+            tilt_limit=self.tilt_limit,
+            depth_limit=min(self.indentation_limit_m, _NO_LIMIT_M),
+            along_powers=degrees.shape[0],
+            depth_powers=degrees.shape[1],
+            degrees=wp.array(degrees.ravel(), dtype=wp.int32, device=layout.device),
+            weight_count=weights.shape[1] * 3,
+            weights=layout.array(weights.ravel()),
+            lamp_count=0 if terms is None else len(terms.lamps),
+            bend=0.0 if terms is None else terms.softness**2,
+            crease_limit=0.0 if terms is None else terms.crease_limit,
+            lamp_weights=layout.array(lamp_weights(terms, self.term_coefficients, v).ravel()),
+        )
 
     def save(self, path: Path) -> None:
         """Write the model and its provenance as one ``.npz``."""
@@ -176,6 +174,7 @@ def load_photometric(path: Path) -> PhotometricModel:
             if str(data["format"]) != FORMAT:
                 raise ConfigError(f"{path} has the format {str(data['format'])!r}", remedy=remedy)
             terms = json.loads(str(data["terms"])) if "terms" in data else None
+            reference = float(data["reference"]) if "reference" in data else math.nan
             return PhotometricModel(
                 exponents=data["exponents"],
                 coefficients=data["coefficients"],
@@ -184,7 +183,7 @@ def load_photometric(path: Path) -> PhotometricModel:
                 terms=TypeAdapter(ShadingTerms | None).validate_python(terms),
                 term_coefficients=data["term_coefficients"] if terms else np.zeros((0, 3)),
                 response=Response(knee=float(data["knee"]) if "knee" in data else BRIGHTEST),
-                reference=_number(data["reference"]) if "reference" in data else None,
+                reference=None if math.isnan(reference) else reference,
                 provenance=json.loads(str(data["provenance"])),
             )
     except FileNotFoundError as error:
@@ -195,18 +194,12 @@ def load_photometric(path: Path) -> PhotometricModel:
         ) from error
 
 
-def _number(stored: FloatArray) -> float | None:
-    value = float(stored)
-    return None if math.isnan(value) else value
-
-
 def bounded_tilt(tilt: RealArray, limit: float) -> RealArray:
     """Return tilts no steeper than a limit, in their own direction; shape [2, ...]."""
     squared = tilt[0] * tilt[0] + tilt[1] * tilt[1]
     if squared.size == 0 or squared.max() <= limit * limit:
         return tilt
-    bound = tilt.dtype.type(limit)
-    return np.asarray(tilt * (bound / np.maximum(np.sqrt(squared), bound)))
+    return np.asarray(tilt * (limit / np.maximum(np.sqrt(squared), limit)))
 
 
 def normalised_positions(height: int, width: int) -> Float32Array:

@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
+from scipy import sparse
 from scipy.interpolate import CubicSpline
 
 from sim.mesh.elements import FACE_EDGES, QUARTERS, quadratic_triangle_values
@@ -171,3 +172,15 @@ def cut_tables(faces: IntArray, node_count: int) -> dict[str, AnyArray]:
         "beside": beside,
         "place": place,
     }
+
+
+def two_rings(triangles: IntArray, node_count: int) -> dict[str, IntArray]:
+    """Return the nodes at most two edges from each node, as tables of ``node_kernel.Gel``."""
+    start = triangles[:, [0, 1, 2, 1, 2, 0]].ravel()
+    end = triangles[:, [1, 2, 0, 0, 1, 2]].ravel()
+    one_ring = sparse.csr_matrix((np.ones(len(start)), (start, end)), shape=(node_count,) * 2)
+    rings = (one_ring + one_ring @ one_ring).tolil()
+    rings.setdiag(0.0)
+    found = rings.tocsr()
+    found.eliminate_zeros()
+    return {"neighbour_starts": found.indptr, "neighbours": found.indices}

@@ -13,9 +13,8 @@ from sim.device import Device, filled
 from sim.fields.surface import SurfaceState, TopSurface
 from sim.mesh.elements import QUARTERS
 from sim.optics.height import node_kernel as kernels
-from sim.optics.height.drawn_nodes import cut_tables, round_rings
+from sim.optics.height.drawn_nodes import cut_tables, round_rings, two_rings
 from sim.optics.height.facet_kernel import BARE_M, View, bound_heights, draw_facets
-from sim.optics.height.slope_fit_kernel import fit_slopes, two_rings
 from sim.scene.indenter import Indenter, MeshIndenter, grown
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
@@ -235,7 +234,7 @@ class SurfaceHeights:
             canvas.sums.zero_()
             launch(kernels.add_slopes, (count, len(gel.parts)), [gel], [canvas])
         else:
-            launch(fit_slopes, (count, len(gel.sources)), [gel], [canvas])
+            launch(kernels.fit_slopes, (count, len(gel.sources)), [gel], [canvas])
         canvas.heights.fill_(float(BARE_M))
         canvas.pressed.zero_()
         canvas.covered.zero_()

@@ -1,4 +1,4 @@
-"""Markers printed over images of bare gel, where the deformed surface carries them."""
+"""Markers on a gel: points that the simulated surface carries, seen, and printed over images."""
 
 from __future__ import annotations
 
@@ -7,49 +7,134 @@ from typing import Any
 import cv2
 import numpy as np
 import warp as wp
+from scipy.spatial import cKDTree
 
 from sim.device import Device, filled
 from sim.fields.surface import SurfaceState, TopSurface
-from sim.optics.markers.material_points import MaterialPoints
+from sim.mesh.elements import linear_facets
 from sim.optics.markers.point_kernel import (
     Projection,
     came_from,
+    carry_points,
     motion_of,
     print_ink,
     see_points,
 )
 from sim.optics.markers.printed_markers import PrintedMarkers
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray
+from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray, IndexArray, IntArray
+from tacauchy_rig.core.errors import ConfigError
 
 _SPACING_PX = 4  # of the lattice of points whose motion is interpolated between
+_NEAREST = 24  # facets that are tried first for a point
+_TOLERANCE = 1e-6
 
 
-class SeenPoints:
-    """Points of a gel's surface as a camera sees them, in environments on one device.
+class MaterialPoints:
+    """Points of a gel's surface, on one device, in as many environments as there are positions.
 
     Args:
-        places: x, y at rest [m], shape [n, 2].
-        further: See ``MaterialPoints``.
+        points: x, y at rest [m], shape [n, 2].
+        beside: Points beside the surface move with its border; otherwise they are refused.
+    """
+
+    def __init__(
+        self,
+        top: TopSurface,
+        points: FloatArray,
+        *,
+        count: int = 1,
+        device: str = "cpu",
+        beside: bool = False,
+    ) -> None:
+        self._device = Device(device)
+        facets = linear_facets(top.faces)
+        chosen, weights = _cover(top.rest[facets][..., :2], points, beside=beside)
+        corners, array = facets[chosen], self._device.array
+        self._tables = [
+            array(top.sources[corners], wp.int32),
+            array(top.signs[corners], wp.vec3d),
+            array(top.rest[corners], wp.vec3d),
+            array(weights, wp.vec3d),
+        ]
+        self._moved: Any = self._device.zeros((count, len(points)), wp.vec3d)
+
+    def displacement(self, positions: Any) -> Any:
+        """Return the points' displacement [m], vec3d, shape [count, n]; zero where nothing moved.
+
+        Args:
+            positions: A model's nodes [m], vec3d, shape [count, node_count], on the device.
+        """
+        taken = [*self._tables, positions]
+        self._device.launch(carry_points, self._moved.shape, taken, [self._moved])
+        return self._moved
+
+
+def _cover(corners: FloatArray, points: FloatArray, *, beside: bool) -> tuple[IntArray, FloatArray]:
+    """Return a facet for each point, and its coordinates in it; on an edge either is right.
+
+    The nearest facets are tried first, and all of them for points that none of those holds.
+    """
+    count = min(_NEAREST, len(corners))
+    near = cKDTree(corners.mean(axis=1)).query(points, k=count)[1]
+    facets, weights = _best(corners, points, near.reshape(len(points), count))
+    out = np.flatnonzero(weights.min(axis=1) < -_TOLERANCE)
+    if len(out):
+        every = np.broadcast_to(np.arange(len(corners)), (len(out), len(corners)))
+        facets[out], weights[out] = _best(corners, points[out], every)
+    if not beside:
+        for x, y in points[weights.min(axis=1) < -_TOLERANCE] * 1e3:
+            raise ConfigError(
+                f"marker at {x:.2f}, {y:.2f} mm lies beside the gel's surface",
+                remedy="give fewer markers or a smaller pitch in the sensor's file",
+            )
+    weights = np.maximum(weights, 0.0) if beside else weights
+    return facets.astype(np.int32), weights / weights.sum(axis=1, keepdims=True)
+
+
+def _best(
+    corners: FloatArray, points: FloatArray, tried: IndexArray
+) -> tuple[IndexArray, FloatArray]:
+    """Return which of some facets, [n, m], holds each point best, and its coordinates there."""
+    at = corners[tried]
+    origin = at[..., 2, :]
+    u, v, offset = at[..., 0, :] - origin, at[..., 1, :] - origin, points[:, None] - origin
+    area = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    safe = np.where(area == 0.0, np.inf, area)
+    first = (offset[..., 0] * v[..., 1] - offset[..., 1] * v[..., 0]) / safe
+    second = (u[..., 0] * offset[..., 1] - u[..., 1] * offset[..., 0]) / safe
+    weights = np.stack([first, second, 1.0 - first - second], axis=-1)
+    best = np.argmax(np.where(area == 0.0, -np.inf, weights.min(axis=-1)), axis=1)
+    number = np.arange(len(points))
+    return tried[number, best], weights[number, best]
+
+
+def surface_displacement(surface: SurfaceState, points: FloatArray) -> FloatArray:
+    """Interpolate the displacement [m] of points given by x, y at rest [m], shape [n, 3] of [n, 2].
 
     Raises:
         ConfigError: A point lies beside the surface.
     """
+    positions = Device("cpu").array(surface.positions[None], wp.vec3d)
+    found = MaterialPoints(surface.top, points).displacement(positions)
+    return np.asarray(found.numpy()[0])
+
+
+class SeenPoints(MaterialPoints):
+    """Points of a gel's surface as a camera sees them; further arguments as ``MaterialPoints``."""
 
     def __init__(
-        self, top: TopSurface, places: FloatArray, geometry: CameraGeometry, **further: Any
+        self, top: TopSurface, points: FloatArray, geometry: CameraGeometry, **further: Any
     ) -> None:
-        self._points = MaterialPoints(top, places, **further)
-        self._device = device = Device(further.get("device", "cpu"))
-        self._rest_px: Any = device.array(geometry.to_pixels(places), wp.vec2d)
+        super().__init__(top, points, **further)
+        self._rest_px: Any = self._device.array(geometry.to_pixels(points), wp.vec2d)
         self._view = filled(
             Projection,
             back=wp.mat22d(*np.linalg.inv(geometry.direction_matrix).reshape(-1)),
             middle=wp.vec2d(0.5 * (geometry.width - 1), 0.5 * (geometry.height - 1)),
             per_distance=1.0 / geometry.distance_m,
         )
-        count = further.get("count", 1)
-        self._seen: Any = device.zeros((count, len(places), 2), wp.float32)
+        self._seen: Any = self._device.zeros((*self._moved.shape, 2), wp.float32)
 
     def pixels(self, positions: Any) -> Any:
         """Return columns and rows [px], Warp float32, shape [count, n, 2].
@@ -57,10 +142,8 @@ class SeenPoints:
         Args:
             positions: A model's nodes [m], vec3d, shape [count, node_count], on the device.
         """
-        moved = self._points.displacement(positions)
-        self._device.launch(
-            see_points, moved.shape, [self._view, self._rest_px, moved], [self._seen]
-        )
+        taken = [self._view, self._rest_px, self.displacement(positions)]
+        self._device.launch(see_points, self._moved.shape, taken, [self._seen])
         return self._seen
 
 

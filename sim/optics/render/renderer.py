@@ -14,6 +14,8 @@ import warp as wp
 
 from sim.device import Device
 from sim.optics.colour.colour_model import ColourModel, PixelColours, SampleColours
+from sim.optics.colour.nominal import nominal_model
+from sim.optics.height.height_map import HeightMaps
 from sim.optics.pixels.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, PixelBlocks
 from sim.optics.pixels.pixel_kernel import (
     blur_columns,
@@ -27,6 +29,7 @@ from sim.optics.pixels.pixel_kernel import (
 from sim.optics.render.shadows import HiddenLamp
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
+from sim.sensor.sensor import Sensor
 from tacauchy_rig.core.arrays import Float32Array, ImageArray, RealArray
 from tacauchy_rig.core.errors import ConfigError
 
@@ -273,6 +276,16 @@ class _Images:
         sizes = [(start, (self._count, stop - start, *inner)) for start, stop in pairwise(ends)]
         record = self._device.record
         return [record(kernel, size, [layout, at, *inputs]).launch for at, size in sizes]
+
+
+def nominal_renderer(
+    sensor: Sensor, *, level: int = GREY_LEVEL, samples: int = 1
+) -> Callable[[HeightMaps], ImageArray]:
+    """Return what renders the loaded gel uncalibrated over an evenly grey no-contact frame."""
+    model, geometry = nominal_model(sensor), sensor.camera
+    even = np.full((geometry.height, geometry.width, 3), level, dtype=np.uint8)
+    ready = partial(TactileRenderer, shadows=sensor.optics.shadows, samples=samples)
+    return lambda maps: ready(even, maps.rest, model, geometry).render(maps.loaded)
 
 
 def gaussian_weights(sigma_px: float) -> Float32Array:

@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from sim.optics.render.nominal import nominal_renderer
+from sim.optics.render.renderer import nominal_renderer
 from sim.press_command import scene_of
 from sim.scene.scene import Preset, SceneTerms
 from sim.sensor.sensor import load_sensor

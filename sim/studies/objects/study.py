@@ -22,7 +22,7 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
 from sim.fields.press_fields import surface_state
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.optics.render.nominal import nominal_renderer
+from sim.optics.render.renderer import nominal_renderer
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset, Target
 from sim.scene.triangle_surface import TriangleSurface

@@ -10,13 +10,13 @@ import numpy as np
 
 from sim.optics.calibrate.ball_press import BallPress, read_ball_presses, read_rgb
 from sim.optics.calibrate.colours import Calibration
+from sim.optics.calibrate.gel_profile import rest_slopes, touching_places
 from sim.optics.calibrate.optics_fit import BLUR_PX, SHADOWS, calibrate_presses, read_shadows
 from sim.optics.calibrate.press_scene import pressed_scene
 from sim.optics.calibrate.scale_fit import ScaleFit, fit_scale, read_positions
 from sim.optics.colour.colour_model import ColourModel
 from sim.optics.colour.nominal import exponents_for, nominal_model
 from sim.optics.colour.photometric import load_photometric
-from sim.optics.height.rest_slope import rest_slopes, touching_places
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import ShadowCaster
 from sim.sensor.sensor import Sensor

@@ -15,7 +15,7 @@ from sim.fields.press_fields import TrialFields, trial_fields
 from sim.fields.vtu import gel_vtu, indenter_vtu
 from sim.mesh.elements import linear_facets
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.optics.markers.material_points import surface_displacement
+from sim.optics.markers.marker_printer import surface_displacement
 from sim.optics.markers.printed_markers import draw_markers, marker_places
 from sim.optics.render.renderer import GREY_LEVEL
 from sim.press import PressResult

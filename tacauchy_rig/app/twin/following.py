@@ -10,7 +10,7 @@ from typing import Any
 
 from protocols.processes.feed import Shown
 from reports.evidence.attempt import median_image
-from sim.twin.frame import Goal, TwinFrame
+from sim.twin.follower import Goal, TwinFrame
 from tacauchy_rig.app.twin.images import CameraImages, contact_residual, jpeg_of, map_picture
 from tacauchy_rig.app.twin.twin import Follows, Twin
 from tacauchy_rig.core.arrays import ImageArray

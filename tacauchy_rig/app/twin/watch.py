@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from reports.evidence.attempt import AttemptReading, RunReading, median_image
-from sim.twin.follower import NO_FORCE_N
-from sim.twin.frame import Goal
+from sim.twin.follower import NO_FORCE_N, Goal
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, say_nothing
 from tacauchy_rig.app.twin.images import CameraImages, contact_residual, jpeg_of, map_picture
 from tacauchy_rig.app.twin.twin import Twin, twin_of

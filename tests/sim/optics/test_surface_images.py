@@ -16,9 +16,9 @@ from sim.effects.presets import build_model
 from sim.fields.press_fields import top_surface
 from sim.fields.surface import SurfaceState
 from sim.optics.height.height_map import height_maps
-from sim.optics.markers.material_points import surface_displacement
+from sim.optics.markers.marker_printer import surface_displacement
 from sim.optics.markers.printed_markers import marker_places
-from sim.optics.render.nominal import nominal_renderer
+from sim.optics.render.renderer import nominal_renderer
 from sim.optics.surface_images import SurfaceImages
 from sim.scene.indenter import (
     Cylinder,

@@ -33,10 +33,9 @@ from sim.optics.calibrate.cross_validation import (
     render_presses,
     slope_coverage,
 )
-from sim.optics.calibrate.find_circle import find_circle, wrong_label
 from sim.optics.calibrate.gel_profile import DEPTHS_M
 from sim.optics.calibrate.optics_fit import BLUR_PX, SHADOWS, calibrate_presses
-from sim.optics.calibrate.press_scene import PressScene, pressed_scene
+from sim.optics.calibrate.press_scene import PressScene, find_circle, pressed_scene, wrong_label
 from sim.scene.scene import Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor

@@ -10,10 +10,9 @@ import pytest
 
 from sim.optics.calibrate.ball_press import BallPress
 from sim.optics.calibrate.colours import Calibration
-from sim.optics.calibrate.find_circle import wrong_label
 from sim.optics.calibrate.marker_motion import GelMotion, MotionModel, fit_motions
 from sim.optics.calibrate.optics_fit import gel_motion, press_image
-from sim.optics.calibrate.press_scene import PressScene
+from sim.optics.calibrate.press_scene import PressScene, wrong_label
 from sim.optics.markers.printed_markers import find_markers
 from tests.sim.optics.synthetic_presses import press_scene, presses, true_model
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.optics.markers.material_points import surface_displacement
+from sim.optics.markers.marker_printer import surface_displacement
 from sim.optics.markers.printed_markers import marker_places
 from sim.sensor.sensor import MarkerGrid
 from tacauchy_rig.core.errors import ConfigError

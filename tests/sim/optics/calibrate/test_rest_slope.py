@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.optics.height.rest_slope import pad_slopes, rest_slopes, touching_places
+from sim.optics.calibrate.gel_profile import pad_slopes, rest_slopes, touching_places
 from sim.scene.pad import BoxPad
 from tests.sim.optics.analytic_surface import camera
 
