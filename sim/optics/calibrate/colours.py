@@ -39,7 +39,6 @@ from tacauchy_rig.core.errors import ConfigError
 log = logging.getLogger(__name__)
 
 _ROUNDS = 3  # how often circles are nudged and the model is fitted again
-_FEW = 6000  # samples by which a response and lamps are searched for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,19 +110,20 @@ def fit_model(
     The search starts at an earlier model; without one the camera is taken to be linear and the
     ridge is the usual one. The camera's blur is not the gel's.
     """
-    whole = [PressSamples(scene, each, blur_px=blur_px) for each in placed]
-    every = max(1, sum(len(each.columns) for each in whole) // _FEW)
-    few = [PressSamples(scene, each, blur_px=blur_px, every=every) for each in placed]
-    polynomial = [each.samples.polynomial(scene.exponents) for each in whole]
+    pressed = [PressSamples(scene, each, blur_px=blur_px) for each in placed]
+    polynomial = [each.samples.polynomial(scene.exponents) for each in pressed]
+
+    def features(terms: ShadingTerms | None) -> list[FloatArray]:
+        pairs = zip(polynomial, pressed, strict=True)
+        return [np.concatenate([values, each.samples.shading(terms)]) for values, each in pairs]
 
     def fitted(
         stand_in: PhotometricModel | None, terms: ShadingTerms | None, ridge: float | None
     ) -> PhotometricModel:
-        pairs = zip(polynomial, whole, strict=True)
         return fit_photometric(
-            [each.through(response, stand_in) for each in whole],
+            [each.through(response, stand_in) for each in pressed],
             exponents=scene.exponents,
-            features=[np.concatenate([p, each.samples.shading(terms)]) for p, each in pairs],
+            features=features(terms),
             ridge=ridge,
             terms=terms,
             response=response,
@@ -133,17 +133,15 @@ def fit_model(
     response, terms, ridge = LINEAR, None, RIDGE if known is None else None
     if known is not None:
         terms = known.terms
-        features = [
-            np.concatenate([p.samples.polynomial(scene.exponents), p.samples.shading(terms)])
-            for p in few
-        ]
-        response = fit_response(lambda tried: [each.through(tried) for each in few], features)
+        response = fit_response(
+            lambda tried: [each.through(tried) for each in pressed], features(terms)
+        )
         if response != known.response:
             # Its light is not comparable with that of another response: begin anew.
             known = fitted(None, terms, RIDGE)
     if scene.lamp_count:
         terms = fit_terms(
-            joined([each.through(response, known) for each in few]),
+            joined([each.through(response, known) for each in pressed]),
             lamp_count=scene.lamp_count,
             aspect=scene.aspect,
             pixel_m=scene.geometry.mean_scale_m,
@@ -180,17 +178,13 @@ class PressSamples:
     """Pixels around a contact; their surface is the same through every camera's response.
 
     Attributes:
-        columns: Of the pixels.
         samples: Their surface, its colours not known yet.
     """
 
-    def __init__(
-        self, scene: PressScene, placed: PlacedPress, *, blur_px: float = 0.0, every: int = 1
-    ) -> None:
+    def __init__(self, scene: PressScene, placed: PlacedPress, *, blur_px: float = 0.0) -> None:
         circle, image = placed.circle, placed.press.image
-        rows, columns = (places[::every] for places in scene.pixels_around(placed.press))
-        self.columns = columns
-        self._scene, self._circle, self._rows = scene, circle, rows
+        rows, columns = scene.pixels_around(placed.press)
+        self._scene, self._circle, self._rows, self._columns = scene, circle, rows, columns
         self._levels = image[rows, columns]
         self._expected = scene.expected(rows, columns, placed.light)
         surface, shares = [scene.surface(circle, columns, rows)], [1.0]
@@ -223,14 +217,14 @@ class PressSamples:
         they do not count.
         """
         seen = seen_change(self._levels, self._expected, response)
-        unloaded = self._scene.background[self._rows, self.columns]
+        unloaded = self._scene.background[self._rows, self._columns]
         gain = np.maximum(response.light(unloaded), 1.0) / REFERENCE
         change, weights = seen.change, gain * light_weights(self._levels, response)
         if model is None:
             weights *= seen.exposed
         else:
             lost = np.flatnonzero(~seen.exposed.all(axis=1))
-            pixels = PredictedPixels(self._scene, model, self.columns[lost], self._rows[lost])
+            pixels = PredictedPixels(self._scene, model, self._columns[lost], self._rows[lost])
             predicted = change.copy()
             predicted[lost] = gain[lost] * pixels.light_change(self._circle)
             change = predicted - seen.misfit(predicted)  # as predicted where a bound allows it

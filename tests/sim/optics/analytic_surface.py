@@ -17,17 +17,15 @@ HeightFunction = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np
 APEX_M = 0.004
 
 
-def camera(**changes: float) -> CameraGeometry:
-    """Give a small camera that sees 12.8 x 9.6 mm of the pad's middle."""
-    values: dict[str, float] = {
-        "width": 128,
-        "height": 96,
-        "scale_x_m": 1e-4,
-        "scale_y_m": 1e-4,
-        "centre_x_px": 63.5,
-        "centre_y_px": 47.5,
-    }
-    return CameraGeometry(**(values | changes))  # type: ignore[arg-type]
+def camera(width: int = 128, height: int = 96, pixel_m: float = 1e-4) -> CameraGeometry:
+    """Give a camera that sees the pad's middle, 12.8 x 9.6 mm of it unless told otherwise."""
+    return CameraGeometry.centred(width, height, scale_x_m=pixel_m, scale_y_m=pixel_m)
+
+
+def surface_tilt(height: NDArray[np.floating], geometry: CameraGeometry) -> FloatArray:
+    """Return slope / sqrt(1 + |slope|^2) along columns and rows, shape [2, height, width]."""
+    down, along = np.gradient(height, geometry.scale_y_m, geometry.scale_x_m)
+    return np.stack([along, down]) / np.sqrt(1.0 + along**2 + down**2)
 
 
 def irregular_mesh(edge_m: float, *, seed: int = 0) -> tuple[FloatArray, IntArray]:

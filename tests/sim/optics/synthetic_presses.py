@@ -8,7 +8,7 @@ from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.press_scene import PressScene
 from sim.optics.colour.model_terms import polynomial_exponents
 from sim.optics.colour.photometric import PhotometricModel
-from sim.sensor.camera_geometry import CameraGeometry
+from tests.sim.optics.analytic_surface import camera
 from tests.sim.optics.exponential_skirt import ExponentialSkirt
 
 HEIGHT, WIDTH = 150, 180
@@ -33,16 +33,11 @@ def press_scene() -> PressScene:
     """Give a camera of 0.1 mm pixels and an uneven no-contact frame."""
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     background = np.stack([110 + 0.1 * columns, 120 + 0.1 * rows, 140 - 0.1 * columns], axis=-1)
-    geometry = CameraGeometry(
-        width=WIDTH,
-        height=HEIGHT,
-        scale_x_m=1e-4,
-        scale_y_m=1e-4,
-        centre_x_px=89.5,
-        centre_y_px=74.5,
-    )
     return PressScene(
-        geometry=geometry, background=np.rint(background), profile=PROFILE, exponents=EXPONENTS
+        geometry=camera(WIDTH, HEIGHT),
+        background=np.rint(background),
+        profile=PROFILE,
+        exponents=EXPONENTS,
     )
 
 

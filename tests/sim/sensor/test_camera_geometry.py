@@ -12,15 +12,7 @@ from hypothesis import strategies as st
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.errors import ConfigError
 
-MINI = CameraGeometry(
-    width=320,
-    height=240,
-    scale_x_m=6.34e-5,
-    scale_y_m=6.5e-5,
-    centre_x_px=159.5,
-    centre_y_px=119.5,
-    crop_fraction=0.15,
-)
+MINI = CameraGeometry.centred(320, 240, scale_x_m=6.34e-5, scale_y_m=6.5e-5)
 
 
 @given(
@@ -31,16 +23,7 @@ MINI = CameraGeometry(
 )
 def test_pixel_to_pad_and_back(rotation: float, mirrored: bool, column: float, row: float) -> None:
     """The two maps are each other's inverse for every rotation and mirroring."""
-    geometry = CameraGeometry(
-        width=10,
-        height=10,
-        scale_x_m=6e-5,
-        scale_y_m=7e-5,
-        centre_x_px=3.0,
-        centre_y_px=4.0,
-        rotation_rad=rotation,
-        mirrored=mirrored,
-    )
+    geometry = replace(MINI, rotation_rad=rotation, mirrored=mirrored)
     pixel = np.array([column, row])
     np.testing.assert_allclose(geometry.to_pixels(geometry.to_pad(pixel)), pixel, atol=1e-9)
 
@@ -53,16 +36,8 @@ def test_scales_of_columns_and_rows_differ() -> None:
 
 def test_mirrored_rows_grow_with_minus_y() -> None:
     """A mirrored camera sees +y above the centre."""
-    geometry = CameraGeometry(
-        width=9,
-        height=9,
-        scale_x_m=1e-4,
-        scale_y_m=1e-4,
-        centre_x_px=4,
-        centre_y_px=4,
-        mirrored=True,
-    )
-    assert geometry.pad_grid()[1][0, 4] == pytest.approx(4e-4)
+    y = replace(MINI, mirrored=True).pad_grid()[1]
+    assert y[0, 0] == pytest.approx(119.5 * 6.5e-5)
 
 
 @pytest.mark.parametrize(
@@ -70,16 +45,8 @@ def test_mirrored_rows_grow_with_minus_y() -> None:
 )
 def test_impossible_geometry_is_refused(field: str, value: float) -> None:
     """Millimetres given as metres, empty images and full crops are refused by name."""
-    good = {
-        "width": 4,
-        "height": 4,
-        "scale_x_m": 1e-4,
-        "scale_y_m": 1e-4,
-        "centre_x_px": 2,
-        "centre_y_px": 2,
-    }
     with pytest.raises(ConfigError, match=field.removesuffix("_m")):
-        CameraGeometry(**(good | {field: value}))  # type: ignore[arg-type]
+        replace(MINI, **{field: value})  # type: ignore[arg-type]
 
 
 def test_where_the_pads_centre_is_seen() -> None:

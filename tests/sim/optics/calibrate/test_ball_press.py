@@ -29,8 +29,8 @@ def _folder(tmp_path: Path, table: str) -> Path:
 
 
 def test_presses_are_read_as_rgb(tmp_path: Path) -> None:
-    """Image, circle and colour order come as documented."""
-    folder = _folder(tmp_path, HEADER + "a.png,4,3.5,2\n")
+    """Image, circle and colour order come as documented, whatever the order of the columns."""
+    folder = _folder(tmp_path, "radius_px,note,image,center_y_px,center_x_px\n2,new,a.png,3.5,4\n")
     (press,) = read_ball_presses(folder, folder / "circles.csv")
     assert press.name == "a.png"
     assert press.image.shape == (8, 10, 3)

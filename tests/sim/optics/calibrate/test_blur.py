@@ -14,8 +14,7 @@ from sim.optics.colour.nominal import exponents_for
 from sim.optics.colour.photometric import normalised_positions
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.sensor import load_sensor
-from tests.sim.optics.analytic_surface import APEX_M, camera
-from tests.sim.optics.surface_tilt import surface_tilt
+from tests.sim.optics.analytic_surface import APEX_M, camera, surface_tilt
 from tests.sim.optics.synthetic_presses import press_scene, presses, true_model
 
 

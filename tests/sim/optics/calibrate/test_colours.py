@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,13 +11,15 @@ import pytest
 from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.colours import Calibration, PressSamples, calibrate_optics
 from sim.optics.calibrate.cross_validation import check_scores, cross_validate, render_presses
-from sim.optics.calibrate.photometric_fit import PhotometricSamples, fit_photometric
+from sim.optics.calibrate.photometric_fit import (
+    NormalEquations,
+    PhotometricSamples,
+    fit_photometric,
+)
 from sim.optics.calibrate.press_scene import PlacedPress, PressScene
 from sim.optics.colour.colour_model import LINEAR
 from sim.optics.colour.model_terms import BALL_EXPONENTS
-from sim.optics.colour.photometric import load_photometric
 from tacauchy_rig.core.errors import ConfigError
-from tests.sim.optics.exponential_skirt import ExponentialSkirt
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
 
 
@@ -38,6 +38,23 @@ def test_fit_recovers_the_coefficients() -> None:
     np.testing.assert_allclose(fitted.coefficients, true_model().coefficients, atol=1e-5)
     assert fitted.tilt_limit == pytest.approx(np.hypot(*tilt).max())
     assert fitted.indentation_limit_m == pytest.approx(depth.max())
+
+
+def test_misfit_is_what_a_fit_leaves_over() -> None:
+    """The sums give the weighted squares of the residual without the samples."""
+    rng = np.random.default_rng(1)
+    samples = PhotometricSamples(
+        surface=np.zeros((1, 4, 40)),
+        position=np.zeros((2, 40)),
+        change=rng.normal(0.0, 10.0, (3, 40)),
+        weights=rng.integers(0, 3, (3, 40)).astype(np.float64),
+    )
+    features = rng.normal(0.0, 1.0, (6, 40))
+    sums = NormalEquations.of(features, samples)
+    coefficients = sums.solved(1e-4)
+    off = (samples.change - coefficients @ features) * samples.weights
+    assert sums.misfit(coefficients) == pytest.approx(np.sum(off**2))
+    assert sums.known_count == np.count_nonzero(samples.weights)
 
 
 def test_too_few_pixels_are_refused() -> None:
@@ -127,16 +144,6 @@ def test_no_contact_floor_is_the_score_of_the_no_contact_frame() -> None:
     assert raw.r2 < 0.1
 
 
-def test_calibration_survives_its_file(tmp_path: Path) -> None:
-    """A fitted model renders the same after saving and loading."""
-    model = calibrate_optics(presses(3)[0], press_scene()).model
-    model.save(tmp_path / "calibration.npz")
-    loaded = load_photometric(tmp_path / "calibration.npz")
-    probe = (np.array([[0.2], [0.1]]), np.array([[0.5], [-0.5]]), np.array([3e-4]))
-    np.testing.assert_allclose(loaded.evaluate(*probe), model.evaluate(*probe), rtol=1e-12)
-    assert loaded.provenance["press_count"] == 3
-
-
 def test_refusals() -> None:
     """No presses and images of another size each say what is wrong."""
     scene = press_scene()
@@ -149,25 +156,6 @@ def test_refusals() -> None:
     )
     with pytest.raises(ConfigError, match=r"small.png is 20 x 10 px, .* 180 x 150 px"):
         calibrate_optics([small], scene)
-
-
-def test_skirt_continues_the_ball() -> None:
-    """Tilt is that of the ball inside and continuous at the rim; indentation ends at zero."""
-    profile = ExponentialSkirt(ball_radius_m=2e-3, decay_m=1e-3)(1.2e-3)
-    inside = profile.radius_m < 1.2e-3
-    np.testing.assert_allclose(profile.tilt[inside], profile.radius_m[inside] / 2e-3)
-    assert np.abs(np.diff(profile.tilt)).max() < 0.01
-    cap = profile.indentation_m[0] - np.interp(1.2e-3, profile.radius_m, profile.indentation_m)
-    assert cap == pytest.approx(2e-3 - np.sqrt(2e-3**2 - 1.2e-3**2), rel=1e-3)
-    assert profile.indentation_m[-1] == 0.0
-    assert (np.diff(profile.indentation_m) < 0.0).all()
-
-
-def test_rounds_are_logged(caplog: pytest.LogCaptureFixture) -> None:
-    """Long fits say how far they are."""
-    with caplog.at_level(logging.DEBUG, logger="sim.optics.calibrate.colours"):
-        calibrate_optics(presses(2)[0], press_scene())
-    assert "round 3 of 3" in caplog.text
 
 
 def test_noise_holds_a_fit_back() -> None:

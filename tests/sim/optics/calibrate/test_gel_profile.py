@@ -26,9 +26,7 @@ def test_radial_profile_of_a_pressed_ball() -> None:
         tip=(0.0, 0.0, tip),
         edge_m=2e-4,
     )
-    fine = camera(
-        width=400, height=400, scale_x_m=2e-5, scale_y_m=2e-5, centre_x_px=199.5, centre_y_px=199.5
-    )
+    fine = camera(400, 400, 2e-5)
     maps = height_maps(surface, fine, contact_gap_m=1e-6)
     contact_radius, profile = radial_profile(maps, surface, fine)
     assert contact_radius == pytest.approx(1.2e-3, rel=0.05)

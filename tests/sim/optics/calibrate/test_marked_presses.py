@@ -10,7 +10,7 @@ import pytest
 
 from sim.optics.calibrate.ball_press import BallPress
 from sim.optics.calibrate.colours import Calibration
-from sim.optics.calibrate.marker_motion import GelMotion, MotionModel, fit_motions
+from sim.optics.calibrate.marker_motion import ORTHOGRAPHIC, GelMotion, MotionModel, fit_motions
 from sim.optics.calibrate.optics_fit import gel_motion, press_image
 from sim.optics.calibrate.press_scene import PressScene, wrong_label
 from sim.optics.markers.printed_markers import find_markers
@@ -36,12 +36,16 @@ def _marked_scene() -> PressScene:
     return replace(scene, markers=markers, background=markers.bare.astype(np.float64))
 
 
+def _calibration(scene: PressScene, motion: MotionModel) -> Calibration:
+    return Calibration(
+        model=true_model(), scene=scene, circles=(), lights=np.zeros((0, 3, 3)), motion=motion
+    )
+
+
 def _pressed(scene: PressScene, count: int) -> tuple[list[BallPress], list[GelMotion]]:
     """Render presses that take the gel along, over images that drift."""
     rng, plain = np.random.default_rng(3), presses(count, noise=0.0)[0]
-    model = Calibration(
-        model=true_model(), scene=scene, circles=(), lights=np.zeros((0, 3, 3)), motion=TRUE
-    )
+    model = _calibration(scene, TRUE)
     made, motions = [], []
     for press in plain:
         motion = GelMotion(
@@ -66,11 +70,8 @@ def test_the_motion_of_markers_is_found() -> None:
     assert found.per_distance == pytest.approx(TRUE.per_distance, rel=0.2)
     for each, true, press in zip(own, motions, made, strict=True):
         assert np.median(each.error_px) < 0.1
-        stand_in = Calibration(
-            model=true_model(), scene=scene, circles=(), lights=np.zeros((0, 3, 3)), motion=found
-        )
         fields = [
-            gel_motion(replace(stand_in, motion=by), press.circle, motion)
+            gel_motion(_calibration(scene, by), press.circle, motion)
             for by, motion in ((found, each), (TRUE, true))
         ]
         assert np.median(np.linalg.norm(fields[0] - fields[1], axis=0)) < 0.1
@@ -81,18 +82,8 @@ def test_markers_hide_the_gel_where_they_are() -> None:
     scene = _marked_scene()
     made, _ = _pressed(scene, 2)
     for press in made:
-        off = np.abs(
-            press.image
-            - press_image(
-                Calibration(
-                    model=true_model(),
-                    scene=replace(scene, markers=None),
-                    circles=(),
-                    lights=np.zeros((0, 3, 3)),
-                ),
-                press.circle,
-            )
-        )
+        bare = _calibration(replace(scene, markers=None), ORTHOGRAPHIC)
+        off = np.abs(press.image - press_image(bare, press.circle))
         assert off[press.shown].max() < 16.0
         assert press.shown.mean() > 0.4
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -61,20 +60,6 @@ def test_a_press_is_rendered_as_a_replay_renders_it(
     assert changed.mean() > 20.0 * off.mean()
     assert off.mean() < 0.2
     assert np.quantile(off, 0.99) < 1.0
-
-
-def test_shadows_and_blur_change_the_press() -> None:
-    """Each of the two is seen in the image, shadows as darkness and blur at the rim."""
-    plain = press_image(_calibration(), CIRCLE)
-    shaded = press_image(_calibration(shadows=SHADOWS), CIRCLE)
-    assert (shaded <= plain + 1e-9).all()
-    assert (plain - shaded).max() > 10.0
-    blurred = press_image(_calibration(blur_px=1.1), CIRCLE)
-    lit = _calibration(model=replace(true_model(), reference=None))
-    sharp = press_image(lit, CIRCLE) - lit.scene.background
-    soft = press_image(replace(lit, blur_px=1.1), CIRCLE) - lit.scene.background
-    np.testing.assert_allclose(soft, cv2.GaussianBlur(sharp, (0, 0), 1.1), atol=1e-9)
-    assert np.abs(blurred - plain).max() > 1.0
 
 
 def test_light_that_shadows_took_comes_back() -> None:

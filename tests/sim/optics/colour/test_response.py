@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,9 +13,6 @@ from sim.optics.calibrate.colours import calibrate_optics
 from sim.optics.calibrate.press_scene import seen_change
 from sim.optics.colour.colour_model import LINEAR, Response
 from sim.optics.colour.model_terms import BALL_EXPONENTS
-from sim.optics.colour.photometric import load_photometric
-from sim.optics.render.renderer import TactileRenderer
-from tests.sim.optics.analytic_surface import APEX_M, camera
 from tests.sim.optics.synthetic_presses import press_scene, presses, true_model
 
 _KNEE = 150.0
@@ -60,15 +56,3 @@ def test_presses_tell_where_the_shoulder_begins() -> None:
     straight, _, _ = presses(10, model=bright, seed=4)
     found = calibrate_optics(straight, scene)
     assert found.model.response == LINEAR
-
-
-def test_the_shoulder_is_kept_and_rendered_through(tmp_path: Path) -> None:
-    """A file keeps the knee; level gel gives the no-contact frame, bright as it may be."""
-    model = replace(true_model(), response=Response(knee=_KNEE), reference=100.0)
-    model.save(tmp_path / "model.npz")
-    loaded = load_photometric(tmp_path / "model.npz")
-    assert (loaded.response, loaded.reference) == (model.response, 100.0)
-    background = np.linspace(0.0, 255.0, 96 * 128 * 3).reshape(96, 128, 3).astype(np.uint8)
-    flat = np.full((96, 128), APEX_M)
-    image = TactileRenderer(background, flat, loaded, camera()).render(flat)
-    np.testing.assert_array_equal(image, background)

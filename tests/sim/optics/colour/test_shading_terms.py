@@ -13,6 +13,7 @@ from sim.optics.calibrate.photometric_fit import (
     fit_photometric,
     fit_terms,
 )
+from sim.optics.colour.colour_model import Response
 from sim.optics.colour.model_terms import BALL_EXPONENTS, NearLamp, ShadingTerms
 from sim.optics.colour.photometric import PhotometricModel, load_photometric
 from sim.optics.render.renderer import TactileRenderer
@@ -82,7 +83,7 @@ def test_lamps_are_found_from_colours_alone() -> None:
 
 
 def test_saved_terms_come_back_and_render(tmp_path: Path) -> None:
-    """A file keeps lamps and creases; level gel gives the no-contact frame."""
+    """A file keeps all of a model; level gel gives the no-contact frame, bright as it may be."""
     rng = np.random.default_rng(3)
     model = PhotometricModel(
         exponents=BALL_EXPONENTS,
@@ -90,15 +91,20 @@ def test_saved_terms_come_back_and_render(tmp_path: Path) -> None:
         tilt_limit=0.6,
         terms=TERMS,
         term_coefficients=rng.normal(0.0, 20.0, (TERMS.count, 3)),
+        response=Response(knee=150.0),
+        reference=100.0,
+        provenance={"source": "made up"},
     )
     model.save(tmp_path / "model.npz")
     loaded = load_photometric(tmp_path / "model.npz")
     tilt, position, curvature = _random_surface(20)
     probe = tilt, position, np.zeros(20), curvature
     np.testing.assert_allclose(loaded.evaluate(*probe), model.evaluate(*probe), rtol=1e-12)
-    background = np.full((96, 128, 3), 128, np.uint8)
+    for name in ("tilt_limit", "response", "reference", "provenance"):
+        assert getattr(loaded, name) == getattr(model, name)
+    background = np.linspace(0.0, 255.0, 96 * 128 * 3).reshape(96, 128, 3).astype(np.uint8)
     flat = np.full((96, 128), APEX_M)
-    renderer = TactileRenderer(background, flat, model, camera())
+    renderer = TactileRenderer(background, flat, loaded, camera())
     np.testing.assert_array_equal(renderer.render(flat), background)
     x, y = camera().pad_grid()
     bowl = ball_press(x, y, ball_radius_m=2.35e-3, contact_radius_m=1.2e-3, tip_z_m=APEX_M - 8e-4)

@@ -25,17 +25,6 @@ from tests.sim.optics.analytic_surface import (
 )
 
 
-def test_quadratic_surface_is_exact() -> None:
-    """A quadratic height is reproduced to a nanometre at every pixel on an irregular mesh."""
-
-    def height(x, y):  # type: ignore[no-untyped-def]
-        return APEX_M + 3.0 * x * x - 5.0 * x * y + y * y + 0.1 * x
-
-    points, triangles = irregular_mesh(5e-4)
-    z = _unloaded(np.c_[points, height(points[:, 0], points[:, 1])], triangles)
-    np.testing.assert_allclose(z, height(*camera().pad_grid()), atol=1e-9)
-
-
 def _unloaded(nodes, faces, geometry=None):  # type: ignore[no-untyped-def]
     """Return the height map of a surface that nothing touches [m]."""
     surface = replace(
@@ -47,9 +36,12 @@ def _unloaded(nodes, faces, geometry=None):  # type: ignore[no-untyped-def]
     return height_maps(surface, geometry or camera()).rest
 
 
-def test_quadratic_faces_are_exact() -> None:
-    """Slopes of six-node faces of a quadratic surface, and so its heights, are exact."""
-    points, faces = quadratic_nodes(*irregular_mesh(1.5e-3), edges=FACE_EDGES)
+@pytest.mark.parametrize("quadratic", [False, True])
+def test_quadratic_surface_is_exact(quadratic: bool) -> None:
+    """A quadratic height is exact at every pixel on an irregular mesh of either kind of faces."""
+    points, faces = irregular_mesh(1.5e-3 if quadratic else 5e-4)
+    if quadratic:
+        points, faces = quadratic_nodes(points, faces, edges=FACE_EDGES)
 
     def height(x, y):  # type: ignore[no-untyped-def]
         return APEX_M + 3.0 * x * x - 5.0 * x * y + y * y + 0.1 * x
@@ -100,9 +92,7 @@ def test_slope_is_continuous_across_edges() -> None:
 
     points, triangles = irregular_mesh(8e-4)
     nodes = np.c_[points, height(points[:, 0], points[:, 1])]
-    fine = camera(
-        width=400, height=40, scale_x_m=2e-5, scale_y_m=2e-5, centre_x_px=199.5, centre_y_px=19.5
-    )
+    fine = camera(400, 40, 2e-5)
     z = _unloaded(nodes, triangles, fine)
     curvature = np.diff(z, 2, axis=1) / fine.scale_x_m**2
     jump_of_linear_facets = 200.0 * 8e-4 / fine.scale_x_m
@@ -199,7 +189,7 @@ def test_pixels_beside_the_pad_take_the_nearest_height() -> None:
     """An image wider than the mesh is filled from its edge, without gaps."""
     points, triangles = irregular_mesh(8e-4)
     nodes = np.c_[points, np.full(len(points), APEX_M)]
-    wide = camera(scale_x_m=2e-4, scale_y_m=2e-4)
+    wide = camera(pixel_m=2e-4)
     np.testing.assert_allclose(_unloaded(nodes, triangles, wide), APEX_M, atol=1e-12)
 
 

@@ -22,6 +22,7 @@ from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import FloatArray, IntArray
+from tests.sim.optics.analytic_surface import camera
 
 _DEPTH_M = 0.4e-3
 _RADIUS_M = 2e-3
@@ -44,14 +45,7 @@ def _punched() -> SurfaceState:
 
 def _camera(*, half_width_m: float, pixel_m: float = _PIXEL_M) -> CameraGeometry:
     count = round(2.0 * half_width_m / pixel_m) + 1
-    return CameraGeometry(
-        width=count,
-        height=count,
-        scale_x_m=pixel_m,
-        scale_y_m=pixel_m,
-        centre_x_px=0.5 * (count - 1),
-        centre_y_px=0.5 * (count - 1),
-    )
+    return camera(count, count, pixel_m)
 
 
 def _wall_radii(surface: SurfaceState) -> FloatArray:

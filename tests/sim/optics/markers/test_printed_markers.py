@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.optics.markers.marker_printer import MarkerPrinter, seen_motion
+from sim.optics.markers.marker_printer import MarkerPrinter, seen_motion, surface_displacement
 from sim.optics.markers.printed_markers import (
     PrintedMarkers,
     draw_markers,
@@ -18,15 +18,12 @@ from sim.optics.markers.printed_markers import (
     marker_places,
 )
 from sim.sensor.sensor import MarkerGrid
+from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, camera, pressed_surface
 
 GRID = MarkerGrid(columns=5, rows=4, pitch_m=(2.4e-3, 2.2e-3), radius_m=3.5e-4)
 FINE = replace(
-    camera(scale_x_m=6.2e-5, scale_y_m=6.4e-5),
-    width=320,
-    height=240,
-    centre_x_px=158.3,
-    centre_y_px=121.9,
+    camera(320, 240), scale_x_m=6.2e-5, scale_y_m=6.4e-5, centre_x_px=158.3, centre_y_px=121.9
 )
 ROWS, COLUMNS = np.mgrid[:240, :320].astype(np.float64)
 
@@ -136,7 +133,7 @@ def test_a_printer_moves_markers_with_the_surface() -> None:
     flat = pressed_surface(lambda x, _: np.full_like(x, APEX_M))
     moved = flat.positions.copy()
     moved[:, 0] += 0.1 * flat.positions_rest[:, 0] + 5e-5
-    view = replace(camera(), width=96, height=72, centre_x_px=47.5, centre_y_px=35.5)
+    view = camera(96, 72)
     plain = np.full((72, 96, 3), 130, np.uint8)
     grid = MarkerGrid(columns=3, rows=2, pitch_m=(1.5e-3, 1.6e-3), radius_m=2.5e-4)
     places = marker_places(grid)
@@ -172,3 +169,36 @@ def test_a_frame_without_markers_has_none() -> None:
     specks = _gel()
     specks[50:53, 80:83] = 20
     assert find_markers(_seen(specks, 1.0)) is None
+
+
+def test_places_are_a_centred_grid() -> None:
+    """Rows run along x; the middle is the pad's centre."""
+    places = marker_places(GRID)
+    assert places.shape == (20, 2)
+    np.testing.assert_allclose(places.mean(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(places[1] - places[0], (2.4e-3, 0.0))
+    np.testing.assert_allclose(places[5] - places[0], (0.0, 2.2e-3))
+
+
+def _moved_surface(dx: float, dy: float):  # type: ignore[no-untyped-def]
+    flat = pressed_surface(lambda x, _: np.full_like(x, APEX_M))
+    moved = flat.positions.copy()
+    moved[:, 0] += dx * flat.positions_rest[:, 1] / 1e-3
+    moved[:, 1] += dy
+    return replace(flat, positions=moved)
+
+
+def test_points_follow_the_surface() -> None:
+    """A field that is linear over the facets is followed exactly; rest means zero."""
+    places = marker_places(GRID)
+    found = surface_displacement(_moved_surface(1e-5, -3e-5), places)
+    np.testing.assert_allclose(found[:, 0], 1e-5 * places[:, 1] / 1e-3, atol=1e-15)
+    np.testing.assert_allclose(found[:, 1], -3e-5, atol=1e-15)
+    still = surface_displacement(_moved_surface(0.0, 0.0), places)
+    np.testing.assert_allclose(still, 0.0, atol=1e-17)
+
+
+def test_points_beside_the_surface_are_refused() -> None:
+    """A marker off the pad is named by its place."""
+    with pytest.raises(ConfigError, match=r"marker at 50\.00, 0\.00 mm lies beside"):
+        surface_displacement(_moved_surface(0.0, 0.0), np.array([[0.05, 0.0]]))

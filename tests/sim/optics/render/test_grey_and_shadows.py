@@ -19,8 +19,7 @@ from sim.optics.render.shadows import darkening
 from sim.sensor.optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, RealArray
 from tacauchy_rig.core.errors import ConfigError
-from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
-from tests.sim.optics.surface_tilt import surface_tilt
+from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera, surface_tilt
 
 LAMP = Lamp(azimuth_rad=0.0, elevation_rad=math.radians(10.0), colour=(80.0, 0.0, 0.0))
 FLAT = np.full((96, 128), APEX_M)
@@ -115,15 +114,6 @@ def test_grey_is_fitted_with_depth_alone() -> None:
     )
     model = fit_photometric([samples], exponents=GREY_EXPONENTS)
     assert np.abs(model.evaluate(tilt, position, depth) - change).max() < 0.5
-
-
-def test_unloaded_gel_casts_no_shadow() -> None:
-    """Without a dent the no-contact frame comes back bit for bit."""
-    background = np.random.default_rng(1).integers(60, 190, (96, 128, 3)).astype(np.uint8)
-    model = nominal_photometric([LAMP])
-    caster = ShadowCaster(lamps=[LAMP], softness_m=5e-5)
-    renderer = TactileRenderer(background, FLAT, model, camera(), shadows=caster)
-    np.testing.assert_array_equal(renderer.render(FLAT), background)
 
 
 @pytest.mark.parametrize("azimuth_deg", [0.0, 90.0, 200.0])

@@ -18,7 +18,6 @@ from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.optics import Lamp
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
-from tests.sim.optics.surface_tilt import surface_tilt
 
 RED_FROM_THE_RIGHT = Lamp(azimuth_rad=0.0, elevation_rad=0.3, colour=(80.0, 0.0, 0.0))
 
@@ -34,13 +33,6 @@ def _dent() -> np.ndarray:
         contact_radius_m=1.5e-3,
         tip_z_m=APEX_M - 8e-4,
     )
-
-
-def test_tilt_of_a_ramp() -> None:
-    """A ramp of 45 degrees along the columns has tilt sin 45 along them, borders included."""
-    tilt = surface_tilt(camera().pad_grid()[0] + APEX_M, camera())
-    np.testing.assert_allclose(tilt[0], math.sin(math.pi / 4), atol=1e-4)
-    np.testing.assert_allclose(tilt[1], 0.0, atol=1e-6)
 
 
 @settings(max_examples=25, deadline=None)
@@ -61,17 +53,6 @@ def test_unloaded_gel_gives_the_no_contact_frame(seed: int, degree: int, place: 
     dome = APEX_M - (x**2 + y**2) / (2 * rng.uniform(0.02, 0.2))
     image = TactileRenderer(_background(), dome, model, camera()).render(dome)
     np.testing.assert_array_equal(image, _background())
-
-
-def test_flank_that_faces_the_lamp_is_brighter() -> None:
-    """The dent seen from below bulges to the camera: its right flank faces the right lamp."""
-    model = nominal_photometric([RED_FROM_THE_RIGHT])
-    flat = np.full((96, 128), APEX_M)
-    background = np.full((96, 128, 3), 100, np.uint8)
-    image = TactileRenderer(background, flat, model, camera()).render(_dent()).astype(int)
-    assert image[47, 63 + 13, 0] > 125
-    assert image[47, 63 - 13, 0] < 75
-    np.testing.assert_array_equal(image[..., 1:], 100)
 
 
 def test_nominal_model_is_lambert() -> None:
@@ -135,17 +116,6 @@ def test_background_of_another_size_is_refused() -> None:
     flat = np.full((96, 128), APEX_M)
     with pytest.raises(ConfigError, match=r"no-contact frame has the shape \(480, 640, 3\)"):
         TactileRenderer(np.zeros((480, 640, 3), np.uint8), flat, model, camera())
-
-
-def test_model_survives_its_file(tmp_path: Path) -> None:
-    """Coefficients, limit and provenance come back from the file."""
-    model = nominal_photometric([RED_FROM_THE_RIGHT])
-    model.save(tmp_path / "model.npz")
-    loaded = load_photometric(tmp_path / "model.npz")
-    np.testing.assert_array_equal(loaded.exponents, model.exponents)
-    np.testing.assert_array_equal(loaded.coefficients, model.coefficients)
-    assert loaded.tilt_limit == model.tilt_limit
-    assert loaded.provenance["source"] == "nominal lamp directions"
 
 
 @pytest.mark.parametrize("content", [None, b"", b"not a calibration"])
