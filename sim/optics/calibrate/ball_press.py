@@ -71,7 +71,7 @@ class Circle:
     y_px: float
     radius_px: float
 
-    def distance(self, columns: AnyArray, rows: AnyArray) -> FloatArray:
+    def distance(self, columns: AnyArray | float, rows: AnyArray | float) -> FloatArray:
         """Return how far pixels lie from its centre [px], in the shape of both together."""
         return np.asarray(np.hypot(columns - self.x_px, rows - self.y_px), dtype=np.float64)
 

@@ -154,4 +154,4 @@ def _shared_factors(
         terms, rest = (each - basis @ (basis.T @ each) for each in (b * w[:, None], y * w))
         normal += terms.T @ terms
         load += terms.T @ rest
-    return np.maximum(np.linalg.lstsq(normal, load, rcond=1e-9)[0], 0.0)
+    return np.asarray(np.maximum(np.linalg.lstsq(normal, load, rcond=1e-9)[0], 0.0))

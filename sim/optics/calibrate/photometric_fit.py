@@ -78,7 +78,7 @@ _BY_SAMPLE = ("surface", "position", "change", "weights")
 def joined(parts: Sequence[PhotometricSamples]) -> PhotometricSamples:
     """Return the samples of several presses, seen alike, as one."""
     arrays = {n: np.concatenate([getattr(p, n) for p in parts], axis=-1) for n in _BY_SAMPLE}
-    return replace(parts[0], **arrays)
+    return PhotometricSamples(shares=parts[0].shares, **arrays)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -398,7 +398,7 @@ def wrong_label(press: BallPress, scene: PressScene, *, ball_radius_m: float) ->
         return None
     found, explained = change.search(ball_radius_m)
     as_labelled = change.explained(label)
-    is_near = label.distance(np.float64(found.x_px), np.float64(found.y_px)) < label.radius_px
+    is_near = label.distance(found.x_px, found.y_px) < label.radius_px
     if is_near or explained < _LEAST_EXPLAINED or explained < 2.0 * as_labelled:
         return None
     return (
