@@ -58,7 +58,6 @@ class TwinFrame:
     """The twin at one goal.
 
     Attributes:
-        goal: What it was asked for.
         force_n: Its F_z [N]; zero where nothing touches.
         force_error_n: Stated error [N]: 95 % of such presses err by less; None where nobody
             knows.
@@ -67,7 +66,6 @@ class TwinFrame:
         pressure_pa: On the gel where the image's pixels look, shape [rows, columns]; None where
             it was not asked for.
         shear_pa: Size of the tangential traction there, likewise.
-        solve_s: Time that the press took [s].
         draw_s: Time that image and maps took [s].
         note: Why the frame is not of its goal; empty where it is.
     """
@@ -86,12 +84,7 @@ class TwinFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatedForceError:
-    """Stated relative error of F_z by force; empty where it is unknown, and ``basis`` says why.
-
-    Attributes:
-        forces_n: Ascending [N].
-        relative: At these.
-    """
+    """Relative errors of F_z at ascending forces; where none is known, ``basis`` says why."""
 
     forces_n: Sequence[float]
     relative: Sequence[float]

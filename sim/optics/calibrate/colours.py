@@ -51,7 +51,6 @@ class Calibration:
         lights: Light of each frame [grey levels], shape [press_count, 3, 3]; see ``light_at``.
         shadows: What the dents hide from the lamps; None where the sensor shows no shadows.
         blur_px: Standard deviation of the camera's blur [px].
-        motion: How the gel's markers move in the image.
     """
 
     model: PhotometricModel

@@ -30,6 +30,12 @@ _NUDGES = 2
 CROP_SHARE = 0.375
 """Of the image's width, the side of the square that SSIM is of: 120 px of 320."""
 _SSIM = partial(structural_similarity, channel_axis=2, data_range=255.0)
+FEWEST, _FEW = 5, 14
+_SATURATED_WARN, _SATURATED_REFUSE = 0.01, 0.6
+_ODD_ONE_OUT, _FAR_NUDGE, _CONTRADICTORY_R2 = 2.5, 0.25, 0.5
+_FEW_SLOPES, _LITTLE_OF_THE_IMAGE = 0.9, 0.5
+_BINS = 24
+_LISTED = 6  # images that a warning names
 
 
 def render_presses(
@@ -113,10 +119,7 @@ def _fitted(
 def check_scores(
     labelled: Sequence[RenderedPress], nudged: Sequence[RenderedPress], scene: PressScene
 ) -> CheckScores:
-    """Score presses that a calibration has not seen, rendered as labelled and with nudged circles.
-
-    The scene has the no-contact frame that was taken, not averaged.
-    """
+    """Score presses that a calibration has not seen, in the scene as it was taken."""
     moves = [a.circle.moved_from(b.circle) for a, b in zip(nudged, labelled, strict=True)]
     return CheckScores(
         **asdict(score_presses(nudged, scene, light_matched=True)),
@@ -191,26 +194,23 @@ class MarkerScores:
 
 def marker_scores(rendered: Sequence[RenderedPress], pixel_m: float) -> MarkerScores | None:
     """Compare the markers of presses with where they are drawn; None where none was followed."""
-    pairs = [
-        (item.press.tracks, item.motion)
-        for item in rendered
-        if item.press.tracks is not None and item.motion is not None
-    ]
-    if not pairs or not any(len(tracks.rest_px) for tracks, _ in pairs):
+    motions = [item.motion for item in rendered if item.motion is not None]
+    tracks = [item.press.tracks for item in rendered if item.press.tracks is not None]
+    if not any(len(each.rest_px) for each in tracks):
         return None
-    error = np.concatenate([motion.error_px for _, motion in pairs])
-    near = np.concatenate([motion.under for _, motion in pairs])
-    moved = np.concatenate([np.hypot(*tracks.motion_px.T) for tracks, _ in pairs])
-    close = error[near] if near.any() else error
+    error = np.concatenate([motion.error_px for motion in motions])
+    near = np.concatenate([motion.under for motion in motions])
+    near |= not near.any()
+    moved = np.concatenate([np.hypot(*each.motion_px.T) for each in tracks])
     return MarkerScores(
         tracked=len(error),
-        lost=sum(tracks.lost for tracks, _ in pairs),
-        moved_px=float(np.median(moved[near] if near.any() else moved)),
+        lost=sum(each.lost for each in tracks),
+        moved_px=float(np.median(moved[near])),
         error_px=float(np.median(error)),
         error_m=float(np.median(error)) * pixel_m,
-        near_error_px=float(np.median(close)),
-        near_error_p90_px=float(np.quantile(close, 0.9)),
-        tracking_error_px=float(np.median(np.concatenate([t.error_px for t, _ in pairs]))),
+        near_error_px=float(np.median(error[near])),
+        near_error_p90_px=float(np.quantile(error[near], 0.9)),
+        tracking_error_px=float(np.median(np.concatenate([each.error_px for each in tracks]))),
     )
 
 
@@ -289,19 +289,6 @@ def crop_window(circle: Circle, height: int, width: int) -> tuple[slice, slice]:
 def held_out_errors(rendered: Sequence[RenderedPress], scene: PressScene) -> list[float]:
     """Return each press's mean absolute error inside its contact, light taken off [grey levels]."""
     return [score_presses([item], scene, light_matched=True).mae for item in rendered]
-
-
-FEWEST = 5
-_FEW = 14
-_SATURATED_WARN = 0.01
-_SATURATED_REFUSE = 0.6
-_ODD_ONE_OUT = 2.5
-_FAR_NUDGE = 0.25
-_CONTRADICTORY_R2 = 0.5
-_FEW_SLOPES = 0.9
-_LITTLE_OF_THE_IMAGE = 0.5
-_BINS = 24
-_LISTED = 6  # images that a warning names
 
 
 def check_before(

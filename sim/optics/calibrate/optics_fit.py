@@ -122,9 +122,6 @@ def calibrate_with_shadows(
     The search starts at the lamps of the sensor's file, or at others all around the gel where those
     explain more. The softness stays: the short shadows of a ball do not tell a soft strong one from
     a sharp weak one.
-
-    Raises:
-        ConfigError: As ``calibrate_optics``.
     """
     found, shadows = calibrate_optics(presses, scene), nominal
     for _ in range(_ROUNDS):

@@ -150,14 +150,10 @@ def fit_photometric(
     """Fit the coefficients; the limits of tilt and indentation are the samples' largest.
 
     Args:
-        exponents: Terms of the model, shape [term_count, 5].
         features: Values of polynomial and terms for each press, where they are known already.
         ridge: Weight on the coefficients' squares, per sample; None lets presses choose it.
         response: Of the camera, through which the samples' colours were taken back to light.
         reference: Level of the no-contact frame that their changes were brought to, if they were.
-
-    Raises:
-        ConfigError: There are fewer samples than terms.
     """
     known = features or [
         np.concatenate([press.polynomial(exponents), press.shading(terms)]) for press in presses
@@ -224,9 +220,9 @@ def fit_response(
 
 
 def lowest_place(places: Sequence[float] | FloatArray, misfit: FloatArray) -> float:
-    """Return where a parabola through the lowest misfit and its neighbours is lowest.
+    """Return where a parabola through the lowest misfit and its two neighbours is lowest.
 
-    Places are evenly spaced; the lowest misfit is neither at the first nor at the last.
+    Places are evenly spaced.
     """
     best = int(np.argmin(misfit))
     left, middle, right = misfit[best - 1 : best + 2]
@@ -235,7 +231,7 @@ def lowest_place(places: Sequence[float] | FloatArray, misfit: FloatArray) -> fl
 
 
 _SAMPLES = 2500
-_AZIMUTHS = np.arange(12) * (np.pi / 6.0)
+_AZIMUTHS = (np.arange(12) * (np.pi / 6.0)).tolist()
 _START = (0.2, 1.6, 0.08)  # elevation [rad], distance [half widths], softness
 _LOWEST = (0.03, 1.15, 0.02)
 _HIGHEST = (0.9, 6.0, 0.5)
@@ -304,22 +300,13 @@ class _Search:
         )
 
     def all_around(self, lamp_count: int) -> FloatArray:
-        """Return the lamps, of some in every combination of directions, that leave least over.
+        """Return the lamps, of some in every combination of directions, that explain most."""
 
-        The sums of a combination's fit are among those of a fit to lamps in all directions.
-        """
-        sums = NormalEquations.of(self._features(_around(_AZIMUTHS)), self._samples)
-        gentle, count = len(self._polynomial), sums.load.shape[1]
-        creases = np.arange(gentle + 3 * len(_AZIMUTHS), count)
-        chosen = np.array(list(combinations(range(len(_AZIMUTHS)), lamp_count)))
-        lamps = gentle + (3 * chosen[..., None] + np.arange(3)).reshape(len(chosen), -1)
-        others = np.tile(np.concatenate([np.arange(gentle), creases]), (len(chosen), 1))
-        rows = np.concatenate([others, lamps], axis=1)
-        held = sums.normal + self._hold**2 * np.eye(count)
-        load = sums.load[:, rows]
-        fits = np.linalg.solve(held[:, rows[:, :, None], rows[:, None, :]], load[..., None])
-        explained = np.sum(load * fits[..., 0], axis=(0, 2))
-        return _around(_AZIMUTHS[chosen[int(np.argmax(explained))]])
+        def explained(numbers: FloatArray) -> float:
+            sums = NormalEquations.of(self._features(numbers), self._samples)
+            return float(np.sum(sums.load * sums.solved(_RIDGE)))
+
+        return max(map(_around, combinations(_AZIMUTHS, lamp_count)), key=explained)
 
     def left_over(self, numbers: FloatArray) -> FloatArray:
         """Return what is left of the samples' colours, and the coefficients' own size."""
@@ -358,6 +345,6 @@ class _Search:
         return NormalEquations.of(features, self._samples).solved(_RIDGE)
 
 
-def _around(azimuths: RealArray) -> FloatArray:
+def _around(azimuths: Sequence[float]) -> FloatArray:
     """Return lamps in these directions, as numbers, where a search starts."""
     return np.array([*np.ravel([(azimuth, *_START[:2]) for azimuth in azimuths]), _START[2]])

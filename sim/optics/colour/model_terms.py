@@ -90,7 +90,6 @@ def evaluate_polynomial(
     """Return the polynomials' values, shape [3, point_count], in the precision of ``tilt``.
 
     In bands of pixels that stay in the cache; terms that differ in place only share the rest.
-    Coefficients are of shape [term_count, 3]; the others are those of ``monomials``.
     """
     shapes, shape_of = _distinct(exponents * (1, 1, 0, 0, 1))
     places, place_of = _distinct(exponents * (0, 0, 1, 1, 0))
@@ -113,10 +112,7 @@ def _distinct(exponents: IntArray) -> tuple[IntArray, IndexArray]:
 
 
 def degrees_of_tilt(exponents: IntArray) -> IntArray:
-    """Return the highest degree of tilt beside each power of u (falling) and of indentation.
-
-    It is -1 where there is no such term.
-    """
+    """Return the highest degree of tilt at powers of u (falling) and indentation; -1 is none."""
     along, deep = exponents[:, 2], exponents[:, 4]
     degrees = np.full((along.max(initial=0) + 1, deep.max(initial=0) + 1), -1, dtype=np.int32)
     np.maximum.at(degrees, (along, deep), exponents[:, 0] + exponents[:, 1])
@@ -174,7 +170,7 @@ class NearLamp:
     def seen_from(self, position: RealArray, *, softness: float) -> RealArray:
         """Return the direction to the lamp, of length 1, and its light on level gel, shape [4, n].
 
-        Positions are in halves of the image's width along both, shape [2, n].
+        Positions are in halves of the image's width along both.
         """
         along = self.distance * math.cos(self.azimuth_rad) - position[0]
         across = self.distance * math.sin(self.azimuth_rad) - position[1]
@@ -239,10 +235,7 @@ def lamp_planes(terms: ShadingTerms | None, position: RealArray, layout: PixelBl
 def lamp_weights(
     terms: ShadingTerms | None, term_coefficients: FloatArray, v: RealArray
 ) -> Float32Array:
-    """Return level and slope along each row of the colours of lamps and creases.
-
-    Of shape [row_count, lamp_count + 1, 3, 2].
-    """
+    """Return level and slope of lamps' and creases' colours along rows, [row, lamp + 1, 3, 2]."""
     if terms is None:
         return np.zeros((len(v), 1, 3, 2), dtype=np.float32)
     level, along, across = term_coefficients.reshape(-1, 3, 3).transpose(1, 0, 2)

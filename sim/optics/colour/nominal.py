@@ -25,8 +25,7 @@ from tacauchy_rig.core.arrays import Float32Array, IntArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
-# Sine of the steepest slope that a nominal model, an expansion to fourth order, is drawn at.
-_STEEPEST_TILT = 0.9
+_STEEPEST_TILT = 0.9  # that an expansion to fourth order is drawn at
 # 1 - sqrt(1 - |t|^2) to fourth order, by the powers of the tilt's components.
 _ROOT = {(2, 0): 1 / 2, (0, 2): 1 / 2, (4, 0): 1 / 8, (2, 2): 1 / 4, (0, 4): 1 / 8}
 
@@ -61,13 +60,14 @@ def exponents_for(sensor: Sensor) -> IntArray:
     Raises:
         ConfigError: Its renderer brings none.
     """
-    optics = sensor.optics
-    if optics.renderer.exponents is None:
+    exponents = sensor.optics.renderer.exponents
+    if exponents is None:
         raise ConfigError(
-            f"sensor {sensor.name}: images of optics.kind {optics.kind} cannot be calibrated",
+            f"sensor {sensor.name}: images of optics.kind {sensor.optics.kind} cannot be "
+            "calibrated",
             remedy="leave the calibration out, or give this renderer the terms that are fitted",
         )
-    return optics.renderer.exponents
+    return exponents
 
 
 def lamp_count_of(sensor: Sensor) -> int:

@@ -196,10 +196,8 @@ def load_photometric(path: Path) -> PhotometricModel:
 
 def bounded_tilt(tilt: RealArray, limit: float) -> RealArray:
     """Return tilts no steeper than a limit, in their own direction; shape [2, ...]."""
-    squared = tilt[0] * tilt[0] + tilt[1] * tilt[1]
-    if squared.size == 0 or squared.max() <= limit * limit:
-        return tilt
-    return np.asarray(tilt * (limit / np.maximum(np.sqrt(squared), limit)))
+    steepness = np.sqrt(tilt[0] * tilt[0] + tilt[1] * tilt[1])
+    return np.asarray(tilt * (limit / np.maximum(steepness, limit)))
 
 
 def normalised_positions(height: int, width: int) -> Float32Array:

@@ -37,11 +37,6 @@ def round_rings(
     """Return what draws circles of a revolved mesh smooth, as tables of ``node_kernel.Gel``.
 
     A periodic cubic spline is linear in its values: its weights are fixed by the mesh at rest.
-
-    Args:
-        rest: Nodes at rest [m], shape [node_count, 3].
-        faces: Quadratic ones, shape [face_count, 6].
-        axis_m: x and y [m].
     """
     offset = rest[:, :2] - np.array(axis_m)
     radius, angle = np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])
@@ -136,10 +131,7 @@ def _in_four(nodes: IntArray) -> list[IntArray]:
 
 
 def cut_tables(faces: IntArray, node_count: int) -> dict[str, AnyArray]:
-    """Number the nodes that cutting quadratic faces, shape [face_count, 6], would add.
-
-    They come after the mesh's own, in tables of ``node_kernel.Gel``.
-    """
+    """Number the nodes that cutting quadratic faces would add after a mesh's own."""
     ends = np.stack([faces[:, :3], np.roll(faces[:, :3], -1, axis=1)], axis=-1).reshape(-1, 2)
     _, first, edge, uses = np.unique(
         np.sort(ends, axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True

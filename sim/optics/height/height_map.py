@@ -21,14 +21,10 @@ from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
-# What touches, a little more than the gap that narrow barriers leave.
-TOUCHING_M = 6e-6
-# Of the solver's gap: by so much it varies under the indenter.
-_GAP_SHARE = 0.2
-# Threads of a facet on a GPU; a face seen from near covers thousands of pixels.
-_GPU_LANES = 32
-# Above all gel [m].
-_FAR_M = 1.0
+TOUCHING_M = 6e-6  # a little more than the gap that narrow barriers leave
+_GAP_SHARE = 0.2  # of the solver's gap, by which it varies under the indenter
+_GPU_LANES = 32  # threads of a facet: a face seen from near covers thousands of pixels
+_FAR_M = 1.0  # above all gel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +51,6 @@ def height_maps(
 ) -> HeightMaps:
     """Rasterise the loaded and the unloaded surface at the image's resolution.
 
-    The deformed positions are rasterised, so material that slid sideways is drawn where it is.
     Heights are interpolated with continuous slope over the facets, then bounded by the indenter:
     in the contact patch the gel is the surface of what lies within the solver's gap of the
     indenter, from where depth counts, and no pixel lies above it.
@@ -113,14 +108,10 @@ class SurfaceHeights:
         standoff_m: How far off the indenter the gel lies where it touches [m]: what lies within
             that of it is what bounds the gel.
         contact_gap_m: Largest gap between gel and what bounds it that counts as touching [m].
-        pad: Whose top the mesh stands for; None takes the mesh for the pad.
+        pad: As for ``height_maps``.
 
     Attributes:
-        rest_m: Height of the unloaded surface [m], a Warp array of float64, shape
-            [height * width].
-
-    Raises:
-        ConfigError: The mesh covers no pixel.
+        rest_m: Height of the unloaded surface [m], Warp float64, shape [height * width].
     """
 
     def __init__(

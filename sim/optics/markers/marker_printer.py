@@ -60,10 +60,9 @@ class MaterialPoints:
         self._moved: Any = self._device.zeros((count, len(points)), wp.vec3d)
 
     def displacement(self, positions: Any) -> Any:
-        """Return the points' displacement [m], vec3d, shape [count, n]; zero where nothing moved.
+        """Return the points' displacement [m], vec3d, shape [count, n], as a model's nodes moved.
 
-        Args:
-            positions: A model's nodes [m], vec3d, shape [count, node_count], on the device.
+        Positions [m] are vec3d, of shape [count, node_count], on the device.
         """
         taken = [*self._tables, positions]
         self._device.launch(carry_points, self._moved.shape, taken, [self._moved])
@@ -137,11 +136,7 @@ class SeenPoints(MaterialPoints):
         self._seen: Any = self._device.zeros((*self._moved.shape, 2), wp.float32)
 
     def pixels(self, positions: Any) -> Any:
-        """Return columns and rows [px], Warp float32, shape [count, n, 2].
-
-        Args:
-            positions: A model's nodes [m], vec3d, shape [count, node_count], on the device.
-        """
+        """Return columns and rows [px], Warp float32, shape [count, n, 2], of nodes' positions."""
         taken = [self._view, self._rest_px, self.displacement(positions)]
         self._device.launch(see_points, self._moved.shape, taken, [self._seen])
         return self._seen
@@ -159,14 +154,9 @@ def seen_motion(surface: SurfaceState, places: FloatArray, geometry: CameraGeome
 
 
 class MarkerPrinter:
-    """Prints the markers of a no-contact frame over images of bare gel, on one device.
+    """Prints the markers of a no-contact frame over ``count`` images of bare gel, on one device.
 
     Every pixel finds the gel that it sees, so that markers are deformed like the surface.
-
-    Args:
-        top: The gel's surface at rest.
-        markers: Of the frame that the images are over.
-        count: Images at a time.
     """
 
     def __init__(
@@ -193,11 +183,9 @@ class MarkerPrinter:
         self._dark = wp.vec3f(*markers.dark.tolist())
 
     def over(self, images: Any, positions: Any) -> None:
-        """Print over images, Warp uint8, shape [count, height, width, 3].
+        """Print over images of the bare gel, Warp uint8, shape [count, height, width, 3].
 
-        Args:
-            images: Of the bare gel; they are changed.
-            positions: A model's nodes [m], vec3d, shape [count, node_count].
+        Positions are a model's nodes [m], vec3d, of shape [count, node_count].
         """
         launch, spacing = self._device.launch, float(_SPACING_PX)
         seen = self._lattice.pixels(positions)
@@ -215,12 +203,7 @@ class MarkerPrinter:
 
 
 def _inked(printed: Float32Array, lattice: tuple[int, int]) -> ImageArray:
-    """Return 1 for cells of a lattice that have ink or a neighbour with ink, shape [rows, columns].
-
-    Args:
-        printed: See ``PrintedMarkers``, shape [height, width, 4].
-        lattice: Rows and columns of its points.
-    """
+    """Return 1 for the cells of a lattice of points that have ink or a neighbour with ink."""
     rows, columns = lattice[0] - 1, lattice[1] - 1
     changed = (printed != (1.0, 0.0, 0.0, 0.0)).any(axis=2)
     short = [

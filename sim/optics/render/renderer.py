@@ -33,10 +33,8 @@ from sim.sensor.sensor import Sensor
 from tacauchy_rig.core.arrays import Float32Array, ImageArray, RealArray
 from tacauchy_rig.core.errors import ConfigError
 
-# Evenly grey no-contact frame of a sensor that nobody has calibrated.
-GREY_LEVEL = 110
-# The blur's weights reach this many standard deviations, as they do in OpenCV for real images.
-_REACH = 4.0
+GREY_LEVEL = 110  # of the no-contact frame of a sensor that nobody has calibrated
+_REACH = 4.0  # standard deviations of a blur's weights, as in OpenCV for real images
 _CPU_THREADS = 2
 
 Task = Callable[[], None]
@@ -154,7 +152,7 @@ class _Images:
         dent: Indentations of the samples [m], shape [count, height, width] of them.
         change: Change of light of pixels, channel by channel.
         bytes: Of the images, shape [count, height, width, 3].
-        to_change: Stages from dents to changes of light, each of parts.
+        to_change, to_bytes: Stages from dents to changes of light, and on to bytes, each of parts.
     """
 
     def __init__(
@@ -187,11 +185,10 @@ class _Images:
             layout.planes(count) for _ in range(4)
         )
         self._kept = [rest, *colours.inputs]
-        fine = layout.geometry.refined(layout.samples)
 
         def go_on(planes: BlockMemory) -> list[Task]:
             inputs = [layout.layout(), layout.lanes, planes.single[0]]
-            size = (count, fine.height + fine.width)
+            size = (count, sum(self.dent.shape[1:]))
             return [self._device.record(continue_samples, size, inputs).launch]
 
         dents, height = self._dents.blocks[0], self._height.blocks[0]
@@ -220,8 +217,8 @@ class _Images:
         for tilt, dent in zip(np.stack([along, across], axis=1), self.dent.numpy(), strict=True):
             change = function(tilt, dent)
             _check_shape("a renderer's change of light", change.shape, (3, *dent.shape))
-            parts = [change[:, a::n, c::n] for a in range(n) for c in range(n)]
-            changes.append(sum(parts[1:], start=parts[0]) / n**2)
+            split = change.reshape(3, dent.shape[0] // n, n, dent.shape[1] // n, n)
+            changes.append(split.mean(axis=(2, 4)))
             if not np.isfinite(changes[-1]).all():
                 raise ConfigError(
                     "a renderer's change of light is not finite",

@@ -27,15 +27,10 @@ _RAY_ROOM = 2  # blocks beside the rays of a step, which their neighbours are re
 
 
 class HiddenLamp:
-    """What a dent hides of a lamp, for some images at once.
-
-    Args:
-        softness_m: Height by which the gel must reach over a ray to hide the lamp whole [m].
-        dent: Unloaded minus loaded height [m], on a device, shape [count, height, width].
-        highest: Room for a value a step and ray, such as another lamp has; None takes new one.
+    """What a dent, a device's array of shape [count, height, width] [m], hides of a lamp.
 
     Attributes:
-        highest: Room for a value a step and ray.
+        highest: Room for a value a step and ray, which another lamp may take over.
         hidden: How much of the lamp samples do not see, 0 to 1, in the order of the rays.
         stages: Kernels, each with the counts over which it may be parted and others, and inputs.
     """
@@ -113,12 +108,7 @@ def rays_towards(
 def darkening(
     shadows: ShadowCaster, indentation_m: RealArray, tilt: Float32Array, geometry: CameraGeometry
 ) -> Float32Array:
-    """Return the light taken away [grey levels, not positive], shape [3, height, width].
-
-    Args:
-        indentation_m: Unloaded minus loaded height [m], of the geometry's size.
-        tilt: Of the loaded gel, shape [2, ...] of the same.
-    """
+    """Return the light taken away [grey levels, not positive], shape [3, height, width]."""
     taken = np.zeros((3, *indentation_m.shape), dtype=np.float32)
     for lamp in shadows.lamps:
         share = lost_share(indentation_m, tilt, lamp, geometry, softness_m=shadows.softness_m)
@@ -134,14 +124,7 @@ def lost_share(
     *,
     softness_m: float,
 ) -> Float32Array:
-    """Return the share of a lamp's colour that a dent takes away, shape [height, width].
-
-    Args:
-        bulge: Unloaded minus loaded height [m], shape [height, width].
-        tilt: Of the loaded gel, shape [2, height, width].
-        lamp: Its colour does not count.
-        softness_m: Height by which the gel must reach over a ray to hide the lamp whole [m].
-    """
+    """Return the share of a lamp's light that a dent takes away, shape [height, width]."""
     device = Device("cpu")
     dent = device.array(bulge[None].astype(np.float32), wp.float32)
     hidden = HiddenLamp(lamp, softness_m, geometry, dent, CPU_LANES)

@@ -11,10 +11,7 @@ import pytest
 from sim.optics.calibrate.colours import Calibration, calibrate_optics
 from sim.optics.calibrate.optics_fit import calibrate_presses, fit_blur
 from sim.optics.colour.nominal import exponents_for
-from sim.optics.colour.photometric import normalised_positions
-from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.sensor import load_sensor
-from tests.sim.optics.analytic_surface import APEX_M, camera, surface_tilt
 from tests.sim.optics.synthetic_presses import press_scene, presses, true_model
 
 
@@ -58,24 +55,3 @@ def _seen_through(image: np.ndarray, background: np.ndarray, blur_px: float) -> 
         return image
     change = cv2.GaussianBlur(image - background, (0, 0), blur_px)
     return np.clip(np.rint(background + change), 0, 255).astype(np.uint8)
-
-
-@pytest.mark.parametrize("samples", [2, 3])
-def test_a_pixel_shows_the_mean_colour_of_its_area(samples: int) -> None:
-    """A ridge narrower than a pixel is half as strong where it covers half of the pixel."""
-    geometry = camera()
-    fine = geometry.refined(samples)
-    x, _ = fine.pad_grid()
-    rest = np.full(x.shape, APEX_M)
-    loaded = rest - 2e-5 * np.exp(-((x / geometry.scale_x_m) ** 2))
-    background = np.full((geometry.height, geometry.width, 3), 128, np.uint8)
-    renderer = TactileRenderer(background, rest, true_model(), geometry, samples=samples)
-    tilt = surface_tilt(loaded, fine).reshape(2, -1)
-    places = normalised_positions(geometry.height, geometry.width)
-    places = places.reshape(2, geometry.height, geometry.width)
-    places = places.repeat(samples, axis=1).repeat(samples, axis=2).reshape(2, -1)
-    change = true_model().evaluate(tilt, places, (rest - loaded).astype(np.float32).ravel())
-    split = change.reshape(3, geometry.height, samples, geometry.width, samples)
-    expected = 128.0 + split.mean(axis=(2, 4)).transpose(1, 2, 0)
-    assert np.abs(renderer.render(loaded) - expected).max() < 0.6
-    np.testing.assert_array_equal(renderer.render(rest), background)

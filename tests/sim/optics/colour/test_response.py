@@ -29,13 +29,6 @@ def test_light_shows_as_the_levels_that_it_was_read_from(knee: float, level: flo
     np.testing.assert_allclose(rise[near] / 2e-4, response.slope(levels)[near], atol=1e-3)
 
 
-def test_a_camera_without_shoulder_shows_light_as_it_is() -> None:
-    """A knee at the end of the range changes nothing, not even copies."""
-    levels = np.linspace(0.0, 300.0, 7)
-    assert LINEAR.levels(levels) is levels
-    assert LINEAR.light(levels) is levels
-
-
 def test_the_last_levels_of_a_shoulder_only_bound_the_light() -> None:
     """A pixel near the end of a compressed range says that the light was at least so bright."""
     levels = np.array([[253, 240, 100]], dtype=np.uint8)

@@ -37,14 +37,6 @@ def _random_surface(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return tilt, rng.uniform(-1, 1, (2, count)), rng.uniform(-2e3, 2e3, count)
 
 
-def test_level_gel_is_as_in_the_no_contact_frame() -> None:
-    """Without slope and crease every term vanishes, wherever in the image."""
-    _, position, _ = _random_surface(50)
-    values = TERMS.values(np.zeros((2, 50)), position, np.zeros(50))
-    np.testing.assert_allclose(values, 0.0, atol=1e-15)
-    assert values.shape == (TERMS.count, 50)
-
-
 def test_a_slope_towards_a_lamp_is_lit_and_one_away_from_it_goes_dark() -> None:
     """Lambert's cosine towards the lamp; beyond the terminator nothing more is lost."""
     lamp = NearLamp(azimuth_rad=0.0, elevation_rad=0.2, distance=1e6)

@@ -98,18 +98,6 @@ def test_steeper_than_fitted_is_rendered_as_the_limit() -> None:
     np.testing.assert_allclose(change.T, [[3.0, 8.0, 0.0], [3.0, 0.0, 0.0]], atol=1e-4)
 
 
-def test_a_renderer_forgets_what_it_rendered() -> None:
-    """After another dent the first one's image is the same, bit for bit."""
-    flat = np.full((96, 128), APEX_M)
-    model = nominal_photometric([RED_FROM_THE_RIGHT])
-    renderer = TactileRenderer(_background(), flat, model, camera())
-    first = renderer.render(_dent())
-    other = renderer.render(np.roll(_dent(), 20, axis=1))
-    assert (first != other).any()
-    np.testing.assert_array_equal(renderer.render(_dent()), first)
-    np.testing.assert_array_equal(renderer.render(flat), _background())
-
-
 def test_background_of_another_size_is_refused() -> None:
     """A raw camera frame in place of the cropped one names both shapes."""
     model = nominal_photometric([RED_FROM_THE_RIGHT])
