@@ -16,8 +16,8 @@ from drivers.emulators.plant.truth import EmulatedUnit, GelLight, MarkerGrid, re
 from sim.scene.pad import BoxPad
 from sim.sensor.sensor import MarkerGrid as PrintedGrid
 from sim.sensor.sensor import Sensor
+from tacauchy_rig.app.replay.inputs import sensor_of
 from tacauchy_rig.app.replay.optics import Calibrate, OpticalCalibration, Say, calibrate_folder
-from tacauchy_rig.app.replay.settings import sensor_of
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.store.run_store import RunStore
 

@@ -81,8 +81,8 @@ def replay(
 def _watch(run: RunReading, given: Path | None) -> None:
     """Write the page of a run and its twin."""
     from tacauchy_rig.app.cli.emulation import emulated_calibration
+    from tacauchy_rig.app.replay.inputs import sensor_of
     from tacauchy_rig.app.replay.optics import optics_of
-    from tacauchy_rig.app.replay.settings import sensor_of
     from tacauchy_rig.app.twin.watch import watch_run
 
     config = run.store.config

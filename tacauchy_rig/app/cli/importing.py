@@ -73,6 +73,6 @@ def _check(config: RigConfig) -> None:
     replay = config.replay
     is_plain = replay.preset in {"auto", *Preset} and replay.drive in set(Drive)
     if not is_plain or replay.tolerance is not None or replay.law is not None:
-        from tacauchy_rig.app.replay.settings import check_names
+        from tacauchy_rig.app.replay.inputs import inputs_of
 
-        check_names(config)
+        inputs_of(config)

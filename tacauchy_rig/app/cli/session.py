@@ -227,14 +227,13 @@ def _created(loaded: LoadedConfig, text: str, *, press_only: bool) -> RunStore:
 def _check_before(config: RigConfig, *, press_only: bool) -> None:
     """Refuse what must not wait until six presses are done, or until the gel is torn."""
     from tacauchy_rig.app.doctor.host import descriptor_check
-    from tacauchy_rig.app.replay.inputs import check_replay
-    from tacauchy_rig.app.replay.settings import check_names
+    from tacauchy_rig.app.replay.inputs import check_replay, inputs_of
     from tacauchy_rig.app.session.gel_limits import check_gel
 
     descriptors = descriptor_check(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
     if descriptors.status is CheckStatus.FAIL:
         raise RecordError(descriptors.finding, remedy=descriptors.remedy)
-    check_names(config)
+    inputs_of(config)
     check_gel(config)
     if not press_only:
         check_replay(config)

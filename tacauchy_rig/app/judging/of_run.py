@@ -15,8 +15,7 @@ from reports.evidence.replayed import pressure_at, shear_at
 from reports.scores.force_agreement import predict
 from sim.scene.indenter import describe
 from tacauchy_rig import __version__
-from tacauchy_rig.app.replay.inputs import inputs_of
-from tacauchy_rig.app.replay.settings import sensor_of
+from tacauchy_rig.app.replay.inputs import inputs_of, sensor_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.rgb import encode_png
 from tacauchy_rig.core.simulated import (

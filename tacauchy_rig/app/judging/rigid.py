@@ -42,7 +42,7 @@ def rigid_outputs(
     Raises:
         RecordError: No press has a measured depth and a no-contact frame.
     """
-    inputs_by_trial = {n: part.inputs for part in parts_of(run) for n in part.run.records}
+    inputs_by_trial = {n: part.inputs for part in parts_of(run) for n in part.trials}
     sensor = next(iter(inputs_by_trial.values())).sensor
     optics = optics_of(
         run.store.config.sensor.optics_calibration,

@@ -1,28 +1,30 @@
-"""What a run is replayed with, from its configuration."""
+"""What a run is replayed with: the settings of its configuration as objects of the simulator."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import TypeVar
 
 from sim.effects.plan import PRESET_TOLERANCE
-from sim.error import Tolerance, keeping, setting_of
+from sim.error import Tolerance, keeping, parse_tolerance, setting_of
+from sim.optics.colour.nominal import nominal_model
 from sim.replay import replay_scene
-from sim.scene.indenter import Indenter
+from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Drive, Output, Preset, Scene, Target
-from sim.sensor.sensor import Sensor
-from tacauchy_rig.app.replay.settings import (
-    AUTO,
-    OF_AUTO,
-    check_optics,
-    drive_of,
-    indenter_of,
-    preset_of,
-    sensor_of,
-    tolerance_of,
-)
-from tacauchy_rig.core.config.model import RigConfig
+from sim.scene.terms import parse_indenter
+from sim.sensor.sensor import Sensor, load_sensor
+from tacauchy_rig.app.replay.optics import calibrated_optics
+from tacauchy_rig.core.config.model import IndenterKind, RigConfig
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.registry import Kind, names, unknown
+
+_Closed = TypeVar("_Closed", bound=StrEnum)
+
+AUTO = "auto"
+"""In place of a preset: the cheapest with a stated accuracy of F_z of 3 %, or else ``balanced``."""
+OF_AUTO = Tolerance(relative=0.03)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,9 +96,9 @@ class ReplayInputs:
 
     def quick_scene(self, target: Target) -> Scene:
         """Return the press to a target with steps as long as the force allows."""
-        named = replace(self, tolerance=None)
-        scene = replace(named.scene([]), target=target, refinement=1.0, tolerance=None)
-        return replace(scene, outputs=frozenset(Output) - {Output.SHEAR, Output.MARKERS})
+        scene = replace(self, tolerance=None, refinement=1.0, effects_error=None).scene([])
+        outputs = frozenset(Output) - {Output.SHEAR, Output.MARKERS}
+        return replace(scene, target=target, outputs=outputs)
 
     @property
     def upright(self) -> ReplayInputs:
@@ -143,35 +145,118 @@ def inputs_of(config: RigConfig) -> ReplayInputs:
     """Return what a configuration is replayed with.
 
     Raises:
-        ConfigError: It names something that does not exist.
+        ConfigError: It names a sensor, law, indenter, preset, tolerance or drive that there is
+            not; the message has the field and what there is.
     """
+    asked = config.replay
+    is_auto = asked.preset == AUTO
     return ReplayInputs(
         sensor=sensor_of(config),
         indenter=indenter_of(config),
-        preset=preset_of(config),
-        drive=drive_of(config),
-        force_tolerance_n=config.replay.force_tolerance,
-        tolerance=tolerance_of(config),
-        is_auto=config.replay.preset == AUTO and config.replay.tolerance is None,
-        friction=config.replay.friction,
-        tilt_rad=config.replay.tilt or (0.0, 0.0),
-        offset_m=config.replay.offset or (0.0, 0.0),
+        preset=Preset.BALANCED
+        if is_auto
+        else _member(Preset, asked.preset, "replay.preset", "preset", others=[AUTO]),
+        drive=_member(Drive, asked.drive, "replay.drive", "way to reach a force"),
+        force_tolerance_n=asked.force_tolerance,
+        tolerance=parse_tolerance(asked.tolerance, field="replay.tolerance")
+        if asked.tolerance is not None
+        else None,
+        is_auto=is_auto and asked.tolerance is None,
+        friction=asked.friction,
+        tilt_rad=asked.tilt or (0.0, 0.0),
+        offset_m=asked.offset or (0.0, 0.0),
     )
 
 
-def check_replay(config: RigConfig) -> str:
-    """Refuse a configuration that cannot be replayed, before anything is pressed.
-
-    Returns:
-        What a replay would use, in words.
+def sensor_of(config: RigConfig) -> Sensor:
+    """Load the configured sensor with the configured material.
 
     Raises:
-        ConfigError: No such sensor, preset, law or indenter, no preset keeps the tolerance, or the
-            optics' calibration file is missing or damaged.
+        ConfigError: There is no such sensor or law, or the sensor has layers and one material is
+            configured.
+    """
+    sensor = load_sensor(config.sensor.name)
+    material = sensor.material
+    if sensor.layers and (config.replay.young, config.replay.poisson) != (None, None):
+        raise ConfigError(
+            f"replay.young and replay.poisson do not say which layer of {sensor.title} is meant",
+            remedy="leave them out, and name a sensor file of your own with its layers",
+        )
+    if config.replay.young is not None:
+        material = replace(material, young_pa=config.replay.young)
+    if config.replay.poisson is not None:
+        material = replace(material, poisson=config.replay.poisson)
+    law = config.replay.law or material.law
+    if unknown(Kind.LAW, law):
+        raise ConfigError(
+            f"replay.law: {law!r} is no law", remedy=f"one of: {', '.join(names(Kind.LAW))}"
+        )
+    layers = tuple(
+        replace(layer, material=replace(layer.material, law=law)) for layer in sensor.layers
+    )
+    sensor = replace(sensor, material=replace(material, law=law), layers=layers)
+    return sensor if config.replay.relaxation else sensor.relaxing(())
+
+
+def indenter_of(config: RigConfig) -> Indenter:
+    """Return the configured indenter for the simulator.
+
+    Raises:
+        ConfigError: ``replay.indenter`` is not understood, or its file bounds no body.
+    """
+    if config.replay.indenter is not None:
+        try:
+            return parse_indenter(config.replay.indenter)
+        except ConfigError as error:
+            message = f"replay.indenter: {error.message.removeprefix('--indenter ')}"
+            raise ConfigError(message, remedy=error.remedy) from error
+    given = config.indenter
+    if given.kind is IndenterKind.SPHERE:
+        return Sphere(diameter_m=given.diameter)
+    return Cylinder(diameter_m=given.diameter, fillet_m=given.fillet)
+
+
+def _member(
+    kind: type[_Closed], value: str, field: str, what: str, *, others: Sequence[str] = ()
+) -> _Closed:
+    try:
+        return kind(value)
+    except ValueError as error:
+        raise ConfigError(
+            f"{field}: {value!r} is no {what}",
+            remedy=f"one of: {', '.join([*others, *(known.value for known in kind)])}",
+        ) from error
+
+
+def check_optics(config: RigConfig, sensor: Sensor, given: str | None = None) -> str:
+    """Refuse unusable optics before the simulation; return in words which they are.
+
+    Args:
+        given: Calibration file in place of the configured one.
+
+    Raises:
+        ConfigError: The calibration file is missing or damaged, or of images of another size or
+            scale; or there is none, nothing of the rig is emulated, and the sensor's file names
+            no lamps.
+    """
+    given = config.sensor.optics_calibration if given is None else given
+    if given:
+        calibrated_optics(given, sensor)
+        return f"optics from {given}"
+    if config.has_emulated_devices and sensor.optics.renderer.exponents is not None:
+        return "optics calibrated on the emulated sensor"
+    nominal_model(sensor)
+    return "nominal optics of the sensor's file, not calibrated"
+
+
+def check_replay(config: RigConfig) -> str:
+    """Refuse what cannot be replayed before anything is pressed; return what a replay would use.
+
+    Raises:
+        ConfigError: As ``inputs_of`` and ``check_optics`` do, and if no preset keeps the tolerance.
     """
     inputs = inputs_of(config)
     scene = inputs.scene(config.protocol.force_targets)
     chosen = AUTO if inputs.is_auto else setting_of(scene)
     kept = "" if inputs.tolerance is None else f" for a tolerance of {inputs.tolerance}"
-    optics = check_optics(config, inputs.sensor)
-    return f"{inputs.sensor.title}, preset {chosen}{kept}, {optics}"
+    return f"{inputs.sensor.title}, preset {chosen}{kept}, {check_optics(config, inputs.sensor)}"

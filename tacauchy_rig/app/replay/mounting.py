@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from sim.effects.plan import output_tolerances, plan_effects
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.tilt import can_tilt, press_tilted, restoring_moments, tilt_costs
 from tacauchy_rig.app.replay.inputs import ReplayInputs
+from tacauchy_rig.app.replay.optics import Say, say_nothing
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.config.model import ModulusSource, PoseSource, RigConfig, RobotModel
 from tacauchy_rig.core.errors import RigError
@@ -35,6 +37,11 @@ _TILT, _OFFSET = "lean towards", "offset along"
 """Names of what is found, as replays keep them; x or y follows."""
 
 
+Dwell = tuple[TrialRecord, tuple[FloatArray, FloatArray] | None]
+"""A held press, and mean and standard error of its wrench in the cell's frame [N, N m], shape [6]
+each; None where it is unknown."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundMounting:
     """What was found of the tilt, and what of it is simulated.
@@ -47,25 +54,29 @@ class FoundMounting:
 
     inputs: ReplayInputs
     values: tuple[FoundValue, ...] = ()
-    effects: tuple[dict[str, Any], ...] = field(default=())
+    effects: tuple[dict[str, Any], ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Dwell:
-    """The wrench of a held press.
+def mounted(
+    attempts: Sequence[AttemptReading],
+    inputs: ReplayInputs,
+    config: RigConfig,
+    *,
+    on_progress: Say = say_nothing,
+) -> FoundMounting:
+    """Return the inputs of attempts with their measured duration and the tilt found from moments.
 
-    Attributes:
-        wrench: Mean and standard error in the cell's frame [N, N m], shape [6] each; None where
-            it is unknown.
+    Raises:
+        ConfigError: No preset keeps the tolerance.
     """
-
-    record: TrialRecord
-    wrench: tuple[FloatArray, FloatArray] | None
-
-
-def dwells_of(attempts: Sequence[AttemptReading]) -> list[Dwell]:
-    """Return the wrench of each trial's dwell."""
-    return [Dwell(record=each.record, wrench=each.dwell_wrench) for each in attempts]
+    known = [each.press_duration_s for each in attempts if each.press_duration_s is not None]
+    if known:
+        inputs = replace(inputs, duration_s=median(known))
+    dwells = [(each.record, each.dwell_wrench) for each in attempts]
+    found = with_found_tilt(dwells, inputs, config)
+    for row in found.effects:
+        on_progress(f"{row['name']} {'on' if row['on'] else 'left out'}: {row['reason']}")
+    return found
 
 
 def with_found_tilt(
@@ -85,7 +96,7 @@ def with_found_tilt(
     found = f"found {_degrees(size)} +- {_degrees(doubt)} by {why}"
     row = _row(False, f"{found}; within {TAKEN_FROM:g} times its uncertainty of none")
     if taken:
-        row = _planned(inputs, [d.record.force_measured_n or 0.0 for d in dwells], size, found)
+        row = _planned(inputs, [r.force_measured_n or 0.0 for r, _ in dwells], size, found)
     tilt = (float(fit.tilt_rad[0]), float(fit.tilt_rad[1])) if row["on"] else (0.0, 0.0)
     return FoundMounting(inputs=replace(inputs, tilt_rad=tilt), values=values, effects=(row,))
 
@@ -95,7 +106,7 @@ def tilt_of(
 ) -> tuple[TiltFit | None, str]:
     """Fit the tilt to the moments; return it and its basis, or None and the reason."""
     known = sorted(
-        ((d.record, d.wrench) for d in dwells if d.wrench and (d.record.force_measured_n or 0) > 0),
+        ((r, wrench) for r, wrench in dwells if wrench and (r.force_measured_n or 0.0) > 0.0),
         key=lambda pair: pair[0].force_measured_n or 0.0,
     )
     forces_n = np.array([record.force_measured_n for record, _ in known])
@@ -104,10 +115,7 @@ def tilt_of(
     if len(known) < TRIALS_MIN:
         return None, f"{len(known)} presses carry moments; at least {TRIALS_MIN} are needed"
     if not config.force_sensor.is_stand_in and config.force_sensor.to_tip is None:
-        return (
-            None,
-            "force_sensor.to_tip is not stated: moments refer to an unknown point",
-        )
+        return None, "force_sensor.to_tip is not stated: moments refer to an unknown point"
     tried_n = _tried_forces(config)
     if config.is_imported or forces_n[0] < tried_n[0] or tried_n[-1] < forces_n[-1]:
         tried_n = forces_n.tolist()

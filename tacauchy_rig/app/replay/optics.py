@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from sim.optics.calibrate.ball_press import BallPress, read_ball_presses, read_rgb
-from sim.optics.calibrate.colours import Calibration
+from sim.optics.calibrate.ball_press import read_ball_presses, read_rgb
 from sim.optics.calibrate.gel_profile import rest_slopes, touching_places
 from sim.optics.calibrate.optics_fit import BLUR_PX, SHADOWS, calibrate_presses, read_shadows
 from sim.optics.calibrate.press_scene import pressed_scene
-from sim.optics.calibrate.scale_fit import ScaleFit, fit_scale, read_positions
+from sim.optics.calibrate.scale_fit import fit_scale, read_positions
 from sim.optics.colour.colour_model import ColourModel
 from sim.optics.colour.nominal import exponents_for, nominal_model
 from sim.optics.colour.photometric import load_photometric
@@ -78,14 +77,21 @@ def calibrate_folder(
     geometry, residual_px = nominal, None
     if places:
         circles = calibrate_presses(presses, scene, sensor.optics.shadows, blurred=False)
-        touched = _touched(places, sensor, ball_diameter_m)
-        fit, known = _fit_scale(presses, circles, touched, nominal)
+        known = [(p, c) for p, c in zip(presses, circles.circles, strict=True) if p.name in places]
+        # The robot states where its axis is, not where the ball touches a dome.
+        axes = np.array([places[press.name] for press, _ in known])
+        fit = fit_scale(
+            touching_places(axes, sensor.pad, ball_radius_m=0.5 * ball_diameter_m),
+            np.array([(circle.x_px, circle.y_px) for _, circle in known]),
+            width=nominal.width,
+            height=nominal.height,
+        )
         geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
         scene = replace(scene, geometry=geometry, rest_slope=rest_slopes(sensor.pad, geometry))
         residual_px = fit.residual_px
         on_progress(
             f"  scale {fit.geometry.scale_x_m * 1e3:.4f} x {fit.geometry.scale_y_m * 1e3:.4f} mm/px"
-            f", residual {residual_px:.2f} px over {known} presses"
+            f", residual {residual_px:.2f} px over {len(known)} presses"
         )
     found = calibrate_presses(presses, scene, sensor.optics.shadows)
     shadows = found.shadows
@@ -101,32 +107,6 @@ def calibrate_folder(
     return OpticalCalibration(
         model=model, geometry=geometry, shadows=shadows, blur_px=found.blur_px
     )
-
-
-def _touched(
-    places: Mapping[str, tuple[float, float]], sensor: Sensor, ball_diameter_m: float
-) -> dict[str, tuple[float, float]]:
-    """Return where the ball touches the gel, of where the robot put its axis [m]."""
-    axes = np.array(list(places.values()))
-    touched = touching_places(axes, sensor.pad, ball_radius_m=0.5 * ball_diameter_m)
-    return {name: (x, y) for name, (x, y) in zip(places, touched.tolist(), strict=True)}
-
-
-def _fit_scale(
-    presses: Sequence[BallPress],
-    found: Calibration,
-    places: Mapping[str, tuple[float, float]],
-    nominal: CameraGeometry,
-) -> tuple[ScaleFit, int]:
-    """Return the scale of the presses whose place is known, and how many those are."""
-    known = [(p, c) for p, c in zip(presses, found.circles, strict=True) if p.name in places]
-    fit = fit_scale(
-        np.array([places[press.name] for press, _ in known]),
-        np.array([(circle.x_px, circle.y_px) for _, circle in known]),
-        width=nominal.width,
-        height=nominal.height,
-    )
-    return fit, len(known)
 
 
 def optics_of(

@@ -2,62 +2,71 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from reports.evidence.attempt import RunReading
+from reports.evidence.attempt import AttemptReading, RunReading
 from sim.error import Tolerance
 from sim.scene.indenter import describe
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
-from tacauchy_rig.app.replay.pressing import PressTask, has_measured, measured_records
 from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.imported import SAME_PLACE_M, ImportedTrial
+from tacauchy_rig.core.run import TrialRecord
 
 Place = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """Trials that are pressed with one model.
+    """Trials that are pressed with one model; it can go to another process.
 
     Attributes:
-        run: Their reading.
+        records: Of the trials that have a force, or else a depth.
         config: The run's, with their indenter and place.
+        trials: Numbers of all trials, also of those that have neither.
         place_known: It is stated where the tip came down.
         label: Indenter and place, for progress; empty where all trials are alike.
     """
 
-    run: RunReading
     inputs: ReplayInputs
+    records: tuple[TrialRecord, ...]
     config: RigConfig
+    trials: tuple[int, ...] = ()
     place_known: bool = True
     label: str = ""
 
     @property
-    def settled(self) -> ReplayInputs:
-        """The inputs with the preset that ``auto`` chooses for what was asked or measured."""
-        if not self.config.is_imported:
-            return self.inputs.settled(self.config.protocol.force_targets)
-        return self.inputs.settled(self.task.forces_n if has_measured(self.run) else [])
+    def forces_n(self) -> list[float]:
+        """Measured forces [N], of the trials that have one."""
+        return [r.force_measured_n for r in self.records if r.force_measured_n is not None]
+
+    @property
+    def depths_m(self) -> list[float]:
+        """Measured depths [m], of the trials that have one."""
+        return [r.depth_measured_m for r in self.records if r.depth_measured_m]
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether its one trial, of several parts, may be pressed on a mesh whose bias is known.
+
+        Not where its depth counts from a force, which a path has to go to first.
+        """
+        from_touch = bool(self.forces_n) or not self.config.protocol.contact_force
+        accurate = self.inputs.asked_accuracy is not None
+        return bool(self.label) and len(self.records) == 1 and accurate and from_touch
+
+    @property
+    def settled(self) -> Part:
+        """The part with the preset that ``auto`` chooses."""
+        return replace(self, inputs=self.inputs.settled(self.forces_n))
 
     @property
     def tool(self) -> str:
         """The indenter, as it is described."""
         return describe(self.inputs.indenter)
-
-    @property
-    def task(self) -> PressTask:
-        """What its trials are pressed with; those of several parts quickly, where they can."""
-        records = tuple(measured_records(self.run))
-        return PressTask(
-            inputs=self.inputs,
-            records=records,
-            config=self.config,
-            label=self.label,
-            quick=bool(self.label),
-        )
 
 
 def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Part]:
@@ -73,37 +82,81 @@ def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Par
         RecordError: The run was imported, and the file that says so is missing or damaged.
     """
     trials, config = run.store.imported_trials, run.store.config
-    groups = list(_alike(trials)) or [[]]
-    if len(groups) == 1:
-        places = [trials[index].place_m for index in groups[0]]
-        known = not places or None not in places or config.replay.offset is not None
+    groups = list(_alike(trials))
+    is_placed = config.replay.offset is not None
+    if len(groups) <= 1:
+        places = [trial.place_m for trial in trials.values()]
         part = Part(
-            run=run,
             inputs=_with(inputs_of(config), tolerance),
+            records=tuple(_measured(run)),
             config=config,
-            place_known=known,
+            trials=tuple(run.records),
+            place_known=None not in places or is_placed,
         )
-        return [replace(part, inputs=part.settled)]
+        forces_n = part.forces_n if config.is_imported else config.protocol.force_targets
+        return [replace(part, inputs=part.inputs.settled(forces_n))]
     parts = []
-    for indices in groups:
-        own, reading = [trials[index] for index in indices], run.of(indices)
-        place, indenter = _place(own), own[0].indenter
+    for group in groups:
+        place, indenter = _place(group), group[0].indenter
         own_config = _with_press(config, indenter, place)
+        reading = run.of([trial.index for trial in group])
         where = "place unknown" if place is None else _millimetres(place)
-        parts.append(
-            Part(
-                run=reading,
-                inputs=_with(inputs_of(own_config), tolerance),
-                config=own_config,
-                place_known=place is not None or config.replay.offset is not None,
-                label=f", {indenter or 'the indenter of the run'}, {where}",
-            )
+        part = Part(
+            inputs=_with(inputs_of(own_config), tolerance),
+            records=tuple(_measured(reading)),
+            config=own_config,
+            trials=tuple(reading.records),
+            place_known=place is not None or is_placed,
+            label=f", {indenter or 'the indenter of the run'}, {where}",
         )
+        parts.append(part)
     return parts
 
 
-def _alike(trials: dict[int, ImportedTrial]) -> Iterator[list[int]]:
-    """Yield numbers of trials of one indenter and one place, in order of the first."""
+def measured_records(run: RunReading) -> tuple[TrialRecord, ...]:
+    """Return the trials that have a force to replay; of an imported run also those with a depth.
+
+    Raises:
+        RecordError: There is none.
+    """
+    measured = tuple(_measured(run))
+    if not measured:
+        root = run.store.paths.root
+        raise RecordError(
+            f"{root}: no trial has a measured force to replay",
+            remedy=f"`{command_line('resume', root)}` records them",
+        )
+    return measured
+
+
+def measured_attempts(run: RunReading) -> list[AttemptReading]:
+    """Return the attempts that ``measured_records`` names.
+
+    Raises:
+        RecordError: There is none, or a recording is missing or damaged.
+    """
+    return [run.read(record) for record in measured_records(run)]
+
+
+def tools_of(parts: Sequence[Part]) -> Iterator[list[int]]:
+    """Yield the numbers of the parts of each indenter."""
+    groups: dict[str, list[int]] = {}
+    for k, part in enumerate(parts):
+        groups.setdefault(part.tool, []).append(k)
+    yield from groups.values()
+
+
+def _measured(run: RunReading) -> Iterator[TrialRecord]:
+    for record in run.records.values():
+        if record is None:
+            continue
+        by_depth = run.store.config.is_imported and record.depth_measured_m is not None
+        if record.force_measured_n is not None or by_depth:
+            yield record
+
+
+def _alike(trials: dict[int, ImportedTrial]) -> list[list[ImportedTrial]]:
+    """Return trials grouped by indenter and place, in order of the first."""
     groups: list[list[ImportedTrial]] = []
     for trial in trials.values():
         for group in groups:
@@ -112,7 +165,7 @@ def _alike(trials: dict[int, ImportedTrial]) -> Iterator[list[int]]:
                 break
         else:
             groups.append([trial])
-    yield from ([trial.index for trial in group] for group in groups)
+    return groups
 
 
 def _is_near(first: Place | None, second: Place | None) -> bool:

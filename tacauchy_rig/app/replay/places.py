@@ -7,28 +7,27 @@ number of parts. Pressed surfaces are kept, too: with other optics only images a
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from reports.evidence.attempt import RunReading
 from reports.evidence.fits import ModulusFit
 from sim.fields.press_fields import TrialFields
 from sim.fields.surface import IntermediateState, SurfaceState
 from sim.replay import History
-from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
+from sim.scene.indenter import Cylinder, Sphere
 from tacauchy_rig import __version__
 from tacauchy_rig.app.replay.mounting import fits_modulus
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
-from tacauchy_rig.app.replay.parts import Part
+from tacauchy_rig.app.replay.parts import Part, tools_of
 from tacauchy_rig.app.replay.pressing import (
     Pressed,
-    PressTask,
-    measured_attempts,
     modulus_of,
     press_to_measured,
     stated_history,
@@ -57,8 +56,8 @@ class KeptPart:
     Attributes:
         pressed: Hash of all that it was pressed with.
         seen: Hash of what it was rendered with; empty where it was not yet.
-        stated: (depth [m], force [N]) of the gel with the stated modulus.
-        replay: Its trials and model; None where only the stated gel was pressed so far.
+        stated: (depth [m], force [N]) of the gel with the stated modulus, in a file of its own.
+        replay: Its trials and model; None in that file.
     """
 
     pressed: str
@@ -68,6 +67,7 @@ class KeptPart:
 
 
 def replay_parts(
+    run: RunReading,
     parts: Sequence[Part],
     optics: OpticalCalibration,
     *,
@@ -86,113 +86,97 @@ def replay_parts(
         ConvergenceError: A force cannot be reached.
         RecordError: A recording has no readable no-contact frame, or the disk is full.
     """
-    files = [_PartFiles(part) for part in parts]
-    tasks = _settled([part.task for part in parts])
-    fits = fits_modulus(parts[0].run.store.config)
+    parts = _settled(parts)
+    files = [_PartFiles(run, part) for part in parts]
+    fits = fits_modulus(run.store.config)
     jobs = _JOBS if len(parts) >= _WORTH_PROCESSES else 1
     left = Remaining(afterwards_s, jobs=jobs)
-    for task, own in zip(tasks, files, strict=True):
-        left.add(0.0 if own.is_there else _cost_s(task) + _IMAGE_S)
-        left.add(_cost_s(task) if fits and task.forces_n and not own.stated(_hash(task)) else 0.0)
+    for part, own in zip(parts, files, strict=True):
+        left.add(0.0 if own.path.exists() else _cost_s(part) + _IMAGE_S)
+        left.add(_cost_s(part) if fits and part.forces_n and not own.stated() else 0.0)
     on_progress(f"replaying {len(parts)} places or indenters; {left}")
     fit = None
-    stated: list[History] = [()] * len(parts)
     if fits:
-        stated = _stated(tasks, files, left, on_progress)
-        fit = modulus_of(list(zip(tasks, stated, strict=True)), on_progress=on_progress)
+        _press_stated(parts, files, jobs, left, on_progress)
+        stated = [own.stated() for own in files]
+        fit = modulus_of(list(zip(parts, stated, strict=True)), on_progress=on_progress)
     done: dict[int, Replay] = {}
     missing = []
-    for k, (task, own) in enumerate(zip(tasks, files, strict=True)):
-        kept = own.finished(_hash(task, fit), optics)
+    for k, (part, own) in enumerate(zip(parts, files, strict=True)):
+        kept = own.finished(fit, optics)
         if kept is not None:
             done[k] = kept
             continue
-        left.add(_cost_s(task) + _IMAGE_S if own.is_there else 0.0)
+        left.add(_cost_s(part) + _IMAGE_S if own.path.exists() else 0.0)
         missing.append(k)
     if done:
         on_progress(f"  {len(done)} of {len(parts)} places are finished from before")
-    if missing:
-        files[0].begin()
-    items = [(k, tasks[k], fit, stated[k]) for k in missing]
+    if missing:  # the summary of an older replay goes: its files are about to change
+        run.store.paths.replay_json(REPLAY_NAME).unlink(missing_ok=True)
+    items = [(k, parts[k], fit, files[k].stated() if fits else ()) for k in missing]
     work = parallel_map(_press, items, jobs=jobs, new_process_each=False)
     with doing("pressing to what was measured") as tell:
-        for number, ((k, *_), pressed) in enumerate(work, start=1):
-            done[k] = files[k].keep(_hash(tasks[k], fit), pressed, optics, stated[k])
-            left.spend(_cost_s(tasks[k]) + _IMAGE_S)
+        for number, ((k, part, *_), pressed) in enumerate(work, start=1):
+            done[k] = files[k].keep(fit, pressed, optics)
+            left.spend(_cost_s(part) + _IMAGE_S)
             trial = done[k].trials[-1]
             on_progress(
-                f"  {number} of {len(missing)}{tasks[k].label}: {trial.force_simulated_n:.3f} N at "
+                f"  {number} of {len(missing)}{part.label}: {trial.force_simulated_n:.3f} N at "
                 f"{trial.depth_simulated_m * 1e3:.3f} mm; {left}"
             )
             tell(str(left))
     return [done[k] for k in range(len(parts))]
 
 
-def _stated(
-    tasks: Sequence[PressTask], files: Sequence[_PartFiles], left: Remaining, say: Say
-) -> list[History]:
-    """Return what the gel with the stated modulus gives at each place, from disk or pressed."""
-    found = {
-        k: kept
-        for k, (task, own) in enumerate(zip(tasks, files, strict=True))
-        if (kept := own.stated(_hash(task)))
-    }
-    missing = [(k, task) for k, task in enumerate(tasks) if k not in found and task.forces_n]
-    jobs = _JOBS if len(tasks) >= _WORTH_PROCESSES else 1
-    work = parallel_map(_press_stated, missing, jobs=jobs, new_process_each=False)
+def _press_stated(
+    parts: Sequence[Part], files: Sequence[_PartFiles], jobs: int, left: Remaining, say: Say
+) -> None:
+    """Press the gel with the stated modulus at each place where that is not on disk."""
+    items = [
+        (k, part)
+        for k, (part, own) in enumerate(zip(parts, files, strict=True))
+        if part.forces_n and not own.stated()
+    ]
+    work = parallel_map(_stated_history, items, jobs=jobs, new_process_each=False)
     with doing("pressing the gel of the stated modulus") as tell:
-        for number, ((k, task), history) in enumerate(work, start=1):
-            found[k] = history
-            files[k].keep_stated(_hash(task), history)
-            left.spend(_cost_s(task))
-            say(f"  stated modulus, {number} of {len(missing)}{task.label}; {left}")
+        for number, ((k, part), history) in enumerate(work, start=1):
+            files[k].keep_stated(history)
+            left.spend(_cost_s(part))
+            say(f"  stated modulus, {number} of {len(items)}{part.label}; {left}")
             tell(str(left))
-    return [found.get(k, ()) for k in range(len(tasks))]
 
 
-def _press_stated(item: tuple[int, PressTask]) -> History:
+def _stated_history(item: tuple[int, Part]) -> History:
     return stated_history(item[1])
 
 
-def _press(item: tuple[int, PressTask, ModulusFit | None, History]) -> Pressed:
-    _, task, fit, stated = item
-    return press_to_measured(task, fit, stated=stated)
+def _press(item: tuple[int, Part, ModulusFit | None, History]) -> Pressed:
+    _, part, fit, stated = item
+    return press_to_measured(part, fit, stated)
 
 
-def _settled(tasks: Sequence[PressTask]) -> list[PressTask]:
-    """Return tasks with the preset that ``auto`` chooses, one for each indenter.
+def _settled(parts: Sequence[Part]) -> list[Part]:
+    """Return parts with the preset that ``auto`` chooses, one for each indenter.
 
     What is pressed alone at its place chooses for itself, without a press.
     """
-    largest: dict[str, PressTask] = {}
-    for task in tasks:
-        tool = describe(task.inputs.indenter)
-        known = largest.get(tool)
-        if task.is_alone or not task.forces_n:
+    found = list(parts)
+    for numbers in tools_of(parts):
+        together = [k for k in numbers if parts[k].forces_n and not parts[k].is_alone]
+        if not together:
             continue
-        if known is None or max(task.forces_n) > max(known.forces_n):
-            largest[tool] = task
-    chosen = {tool: task.settled.inputs for tool, task in largest.items()}
-    found = []
-    for task in tasks:
-        own, settings = task.inputs, chosen.get(describe(task.inputs.indenter))
-        if settings is not None and own.is_auto and not task.is_alone:
-            own = replace(settings, offset_m=own.offset_m, tilt_rad=own.tilt_rad)
-        found.append(replace(task, inputs=own))
+        largest = max(together, key=lambda k: max(parts[k].forces_n))
+        settings = parts[largest].settled.inputs
+        for k in numbers:
+            own = parts[k].inputs
+            if own.is_auto and not parts[k].is_alone:
+                settled = replace(settings, offset_m=own.offset_m, tilt_rad=own.tilt_rad)
+                found[k] = replace(parts[k], inputs=settled)
     return found
 
 
-def _cost_s(task: PressTask) -> float:
-    return _ALONE_S if task.is_alone else _PATH_S
-
-
-def _hash(task: PressTask, fit: ModulusFit | None = None) -> str:
-    """Return the hash of all that a part's press depends on."""
-    return _hash_of(task.inputs, task.records, task.config.protocol, task.quick, fit)
-
-
-def _seen_with(optics: OpticalCalibration) -> str:
-    return _hash_of(optics.model.provenance, optics.geometry, optics.shadows, optics.blur_px)
+def _cost_s(part: Part) -> float:
+    return _ALONE_S if part.is_alone else _PATH_S
 
 
 def _hash_of(*told: object) -> str:
@@ -208,94 +192,74 @@ def _written(told: object) -> str:
 class _PartFiles:
     """What is kept of a part of a run."""
 
-    def __init__(self, part: Part) -> None:
-        self._part, self._store = part, part.run.store
-        paths = self._store.paths
-        first = min(part.run.records)
-        self._path = paths.replay_part(REPLAY_NAME, first)
-        self._gel = self._path.with_name(f"{first:02d}-stated.json")
+    def __init__(self, run: RunReading, part: Part) -> None:
+        self._run, self._part, self._paths = run, part, run.store.paths
+        first = min(part.trials)
+        self.path = self._paths.replay_part(REPLAY_NAME, first)
+        self._gel = self.path.with_name(f"{first:02d}-stated.json")
 
-    @property
-    def is_there(self) -> bool:
-        """Whether the part was finished once, with whatever it was pressed."""
-        return self._path.exists()
-
-    def begin(self) -> None:
-        """Take the summary of an older replay away: its files are about to change."""
-        self._store.paths.replay_json(REPLAY_NAME).unlink(missing_ok=True)
-
-    def stated(self, pressed: str) -> History:
+    def stated(self) -> History:
         """Return the curve of the stated gel; empty where there is none of the same press."""
         kept = _read(self._gel)
-        return kept.stated if kept is not None and kept.pressed == pressed else ()
+        return kept.stated if kept is not None and kept.pressed == self._hash(None) else ()
 
-    def keep_stated(self, pressed: str, history: History) -> None:
+    def keep_stated(self, history: History) -> None:
         """Keep the curve of the stated gel."""
-        self._write(self._gel, KeptPart(pressed=pressed, stated=history))
+        kept = KeptPart(pressed=self._hash(None), stated=history)
+        write_atomically(self._gel, dumps(kept, indent=None))
 
-    def finished(self, pressed: str, optics: OpticalCalibration) -> Replay | None:
+    def finished(self, fit: ModulusFit | None, optics: OpticalCalibration) -> Replay | None:
         """Return the finished part; rendered again where its optics were others.
 
         None where it was pressed with something else, or what was kept cannot be read.
         """
-        kept = _read(self._path)
-        if kept is None or kept.replay is None or kept.pressed != pressed:
+        kept = _read(self.path)
+        if kept is None or kept.replay is None or kept.pressed != self._hash(fit):
             return None
-        if kept.seen == _seen_with(optics) and self._has_images(kept.replay):
+        indices = [trial.index for trial in kept.replay.trials]
+        images = (self._paths.replay_trial(REPLAY_NAME, i) / "image.png" for i in indices)
+        if kept.seen == _seen_with(optics) and all(image.is_file() for image in images):
             return kept.replay
         with suppress(RecordError, KeyError, ValueError):
-            fields = {t.index: self._read_surfaces(t.index) for t in kept.replay.trials}
-            return self._render(kept, fields, optics)
+            surfaces = {i: surfaces_of(unpack_arrays(self._surfaces(i))) for i in indices}
+            return self._render(kept.pressed, kept.replay, surfaces, optics)
         return None
 
-    def keep(
-        self, pressed: str, found: Pressed, optics: OpticalCalibration, stated: History
-    ) -> Replay:
+    def keep(self, fit: ModulusFit | None, found: Pressed, optics: OpticalCalibration) -> Replay:
         """Render a pressed part and keep it."""
-        replay, fields = found
-        for index, trial in fields.items():
-            arrays = _arrays_of(trial)
+        replay, by_trial = found
+        for index, trial in by_trial.items():
+            arrays = arrays_of(trial)
             if arrays:
                 write_atomically(self._surfaces(index), pack_arrays(arrays))
-        return self._render(KeptPart(pressed=pressed, stated=stated, replay=replay), fields, optics)
+        return self._render(self._hash(fit), replay, by_trial, optics)
 
     def _render(
-        self, kept: KeptPart, fields: dict[int, TrialFields], optics: OpticalCalibration
+        self,
+        pressed: str,
+        replay: Replay,
+        by_trial: dict[int, TrialFields],
+        optics: OpticalCalibration,
     ) -> Replay:
-        if kept.replay is None:
-            raise ValueError("nothing was pressed")
-        attempts = measured_attempts(self._part.run)
-        replay, files = rendered(attempts, self._part.inputs.sensor, kept.replay, fields, optics)
+        attempts = [self._run.read(record) for record in self._part.records]
+        replay, files = rendered(attempts, self._part.inputs.sensor, replay, by_trial, optics)
         for index, each in files.items():
-            write_fields(self._store.paths.replay_trial(REPLAY_NAME, index), each)
-        self._write(self._path, replace(kept, seen=_seen_with(optics), replay=replay))
+            write_fields(self._paths.replay_trial(REPLAY_NAME, index), each)
+        kept = KeptPart(pressed=pressed, seen=_seen_with(optics), replay=replay)
+        write_atomically(self.path, dumps(kept, indent=None))
         return replay
 
-    def _write(self, path: Path, kept: KeptPart) -> None:
-        write_atomically(path, dumps(kept, indent=None))
-
-    def _has_images(self, replay: Replay) -> bool:
-        folders = (self._store.paths.replay_trial(REPLAY_NAME, t.index) for t in replay.trials)
-        return all((folder / "image.png").is_file() for folder in folders)
+    def _hash(self, fit: ModulusFit | None) -> str:
+        """Return the hash of all that the part's press depends on."""
+        part = self._part
+        return _hash_of(part.inputs, part.records, part.config.protocol, bool(part.label), fit)
 
     def _surfaces(self, index: int) -> Path:
-        return self._path.with_name(f"{index:02d}.npz")
+        return self.path.with_name(f"{index:02d}.npz")
 
-    def _read_surfaces(self, index: int) -> TrialFields:
-        """Return a trial's surfaces; its other fields are on disk already."""
-        arrays = unpack_arrays(self._surfaces(index))
-        count = int(arrays["count"])
-        states = tuple(
-            IntermediateState(
-                force_n=float(arrays[f"force_n_{k}"]),
-                depth_m=float(arrays[f"depth_m_{k}"]),
-                surface=_surface(arrays, k),
-                pressure_pa=arrays[f"pressure_pa_{k}"],
-            )
-            for k in range(count)
-        )
-        end = _surface(arrays, count)
-        return TrialFields(shape={}, at_nodes={}, at_faces={}, surface=end, intermediate=states)
+
+def _seen_with(optics: OpticalCalibration) -> str:
+    return _hash_of(optics.model.provenance, optics.geometry, optics.shadows, optics.blur_px)
 
 
 def _read(path: Path) -> KeptPart | None:
@@ -307,55 +271,46 @@ def _read(path: Path) -> KeptPart | None:
     return None
 
 
-def _arrays_of(fields: TrialFields) -> dict[str, Any]:
+def arrays_of(trial: TrialFields) -> dict[str, Any]:
     """Return a trial's surfaces as arrays; none for a body of triangles, which is pressed again."""
-    found: dict[str, Any] = {"count": np.array(len(fields.intermediate))}
-    for k, surface in enumerate([*(s.surface for s in fields.intermediate), fields.surface]):
-        body = _body_of(surface.indenter)
-        if body is None:
-            return {}
-        axis = () if surface.mesh_axis_m is None else surface.mesh_axis_m
-        found |= {
-            f"rest_{k}": surface.positions_rest,
-            f"now_{k}": surface.positions,
-            f"faces_{k}": surface.faces,
-            f"tip_{k}": surface.indenter_position,
-            f"rotation_{k}": surface.indenter_rotation,
-            f"standoff_{k}": np.array(surface.standoff_m),
-            f"axis_{k}": np.array(axis),
-            f"kind_{k}": np.array(type(surface.indenter).__name__),
-            f"body_{k}": np.array(list(body.values())),
-            f"keys_{k}": np.array(list(body)),
-        }
-    for k, state in enumerate(fields.intermediate):
-        found[f"force_n_{k}"] = np.array(state.force_n)
-        found[f"depth_m_{k}"] = np.array(state.depth_m)
+    found: dict[str, Any] = {
+        "force_n": np.array([state.force_n for state in trial.intermediate]),
+        "depth_m": np.array([state.depth_m for state in trial.intermediate]),
+    }
+    for k, state in enumerate(trial.intermediate):
         found[f"pressure_pa_{k}"] = state.pressure_pa
+    for k, surface in enumerate([*(state.surface for state in trial.intermediate), trial.surface]):
+        body = surface.indenter
+        if not isinstance(body, Sphere | Cylinder):
+            return {}
+        plain = {each.name: getattr(surface, each.name) for each in fields(surface)}
+        plain |= {"kind": type(body).__name__, "mesh_axis_m": surface.mesh_axis_m or ()}
+        plain |= {"indenter": list(asdict(body).values())}
+        found |= {f"{name}_{k}": np.asarray(value) for name, value in plain.items()}
     return found
 
 
-def _body_of(indenter: Indenter) -> dict[str, float] | None:
-    return asdict(indenter) if isinstance(indenter, Sphere | Cylinder) else None
+def surfaces_of(arrays: dict[str, Any]) -> TrialFields:
+    """Return a trial's surfaces from ``arrays_of``; its other fields are on disk already."""
+    states = tuple(
+        IntermediateState(
+            force_n=float(force_n),
+            depth_m=float(depth_m),
+            surface=_surface(arrays, k),
+            pressure_pa=arrays[f"pressure_pa_{k}"],
+        )
+        for k, (force_n, depth_m) in enumerate(
+            zip(arrays["force_n"], arrays["depth_m"], strict=True)
+        )
+    )
+    end = _surface(arrays, len(states))
+    return TrialFields(shape={}, at_nodes={}, at_faces={}, surface=end, intermediate=states)
 
 
 def _surface(arrays: dict[str, Any], k: int) -> SurfaceState:
-    body = dict(zip(arrays[f"keys_{k}"].tolist(), arrays[f"body_{k}"].tolist(), strict=True))
-    axis = arrays[f"axis_{k}"].tolist()
-    return SurfaceState(
-        positions_rest=arrays[f"rest_{k}"],
-        positions=arrays[f"now_{k}"],
-        faces=arrays[f"faces_{k}"],
-        indenter=_BODIES[str(arrays[f"kind_{k}"])](**body),
-        indenter_position=arrays[f"tip_{k}"],
-        indenter_rotation=arrays[f"rotation_{k}"],
-        standoff_m=float(arrays[f"standoff_{k}"]),
-        mesh_axis_m=(axis[0], axis[1]) if axis else None,
-    )
-
-
-def tools_of(parts: Sequence[Part]) -> Iterator[list[int]]:
-    """Yield the numbers of the parts of each indenter."""
-    groups: dict[str, list[int]] = {}
-    for k, part in enumerate(parts):
-        groups.setdefault(part.tool, []).append(k)
-    yield from groups.values()
+    plain = {each.name: arrays[f"{each.name}_{k}"] for each in fields(SurfaceState)}
+    body = _BODIES[str(arrays[f"kind_{k}"])]
+    sizes = zip((each.name for each in fields(body)), plain["indenter"].tolist(), strict=True)
+    axis_m = tuple(plain["mesh_axis_m"].tolist())
+    own = {"indenter": body(**dict(sizes)), "mesh_axis_m": axis_m or None}
+    return SurfaceState(**{**plain, **own, "standoff_m": float(plain["standoff_m"])})

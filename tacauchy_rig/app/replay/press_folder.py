@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -17,12 +18,11 @@ from sim.mesh.elements import linear_facets
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.marker_printer import surface_displacement
 from sim.optics.markers.printed_markers import draw_markers, marker_places
-from sim.optics.render.renderer import GREY_LEVEL
 from sim.press import PressResult
 from sim.scene.scene import Scene
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.replay.optics import nominal_optics
-from tacauchy_rig.app.replay.rendering import image_of
+from tacauchy_rig.app.replay.rendering import grey_frame, height_arrays, image_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.figure_style import FRAMED_STYLE, PAGE_IN, save_figure
 from tacauchy_rig.core.store.durable import write_atomically
@@ -48,33 +48,24 @@ def write_press(folder: Path, scene: Scene, result: PressResult) -> list[Path]:
     seen, kept = None, ReplayFields(fields=fields.arrays, surface_vtu=fields.surface_vtu)
     if scene.sensor:
         sensor = load_sensor(scene.sensor)
-        seen = _seen(fields, sensor)
-        maps, image = seen
-        heights = {"loaded_m": maps.loaded, "rest_m": maps.rest, "contact": maps.contact}
-        kept = ReplayFields(
+        optics = nominal_optics(sensor)
+        seen = height_maps(fields.surface, optics.geometry, pad=sensor.pad)
+        even = grey_frame(optics)
+        if sensor.markers is not None:
+            places = marker_places(sensor.markers)
+            even = draw_markers(even, places, sensor.markers.radius_m, optics.geometry)
+        kept = replace(
+            kept,
             fields={**fields.arrays, **_markers(fields, sensor)},
-            surface_vtu=fields.surface_vtu,
-            height=heights,
-            image=image,
+            height=height_arrays(seen),
+            image=image_of(fields.surface, sensor, optics, unloaded=even),
         )
     write_fields(folder, kept)
     write_atomically(folder / "gel.vtu", gel_vtu(result.model, result.point))
     write_atomically(folder / "indenter.vtu", indenter_vtu(fields.surface))
     with mpl.rc_context(FRAMED_STYLE):
-        save_figure(_figure(fields, result, seen), folder, "figure")
+        save_figure(_figure(fields, result, seen, kept.image), folder, "figure")
     return sorted(path for path in folder.iterdir() if path.is_file())
-
-
-def _seen(fields: TrialFields, sensor: Sensor) -> tuple[HeightMaps, ImageArray]:
-    """Return height maps and image, by the sensor file's optics over an evenly grey frame."""
-    optics = nominal_optics(sensor)
-    shape = (optics.geometry.height, optics.geometry.width, 3)
-    even = np.full(shape, GREY_LEVEL, dtype=np.uint8)
-    maps = height_maps(fields.surface, optics.geometry, pad=sensor.pad)
-    if sensor.markers is not None:
-        places = marker_places(sensor.markers)
-        even = draw_markers(even, places, sensor.markers.radius_m, optics.geometry)
-    return maps, image_of(fields.surface, sensor, optics, unloaded=even)
 
 
 def _markers(fields: TrialFields, sensor: Sensor) -> dict[str, np.ndarray]:
@@ -87,7 +78,7 @@ def _markers(fields: TrialFields, sensor: Sensor) -> dict[str, np.ndarray]:
 
 
 def _figure(
-    fields: TrialFields, result: PressResult, seen: tuple[HeightMaps, ImageArray] | None
+    fields: TrialFields, result: PressResult, seen: HeightMaps | None, image: ImageArray | None
 ) -> Figure:
     """Return pressure and shear over the contact, and what the camera sees."""
     arrays = fields.arrays
@@ -105,9 +96,8 @@ def _figure(
         axes.set(title=name, aspect="equal", xlabel="$x$ (mm)")
         axes.set(xlim=(tip[0] - reach, tip[0] + reach), ylim=(tip[1] - reach, tip[1] + reach))
         figure.colorbar(shown, ax=axes, shrink=0.8)
-    if seen is not None:
-        maps, image = seen
-        shown = row[2].imshow((maps.rest - maps.loaded) * _MM, cmap="cividis")
+    if seen is not None and image is not None:
+        shown = row[2].imshow((seen.rest - seen.loaded) * _MM, cmap="cividis")
         row[2].set(title="indented (mm)", xticks=[], yticks=[])
         figure.colorbar(shown, ax=row[2], shrink=0.8)
         row[3].imshow(image)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -35,21 +35,16 @@ STATES = 8
 """Intermediate states of a trial, at most, its end among them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RenderedTrial:
-    """Arrays and image of a trial; how its markers moved, None where the unit shows none."""
-
-    kept: ReplayFields
-    markers: MarkerMotion | None
-
-
 def render_trial(
     attempt: AttemptReading,
     sensor: Sensor,
     fields: TrialFields,
     optics: OpticalCalibration,
-) -> RenderedTrial:
+) -> tuple[ReplayFields, MarkerMotion | None]:
     """Render a replayed trial over its own no-contact frame.
+
+    Returns:
+        Its arrays and image, and how its markers moved; None where the unit shows none.
 
     Raises:
         RecordError: The recording has no readable no-contact frame.
@@ -62,23 +57,23 @@ def render_trial(
             "readable no-contact frame",
             remedy=f"`{command_line('recover', attempt.store.paths.root)}`, or repeat the trial",
         )
-    markers = find_markers(unloaded)
-    maps = height_maps(fields.surface, geometry, pad=sensor.pad)
-    image = image_of(fields.surface, sensor, optics, unloaded=unloaded)
-    moved = None
+    markers, moved = find_markers(unloaded), None
     if markers is not None:
         loaded = None if attempt.images is None else attempt.images.real
         moved = marker_motion(attempt.record.index, markers, loaded, fields.surface, geometry)
-    return RenderedTrial(
-        kept=ReplayFields(
-            fields=fields.arrays,
-            height={"loaded_m": maps.loaded, "rest_m": maps.rest, "contact": maps.contact},
-            image=image,
-            # Surfaces that were read again come without the other fields, which are on disk.
-            surface_vtu=fields.surface_vtu if fields.shape else None,
-        ),
-        markers=moved,
+    kept = ReplayFields(
+        fields=fields.arrays,
+        height=height_arrays(height_maps(fields.surface, geometry, pad=sensor.pad)),
+        image=image_of(fields.surface, sensor, optics, unloaded=unloaded),
+        # Surfaces that were read again come without the other fields, which are on disk.
+        surface_vtu=fields.surface_vtu if fields.shape else None,
     )
+    return kept, moved
+
+
+def height_arrays(maps: HeightMaps) -> dict[str, NDArray[Any]]:
+    """Return height maps as a replay keeps them."""
+    return {"loaded_m": maps.loaded, "rest_m": maps.rest, "contact": maps.contact}
 
 
 def rendered(
@@ -97,11 +92,13 @@ def rendered(
         RecordError: A recording has no readable no-contact frame.
         ConfigError: The frame's markers are not where the sensor's file says.
     """
-    found, image_s = {}, {}
+    kept, markers, image_s = {}, [], {}
     for attempt in attempts:
         index, started = attempt.record.index, time.perf_counter()
-        found[index] = render_trial(attempt, sensor, fields[index], optics)
+        kept[index], moved = render_trial(attempt, sensor, fields[index], optics)
         image_s[index] = time.perf_counter() - started
+        if moved is not None:
+            markers.append(moved)
     trials = tuple(
         replace(trial, wall_s={**trial.wall_s, IMAGE_S: image_s[trial.index]})
         if trial.index in image_s
@@ -117,10 +114,10 @@ def rendered(
         scale_x_m_px=optics.geometry.scale_x_m,
         image_centre_m=optics.geometry.centre_from_middle_m,
         scale_y_m_px=optics.geometry.scale_y_m,
-        markers=tuple(trial.markers for trial in found.values() if trial.markers is not None),
+        markers=tuple(markers),
     )
-    states = intermediate_arrays(attempts, sensor, fields, optics)
-    kept = {i: replace(each.kept, passed=states.get(i, {})) for i, each in found.items()}
+    for index, arrays in intermediate_arrays(attempts, sensor, fields, optics).items():
+        kept[index] = replace(kept[index], passed=arrays)
     return replace(replay, trials=trials, model=model), kept
 
 
@@ -166,9 +163,12 @@ def drawn_image(
 def replay_images(sensor: Sensor) -> Callable[[SurfaceState], ImageArray]:
     """Return what makes images without a recording: nominal optics over an evenly grey frame."""
     optics = nominal_optics(sensor)
-    shape = (optics.geometry.height, optics.geometry.width, 3)
-    even = np.full(shape, GREY_LEVEL, dtype=np.uint8)
-    return lambda surface: image_of(surface, sensor, optics, unloaded=even)
+    return lambda surface: image_of(surface, sensor, optics, unloaded=grey_frame(optics))
+
+
+def grey_frame(optics: OpticalCalibration) -> ImageArray:
+    """Return an evenly grey frame in place of a recorded one without contact."""
+    return np.full((optics.geometry.height, optics.geometry.width, 3), GREY_LEVEL, np.uint8)
 
 
 def marker_motion(
@@ -200,13 +200,9 @@ def marker_motion(
         simulated_largest_m=_largest(simulated * scale),
         apart_rms_m=_rms(apart * scale),
         apart_largest_m=_largest(apart * scale),
-        apart_median_px=_median(apart),
+        apart_median_px=float(np.median(np.linalg.norm(apart, axis=1))) if len(apart) else 0.0,
         tracking_error_px=float(np.median(tracks.error_px)) if len(tracks.error_px) else None,
     )
-
-
-def _median(vectors: np.ndarray) -> float:
-    return float(np.median(np.linalg.norm(vectors, axis=1))) if len(vectors) else 0.0
 
 
 def _rms(vectors: np.ndarray) -> float:
@@ -231,12 +227,28 @@ def intermediate_arrays(
         By trial ``force_n`` and ``depth_m``, shape [n], ``image``, RGB, uint8, shape
         [n, height, width, 3], ``dent_m`` and ``pressure_pa``, shape [n, height, width].
     """
-    maps = _Maps(sensor, optics)
+    seen: dict[int, tuple[HeightMaps, FloatArray]] = {}
+
+    def look(state: IntermediateState) -> tuple[HeightMaps, FloatArray]:
+        if id(state) not in seen:  # trials share their states
+            heights = height_maps(state.surface, optics.geometry, pad=sensor.pad)
+            seen[id(state)] = heights, _small(_pressure_pa(state, optics.geometry))
+        return seen[id(state)]
+
     found = {}
     for attempt in attempts:
-        trial = fields[attempt.record.index]
-        if trial.intermediate and attempt.reference is not None:
-            found[attempt.record.index] = _intermediate(attempt, trial, optics, maps)
+        index, unloaded = attempt.record.index, attempt.reference
+        states = spread(fields[index].intermediate)
+        if states and unloaded is not None:
+            maps = [look(state) for state in states]
+            found[index] = {
+                "force_n": np.array([state.force_n for state in states]),
+                "depth_m": np.array([state.depth_m for state in states]),
+                "image": _images(states, [heights for heights, _ in maps], unloaded, optics),
+                # Rounded, since digits that no picture shows would not pack.
+                "dent_m": np.stack([_small(each.rest - each.loaded) for each, _ in maps]).round(7),
+                "pressure_pa": np.stack([pressure_pa for _, pressure_pa in maps]).round(-2),
+            }
     return found
 
 
@@ -246,72 +258,38 @@ def spread(states: Sequence[IntermediateState]) -> list[IntermediateState]:
     return [states[round((k + 1) * len(states) / count) - 1] for k in range(count)]
 
 
-def _intermediate(
-    attempt: AttemptReading,
-    fields: TrialFields,
+def _images(
+    states: Sequence[IntermediateState],
+    heights: Sequence[HeightMaps],
+    unloaded: ImageArray,
     optics: OpticalCalibration,
-    maps: _Maps,
-) -> dict[str, NDArray[Any]]:
-    geometry, unloaded = optics.geometry, attempt.reference
-    if unloaded is None:
-        return {}
-    markers = find_markers(unloaded)
-    states = spread(fields.intermediate)
-    seen = [maps.of(state) for state in states]
+) -> ImageArray:
+    """Return small images of the states of a trial, shape [state_count, height, width, 3]."""
+    markers, geometry = find_markers(unloaded), optics.geometry
     top = states[0].surface.top
     printer = None if markers is None else MarkerPrinter(top, markers, geometry)
     renderer = TactileRenderer(
         unloaded if markers is None else markers.bare,
-        seen[0].rest,
+        heights[0].rest,
         optics.model,
         geometry,
         shadows=optics.shadows,
         blur_px=optics.blur_px,
     )
     images = []
-    for state, each in zip(states, seen, strict=True):
+    for state, each in zip(states, heights, strict=True):
         image = renderer.render(each.loaded)
-        if printer is not None:
-            image = printer.image_over(image, state.surface)
-        images.append(_small(image))
-    return {
-        "force_n": np.array([state.force_n for state in states]),
-        "depth_m": np.array([state.depth_m for state in states]),
-        "image": np.stack(images),
-        # Rounded, since digits that no picture shows would not pack.
-        "dent_m": np.stack([_small(each.rest - each.loaded) for each in seen]).round(7),
-        "pressure_pa": np.stack([maps.pressure_pa(state) for state in states]).round(-2),
-    }
+        images.append(_small(printer.image_over(image, state.surface) if printer else image))
+    return np.stack(images)
 
 
-class _Maps:
-    """Heights and pressures as the camera's pixels look; trials share their states."""
-
-    def __init__(self, sensor: Sensor, optics: OpticalCalibration) -> None:
-        self._pad, self._geometry = sensor.pad, optics.geometry
-        self._heights: dict[int, HeightMaps] = {}
-        self._pressures: dict[int, FloatArray] = {}
-
-    def of(self, state: IntermediateState) -> HeightMaps:
-        """Return the heights of a state."""
-        if id(state) not in self._heights:
-            found = height_maps(state.surface, self._geometry, pad=self._pad)
-            self._heights[id(state)] = found
-        return self._heights[id(state)]
-
-    def pressure_pa(self, state: IntermediateState) -> FloatArray:
-        """Return the pressure map of a state at the camera's pixels [Pa], averaged down."""
-        if id(state) not in self._pressures:
-            self._pressures[id(state)] = _small(self._pressed(state))
-        return self._pressures[id(state)]
-
-    def _pressed(self, state: IntermediateState) -> FloatArray:
-        places, values = _touched(state)
-        shape = (self._geometry.height, self._geometry.width)
-        if len(places) == 0:
-            return np.zeros(shape)
-        drawn = LinearNDInterpolator(places, values, fill_value=0.0)(*self._geometry.pad_grid())
-        return np.asarray(drawn, dtype=np.float64)
+def _pressure_pa(state: IntermediateState, geometry: CameraGeometry) -> FloatArray:
+    """Return the pressure map of a state at the camera's pixels [Pa]."""
+    places, values = _touched(state)
+    if len(places) == 0:
+        return np.zeros((geometry.height, geometry.width))
+    drawn = LinearNDInterpolator(places, values, fill_value=0.0)(*geometry.pad_grid())
+    return np.asarray(drawn, dtype=np.float64)
 
 
 def _touched(state: IntermediateState) -> tuple[FloatArray, FloatArray]:

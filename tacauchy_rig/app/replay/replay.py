@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from concurrent.futures import Future
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 from reports.evidence.attempt import RunReading
 from sim.error import Tolerance
 from tacauchy_rig.app.replay.image_causes import SplitPart, split_images
-from tacauchy_rig.app.replay.mounting import find_offset, offset_of
+from tacauchy_rig.app.replay.inputs import check_optics
+from tacauchy_rig.app.replay.mounting import find_offset, mounted, offset_of
 from tacauchy_rig.app.replay.optics import (
     Calibrate,
     OpticalCalibration,
@@ -19,21 +20,19 @@ from tacauchy_rig.app.replay.optics import (
     optics_of,
     say_nothing,
 )
-from tacauchy_rig.app.replay.parts import Part, parts_of
-from tacauchy_rig.app.replay.places import replay_parts, tools_of
-from tacauchy_rig.app.replay.pressing import (
-    has_measured,
+from tacauchy_rig.app.replay.parts import (
+    Part,
     measured_attempts,
-    measured_depths,
-    mounted,
-    press_together,
+    measured_records,
+    parts_of,
+    tools_of,
 )
+from tacauchy_rig.app.replay.places import replay_parts
+from tacauchy_rig.app.replay.pressing import press_together
 from tacauchy_rig.app.replay.rendering import rendered
-from tacauchy_rig.app.replay.settings import check_optics
 from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import PoseSource
-from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.simulated import (
     REPLAY_NAME,
@@ -48,8 +47,8 @@ _AFTERWARDS_S = 60.0
 """Processor time of the coarse presses of an indenter, for uncertainties and the residual [s]."""
 _PROBES = 4
 """Presses of an indenter that tell where its place is, about."""
-_Files = dict[int, ReplayFields]
-"""Arrays and images by trial that are not on disk yet."""
+_Replayed = tuple[list[Replay], dict[int, ReplayFields]]
+"""Of each part, and arrays and images by trial that are not on disk yet."""
 
 
 def replay_run(
@@ -67,7 +66,7 @@ def replay_run(
         tolerance: Take the cheapest preset that keeps it, whatever is configured.
         optics_file: Calibration in place of the configured one.
         calibrate: How the sensor is calibrated where there is no calibration file; without it the
-            file's nominal lamps are used. It is called after pressing.
+            file's nominal lamps are used. One part is pressed before it is called.
         on_progress: Told of every step.
 
     Raises:
@@ -76,114 +75,101 @@ def replay_run(
             indenter does not exist.
         ConvergenceError: A force cannot be reached.
     """
-    store, config = run.store, run.store.config
-    parts = parts_of(run, tolerance=tolerance)
+    config, parts = run.store.config, parts_of(run, tolerance=tolerance)
     sensor = parts[0].inputs.sensor
     given = config.sensor.optics_calibration if optics_file is None else str(optics_file)
     check_optics(config, sensor, given)
-    measured_attempts(run)  # refuses a run without any, before anything is simulated
-    parts = [part for part in parts if has_measured(part.run)]
-    told: set[str] = set()
+    measured_records(run)  # refuses a run without any, before anything is simulated
+    parts = [part for part in parts if part.records]
+    are_many, told = len(parts) > 1, set[str]()
 
     def say_once(text: str) -> None:
         if text not in told:
             told.add(text)
             on_progress(text)
 
-    tilts = [mounted(each.run, each.inputs, on_progress=say_once) for each in parts]
+    @cache
+    def optics() -> OpticalCalibration:
+        return optics_of(given, sensor, calibrate=calibrate, on_progress=on_progress)
+
+    def replayed(parts: Sequence[Part], afterwards_s: float = 0.0) -> _Replayed:
+        if are_many:
+            return replay_parts(
+                run, parts, optics(), afterwards_s=afterwards_s, on_progress=on_progress
+            ), {}
+        pressed = press_together(parts[0], on_progress=on_progress)
+        replay, files = rendered(measured_attempts(run), sensor, *pressed, optics())
+        return [replay], files
+
+    tilts = [
+        mounted([run.read(r) for r in part.records], part.inputs, config, on_progress=say_once)
+        for part in parts
+    ]
     parts = [replace(part, inputs=tilt.inputs) for part, tilt in zip(parts, tilts, strict=True)]
     places: list[tuple[FoundValue, ...]] = [()] * len(parts)
-    is_found = config.replay.pose is PoseSource.FOUND
-    files: _Files = {}
-    if len(parts) > 1:
-        optics = optics_of(given, sensor, calibrate=calibrate, on_progress=on_progress)
-        if is_found:
+    done: _Replayed | None = None
+    if config.replay.pose is PoseSource.FOUND:
+        some = parts
+        if are_many:
             on_progress("finding the place of each indenter from some of its presses")
             some = [
                 parts[k] for own in tools_of(parts) for k in own[:: max(1, len(own) // _PROBES)]
             ]
-            tried = replay_parts(some, optics, on_progress=on_progress)
-            places = _found_places(parts, _images(run, tried, {}), optics)
-            parts = _moved(parts, places)
-        after_s = _AFTERWARDS_S * len(list(tools_of(parts)))
-        replays = replay_parts(parts, optics, afterwards_s=after_s, on_progress=on_progress)
-    else:
-        with ThreadPoolExecutor(1) as reader:  # decoding needs no Python, and pressing hardly any
-            reader.submit(_read_frames, run)
-            pressed = press_together(parts[0].task, on_progress=on_progress)
-        optics = optics_of(given, sensor, calibrate=calibrate, on_progress=on_progress)
-        attempts = measured_attempts(parts[0].run)
-        first, files = rendered(attempts, sensor, *pressed, optics)
-        if is_found:
-            places = _found_places(parts, _images(run, [first], files), optics)
-            if offset_of(places[0]) is not None:
-                on_progress("  images show the contact at another place: pressing again there")
-                parts = _moved(parts, places)
-                pressed = press_together(parts[0].task, on_progress=on_progress)
-                first, files = rendered(attempts, sensor, *pressed, optics)
-        replays = [first]
-    replays = [
-        replace(each, model=replace(each.model, found_offset_m=offset_of(place) or (0.0, 0.0)))
-        for each, place in zip(replays, places, strict=True)
-    ]
+        done = replayed(some)
+        places = _found_places(run, parts, _images(run, *done), optics())
+        moves = [offset_of(place) for place in places]
+        if not are_many and moves[0] is not None:
+            on_progress("  images show the contact at another place: pressing again there")
+        if are_many or moves[0] is not None:
+            done = None
+        parts = [
+            replace(part, inputs=part.inputs.moved(by_m or (0.0, 0.0)))
+            for part, by_m in zip(parts, moves, strict=True)
+        ]
+    replays, files = done or replayed(parts, _AFTERWARDS_S * len(list(tools_of(parts))))
     found = [(*tilt.values, *place) for tilt, place in zip(tilts, places, strict=True)]
     images = _images(run, replays, files)
-    inputs, residual = _uncertainties(parts, found, replays, images, optics, on_progress)
+    inputs, residual = _uncertainties(run, parts, found, replays, images, optics(), on_progress)
     models = [
         replace(
             each.model,
             found=values,
+            found_offset_m=offset_of(place) or (0.0, 0.0),
             effects=(*each.model.effects, *tilt.effects),
             force_inputs=tried_inputs,
-            trials=tuple(part.run.records) if len(parts) > 1 else (),
+            trials=part.trials if are_many else (),
         )
-        for part, each, values, tilt, tried_inputs in zip(
-            parts, replays, found, tilts, inputs, strict=True
+        for part, each, values, place, tilt, tried_inputs in zip(
+            parts, replays, found, places, tilts, inputs, strict=True
         )
     ]
-    trials = sorted((t for each in replays for t in each.trials), key=lambda trial: trial.index)
     replay = replace(
         replays[0],
-        trials=tuple(trials),
+        trials=tuple(sorted((t for each in replays for t in each.trials), key=lambda t: t.index)),
         model=replace(models[0], residual=residual),
         others=tuple(models[1:]),
     )
-    store.save_replay(replay, files)
+    run.store.save_replay(replay, files)
     return replay
 
 
-def _read_frames(run: RunReading) -> None:
-    """Read the frames that images are rendered over and held against."""
-    for attempt in measured_attempts(run):
-        with suppress(RecordError):  # raised again when the frames are used
-            _ = attempt.reference, attempt.images
-
-
-def _images(run: RunReading, replays: Sequence[Replay], files: _Files) -> dict[int, ImageArray]:
+def _images(
+    run: RunReading, replays: Sequence[Replay], files: dict[int, ReplayFields]
+) -> dict[int, ImageArray]:
     """Return the rendered image of each trial, from memory or from disk."""
     found = {}
-    for trial in (trial for each in replays for trial in each.trials):
-        own = files.get(trial.index)
-        image = (
-            run.store.load_replay_fields(REPLAY_NAME, trial.index).image
-            if own is None
-            else own.image
-        )
-        if image is not None:
-            found[trial.index] = image
+    for index in (trial.index for each in replays for trial in each.trials):
+        own = files.get(index) or run.store.load_replay_fields(REPLAY_NAME, index)
+        if own.image is not None:
+            found[index] = own.image
     return found
 
 
-def _moved(parts: Sequence[Part], places: Sequence[tuple[FoundValue, ...]]) -> list[Part]:
-    """Return parts where images show their contacts."""
-    return [
-        replace(part, inputs=part.inputs.moved(offset_of(place) or (0.0, 0.0)))
-        for part, place in zip(parts, places, strict=True)
-    ]
-
-
 def _found_places(
-    parts: Sequence[Part], images: dict[int, ImageArray], optics: OpticalCalibration
+    run: RunReading,
+    parts: Sequence[Part],
+    images: dict[int, ImageArray],
+    optics: OpticalCalibration,
 ) -> list[tuple[FoundValue, ...]]:
     """Return how far from its place the images show the contact, for each part.
 
@@ -193,14 +179,15 @@ def _found_places(
     for numbers in tools_of(parts):
         own = [parts[k] for k in numbers]
         stated = [part for part in own if part.place_known] or own
-        attempts = [attempt for part in stated for attempt in measured_attempts(part.run)]
-        values = find_offset(attempts, images, optics.geometry, own[0].run.store.config)
+        attempts = [run.read(record) for part in stated for record in part.records]
+        values = find_offset(attempts, images, optics.geometry, run.store.config)
         for k in numbers:
             found[k] = values
     return found
 
 
 def _uncertainties(
+    run: RunReading,
     parts: Sequence[Part],
     found: Sequence[tuple[FoundValue, ...]],
     replays: Sequence[Replay],
@@ -213,31 +200,25 @@ def _uncertainties(
     Both are coarse presses; the former go to a worker process meanwhile. They are tried once for
     each indenter, where it was pressed deepest: the place hardly matters.
     """
-    config = parts[0].run.store.config
+    config = run.store.config
     on_progress("trying what uncertain inputs change of the force")
     with worker_process() as worker:
-        tried = []
+        jobs: dict[int, Future[tuple[ForceInput, ...]]] = {}
         for numbers in tools_of(parts):
-            depths = {k: measured_depths(parts[k].run) for k in numbers}
-            deepest = max(numbers, key=lambda k: max(depths[k], default=0.0))
-            every = [depth for own in depths.values() for depth in own]
-            part = parts[deepest]
+            deepest = max(numbers, key=lambda k: max(parts[k].depths_m, default=0.0))
+            depths_m = [depth_m for k in numbers for depth_m in parts[k].depths_m]
             job = worker.submit(
-                force_inputs, part.inputs, part.run.store.config, every, found[deepest]
+                force_inputs, parts[deepest].inputs, config, depths_m, found[deepest]
             )
-            tried.append((numbers, job))
+            jobs |= dict.fromkeys(numbers, job)
         on_progress("trying what the images' residual is made of")
         split = [
             SplitPart(
-                attempts=measured_attempts(part.run),
+                attempts=[run.read(record) for record in part.records],
                 inputs=part.inputs.stiffer(replay.model.modulus_factor or 1.0),
                 forces_n={trial.index: trial.force_simulated_n for trial in replay.trials},
             )
             for part, replay in zip(parts, replays, strict=True)
         ]
         residual = split_images(split, images, optics, config, on_progress=on_progress)
-        inputs: list[tuple[ForceInput, ...]] = [()] * len(parts)
-        for numbers, job in tried:
-            for k in numbers:
-                inputs[k] = job.result()
-        return inputs, residual
+        return [jobs[k].result() for k in range(len(parts))], residual

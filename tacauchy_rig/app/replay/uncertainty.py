@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -87,17 +88,13 @@ def force_inputs(
     inputs = replace(inputs, tolerance=None)  # that would choose a preset, of which none is asked
     inputs, how = _quick(inputs, most_m)
 
-    pressed_before: dict[tuple[Scene, float], FloatArray] = {}
+    @cache
+    def forces(scene: Scene, refinement: float) -> FloatArray:
+        return forces_at(scene, tried_m.tolist(), contact_force_n=contact_n, refinement=refinement)
 
     def pressed(changed: ReplayInputs, refinement: float) -> FloatArray:
         scene = replace(changed, sensor=changed.sensor.relaxing(())).scene(stiffest_n)
-        scene = replace(scene, indenter=rounded_rim(scene.indenter))
-        known = scene, refinement
-        if known not in pressed_before:
-            pressed_before[known] = forces_at(
-                scene, tried_m.tolist(), contact_force_n=contact_n, refinement=refinement
-            )
-        return pressed_before[known]
+        return forces(replace(scene, indenter=rounded_rim(scene.indenter)), refinement)
 
     tried = [_tried(each, pressed, tried_m) for each in variations(inputs, config, found=found)]
     return tuple(replace(each, basis=f"{each.basis}{how}") for each in tried)
@@ -127,12 +124,14 @@ def _tried(
     each: Variation, pressed: Callable[[ReplayInputs, float], FloatArray], depths_m: FloatArray
 ) -> ForceInput:
     by = each.stated.value
-    basis = f"{_shown(each)}: {each.stated.source}"
+    known = partial(
+        ForceInput,
+        name=each.name,
+        basis=f"{_shown(each)}: {each.stated.source}",
+        depths_m=tuple(depths_m.tolist()),
+    )
     if by == 0.0:
-        none = (0.0,) * len(depths_m)
-        return ForceInput(
-            name=each.name, basis=basis, depths_m=tuple(depths_m.tolist()), changes=none
-        )
+        return known(changes=(0.0,) * len(depths_m))
     # Under a ball edges follow its contact: by a ring more or less they change its force by 12 % on
     # long edges, by 1 % on these.
     fine = each.stiff_if_coarse or isinstance(each.changed(0.0).indenter, Sphere)
@@ -145,24 +144,15 @@ def _tried(
             failure = error.message
             continue
         changes = np.mean([np.abs(side / base - 1.0) for side in sides], axis=0)
-        return ForceInput(
-            name=each.name,
-            basis=basis,
-            depths_m=tuple(depths_m.tolist()),
-            changes=tuple(changes.tolist()),
-        )
+        return known(changes=tuple(changes.tolist()))
     return ForceInput(name=each.name, basis=f"unknown: no coarse press: {failure}")
 
 
 def rounded_rim(indenter: Indenter) -> Indenter:
     """Return a punch with its sharp rim rounded, for what else changes its force."""
-    if isinstance(indenter, Cylinder):
-        return replace(indenter, fillet_m=_rounded_m(indenter))
-    return indenter
-
-
-def _rounded_m(punch: Cylinder) -> float:
-    return punch.fillet_m or min(_ROUNDED_M, 0.5 * punch.radius_m)
+    if not isinstance(indenter, Cylinder):
+        return indenter
+    return replace(indenter, fillet_m=indenter.fillet_m or min(_ROUNDED_M, 0.5 * indenter.radius_m))
 
 
 def _possible(each: Variation, steps: Sequence[float]) -> list[ReplayInputs]:
@@ -189,13 +179,15 @@ def variations(
 
 def _of_gel(inputs: ReplayInputs) -> Iterator[Variation]:
     sensor, pad = inputs.sensor, inputs.sensor.pad
-
-    def other_ratio(by: float) -> ReplayInputs:
-        return replace(inputs, sensor=sensor.with_poisson(by))
-
     number = sensor.least_certain_poisson
-    stated = Stated(value=number.uncertainty, source=number.source)
-    yield Variation("Poisson's ratio", number.value, "", stated, other_ratio, stiff_if_coarse=True)
+    yield Variation(
+        "Poisson's ratio",
+        number.value,
+        "",
+        Stated(value=number.uncertainty, source=number.source),
+        lambda by: replace(inputs, sensor=sensor.with_poisson(by)),
+        stiff_if_coarse=True,
+    )
     for name, key in _DIMENSIONS.items():
         size = sensor.numbers.get(f"pad.{key}")
         if size is None or not isinstance(pad, BoxPad):
@@ -210,49 +202,52 @@ def _of_gel(inputs: ReplayInputs) -> Iterator[Variation]:
 
 
 def _of_indenter(inputs: ReplayInputs, config: RigConfig) -> Iterator[Variation]:
-    if isinstance(inputs.indenter, Cylinder | Sphere):
-        body = inputs.indenter
+    body = inputs.indenter
 
-        def wider(by: float) -> ReplayInputs:
-            return replace(inputs, indenter=replace(body, diameter_m=body.diameter_m + by))
-
-        stated = stated_uncertainty(config, "diameter")
-        yield Variation("indenter's diameter", body.diameter_m, "m", stated, wider)
-    if isinstance(inputs.indenter, Cylinder):
-        punch = inputs.indenter
-
-        def rounder(by: float) -> ReplayInputs:
-            return replace(inputs, indenter=replace(punch, fillet_m=_rounded_m(punch) + by))
-
-        stated = stated_uncertainty(config, "fillet")
-        fillet_m = punch.fillet_m
-        yield Variation("indenter's fillet", fillet_m, "m", stated, rounder, stiff_if_coarse=True)
+    def other_body(by: float, *, field: str, of: Indenter) -> ReplayInputs:
+        return replace(inputs, indenter=replace(of, **{field: getattr(of, field) + by}))
 
     def rougher(by: float) -> ReplayInputs:
         if inputs.friction + by < 0.0:
             raise ConfigError("friction below 0", remedy="give 0 or more")
         return replace(inputs, friction=inputs.friction + by)
 
-    stated = stated_uncertainty(config, "friction")
-    yield Variation("friction", inputs.friction, "", stated, rougher)
+    if isinstance(body, Cylinder | Sphere):
+        stated = stated_uncertainty(config, "diameter")
+        wider = partial(other_body, field="diameter_m", of=body)
+        yield Variation("indenter's diameter", body.diameter_m, "m", stated, wider)
+    if isinstance(body, Cylinder):
+        yield Variation(
+            "indenter's fillet",
+            body.fillet_m,
+            "m",
+            stated_uncertainty(config, "fillet"),
+            partial(other_body, field="fillet_m", of=rounded_rim(body)),
+            stiff_if_coarse=True,
+        )
+    yield Variation(
+        "friction", inputs.friction, "", stated_uncertainty(config, "friction"), rougher
+    )
 
 
 def _of_mounting(
     inputs: ReplayInputs, config: RigConfig, found: dict[str, FoundValue]
 ) -> Iterator[Variation]:
-    def tilted(by: float) -> ReplayInputs:
-        return inputs.tilted(by, 0.0)
-
-    def moved(by: float) -> ReplayInputs:
-        return inputs.moved((by, 0.0))
-
     if can_tilt(inputs.indenter):
         stated = _of_found(found, "lean towards", stated_uncertainty(config, "tilt"))
         size = math.hypot(*inputs.tilt_rad)
+        tilted = partial(inputs.tilted, y_rad=0.0)
         yield Variation("tilt of the indenter", size, "rad", stated, tilted, aside=True)
     stated = _of_found(found, "offset along", stated_uncertainty(config, "offset"))
     size = math.hypot(*inputs.offset_m)
-    yield Variation("place of the indenter", size, "m", stated, moved, aside=True)
+    yield Variation(
+        "place of the indenter",
+        size,
+        "m",
+        stated,
+        lambda by: inputs.moved((by, 0.0)),
+        aside=True,
+    )
 
 
 def _of_found(found: dict[str, FoundValue], name: str, default: Stated) -> Stated:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tacauchy_rig.app.replay.settings import sensor_of
+from tacauchy_rig.app.replay.inputs import sensor_of
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import ConfigError
 

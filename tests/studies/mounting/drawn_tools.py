@@ -155,7 +155,7 @@ def _dwell(
         force_measured_n=sign * float(mean[FZ]),
         depth_measured_m=depth_m - touched_m,
     )
-    return Dwell(record=record, wrench=(mean, error))
+    return record, (mean, error)
 
 
 def _pair(angles_rad: tuple[float, float]) -> str:

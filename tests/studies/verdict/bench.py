@@ -12,6 +12,7 @@ from sim.fields.press_fields import TrialFields
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
+from tacauchy_rig.app.replay.mounting import mounted
 from tacauchy_rig.app.replay.optics import (
     Calibrate,
     OpticalCalibration,
@@ -19,13 +20,8 @@ from tacauchy_rig.app.replay.optics import (
     optics_of,
     say_nothing,
 )
-from tacauchy_rig.app.replay.parts import Part
-from tacauchy_rig.app.replay.pressing import (
-    measured_attempts,
-    measured_depths,
-    mounted,
-    press_together,
-)
+from tacauchy_rig.app.replay.parts import Part, measured_attempts, measured_records
+from tacauchy_rig.app.replay.pressing import press_together
 from tacauchy_rig.app.replay.rendering import rendered as rendered_trials
 from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import ImageArray
@@ -129,7 +125,8 @@ def bench_of(
 ) -> Bench:
     """Replay a run truly, once for all of its wrong models."""
     inputs = replace(inputs_of(run.store.config), preset=preset, tolerance=None)
-    found = mounted(run, inputs, on_progress=on_progress)
+    config = run.store.config
+    found = mounted(measured_attempts(run), inputs, config, on_progress=on_progress)
     inputs = found.inputs
     given = run.store.config.sensor.optics_calibration
     optics = optics_of(given, inputs.sensor, calibrate=calibrate, on_progress=on_progress)
@@ -143,16 +140,17 @@ def bench_of(
         recorded=load_evidence(run, None),
         pressed=replace(pressed, replay=replay),
         images=images,
-        force_inputs=force_inputs(
-            inputs, run.store.config, measured_depths(run), found=found.values
-        ),
+        force_inputs=force_inputs(inputs, config, _part(run, inputs).depths_m, found=found.values),
     )
 
 
 def _pressed(run: RunReading, inputs: ReplayInputs) -> Pressed:
     """Press a run's trials of one indenter at one place."""
-    part = Part(run=run, inputs=inputs, config=run.store.config)
-    return Pressed(*press_together(part.task))
+    return Pressed(*press_together(_part(run, inputs)))
+
+
+def _part(run: RunReading, inputs: ReplayInputs) -> Part:
+    return Part(inputs=inputs, records=measured_records(run), config=run.store.config)
 
 
 def rendered(

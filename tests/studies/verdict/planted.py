@@ -15,7 +15,7 @@ from sim.replay import replay_forces
 from tacauchy_rig.app.replay.image_causes import SplitPart, split_images
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
-from tacauchy_rig.app.replay.pressing import measured_attempts
+from tacauchy_rig.app.replay.parts import measured_attempts
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.simulated import REPLAY_NAME, ResidualSplit

@@ -138,32 +138,33 @@ def _together(first: IndenterPresses, second: IndenterPresses) -> IndenterPresse
 def _of_run(folder: Path) -> list[IndenterPresses]:
     run = open_run(folder)
     replay = readable(lambda: run.store.load_replay(REPLAY_NAME))
-    found = [each for part in parts_of(run) if (each := _of_part(part, replay)) is not None]
+    simulated = run.store.simulated
+    parts = (_of_part(part, replay, simulated=simulated) for part in parts_of(run))
+    found = [each for each in parts if each is not None]
     if not found:
         raise RecordError(f"{folder}: no trial has a depth and a force", remedy="press some")
     return found
 
 
-def _of_part(part: Part, replay: Replay | None) -> IndenterPresses | None:
+def _of_part(part: Part, replay: Replay | None, *, simulated: bool) -> IndenterPresses | None:
     rows = [
         (record.depth_measured_m, record.force_measured_n, record.force_deviation_n or 0.0)
-        for record in part.run.records.values()
-        if record is not None and record.depth_measured_m and record.force_measured_n
+        for record in part.records
+        if record.depth_measured_m and record.force_measured_n
     ]
     if not rows:
         return None
     depth, force, noise = np.array(rows).T
-    trial = min(part.run.records)
     return IndenterPresses(
         config=part.config,
-        inputs=replace(part.settled, tolerance=None),
+        inputs=replace(part.settled.inputs, tolerance=None),
         contact_force_n=part.config.protocol.contact_force,
         press=np.arange(len(rows)),
         depth_m=depth,
         force_n=force,
         noise_n=noise,
-        found=() if replay is None else model_of(replay.models, trial).found,
-        simulated=part.run.store.simulated,
+        found=() if replay is None else model_of(replay.models, min(part.trials)).found,
+        simulated=simulated,
     )
 
 

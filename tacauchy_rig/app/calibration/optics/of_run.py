@@ -19,8 +19,8 @@ from sim.scene.indenter import Sphere
 from sim.scene.terms import parse_indenter
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.calibration.optics.run import OpticsRequest, OpticsResult
+from tacauchy_rig.app.replay.inputs import indenter_of, sensor_of
 from tacauchy_rig.app.replay.optics import CIRCLES, NO_CONTACT
-from tacauchy_rig.app.replay.settings import indenter_of, sensor_of
 from tacauchy_rig.core.calibrated import CalibratedOptics, HeldOutPress, ImageAgreement
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.rgb import encode_png

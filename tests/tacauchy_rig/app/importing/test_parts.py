@@ -11,11 +11,11 @@ import pytest
 from sim.scene.indenter import MeshIndenter, Sphere
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.app.replay import replay as replaying
+from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.app.replay.parts import parts_of
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report import report_run
-from tacauchy_rig.app.replay.settings import check_names
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import encode_png
 from tacauchy_rig.core.simulated import ForceInput
@@ -52,7 +52,7 @@ def imported(folder: Path, *rows: str, force: bool = True, images: bool = False)
     text = text.replace("[rig.replay]", '[rig.replay]\npreset = "fast"\npose = "stated"')
     text = text.replace("[rig.sensor]", f'{axes}\nindenter = "tool"\n[rig.sensor]')
     (folder / "import.toml").write_text(text)
-    return import_run(folder, parent=folder.parent, check=check_names)
+    return import_run(folder, parent=folder.parent, check=inputs_of)
 
 
 def blob(folder: Path, name: str, *, x_px: int = 0) -> None:
@@ -84,7 +84,7 @@ def test_presses_unlike_each_other_are_parts(small: Path) -> None:
         "1,,,,sphere:diameter=6mm",
     )
     parts = parts_of(open_run(imported(small, *rows).paths.root))
-    assert [list(part.run.records) for part in parts] == [[1, 4], [2], [3], [5]]
+    assert [list(part.trials) for part in parts] == [[1, 4], [2], [3], [5]]
     assert [type(part.inputs.indenter) for part in parts] == [Sphere, Sphere, MeshIndenter, Sphere]
     assert parts[1].inputs.offset_m == pytest.approx((2e-3, -1e-3))
     assert [part.place_known for part in parts] == [True, True, True, False]
@@ -145,7 +145,9 @@ def test_presses_without_a_force_are_replayed_to_their_depths(
 ) -> None:
     """The simulator meets the depths, and no force is made up as measured."""
     # Nothing here reads the coarse presses that tell uncertainties; they take most of the time.
-    monkeypatch.setattr(replaying, "_uncertainties", lambda parts, *_: ([() for _ in parts], None))
+    monkeypatch.setattr(
+        replaying, "_uncertainties", lambda _run, parts, *_: ([() for _ in parts], None)
+    )
     blob(small, "press.png")
     ball = "sphere:diameter=6mm"
     rows = (f",0.2,0,0,{ball}", f",0.3,0,0,{ball}")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from reports.evidence.attempt import RunReading
 from sim.fields.press_fields import TrialFields
 from sim.fields.surface import IntermediateState, SurfaceState
 from sim.scene.indenter import Sphere
@@ -17,7 +18,7 @@ from tacauchy_rig.app.calibration.optics.of_run import request_of
 from tacauchy_rig.app.replay import places
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.app.replay.optics import nominal_optics
-from tacauchy_rig.app.replay.parts import Part, parts_of
+from tacauchy_rig.app.replay.parts import parts_of
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.replay_files import ReplayFields
@@ -49,10 +50,12 @@ def test_surfaces_are_read_as_they_were_kept() -> None:
     fields = TrialFields(
         shape={}, at_nodes={}, at_faces={}, surface=state(2e-4), intermediate=(half,)
     )
-    arrays = places._arrays_of(fields)
-    assert int(arrays["count"]) == 1
-    for k, was in enumerate([half.surface, fields.surface]):
-        found = places._surface(arrays, k)
+    arrays = places.arrays_of(fields)
+    read = places.surfaces_of(arrays)
+    assert read.intermediate[0].depth_m == half.depth_m
+    for found, was in zip(
+        [read.intermediate[0].surface, read.surface], [half.surface, fields.surface], strict=True
+    ):
         assert found.indenter == BALL
         assert found.mesh_axis_m == was.mesh_axis_m
         np.testing.assert_array_equal(found.positions, was.positions)
@@ -87,24 +90,24 @@ class Bench:
 
 
 @pytest.fixture
-def parts(small: Path) -> list[Part]:
+def run(small: Path) -> RunReading:
     """Three presses of a ball at three places."""
     ball = "sphere:diameter=6mm"
     rows = (f"1,0.2,0,0,{ball}", f"1.5,0.3,1,0,{ball}", f"2,0.4,2,0,{ball}")
-    return parts_of(open_run(imported(small, *rows).paths.root))
+    return open_run(imported(small, *rows).paths.root)
 
 
 def test_finished_presses_are_not_pressed_again(
-    parts: list[Part], monkeypatch: pytest.MonkeyPatch
+    run: RunReading, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After Ctrl-C in the second part of the work only what is missing is pressed."""
-    bench, lines = Bench(monkeypatch), list[str]()
+    bench, lines, parts = Bench(monkeypatch), list[str](), parts_of(run)
     optics = nominal_optics(parts[0].inputs.sensor)
     bench.cut_after = 5  # all three with the stated modulus, two with the fitted one
     with pytest.raises(KeyboardInterrupt):
-        places.replay_parts(parts, optics, on_progress=lines.append)
+        places.replay_parts(run, parts, optics, on_progress=lines.append)
     bench.cut_after, bench.pressed = 1000, 0
-    found = places.replay_parts(parts, optics, on_progress=lines.append)
+    found = places.replay_parts(run, parts, optics, on_progress=lines.append)
     assert bench.pressed == 1
     assert [each.trials[0].index for each in found] == [1, 2, 3]
     assert "  2 of 3 places are finished from before" in lines
@@ -112,27 +115,28 @@ def test_finished_presses_are_not_pressed_again(
 
 
 def test_other_optics_render_again_and_another_gel_presses_again(
-    parts: list[Part], monkeypatch: pytest.MonkeyPatch
+    run: RunReading, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What was pressed stays as long as it was pressed with the same."""
-    bench = Bench(monkeypatch)
+    bench, parts = Bench(monkeypatch), parts_of(run)
     optics = nominal_optics(parts[0].inputs.sensor)
-    places.replay_parts(parts, optics, on_progress=lambda _: None)
+    places.replay_parts(run, parts, optics, on_progress=lambda _: None)
     assert (bench.pressed, bench.rendered) == (6, 3)
-    places.replay_parts(parts, optics, on_progress=lambda _: None)
+    places.replay_parts(run, parts, optics, on_progress=lambda _: None)
     assert (bench.pressed, bench.rendered) == (6, 3)
     other = replace(optics, blur_px=1.0)
-    places.replay_parts(parts, other, on_progress=lambda _: None)
+    places.replay_parts(run, parts, other, on_progress=lambda _: None)
     assert (bench.pressed, bench.rendered) == (6, 6)
     softer = [replace(each, inputs=each.inputs.stiffer(0.9)) for each in parts]
-    places.replay_parts(softer, other, on_progress=lambda _: None)
+    places.replay_parts(run, softer, other, on_progress=lambda _: None)
     assert (bench.pressed, bench.rendered) == (12, 9)
 
 
-def test_another_process_finds_what_was_kept(parts: list[Part]) -> None:
+def test_another_process_finds_what_was_kept(run: RunReading) -> None:
     """No address of this process is in what names a press; its sensor has functions."""
-    assert " at 0x" in repr(parts[0].inputs.sensor)
-    assert " at 0x" not in places._written(parts[0].task)
+    part = parts_of(run)[0]
+    assert " at 0x" in repr(part.inputs.sensor)
+    assert " at 0x" not in places._written(part)
 
 
 def test_optics_are_calibrated_from_the_balls_of_a_mixed_run(small: Path) -> None:

@@ -96,7 +96,7 @@ def test_moments_are_taken_about_the_tip() -> None:
     config = configured('force_sensor.to_tip="80 mm"')
     dwells = drawn_dwells(21, (0.8 * DEGREE, -0.6 * DEGREE), configured())[1::2]
     near, _ = tilt_of(dwells, inputs_of(config), configured())
-    moved_dwells = [Dwell(record=d.record, wrench=_about(d.wrench, 0.08)) for d in dwells]
+    moved_dwells = [(record, _about(wrench, 0.08)) for record, wrench in dwells]
     far, _ = tilt_of(moved_dwells, inputs_of(config), config)
     assert near is not None
     assert far is not None

@@ -15,8 +15,7 @@ from sim.scene.indenter import describe
 from sim.scene.scene import ContactMode, Preset
 from sim.sensor.optics import Lamp
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.replay.inputs import check_replay, inputs_of
-from tacauchy_rig.app.replay.settings import check_optics
+from tacauchy_rig.app.replay.inputs import check_optics, check_replay, inputs_of
 from tacauchy_rig.core.check_result import CheckStatus, checked
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
