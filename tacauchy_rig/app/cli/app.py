@@ -11,32 +11,31 @@ from typing import Annotated, NoReturn
 import typer
 
 from tacauchy_rig import __version__
-from tacauchy_rig.app.cli.compilation import compilation_told
 from tacauchy_rig.app.cli.lazy import lazy_group
-from tacauchy_rig.app.cli.output import complain, say
+from tacauchy_rig.app.cli.output import compilation_told, complain, say
 from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.long_task import told
 from tacauchy_rig.core.store.durable import write_error
 from tacauchy_rig.core.threads import take_one_thread
 
-_CLI = "tacauchy_rig.app.cli"
+
+def _of(module: str, *names: str) -> dict[str, str]:
+    """Return where commands are, by name; their functions have the same names."""
+    place = f"tacauchy_rig.app.cli.{module}"
+    return {name: f"{place}:{name.replace('-', '_')}" for name in names}
+
+
 COMMANDS = {
-    "run": f"{_CLI}.session:run",
-    "dry-run": f"{_CLI}.session:dry_run",
-    "resume": f"{_CLI}.session:resume",
-    "doctor": f"{_CLI}.doctor:doctor",
-    "check-press": f"{_CLI}.check_press:check_press",
-    "replay": f"{_CLI}.folders:replay",
-    "report": f"{_CLI}.folders:report",
-    "recover": f"{_CLI}.folders:recover",
-    "export": f"{_CLI}.folders:export",
-    "serve": f"{_CLI}.serve:serve",
-    "press": f"{_CLI}.press:press",
-    "plan": f"{_CLI}.press:plan",
-    "import": f"{_CLI}.importing:import_",
-    "judge": f"{_CLI}.judge:judge",
+    **_of("session", "run", "dry-run", "resume"),
+    **_of("doctor", "doctor"),
+    **_of("check_press", "check-press"),
+    **_of("folders", "replay", "report", "recover", "export"),
+    **_of("serve", "serve"),
+    **_of("press", "press", "plan"),
+    "import": "tacauchy_rig.app.cli.importing:import_",
+    **_of("judge", "judge"),
 }
-"""Where each command is; a new one is a line here and in ``PANELS``."""
+"""Where each command is; a new one is a name here and in ``PANELS``."""
 
 PANELS = {
     "At the rig": ("run", "dry-run", "resume", "doctor", "check-press", "emulate"),
@@ -49,57 +48,43 @@ PANELS = {
 }
 """The headings of the help, and what stands below each."""
 
+_STUDIES = ("accuracy", "hard-cases", "effects", "verify", "modes", "objects", "paper", "bench")
 GROUPS = {
     "calibrate": (
         "Calibrate optics, scale, the gel's material, or the delays of streams.",
         {
-            "scale": f"{_CLI}.calibrate.scale:scale",
-            "optics": f"{_CLI}.calibrate.optics:optics",
-            "latency": f"{_CLI}.calibrate.latency:latency",
-            "material": f"{_CLI}.calibrate.material:material",
+            **_of("calibrate.scale", "scale"),
+            **_of("calibrate.optics", "optics"),
+            **_of("calibrate.latency", "latency"),
+            **_of("calibrate.material", "material"),
         },
     ),
     "emulate": (
         "Start emulated devices, make them fail, and write what an emulated sensor shows.",
-        {
-            "start": f"{_CLI}.emulate:start",
-            "presses": f"{_CLI}.emulate:presses",
-            "fault": f"{_CLI}.emulate:fault",
-        },
+        _of("emulate", "start", "presses", "fault"),
     ),
     "config": (
         "Show, check and write rig.toml.",
         {
-            "show": f"{_CLI}.config_commands:show",
-            "example": f"{_CLI}.config_commands:example",
-            "ceilings": f"{_CLI}.config_commands:show_ceilings",
+            **_of("config_commands", "show", "example"),
+            "ceilings": "tacauchy_rig.app.cli.config_commands:show_ceilings",
         },
     ),
     "study": (
         "Measure the simulator on this machine: accuracy, hard cases, effects, speed.",
         {
-            "accuracy": f"{_CLI}.studies.accuracy:accuracy",
-            "hard-cases": f"{_CLI}.studies.hard_cases:hard_cases",
-            "effects": f"{_CLI}.studies.effects:effects",
-            "verify": f"{_CLI}.studies.verify:verify",
-            "modes": f"{_CLI}.studies.modes:modes",
-            "objects": f"{_CLI}.studies.objects:objects",
-            "paper": f"{_CLI}.studies.paper:paper",
-            "bench": f"{_CLI}.studies.bench:bench",
+            name: place
+            for study in _STUDIES
+            for name, place in _of(f"studies.{study.replace('-', '_')}", study).items()
         },
     ),
 }
 """Of each group what its help says, and where its commands are."""
 
-_STUDIES = ("accuracy", "verify", "modes", "objects", "paper", "bench")
-_CHECKS: tuple[str, ...] = (
-    "fault-table",
-    "page-check",
-    "mounting-check",
-    "gel-check",
-    "press-check",
+_CHECKS = (
+    *("fault-table", "page-check", "mounting-check", "gel-check", "press-check"),
+    *("budget-check", "verdict-check", "residual-check", "judge-page"),
 )
-_CHECKS += ("budget-check", "verdict-check", "residual-check", "judge-page")
 MOVED = {
     **{name: f"`tacauchy-rig study {name}`" for name in _STUDIES},
     "torture": "`tacauchy-rig study hard-cases`",

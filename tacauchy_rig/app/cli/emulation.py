@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from concurrent.futures import BrokenExecutor, Executor, Future
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +15,6 @@ from drivers.emulators.plant.ball_presses import BALL_DIAMETER_M, write_ball_pre
 from drivers.emulators.plant.quad_mesh import GelDisc
 from drivers.emulators.plant.truth import EmulatedUnit, GelLight, MarkerGrid, read_truth
 from sim.scene.pad import BoxPad
-from sim.sensor.sensor import MarkerGrid as PrintedGrid
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.inputs import sensor_of
 from tacauchy_rig.app.replay.optics import Calibrate, OpticalCalibration, Say, calibrate_folder
@@ -40,86 +40,53 @@ def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
             f"emulation.markers is true, but the file of {sensor.title} has no [markers]",
             remedy="leave emulation.markers out, or add [markers] to the sensor's file",
         )
-    camera, optics = sensor.camera, sensor.optics
-    half_x, half_y = sensor.pad.half_extents()
-    touched = sensor.material.young_pa
+    camera, optics, pad = sensor.camera, sensor.optics, sensor.pad
+    half_x, half_y = pad.half_extents()
+    middle, touched_pa = np.zeros(1), sensor.material.young_pa
+    dome_radii_m, dome_radius_m = None, math.inf
+    if isinstance(pad, BoxPad):
+        dome_radii_m = pad.dome_radius_x_m, pad.dome_radius_y_m
+        # Of the mean curvature, to the millimetre.
+        curvature = 0.5 * (1.0 / pad.dome_radius_x_m + 1.0 / pad.dome_radius_y_m)
+        dome_radius_m = round(1.0 / curvature, 3) if curvature > 0.0 else math.inf
+    dots = None
+    if markers and sensor.markers is not None:
+        dots = MarkerGrid(**asdict(sensor.markers))
     return EmulatedUnit(
         name=sensor.name,
         pad_size_m=(2.0 * half_x, 2.0 * half_y),
-        dome_radii_m=_dome_radii(sensor),
+        dome_radii_m=dome_radii_m,
         gel=GelDisc(
             radius_m=round(math.sqrt(4.0 * half_x * half_y / math.pi), 4),
-            thickness_m=_height(sensor),
-            dome_radius_m=_dome_radius(sensor),
+            thickness_m=round(float(pad.height_at(middle, middle)[0]), 6),
+            dome_radius_m=dome_radius_m,
             layers=tuple(
-                (layer.share, layer.material.young_pa / touched) for layer in sensor.layers
+                (layer.share, layer.material.young_pa / touched_pa) for layer in sensor.layers
             ),
         ),
-        young_pa=touched,
+        young_pa=touched_pa,
         poisson=sensor.material.poisson,
         image_size=(camera.width, camera.height),
         pixel_m=(camera.scale_x_m, camera.scale_y_m),
         crop=camera.crop_fraction,
         light=GelLight.COLOURED if optics.renderer.sees_slope else GelLight.TRANSLUCENT,
         shadows=optics.shadows is not None,
-        markers=_dots(sensor.markers) if markers and sensor.markers is not None else None,
+        markers=dots,
     )
 
 
-def _dots(grid: PrintedGrid) -> MarkerGrid:
-    return MarkerGrid(
-        columns=grid.columns, rows=grid.rows, pitch_m=grid.pitch_m, radius_m=grid.radius_m
-    )
+def begin_calibration(store: RunStore, worker: Executor, *, niceness: int = 0) -> Calibrate | None:
+    """Begin to calibrate a run's emulated sensor in a worker process, and return what waits for it.
 
-
-def _height(sensor: Sensor) -> float:
-    middle = np.zeros(1)
-    return round(float(sensor.pad.height_at(middle, middle)[0]), 6)
-
-
-def _dome_radii(sensor: Sensor) -> tuple[float, float] | None:
-    pad = sensor.pad
-    return (pad.dome_radius_x_m, pad.dome_radius_y_m) if isinstance(pad, BoxPad) else None
-
-
-def _dome_radius(sensor: Sensor) -> float:
-    """Return the radius of the pad's mean curvature, to the millimetre [m]; inf is flat."""
-    pad = sensor.pad
-    if not isinstance(pad, BoxPad):
-        return math.inf
-    curvature = 0.5 * (1.0 / pad.dome_radius_x_m + 1.0 / pad.dome_radius_y_m)
-    return round(1.0 / curvature, 3) if curvature > 0.0 else math.inf
-
-
-class BackgroundCalibration:
-    """Calibrates a run's emulated sensor in a worker process, while the run is still recorded.
-
-    Calibrating takes longer than all presses of a replay, and needs nothing that is recorded.
-
-    Args:
-        store: The run.
-        worker: Runs it.
+    Calibrating takes longer than all presses of a replay, and needs nothing that is recorded, only
+    started emulated devices. None where a real sensor was pressed.
     """
-
-    def __init__(self, store: RunStore, worker: Executor) -> None:
-        self._store, self._worker = store, worker
-        self._begun: Future[tuple[OpticalCalibration, list[str]]] | None = None
-
-    def begin(self, niceness: int = 0) -> None:
-        """Begin where it is needed; the emulated devices have started."""
-        calibrate, config = emulated_calibration(self._store), self._store.config
-        sensor = sensor_of(config)
-        given = config.sensor.optics_calibration
-        if calibrate is not None and not given and sensor.optics.renderer.exponents is not None:
-            self._begun = self._worker.submit(_calibrated, niceness, calibrate, sensor)
-
-    @property
-    def calibrate(self) -> Calibrate | None:
-        """What waits for the calibration; None where a real sensor was pressed."""
-        calibrate, begun = emulated_calibration(self._store), self._begun
-        return (
-            calibrate if calibrate is None or begun is None else partial(_awaited, begun, calibrate)
-        )
+    calibrate, config = emulated_calibration(store), store.config
+    sensor = sensor_of(config)
+    is_given = bool(config.sensor.optics_calibration)
+    if calibrate is None or is_given or sensor.optics.renderer.exponents is None:
+        return calibrate
+    return partial(_awaited, worker.submit(_calibrated, niceness, calibrate, sensor), calibrate)
 
 
 def _calibrated(

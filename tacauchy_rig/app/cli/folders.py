@@ -11,14 +11,15 @@ import typer
 
 from tacauchy_rig.app.cli.options import JsonFile, RunFolder
 from tacauchy_rig.app.cli.output import complain, say, write_json
-from tacauchy_rig.app.cli.watching import PageTeller, tell_nobody
+from tacauchy_rig.app.cli.watching import tell
 from tacauchy_rig.core.errors import AbortedError, command_line
 from tacauchy_rig.core.store.recording.export_kind import ExportKind
 
 if TYPE_CHECKING:
+    from protocols.processes.viewing import Viewing
     from reports.evidence.attempt import RunReading
     from sim.error import Tolerance
-    from tacauchy_rig.app.cli.emulation import BackgroundCalibration
+    from tacauchy_rig.app.replay.optics import Calibrate
     from tacauchy_rig.core.simulated import MarkerMotion, Replay
     from tacauchy_rig.core.store.check.run import RunCheck
     from tacauchy_rig.core.store.recovery import RecoveryReport, RunRecovery
@@ -57,7 +58,7 @@ def replay(
     Example: tacauchy-rig replay runs/20261123-gelsight-mini --tolerance 1%
     """
     from sim.error import parse_tolerance
-    from tacauchy_rig.app.cli.emulation import BackgroundCalibration
+    from tacauchy_rig.app.cli.emulation import begin_calibration, emulated_calibration
     from tacauchy_rig.app.replay.opening import open_run
     from tacauchy_rig.core.parallel import worker_process
     from tacauchy_rig.core.store.check.run import check_run
@@ -71,10 +72,10 @@ def replay(
         _watch(run, optics)
         return
     with worker_process() as worker:
-        calibration = BackgroundCalibration(run.store, worker)
+        calibrate = emulated_calibration(run.store)
         if optics is None:
-            calibration.begin()
-        replay_and_show(run, calibration, tolerance=kept, optics=optics)
+            calibrate = begin_calibration(run.store, worker)
+        replay_and_show(run, calibrate, tolerance=kept, optics=optics)
     report_and_exit(run, json_file)
 
 
@@ -169,13 +170,13 @@ def _say_mended(report: RecoveryReport) -> None:
 
 def replay_and_show(
     run: RunReading,
-    calibration: BackgroundCalibration,
+    calibrate: Calibrate | None,
     *,
     tolerance: Tolerance | None = None,
     optics: Path | None = None,
-    on_page: PageTeller = tell_nobody,
+    page: Viewing | None = None,
 ) -> None:
-    """Replay a run, and print the stated error of its forces; the page is told, too.
+    """Replay a run, and print the stated error of its forces; a page is told, too.
 
     Raises:
         AbortedError: Ctrl-C; what was recorded stays, and can be replayed.
@@ -183,18 +184,18 @@ def replay_and_show(
     from tacauchy_rig.app.replay.replay import replay_run
     from tacauchy_rig.core.long_task import doing, told
 
-    def tell(text: str) -> None:
+    def show(text: str) -> None:
         say(text)
-        on_page("analysing", text.strip())
+        tell(page, "analysing", text.strip())
 
     try:
-        with told(tell), doing("replay"):
+        with told(show), doing("replay"):
             replay = replay_run(
                 run,
                 tolerance=tolerance,
                 optics_file=optics,
-                calibrate=calibration.calibrate,
-                on_progress=tell,
+                calibrate=calibrate,
+                on_progress=show,
             )
     except KeyboardInterrupt:
         raise AbortedError(
@@ -206,17 +207,17 @@ def replay_and_show(
 
 
 def report_and_exit(
-    run: RunReading, json_file: Path | None, *, on_page: PageTeller = tell_nobody
+    run: RunReading, json_file: Path | None, *, page: Viewing | None = None
 ) -> None:
     """Write the report of a run, say where it is, and end: 0 passed, 1 not."""
     from tacauchy_rig.app.replay.report import report_run
     from tacauchy_rig.core.long_task import doing
 
     say("writing the report")
-    on_page("analysing", "writing the report")
+    tell(page, "analysing", "writing the report")
     with doing("writing the report"):
         report, paths = report_run(run)
-    on_page("reported", report.verdict, passed=report.passed)
+    tell(page, "reported", report.verdict, passed=report.passed)
     say(report.verdict)
     say(f"report {paths.html.resolve()}")
     say(f"next: {command_line('serve', run.store.paths.root.parent)} shows it beside other runs")

@@ -1,9 +1,13 @@
-"""Options that several commands share."""
+"""Options that several commands share, and records of options."""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, fields
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -31,18 +35,49 @@ JsonFile = Annotated[
     Path | None,
     typer.Option("--json", metavar="FILE", help="Write what was found there as JSON."),
 ]
-FigureFolder = Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the figures go.")]
-FigurePage = Annotated[
-    Path | None,
-    typer.Option(
-        "--page",
-        metavar="FILE",
-        help="Write a page; its figures go to images beside it.",
-    ),
-]
 Jobs = Annotated[
     int,
     typer.Option(
         "--jobs", metavar="N", min=1, help="How many to run at once, each in a process of its own."
     ),
 ]
+
+
+def takes(
+    record: type, *, option: Callable[[str], Any] | None = None, names: Sequence[str] | None = None
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the fields of a dataclass as options; it takes them as its first argument.
+
+    Typer reads a command's options from its signature, which is put together here.
+
+    Args:
+        option: Makes the option of a field; None takes those that the fields are annotated with.
+        names: Of the fields that are options; None takes all.
+    """
+    kinds = get_type_hints(record, include_extras=True)
+    shared = [
+        inspect.Parameter(
+            each.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=inspect.Parameter.empty if each.default is MISSING else each.default,
+            annotation=Annotated[kinds[each.name], option(each.name)]
+            if option
+            else kinds[each.name],
+        )
+        for each in fields(record)
+        if names is None or each.name in names
+    ]
+
+    def with_options(command: Callable[..., None]) -> Callable[..., None]:
+        _, *own = inspect.signature(command, eval_str=True).parameters.values()
+
+        @wraps(command)
+        def called(*args: Any, **options: Any) -> None:
+            given = {each.name: options.pop(each.name, each.default) for each in shared}
+            command(record(**given), *args, **options)
+
+        named = [*shared, *(each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own)]
+        called.__signature__ = inspect.Signature(named)  # type: ignore[attr-defined]
+        return called
+
+    return with_options

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable
-from dataclasses import MISSING, fields
-from functools import wraps
-from typing import Annotated, Any, Concatenate, ParamSpec, get_type_hints
+from typing import Annotated, Any
 
 import typer
 
 from sim.scene.material import LawName
 from sim.scene.scene import Drive, Output, Preset, SceneTerms
+from tacauchy_rig.app.cli.options import takes
 from tacauchy_rig.core.registry import Kind, names, unknown
-
-_Own = ParamSpec("_Own")
 
 OutputOption = Annotated[
     list[Output] | None,
@@ -41,7 +36,7 @@ def _law(text: str) -> str:
     return text
 
 
-_HELP: dict[str, str | None] = {
+_HELP: dict[str, str] = {
     "indenter": "cylinder:diameter= (and ,fillet=), sphere:diameter=, plane or mesh:FILE",
     "sensor": "Sensor by name or TOML file.",
     "pad": "box:LxWxHmm, disc:radius=,height= or mesh:FILE,unit=mm",
@@ -77,38 +72,9 @@ _FURTHER: dict[str, dict[str, Any]] = {
 }
 
 
-def states_a_scene(command: Callable[Concatenate[SceneTerms, _Own], None]) -> Callable[..., None]:
-    """Give a command the options of a scene; what they say is its first argument.
-
-    Typer reads a command's options from its signature, which is put together here.
-    """
-    _, *own = inspect.signature(command, eval_str=True).parameters.values()
-
-    @wraps(command)
-    def with_scene(*args: _Own.args, **options: _Own.kwargs) -> None:
-        terms: dict[str, Any] = {name: options.pop(name) for name in _HELP}
-        command(SceneTerms(**terms), *args, **options)
-
-    signature = inspect.Signature([*_scene_parameters(), *own], return_annotation=None)
-    with_scene.__signature__ = signature  # type: ignore[attr-defined]
-    return with_scene
+def _option(name: str) -> Any:
+    return typer.Option(f"--{name}", help=_HELP[name], **_FURTHER.get(name, {}))
 
 
-def _scene_parameters() -> list[inspect.Parameter]:
-    """Return the fields of ``SceneTerms`` that are options."""
-    kinds = get_type_hints(SceneTerms)
-    return [
-        inspect.Parameter(
-            each.name,
-            inspect.Parameter.POSITIONAL_OR_KEYWORD,
-            default=inspect.Parameter.empty if each.default is MISSING else each.default,
-            annotation=Annotated[
-                kinds[each.name],
-                typer.Option(
-                    f"--{each.name}", help=_HELP[each.name], **_FURTHER.get(each.name, {})
-                ),
-            ],
-        )
-        for each in fields(SceneTerms)
-        if each.name in _HELP
-    ]
+states_a_scene = takes(SceneTerms, option=_option, names=tuple(_HELP))
+"""Gives a command the options of a scene; what they say is its first argument."""

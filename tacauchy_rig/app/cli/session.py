@@ -7,24 +7,14 @@ import resource
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacauchy_rig.app.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder
+from tacauchy_rig.app.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder, takes
 from tacauchy_rig.app.cli.output import complain, say
-from tacauchy_rig.app.cli.watching import (
-    Live,
-    OpenPage,
-    Page,
-    Twin,
-    Watched,
-    page_told,
-    viewers_of,
-    watched_by,
-)
+from tacauchy_rig.app.cli.watching import TWIN_WORDS, port_of, told_of_errors, viewers_of
 from tacauchy_rig.core.check_result import CheckStatus
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, RigError, command_line
 
@@ -40,7 +30,6 @@ EMULATED_WEIGHT = "200g"
 LOWEST_PRIORITY = 19
 """Niceness of what is computed while devices are served."""
 
-PressOnly = Annotated[bool, typer.Option("--press-only", help="Record only; no replay, no report.")]
 Changes = Annotated[
     list[str] | None,
     typer.Option(
@@ -49,26 +38,83 @@ Changes = Annotated[
         help="Change how a device is reached or a limit; may be repeated. Noted in the journal.",
     ),
 ]
-CheckWeight = Annotated[
-    str | None,
-    typer.Option(
-        "--check-weight",
-        metavar="MASS",
-        help="Check the cell by a weight of this mass before anything moves: 200g, 200g+-1g.",
-    ),
-]
 
 
-def dry_run(
-    overrides: Overrides = None,
-    json_file: JsonFile = None,
-    press_only: PressOnly = False,
-    check_weight: CheckWeight = None,
-    page: Page = "auto",
-    open_page: OpenPage = False,
-    twin: Twin = "off",
-    foxglove: Live = "off",
-) -> None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What the options of a command that presses ask for, as they are written.
+
+    Raises:
+        ConfigError: ``--page`` or ``--foxglove`` is no port, ``--twin`` no word for one, or
+            ``--check-weight`` no mass.
+    """
+
+    json_file: JsonFile = None
+    press_only: Annotated[
+        bool, typer.Option("--press-only", help="Record only; no replay, no report.")
+    ] = False
+    check_weight: Annotated[
+        str | None,
+        typer.Option(
+            "--check-weight",
+            metavar="MASS",
+            help="Check the cell by a weight of this mass before anything moves: 200g, 200g+-1g.",
+        ),
+    ] = None
+    page: Annotated[
+        str,
+        typer.Option(
+            "--page",
+            metavar="PORT|off",
+            help="Port of the operator's page; `off` serves none, `auto` takes a free one.",
+        ),
+    ] = "auto"
+    open_page: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False
+    twin: Annotated[
+        str,
+        typer.Option(
+            "--twin",
+            metavar="on|depth|off",
+            help="A simulation that follows the measured force (on) or the arm's depth (depth).",
+        ),
+    ] = "off"
+    foxglove: Annotated[
+        str,
+        typer.Option(
+            "--foxglove",
+            metavar="PORT|off",
+            help="Show the run to Foxglove, Lichtblick or PlotJuggler on this machine; 8765 is "
+            "usual.",
+        ),
+    ] = "off"
+
+    def __post_init__(self) -> None:
+        if self.twin not in TWIN_WORDS:
+            raise ConfigError(
+                f"--twin {self.twin}: no such twin", remedy="give `on`, `depth` or `off`"
+            )
+        _ = self.page_port, self.foxglove_port, self.weight
+
+    @property
+    def page_port(self) -> int | None:
+        """Of the page; 0 is a free one, None no page."""
+        return port_of("--page", self.page)
+
+    @property
+    def foxglove_port(self) -> int | None:
+        """That Foxglove's protocol is spoken at; None for none."""
+        return port_of("--foxglove", self.foxglove)
+
+    @property
+    def weight(self) -> Weight | None:
+        """Checks the cell before anything moves; None leaves that out."""
+        from tacauchy_rig.core.force_check import parse_weight
+
+        return None if self.check_weight is None else parse_weight(self.check_weight)
+
+
+@takes(Request)
+def dry_run(request: Request, overrides: Overrides = None) -> None:
     """Run the whole loop on emulated hardware: six presses, their replay and the report.
 
     Example: tacauchy-rig dry-run --set protocol.force_targets='["1 N", "3 N"]'
@@ -81,23 +127,12 @@ def dry_run(
             f"a dry run never moves a real arm, but robot.driver is {loaded.config.robot.driver}",
             remedy="use `tacauchy-rig run rig.toml`",
         )
-    request = _request(
-        press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove)
-    )
-    _new_run(loaded, default_text(), request)
+    store = _created(loaded, default_text(), press_only=request.press_only)
+    _press_and_report(store, store.config, request)
 
 
-def run(
-    path: RequiredConfigFile,
-    overrides: Overrides = None,
-    json_file: JsonFile = None,
-    press_only: PressOnly = False,
-    check_weight: CheckWeight = None,
-    page: Page = "auto",
-    open_page: OpenPage = False,
-    twin: Twin = "off",
-    foxglove: Live = "off",
-) -> None:
+@takes(Request)
+def run(request: Request, path: RequiredConfigFile, overrides: Overrides = None) -> None:
     """Press as a configuration says, replay and report.
 
     Example: tacauchy-rig run rig.toml --page 8080
@@ -105,26 +140,19 @@ def run(
     from tacauchy_rig.core.config.load import load_config
 
     loaded = load_config(path, overrides=overrides or ())
-    request = _request(
-        press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove)
-    )
-    _new_run(loaded, path.read_text("utf-8"), request)
+    store = _created(loaded, path.read_text("utf-8"), press_only=request.press_only)
+    _press_and_report(store, store.config, request)
 
 
+@takes(Request)
 def resume(
+    request: Request,
     folder: RunFolder,
-    json_file: JsonFile = None,
-    press_only: PressOnly = False,
-    check_weight: CheckWeight = None,
     overrides: Changes = None,
     again: Annotated[
         list[int] | None,
         typer.Option("--again", metavar="TRIAL", help="Press a passed trial once more."),
     ] = None,
-    page: Page = "auto",
-    open_page: OpenPage = False,
-    twin: Twin = "off",
-    foxglove: Live = "off",
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten.
 
@@ -137,12 +165,9 @@ def resume(
     from tacauchy_rig.core.store.recovery import recover_run
     from tacauchy_rig.core.store.run_store import RunStore
 
-    request = _request(
-        press_only, json_file, check_weight, watched_by(page, open_page, twin, foxglove)
-    )
     store = RunStore.open(folder)
     config, changes = resumed_config(store.description["written"], overrides or ())
-    _check_before(config, press_only=press_only)
+    _check_before(config, press_only=request.press_only)
     with store.lock():  # refuses a run that is busy or read-only before anybody is asked
         pass
     trials = _trials(config, again)
@@ -152,40 +177,7 @@ def resume(
     for change in changes:
         say(f"changed: {change}")
     note_changes(store, changes)
-    _press_and_report(store, config, replace(request, again=trials, is_whole=recovery.is_whole))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
-    """What a command's options ask for besides the configuration.
-
-    Attributes:
-        weight: Checks the cell before anything moves; None leaves that out.
-        watched: How the operator watches the run.
-        again: Trials to press once more though they have a passed attempt.
-        is_whole: Nothing of the run's earlier sessions is lost.
-    """
-
-    watched: Watched
-    press_only: bool = False
-    json_file: Path | None = None
-    weight: Weight | None = None
-    again: frozenset[int] = frozenset()
-    is_whole: bool = True
-
-
-def _request(
-    press_only: bool, json_file: Path | None, check_weight: str | None, watched: Watched
-) -> Request:
-    from tacauchy_rig.core.force_check import parse_weight
-
-    weight = None if check_weight is None else parse_weight(check_weight)
-    return Request(press_only=press_only, json_file=json_file, weight=weight, watched=watched)
-
-
-def _new_run(loaded: LoadedConfig, text: str, request: Request) -> None:
-    store = _created(loaded, text, press_only=request.press_only)
-    _press_and_report(store, store.config, request)
+    _press_and_report(store, config, request, again=trials, is_whole=recovery.is_whole)
 
 
 def press_new(path: Path | None, overrides: Sequence[str]) -> RunStore:
@@ -206,8 +198,7 @@ def press_new(path: Path | None, overrides: Sequence[str]) -> RunStore:
     loaded = load_config(path, overrides=overrides)
     text = default_text() if path is None else path.read_text("utf-8")
     store = _created(loaded, text, press_only=True)
-    request = Request(watched=Watched(port=None), press_only=True)
-    result = _press_confirmed(store, store.config, request)
+    result = _press_confirmed(store, store.config, Request(page="off", press_only=True))
     if result.exit_code:
         raise RecordError(result.reason, remedy=f"see the journal of {store.paths.root}")
     return store
@@ -255,45 +246,61 @@ def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
     return frozenset(asked or ())
 
 
-def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> None:
-    from tacauchy_rig.app.cli.emulation import BackgroundCalibration
+def _press_and_report(
+    store: RunStore,
+    config: RigConfig,
+    request: Request,
+    *,
+    again: frozenset[int] = frozenset(),
+    is_whole: bool = True,
+) -> None:
+    """Press, replay and report.
+
+    Args:
+        again: Trials to press once more though they have a passed attempt.
+        is_whole: Nothing of the run's earlier sessions is lost.
+    """
+    from tacauchy_rig.app.cli.emulation import begin_calibration
     from tacauchy_rig.app.cli.folders import replay_and_show, report_and_exit
     from tacauchy_rig.app.replay.opening import open_run
     from tacauchy_rig.core.parallel import worker_process
 
     if request.press_only:
-        result = _press_confirmed(store, config, request)
+        result = _press_confirmed(store, config, request, again)
         say(f"recorded in {store.paths.root}")
-        raise typer.Exit(result.exit_code or int(not request.is_whole))
+        raise typer.Exit(result.exit_code or int(not is_whole))
     with worker_process() as worker:
-        calibration = BackgroundCalibration(store, worker)
+        begun = []
+
+        def begin() -> None:
+            begun.append(begin_calibration(store, worker, niceness=LOWEST_PRIORITY))
+
         # A twin takes what the devices leave of the processors.
-        is_busy = bool(request.watched.twin) or len(os.sched_getaffinity(0)) < 2
-        begin = partial(calibration.begin, LOWEST_PRIORITY)
-        result = _press_confirmed(store, config, request, None if is_busy else begin)
-        with page_told(result.page) as tell:
-            if is_busy:
-                calibration.begin()
+        is_busy = request.twin != "off" or len(os.sched_getaffinity(0)) < 2
+        result = _press_confirmed(store, config, request, again, None if is_busy else begin)
+        with told_of_errors(result.page):
+            calibrate = begun[0] if begun else begin_calibration(store, worker)
             recorded = open_run(store.paths.root)
-            replay_and_show(recorded, calibration, on_page=tell)
-            report_and_exit(recorded, request.json_file, on_page=tell)
+            replay_and_show(recorded, calibrate, page=result.page)
+            report_and_exit(recorded, request.json_file, page=result.page)
 
 
 def _press_confirmed(
     store: RunStore,
     config: RigConfig,
     request: Request,
+    again: frozenset[int] = frozenset(),
     on_start: Callable[[], None] | None = None,
 ) -> SessionResult:
     """Press once a person has agreed; end the program where a fault or a person ended the run."""
     from tacauchy_rig.app.cli.operator import confirm
     from tacauchy_rig.app.session.cell import needs_weight, require_bounded_force, standing_check
     from tacauchy_rig.app.session.expected import kept_expectation
-    from tacauchy_rig.core.force_check import parse_weight
+    from tacauchy_rig.app.session.record import missed_lines
     from tacauchy_rig.core.run import Outcome
 
     if request.weight is None and needs_weight(config) and config.force_sensor.is_emulated:
-        request = replace(request, weight=parse_weight(EMULATED_WEIGHT))  # hung without a hand
+        request = replace(request, check_weight=EMULATED_WEIGHT)  # hung without a hand
     if request.weight is None:
         require_bounded_force(store, config)
         if note := standing_check(store):
@@ -305,10 +312,16 @@ def _press_confirmed(
     say(f"force expected of the gel: {made}")
     if config.moves_real_hardware:
         confirm(config)
-    result = press(store, config, request, on_start)
+    result = press(store, config, request, again, on_start)
+    resumed = f"`{command_line('resume', store.paths.root)}`"
     if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
-        _end_badly(store, result)
-    _tell_missed(store, result)
+        error = AbortedError if result.outcome is Outcome.ABORTED else RecordError
+        remedy = f"{result.remedy or f'{resumed} continues'}\n  -> run folder {store.paths.root}"
+        raise error(result.reason, remedy=remedy)
+    for line in missed_lines(result.records):
+        complain(line)
+    if result.outcome is Outcome.FAILED:
+        complain(f"{result.reason}\n  -> {resumed} repeats them")
     return result
 
 
@@ -316,6 +329,7 @@ def press(
     store: RunStore,
     config: RigConfig,
     request: Request,
+    again: frozenset[int],
     on_start: Callable[[], None] | None = None,
 ) -> SessionResult:
     """Run the session of a run folder, with its emulated devices if it has any.
@@ -324,6 +338,7 @@ def press(
         store: The run, new or begun.
         config: Its configuration, with what was changed since it began.
         request: What the command's options ask for.
+        again: Trials to press once more though they have a passed attempt.
         on_start: Called when the emulated devices have started and the cell was checked.
     """
     from drivers.emulators.launch import (
@@ -333,30 +348,34 @@ def press(
         with_addresses,
     )
     from drivers.emulators.plant.truth import TRUTH_FILE
+    from protocols.processes.messages import PageOptions
     from protocols.processes.supervisor import plan_session
+    from protocols.processes.viewing import listen
     from sim.sensor.sensor import load_sensor
     from tacauchy_rig.app.cli.emulation import emulated_unit
     from tacauchy_rig.app.cli.progress import SessionProgress
-    from tacauchy_rig.app.cli.watching import page_options
+    from tacauchy_rig.app.cli.watching import contact_outline
     from tacauchy_rig.app.session.expected import kept_expectation
     from tacauchy_rig.app.session.record import record_run
     from tacauchy_rig.core.run import Outcome
 
-    watched, again = request.watched, request.again
-    viewers = viewers_of(watched)  # before anything is started for nothing
+    port = request.page_port
+    if port:  # one that is taken is refused before anything is started for nothing
+        listen(port).close()
+    viewers = viewers_of(twin=TWIN_WORDS[request.twin], foxglove=request.foxglove_port)
     chosen = emulated_devices(config)
+    played = store.paths.emulation if chosen else None
     with ExitStack() as stack:
         addresses = EmulatedAddresses()
         if chosen:
             follow = config.robot.host if config.moves_real_hardware else None
+            sensor = load_sensor(config.sensor.name)
             emulation = Emulation(
                 config,
                 folder=store.paths.emulation,
                 devices=chosen,
                 follow_host=follow,
-                unit=emulated_unit(
-                    load_sensor(config.sensor.name), markers=config.emulation.markers
-                ),
+                unit=emulated_unit(sensor, markers=config.emulation.markers),
             )
             stack.callback(emulation.stop)
             say(f"starting emulated {', '.join(sorted(chosen))}")
@@ -364,16 +383,16 @@ def press(
             with store.lock():
                 store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
         running = with_addresses(config, addresses)
-        _check_force(store, running, request.weight, store.paths.emulation if chosen else None)
+        _check_force(store, running, request.weight, played)
         if on_start is not None:
             on_start()
         progress = SessionProgress(
             config,
             plan=plan_session(store, again=again),
             expected=kept_expectation(store),
-            open_page=watched.open_page,
+            open_page=request.open_page,
         )
-        page = page_options(config, port=watched.port)
+        page = None if port is None else PageOptions(port=port, outline=contact_outline(config))
         with progress:
             result = record_run(
                 store,
@@ -385,11 +404,10 @@ def press(
                 keep_page=not request.press_only,
             )
         if result.outcome is Outcome.PASSED:
-            played = store.paths.emulation if chosen else None
             try:
                 _check_force_after(store, running, request.weight, played)
             except RigError:
-                with page_told(result.page):  # which tells it and lets go of it
+                with told_of_errors(result.page):
                     raise
         return result
 
@@ -434,22 +452,3 @@ def _check_force_after(
         raise
     except AbortedError as error:
         say(f"force not checked at the end: {error.message}")
-
-
-def _tell_missed(store: RunStore, result: SessionResult) -> None:
-    """Say on standard error what a run that went through to its end did not reach."""
-    from tacauchy_rig.app.session.record import missed_lines
-    from tacauchy_rig.core.run import Outcome
-
-    for line in missed_lines(result.records):
-        complain(line)
-    if result.outcome is Outcome.FAILED:
-        complain(f"{result.reason}\n  -> `{command_line('resume', store.paths.root)}` repeats them")
-
-
-def _end_badly(store: RunStore, result: SessionResult) -> None:
-    from tacauchy_rig.core.run import Outcome
-
-    remedy = result.remedy or f"`{command_line('resume', store.paths.root)}` continues"
-    error = AbortedError if result.outcome is Outcome.ABORTED else RecordError
-    raise error(result.reason, remedy=f"{remedy}\n  -> run folder {store.paths.root}")

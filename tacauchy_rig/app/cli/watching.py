@@ -6,100 +6,30 @@ import threading
 import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Protocol
-
-import typer
+from typing import TYPE_CHECKING
 
 from tacauchy_rig.app.cli.output import say
 from tacauchy_rig.core.config.model import IndenterKind, RigConfig
 from tacauchy_rig.core.errors import ConfigError, RigError
 
 if TYPE_CHECKING:
-    from protocols.processes.messages import ContactOutline, PageOptions, ViewerOptions
+    from protocols.processes.messages import ContactOutline, ViewerOptions
     from protocols.processes.viewing import Viewing
 
-Page = Annotated[
-    str,
-    typer.Option(
-        "--page",
-        metavar="PORT|off",
-        help="Port of the operator's page; `off` serves none, `auto` takes a free one.",
-    ),
-]
-Twin = Annotated[
-    str,
-    typer.Option(
-        "--twin",
-        metavar="on|depth|off",
-        help="A simulation that follows the measured force (on) or the arm's depth (depth).",
-    ),
-]
-Live = Annotated[
-    str,
-    typer.Option(
-        "--foxglove",
-        metavar="PORT|off",
-        help="Show the run to Foxglove, Lichtblick or PlotJuggler on this machine; 8765 is usual.",
-    ),
-]
-OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in a browser.")]
-
-PAGE_WORDS = {"off": None, "auto": 0}
 TWIN_WORDS = {"off": "", "on": "force", "force": "force", "depth": "depth"}
+"""What a twin follows, by the words of ``--twin``."""
 _PORT_LAST = 65535
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Watched:
-    """How the operator watches a run.
-
-    Attributes:
-        port: Of the page; 0 is a free one, None no page.
-        open_page: Whether a browser is opened on it.
-        twin: What a twin follows, ``force`` or ``depth``; empty for no twin.
-        foxglove: Port that Foxglove's protocol is spoken at; None for none.
-    """
-
-    port: int | None = 0
-    open_page: bool = False
-    twin: str = ""
-    foxglove: int | None = None
-
-
-def watched_by(page: str, open_page: bool, twin: str, foxglove: str) -> Watched:
-    """Return what the options ask for.
+def port_of(option: str, text: str) -> int | None:
+    """Return a port; 0 is a free one, None is none.
 
     Raises:
-        ConfigError: ``--page`` or ``--foxglove`` is no port, or ``--twin`` no word for one.
+        ConfigError: It is no number from 1 to 65535, and no word.
     """
-    if twin not in TWIN_WORDS:
-        raise ConfigError(f"--twin {twin}: no such twin", remedy="give `on`, `depth` or `off`")
-    port = PAGE_WORDS[page] if page in PAGE_WORDS else _port("--page", page)
-    live = None if foxglove == "off" else _port("--foxglove", foxglove)
-    return Watched(port=port, open_page=open_page, twin=TWIN_WORDS[twin], foxglove=live)
-
-
-def viewers_of(watched: Watched) -> list[ViewerOptions]:
-    """Return the viewers besides the page; a port that is taken is refused here.
-
-    Raises:
-        ConfigError: A port cannot be had, or a package is missing.
-    """
-    from protocols.processes.viewing import listen
-    from tacauchy_rig.app.twin.twin import Follows, twin_options
-    from tacauchy_rig.app.viewers.options import address, viewer_options
-
-    if watched.port:
-        listen(watched.port).close()
-    viewers = [twin_options(Follows(watched.twin))] if watched.twin else []
-    if watched.foxglove is not None:
-        viewers.append(viewer_options(watched.foxglove))
-        say(f"live {address(watched.foxglove)}")
-    return viewers
-
-
-def _port(option: str, text: str) -> int:
+    words = {"off": None, "auto": 0} if option == "--page" else {"off": None}
+    if text in words:
+        return words[text]
     if not text.isdecimal() or not 1 <= int(text) <= _PORT_LAST:
         raise ConfigError(
             f"{option} {text}: no port, which is a number from 1 to {_PORT_LAST}",
@@ -108,16 +38,24 @@ def _port(option: str, text: str) -> int:
     return int(text)
 
 
-def page_options(config: RigConfig, *, port: int | None) -> PageOptions | None:
-    """Return what page a run is to have; None for none.
+def viewers_of(*, twin: str = "", foxglove: int | None = None) -> list[ViewerOptions]:
+    """Return the viewers besides the page.
 
     Args:
-        config: Of the run.
-        port: Of the page; 0 for a free one, None for no page.
-    """
-    from protocols.processes.messages import PageOptions
+        twin: What a twin follows, ``force`` or ``depth``; empty for no twin.
+        foxglove: Port that Foxglove's protocol is spoken at.
 
-    return None if port is None else PageOptions(port=port, outline=contact_outline(config))
+    Raises:
+        ConfigError: The port cannot be had, or a package is missing.
+    """
+    from tacauchy_rig.app.twin.twin import Follows, twin_options
+    from tacauchy_rig.app.viewers.options import address, viewer_options
+
+    viewers = [twin_options(Follows(twin))] if twin else []
+    if foxglove is not None:
+        viewers.append(viewer_options(foxglove))
+        say(f"live {address(foxglove)}")
+    return viewers
 
 
 def contact_outline(config: RigConfig) -> ContactOutline | None:
@@ -154,31 +92,24 @@ def contact_outline(config: RigConfig) -> ContactOutline | None:
     )
 
 
-class PageTeller(Protocol):
-    """Tells the operator's page what is done with a recorded run."""
-
-    def __call__(self, state: str, text: str, /, *, passed: bool | None = None) -> None:
-        """Tell it: ``analysing``, ``reported`` or ``failed``."""
-
-
-def tell_nobody(_state: str, _text: str, /, *, passed: bool | None = None) -> None:
-    """Tell nobody: there is no page."""
+def tell(page: Viewing | None, state: str, text: str, *, passed: bool | None = None) -> None:
+    """Tell a page, if there is one, that a run is ``analysing``, ``reported`` or ``failed``."""
+    if page is not None:
+        page.tell_page(state, text, passed=passed)
 
 
 @contextmanager
-def page_told(page: Viewing | None) -> Iterator[PageTeller]:
-    """Give what tells a page that was kept, of an error too; then leave it to who watches it."""
-    if page is None:
-        yield tell_nobody
-        return
+def told_of_errors(page: Viewing | None) -> Iterator[None]:
+    """Tell a page that was kept of an error; then leave it to who watches it."""
+    tell(page, "analysing", "simulating the presses")
     try:
-        page.tell_page("analysing", "simulating the presses")
-        yield page.tell_page
+        yield
     except (RigError, KeyboardInterrupt) as error:
-        page.tell_page("failed", str(error) or "aborted by Ctrl-C")
+        tell(page, "failed", str(error) or "aborted by Ctrl-C")
         raise
     finally:
-        page.release()
+        if page is not None:
+            page.release()
 
 
 def open_in_browser(address: str) -> None:

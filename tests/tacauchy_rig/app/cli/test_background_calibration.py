@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tacauchy_rig.app.cli import emulation, folders
-from tacauchy_rig.app.cli.emulation import BackgroundCalibration
+from tacauchy_rig.app.cli.emulation import begin_calibration
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import AbortedError
 
@@ -41,10 +41,9 @@ def test_what_began_while_recording_is_not_done_again(calls: list[str]) -> None:
     """What it said is said when it is asked for."""
     said: list[str] = []
     with ThreadPoolExecutor(1) as worker:
-        calibration = BackgroundCalibration(_store(), worker)
-        calibration.begin()
-        assert calibration.calibrate is not None
-        assert calibration.calibrate(HERE, said.append) is FOUND
+        calibrate = begin_calibration(_store(), worker)
+        assert calibrate is not None
+        assert calibrate(HERE, said.append) is FOUND
     assert (calls, said) == (["gelsight-mini"], ["calibrating"])
 
 
@@ -53,11 +52,10 @@ def test_a_killed_worker_is_named_and_the_calibration_done_here(calls: list[str]
     gone: Future[Any] = Future()
     gone.set_exception(BrokenProcessPool("gone"))
     broken: Any = SimpleNamespace(submit=lambda *_: gone)
-    calibration = BackgroundCalibration(_store(), broken)
-    calibration.begin()
+    calibrate = begin_calibration(_store(), broken)
     said: list[str] = []
-    assert calibration.calibrate is not None
-    assert calibration.calibrate(HERE, said.append) is FOUND
+    assert calibrate is not None
+    assert calibrate(HERE, said.append) is FOUND
     assert calls == ["here"]
     assert "calibrating again" in said[0]
 
@@ -66,7 +64,7 @@ def test_a_calibration_file_leaves_nothing_to_begin(calls: list[str]) -> None:
     """Its optics are read, not fitted."""
     with ThreadPoolExecutor(1) as worker:
         store = _store('sensor.optics_calibration="optics.npz"')
-        BackgroundCalibration(store, worker).begin()
+        begin_calibration(store, worker)
     assert calls == []
 
 
@@ -77,8 +75,7 @@ def test_ctrl_c_tells_how_the_replay_goes_on(monkeypatch: pytest.MonkeyPatch) ->
         raise KeyboardInterrupt
 
     monkeypatch.setattr("tacauchy_rig.app.replay.replay.replay_run", replay_run)
-    calibration: Any = SimpleNamespace(calibrate=None)
     run: Any = SimpleNamespace(store=_store())
     with pytest.raises(AbortedError, match="Ctrl-C during the replay") as ended:
-        folders.replay_and_show(run, calibration)
+        folders.replay_and_show(run, None)
     assert "tacauchy-rig replay runs/7" in ended.value.remedy

@@ -5,14 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import pytest
-import typer
-from typer.testing import CliRunner
-
-from tacauchy_rig.app.cli.app import app
-from tacauchy_rig.app.cli.emulate import fault
-from tacauchy_rig.app.cli.lazy import lazy_group
-
 # Each takes a tenth of a second or more, and no help is made with one.
 HEAVY = (
     "numpy",
@@ -85,19 +77,6 @@ def test_a_wrong_folder_is_refused_at_once() -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-
-
-def test_a_list_shows_what_the_command_says_of_itself() -> None:
-    """The help of a group has a command's docstring, though it does not import it."""
-    listed = CliRunner().invoke(app, ["emulate", "--help"])
-    assert (fault.__doc__ or "").splitlines()[0] in listed.output
-
-
-def test_a_place_that_is_not_there_is_named() -> None:
-    """A line of the table of commands with a wrong function fails by its name."""
-    group = lazy_group({"lost": "tacauchy_rig.app.cli.press:no_such"})(name="group")
-    with pytest.raises(ImportError, match="press has no function no_such"):
-        group.list_commands(typer.Context(group))
 
 
 def test_a_press_imports_no_figures_and_no_images() -> None:

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import socket
+from pathlib import Path
 
 import pytest
 import typer
 
-from tacauchy_rig.app.cli.watching import (
-    Watched,
-    contact_outline,
-    page_options,
-    page_told,
-    viewers_of,
-    watched_by,
-)
+from tacauchy_rig.app.cli import session
+from tacauchy_rig.app.cli.session import Request
+from tacauchy_rig.app.cli.watching import contact_outline, told_of_errors, viewers_of
 from tacauchy_rig.app.viewers import options
-from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import ConfigError, RigError
+from tacauchy_rig.core.store.run_store import RunStore
 
 
 @pytest.mark.parametrize(
@@ -25,16 +22,15 @@ from tacauchy_rig.core.errors import ConfigError, RigError
 )
 def test_a_page_is_left_out_or_has_a_port(said, port):
     """A number is a port."""
-    assert watched_by(said, open_page=True, twin="off", foxglove="off") == Watched(
-        port=port, open_page=True
-    )
+    assert Request(page=said).page_port == port
 
 
 @pytest.mark.parametrize("said", ["0", "65536", "on", "-1", "80.5", ""])
-def test_what_is_no_port_is_refused(said):
-    """With what to give instead."""
-    with pytest.raises(ConfigError, match="no port") as caught:
-        watched_by(said, open_page=False, twin="off", foxglove="off")
+@pytest.mark.parametrize("option", ["page", "foxglove"])
+def test_what_is_no_port_is_refused(option, said):
+    """With what to give instead, by the option."""
+    with pytest.raises(ConfigError, match=f"--{option} .*no port") as caught:
+        Request(**{option: said})
     assert "off" in caught.value.remedy
 
 
@@ -66,34 +62,26 @@ def test_a_ball_has_its_own_radius_and_no_flat_face():
     assert (ball.flat_radius_m, ball.ball_radius_m) == (0.0, pytest.approx(3e-3))
 
 
-def test_no_page_has_no_options():
-    """``--page off``."""
-    assert page_options(load_config(None).config, port=None) is None
-
-
-@pytest.mark.parametrize("said", ["on", "0", "70000", "-1"])
-def test_foxglove_wants_a_port(said: str) -> None:
-    """A number from 1 to 65535, or `off`."""
-    with pytest.raises(ConfigError, match="--foxglove"):
-        watched_by("off", open_page=False, twin="off", foxglove=said)
-
-
-@pytest.mark.parametrize("which", ["port", "foxglove"])
-def test_a_taken_port_is_told_before_anything_starts(which: str) -> None:
+@pytest.mark.parametrize("option", ["page", "foxglove"])
+def test_a_taken_port_is_told_before_anything_starts(tmp_path: Path, option: str) -> None:
     """By the option that asked for it."""
+    store = RunStore.create(
+        tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
+    )
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        watched = Watched(**{"port": None, which: taken.getsockname()[1]})
-        with pytest.raises(ConfigError, match="--page" if which == "port" else "--foxglove"):
-            viewers_of(watched)
+        request = Request(**{"page": "off", option: str(taken.getsockname()[1])})
+        with pytest.raises(ConfigError, match=f"--{option}"):
+            session.press(store, store.config, request, frozenset())
+    assert not store.paths.truth.exists()
 
 
 def test_a_missing_package_is_told_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything starts."""
     monkeypatch.setattr(options, "find_spec", lambda _name: None)
     with pytest.raises(ConfigError, match="foxglove-sdk") as caught:
-        viewers_of(Watched(port=None, foxglove=8765))
+        viewers_of(foxglove=8765)
     assert "tacauchy-rig[foxglove]" in caught.value.remedy
 
 
@@ -102,7 +90,7 @@ def test_the_twin_is_shown_where_both_are_wanted() -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    viewers = viewers_of(Watched(port=None, twin="force", foxglove=port))
+    viewers = viewers_of(twin="force", foxglove=port)
     assert [viewer.name for viewer in viewers] == ["twin", "foxglove"]
     assert viewers[1].sources == ("twin",)
 
@@ -126,7 +114,7 @@ class ToldPage:
 
 def fail(page: ToldPage) -> None:
     """Analyse in vain."""
-    with page_told(page):  # type: ignore[arg-type]
+    with told_of_errors(page):  # type: ignore[arg-type]
         raise RigError("F_z cannot be reached", remedy="press less")
 
 
@@ -137,7 +125,7 @@ def test_a_page_is_told_that_a_run_could_not_be_analysed_and_is_let_go() -> None
         fail(page)
     assert [state for state, _ in page.told] == ["analysing", "failed"]
     assert "cannot be reached" in page.told[-1][1]
-    with pytest.raises(typer.Exit), page_told(page):  # type: ignore[arg-type]
+    with pytest.raises(typer.Exit), told_of_errors(page):  # type: ignore[arg-type]
         raise typer.Exit(1)
     assert page.told[-1][0] == "analysing"
     assert page.released == 2
