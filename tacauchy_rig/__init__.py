@@ -12,7 +12,9 @@ behind these names may move from one version to the next. All values are in SI u
 
 from __future__ import annotations
 
+import ast
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -52,42 +54,20 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_PUBLIC = {
-    "Batch": "sim.batch.batch:Batch",
-    "batch_model": "sim.batch.pilot:batch_model",
-    "ContactMode": "sim.scene.scene:ContactMode",
-    "Trajectory": "sim.batch.environment:Trajectory",
-    "Cylinder": "sim.scene.indenter:Cylinder",
-    "Effect": "sim.scene.scene:Effect",
-    "Environment": "sim.batch.environment:Environment",
-    "evidence_of": "tacauchy_rig.app.replay.report:evidence_of",
-    "image_of": "tacauchy_rig.app.replay.rendering:image_of",
-    "load_config": "tacauchy_rig.core.config.load:load_config",
-    "load_sensor": "sim.sensor.sensor:load_sensor",
-    "Motion": "sim.scene.scene:Motion",
-    "open_run": "tacauchy_rig.app.replay.opening:open_run",
-    "Pilot": "sim.batch.pilot:Pilot",
-    "plan_effects": "sim.effects.plan:plan_effects",
-    "Plane": "sim.scene.indenter:Plane",
-    "Preset": "sim.scene.scene:Preset",
-    "press": "sim.press:press",
-    "PressResult": "sim.press:PressResult",
-    "read_mesh_indenter": "sim.scene.indenter:read_mesh_indenter",
-    "replay": "tacauchy_rig.app.replay.replay:replay_run",
-    "report": "tacauchy_rig.app.replay.report:report_run",
-    "RigError": "tacauchy_rig.core.errors:RigError",
-    "Scene": "sim.scene.scene:Scene",
-    "scene_from": "sim.press_command:scene_from",
-    "score": "reports.scores.metrics:score",
-    "Sensor": "sim.sensor.sensor:Sensor",
-    "sensor_model": "sim.batch.sensor_batch:sensor_model",
-    "SensorBatch": "sim.batch.sensor_batch:SensorBatch",
-    "Sphere": "sim.scene.indenter:Sphere",
-    "surface_traction": "sim.fields.contact_traction:surface_traction",
-    "Target": "sim.scene.scene:Target",
-    "trial_floors": "reports.scores.floors:trial_floors",
-}
-"""Where each public name is defined, ``module:name``; the imports above say the same."""
+
+def _public_names() -> dict[str, tuple[str, str]]:
+    """Return of each name that is imported above its module and its name there."""
+    tree = ast.parse(Path(__file__).read_text("utf-8"))
+    imports = (each for each in ast.walk(tree) if isinstance(each, ast.ImportFrom))
+    return {
+        name.asname: (each.module or "", name.name)
+        for each in imports
+        for name in each.names
+        if name.asname
+    }
+
+
+_PUBLIC = _public_names()
 
 __all__ = ["__version__", *_PUBLIC]  # noqa: PLE0604 - names of the table
 
@@ -96,7 +76,7 @@ def __getattr__(name: str) -> Any:
     """Import a public name when it is first used."""
     if name not in _PUBLIC:
         raise AttributeError(f"module 'tacauchy_rig' has no attribute {name!r}")
-    module, _, attribute = _PUBLIC[name].partition(":")
+    module, attribute = _PUBLIC[name]
     value = globals()[name] = getattr(import_module(module), attribute)
     return value
 

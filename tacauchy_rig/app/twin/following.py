@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import monotonic_ns, process_time
 from typing import Any
 
@@ -56,105 +56,48 @@ class TwinLine:
     note: str
 
 
-class LatestValue:
-    """Keeps the latest goal and camera frames of a run; older goals are dropped.
-
-    A depth counts from the height at which the press begins, plus the depth that the force has
-    reached by then.
-
-    Args:
-        follows: What goals consist of.
-
-    Attributes:
-        dropped_count: Goals that a newer one replaced.
-    """
-
-    def __init__(self, follows: Follows) -> None:
-        self.dropped_count = 0
-        self._follows = follows
-        self._goal: Goal | None = None
-        self._force_n = 0.0
-        self._began: tuple[float, float] | None = None
-        self._pictures: deque[tuple[int, bytes]] = deque(maxlen=_PICTURES)
-
-    def take(self, shown: Shown) -> None:
-        """Take what a feed shows."""
-        if shown.stream == "camera" and shown.picture is not None:
-            self._pictures.append((shown.stamp_ns, shown.picture))
-        elif shown.stream == "force":
-            self._force_n = float(shown.numbers["force_n"][-1])
-            if self._follows is Follows.FORCE or self._began is None:
-                self._put(Goal(stamp_s=shown.stamp_ns * 1e-9, force_n=self._force_n))
-        elif shown.stream == "arm" and self._began is not None:
-            height, depth = self._began
-            sunk = depth + height - float(shown.numbers["position_m"][2])
-            self._put(Goal(stamp_s=shown.stamp_ns * 1e-9, depth_m=max(0.0, sunk)))
-
-    def begin_press(self, height_m: float, depth_m: float) -> None:
-        """Count depths from a height of the tip at which so much is pressed in already [m]."""
-        if self._follows is Follows.DEPTH:
-            self._began = height_m, depth_m
-
-    def end_press(self) -> None:
-        """Follow the force until the next press begins."""
-        self._began = None
-
-    def goal(self) -> Goal | None:
-        """Return the latest goal and forget it; None if there is no new one."""
-        found, self._goal = self._goal, None
-        return found
-
-    def picture(self, stamp_s: float) -> bytes | None:
-        """Return the camera's frame that is nearest in time."""
-        if not self._pictures:
-            return None
-        return min(self._pictures, key=lambda each: abs(each[0] * 1e-9 - stamp_s))[1]
-
-    def pictures(self) -> list[bytes]:
-        """Return the camera's last few frames, the oldest first."""
-        return [picture for _, picture in self._pictures]
-
-    def _put(self, goal: Goal) -> None:
-        self.dropped_count += self._goal is not None
-        self._goal = goal
-
-
-@dataclass(slots=True)
 class RunFollower:
     """Takes in the feeds and events of a run, and presses the twin to its latest values.
 
+    Of several goals that came the latest is followed. A depth counts from the height at which the
+    press begins, plus the depth that the force has reached by then.
+
     Args:
         twin: The simulator.
-        follows: Force or depth.
+        follows: What goals consist of: force or depth.
         frame_width_px: Of the camera's frames.
+
+    Attributes:
+        dropped_count: Goals that a newer one replaced, or that were too old to be followed.
     """
 
-    twin: Twin
-    follows: Follows
-    frame_width_px: int
-    latest: LatestValue = field(init=False)
-    _images: CameraImages = field(init=False)
-    _unloaded: ImageArray | None = None
-    _phase: str = ""
-    _trial: int = 0
-    _count: int = 0
-    _height_m: float = 0.0
-    _depth_m: float = 0.0
-    _residual: float | None = None
-
-    def __post_init__(self) -> None:
-        self.latest = LatestValue(self.follows)
+    def __init__(self, twin: Twin, follows: Follows, frame_width_px: int) -> None:
+        self.twin, self.dropped_count = twin, 0
+        self._follows = follows
         self._images = CameraImages(
-            self.twin.follower.view,
-            crop_fraction=self.twin.crop_fraction,
-            frame_width_px=self.frame_width_px,
+            twin.follower.view, crop_fraction=twin.crop_fraction, frame_width_px=frame_width_px
         )
+        self._pictures: deque[tuple[int, bytes]] = deque(maxlen=_PICTURES)
+        self._goal: Goal | None = None
+        self._began: tuple[float, float] | None = None
+        self._unloaded: ImageArray | None = None
+        self._phase, self._trial, self._count = "", 0, 0
+        self._height_m = self._depth_m = 0.0
+        self._residual: float | None = None
 
     def take(self, shown: Shown) -> None:
         """Take what a feed shows."""
-        if shown.stream == "arm":
+        stamp_s = shown.stamp_ns * 1e-9
+        if shown.stream == "camera" and shown.picture is not None:
+            self._pictures.append((shown.stamp_ns, shown.picture))
+        elif shown.stream == "force" and self._began is None:
+            self._put(Goal(stamp_s=stamp_s, force_n=float(shown.numbers["force_n"][-1])))
+        elif shown.stream == "arm":
             self._height_m = float(shown.numbers["position_m"][2])
-        self.latest.take(shown)
+            if self._began is not None:
+                height_m, depth_m = self._began
+                sunk_m = max(0.0, depth_m + height_m - self._height_m)
+                self._put(Goal(stamp_s=stamp_s, depth_m=sunk_m))
 
     def note(self, event: JournalEvent) -> None:
         """Take in an event of the journal."""
@@ -164,22 +107,26 @@ class RunFollower:
         before, self._phase = self._phase, str(event.detail.get("phase", ""))
         if before == Phase.REFERENCE:
             self._take_unloaded()
-        if self._phase == Phase.PRESS:
-            self.latest.begin_press(self._height_m, self._depth_m)
+        if self._phase == Phase.PRESS and self._follows is Follows.DEPTH:
+            self._began = self._height_m, self._depth_m
         elif self._phase not in FOLLOWED:
-            self.latest.end_press()
+            self._began = None
+
+    def goal(self) -> Goal | None:
+        """Return the latest goal and forget it; None if there is no new one."""
+        found, self._goal = self._goal, None
+        return found
 
     def step(self) -> tuple[TwinLine, list[Shown]] | None:
         """Follow the latest goal; None where there is none, or nothing is pressed now."""
-        goal = self.latest.goal()
+        goal = self.goal()
         if goal is None or self._phase not in FOLLOWED:
             return None
         if monotonic_ns() - goal.stamp_s * 1e9 > STALE_NS:
-            self.latest.dropped_count += 1
+            self.dropped_count += 1
             return None
         started_s = process_time()
-        with_maps = self._count % MAPS_EVERY == 0
-        frame = self.twin.follower.follow(goal, maps=with_maps)
+        frame = self.twin.follower.follow(goal, maps=self._count % MAPS_EVERY == 0)
         self._depth_m = frame.depth_m
         if self._count % RESIDUAL_EVERY == 0:
             self._residual = self._left(goal, frame)
@@ -198,20 +145,29 @@ class RunFollower:
             solve_ms=1e3 * frame.solve_s,
             draw_ms=1e3 * frame.draw_s,
             processor_ms=1e3 * (process_time() - started_s),
-            dropped=self.latest.dropped_count,
+            dropped=self.dropped_count,
             note=frame.note,
         )
         return line, list(_shown(line, frame, picture))
 
+    def picture(self, stamp_s: float) -> bytes | None:
+        """Return the camera's frame that is nearest in time, of the last few."""
+        nearest = min(self._pictures, key=lambda each: abs(each[0] * 1e-9 - stamp_s), default=None)
+        return None if nearest is None else nearest[1]
+
+    def _put(self, goal: Goal) -> None:
+        self.dropped_count += self._goal is not None
+        self._goal = goal
+
     def _take_unloaded(self) -> None:
-        found = [self._images.of(picture) for picture in self.latest.pictures()]
+        found = [self._images.of(picture) for _, picture in self._pictures]
         readable = [image for image in found if image is not None]
         if readable:
             self._unloaded = median_image(readable)
             self.twin.follower.unloaded(self._unloaded)
 
     def _left(self, goal: Goal, frame: TwinFrame) -> float | None:
-        jpeg = self.latest.picture(goal.stamp_s)
+        jpeg = self.picture(goal.stamp_s)
         real = None if jpeg is None else self._images.of(jpeg)
         if real is None or self._unloaded is None or frame.force_n == 0.0:
             return None
