@@ -31,9 +31,6 @@ def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
     Args:
         sensor: From its file.
         markers: Whether this unit has the markers that the file names.
-
-    Raises:
-        ConfigError: Markers are wanted of a sensor whose file names none.
     """
     if markers and sensor.markers is None:
         raise ConfigError(

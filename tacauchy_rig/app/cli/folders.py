@@ -176,11 +176,7 @@ def replay_and_show(
     optics: Path | None = None,
     page: Viewing | None = None,
 ) -> None:
-    """Replay a run, and print the stated error of its forces; a page is told, too.
-
-    Raises:
-        AbortedError: Ctrl-C; what was recorded stays, and can be replayed.
-    """
+    """Replay a run, and print the stated error of its forces; a page is told, too."""
     from tacauchy_rig.app.replay.replay import replay_run
     from tacauchy_rig.core.long_task import doing, told
 

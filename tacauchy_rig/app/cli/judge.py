@@ -100,11 +100,7 @@ def judge(
 
 
 def _write_baseline(baseline: Baseline, reading: RunReading, out: Path) -> Path:
-    """Write what a baseline shows of a run's presses to a new folder, and return that.
-
-    Raises:
-        RecordError: The folder is not empty, or no press can be drawn.
-    """
+    """Write what a baseline shows of a run's presses to a new folder, and return that."""
     from tacauchy_rig.app.cli.emulation import emulated_calibration
     from tacauchy_rig.app.judging.layout import check_empty, write_outputs
     from tacauchy_rig.app.judging.rigid import rigid_outputs
@@ -119,12 +115,7 @@ def _write_baseline(baseline: Baseline, reading: RunReading, out: Path) -> Path:
 
 
 def read_folders(folders: Sequence[Path], evidence: RunEvidence) -> list[Outputs]:
-    """Return what simulators give of a run's presses.
-
-    Raises:
-        RecordError: A press is missing, or a file is odd.
-        ConfigError: There is no folder, or two are of one simulator, or do not say what they hold.
-    """
+    """Return what simulators give of a run's presses."""
     from tacauchy_rig.app.judging.of_run import references_of
     from tacauchy_rig.app.judging.reading import Asked, read_outputs
 

@@ -51,11 +51,7 @@ class _LazyGroup(TyperGroup):
         return first or super().list_commands(ctx)
 
     def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:  # type: ignore[override]
-        """Return a command; a name that moved is refused with where it went.
-
-        Raises:
-            ConfigError: The name moved.
-        """
+        """Return a command; a name that moved is refused with where it went."""
         if cmd_name in self._moved:
             raise ConfigError(
                 f"the command {cmd_name} has moved", remedy=f"call {self._moved[cmd_name]}"

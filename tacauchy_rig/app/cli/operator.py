@@ -16,11 +16,7 @@ from tacauchy_rig.core.force_check import Weight
 
 
 def confirm(config: RigConfig) -> None:
-    """Show what will move and ask for the sensor's name.
-
-    Raises:
-        AbortedError: Anything else was typed.
-    """
+    """Show what will move and ask for the sensor's name."""
     say(confirmation_screen(config))
     console.print("> ", end="")
     answer = sys.stdin.readline().strip()

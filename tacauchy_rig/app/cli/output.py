@@ -50,11 +50,7 @@ def show_table(table: Table) -> None:
 
 
 def write_json(path: Path | None, content: Any) -> None:
-    """Write what a command found to ``--json FILE``; nothing when no file was asked for.
-
-    Raises:
-        RecordError: The file cannot be written.
-    """
+    """Write what a command found to ``--json FILE``; nothing when no file was asked for."""
     if path is None:
         return
     from tacauchy_rig.core.store.codec import to_plain
@@ -64,11 +60,7 @@ def write_json(path: Path | None, content: Any) -> None:
 
 
 def write_text(path: Path, text: str, *, option: str = "--out") -> None:
-    """Write a page, or whatever an option names the file of.
-
-    Raises:
-        RecordError: The file cannot be written.
-    """
+    """Write a page, or whatever an option names the file of."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
@@ -77,11 +69,7 @@ def write_text(path: Path, text: str, *, option: str = "--out") -> None:
 
 
 def writable_folder(path: Path) -> Path:
-    """Make a folder for results before they are computed, and return it.
-
-    Raises:
-        RecordError: It cannot be made or written.
-    """
+    """Make a folder for results before they are computed, and return it."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):

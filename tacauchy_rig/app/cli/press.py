@@ -152,11 +152,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
 
 
 def _seconds(text: str | None) -> float | None:
-    """Read ``--time-limit`` [s].
-
-    Raises:
-        ConfigError: It is no time above zero.
-    """
+    """Read ``--time-limit`` [s]."""
     if text is None:
         return None
     limit_s: float = parse_quantity(text, dimension=Dimension.TIME, field="--time-limit")

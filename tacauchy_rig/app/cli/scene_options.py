@@ -25,11 +25,7 @@ DeviceOption = Annotated[
 
 
 def _law(text: str) -> str:
-    """Read the name of a law, ours or of another package.
-
-    Raises:
-        BadParameter: There is none of that name.
-    """
+    """Read the name of a law, ours or of another package."""
     if unknown(Kind.LAW, text):
         choices = ", ".join(repr(name) for name in names(Kind.LAW))
         raise typer.BadParameter(f"{text!r} is not one of {choices}.")

@@ -231,11 +231,7 @@ def _check_before(config: RigConfig, *, press_only: bool) -> None:
 
 
 def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
-    """Return the trials that were asked for.
-
-    Raises:
-        ConfigError: The run has no such trial.
-    """
+    """Return the trials that were asked for."""
     count = len(config.protocol.force_targets)
     for trial in asked or ():
         if not 1 <= trial <= count:

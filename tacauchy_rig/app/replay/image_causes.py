@@ -164,11 +164,7 @@ class _Again:
     on_progress: Say
 
     def modes(self) -> Iterator[Mode]:
-        """Yield every mode.
-
-        Raises:
-            RigError: A coarse press failed.
-        """
+        """Yield every mode."""
         self.on_progress(f"  {len(self.presses)} images: coarse presses with other forces")
         forces_n = [press.force_n for press in self.presses]
         tried = sorted({f * by for f in forces_n for by in (1.0 / _MORE, 1.0, _MORE)})

@@ -62,11 +62,7 @@ class ReplayInputs:
     duration_s: float = 1.0
 
     def scene(self, forces_n: Sequence[float]) -> Scene:
-        """Return the press to the largest of some forces [N].
-
-        Raises:
-            ConfigError: No preset keeps the tolerance.
-        """
+        """Return the press to the largest of some forces [N]."""
         scene = replay_scene(
             self.sensor,
             self.indenter,

@@ -64,11 +64,7 @@ def mounted(
     *,
     on_progress: Say = say_nothing,
 ) -> FoundMounting:
-    """Return the inputs of attempts with their measured duration and the tilt found from moments.
-
-    Raises:
-        ConfigError: No preset keeps the tolerance.
-    """
+    """Return the inputs of attempts with their measured duration and the tilt found from moments."""
     known = [each.press_duration_s for each in attempts if each.press_duration_s is not None]
     if known:
         inputs = replace(inputs, duration_s=median(known))
@@ -157,9 +153,6 @@ def tilted_curve(curve: ForceDepthCurve | None, inputs: ReplayInputs) -> ForceDe
     """Return the curve of an upright press, its depths shifted as the tilt shifts them.
 
     The shift is taken from coarse presses: a tilted face first touches off its middle.
-
-    Raises:
-        RigError: One of them cannot be solved.
     """
     if curve is None:
         return None

@@ -130,11 +130,7 @@ def measured_records(run: RunReading) -> tuple[TrialRecord, ...]:
 
 
 def measured_attempts(run: RunReading) -> list[AttemptReading]:
-    """Return the attempts that ``measured_records`` names.
-
-    Raises:
-        RecordError: There is none, or a recording is missing or damaged.
-    """
+    """Return the attempts that ``measured_records`` names."""
     return [run.read(record) for record in measured_records(run)]
 
 

@@ -81,10 +81,6 @@ def replay_parts(
 
     Returns:
         The replay of each part; arrays and images of its trials are in the run's folder.
-
-    Raises:
-        ConvergenceError: A force cannot be reached.
-        RecordError: A recording has no readable no-contact frame, or the disk is full.
     """
     parts = _settled(parts)
     files = [_PartFiles(run, part) for part in parts]

@@ -37,10 +37,6 @@ def press_together(part: Part, *, on_progress: Say = say_nothing) -> Pressed:
     For a tilted indenter the modulus is fitted with an upright one, corrected by coarse presses of
     both: a tilt breaks the symmetry, and a press with it takes ten times as long. A press without
     a measured force is pressed to its depth.
-
-    Raises:
-        ConfigError: No preset keeps the tolerance.
-        ConvergenceError: A force cannot be reached.
     """
     on_progress(f"replaying {len(part.records)} trials")
     if not fits_modulus(part.config):
@@ -54,11 +50,7 @@ def press_together(part: Part, *, on_progress: Say = say_nothing) -> Pressed:
 
 
 def stated_history(part: Part) -> History:
-    """Return (depth [m], force [N]) of the gel with the stated modulus, up to the measured forces.
-
-    Raises:
-        ConvergenceError: A force cannot be reached.
-    """
+    """Return (depth [m], force [N]) of the gel with the stated modulus, to the measured forces."""
     alone = _alone(part)
     if alone is not None:
         return alone[0].trials[0].force_history
@@ -100,9 +92,6 @@ def press_to_measured(
         fit: Of the modulus; None takes the stated one.
         stated: (depth [m], force [N]) of the gel with the stated modulus.
         path: The loading path of that gel, where its states may be gone on from.
-
-    Raises:
-        ConvergenceError: A force cannot be reached.
     """
     stiffer = part if fit is None else replace(part, inputs=part.inputs.stiffer(fit.factor))
     alone = _alone(stiffer)

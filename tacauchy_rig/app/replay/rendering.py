@@ -45,10 +45,6 @@ def render_trial(
 
     Returns:
         Its arrays and image, and how its markers moved; None where the unit shows none.
-
-    Raises:
-        RecordError: The recording has no readable no-contact frame.
-        ConfigError: The frame's markers are not where the sensor's file says.
     """
     geometry, unloaded = optics.geometry, attempt.reference
     if unloaded is None:

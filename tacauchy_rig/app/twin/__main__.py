@@ -28,11 +28,7 @@ HUNG_S = 120.0
 
 
 def follow_run(job: Job, supervisor: Channel) -> None:
-    """Do the twin's job.
-
-    Raises:
-        ConfigError: The configuration has nothing that could be simulated or rendered.
-    """
+    """Do the twin's job."""
     ignore_signals()
     os.nice(NICENESS)
     pulse = _Pulse(supervisor)
