@@ -64,7 +64,7 @@ def mounted(
     *,
     on_progress: Say = say_nothing,
 ) -> FoundMounting:
-    """Return the inputs of attempts with their measured duration and the tilt found from moments."""
+    """Return inputs with the measured duration and the tilt that moments of attempts show."""
     known = [each.press_duration_s for each in attempts if each.press_duration_s is not None]
     if known:
         inputs = replace(inputs, duration_s=median(known))

@@ -93,12 +93,6 @@ def test_nothing_moves_without_the_sensors_name(
     assert "nothing moved" in done.exception.message
 
 
-@pytest.mark.parametrize("command", ["dry-run", "run", "doctor", "press", "emulate", "study"])
-def test_every_command_has_help(command: str) -> None:
-    """Help costs no device."""
-    assert CliRunner().invoke(app, [command, "--help"]).exit_code == 0
-
-
 @pytest.mark.parametrize(
     ("error", "message", "remedy"),
     [

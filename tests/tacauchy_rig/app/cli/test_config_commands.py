@@ -41,32 +41,23 @@ def test_show_refuses_what_no_replay_is_made_with(setting: str) -> None:
     assert "replay.preset" in done.stdout
 
 
-def test_example_is_written(tmp_path: Path) -> None:
-    """The file is the commented example, whose placeholders wait to be filled in."""
-    path = tmp_path / "rig.toml"
-    assert runner.invoke(app, ["config", "example", str(path)]).exit_code == 0
-    assert path.read_text("utf-8") == example_text()
-    with pytest.raises(ConfigError, match="is not filled in"):
-        load_config(path)
-
-
 @pytest.mark.parametrize("out", [None, "rig.toml"])
-def test_example_as_json(tmp_path: Path, out: str | None) -> None:
-    """The JSON has the text and where it was written."""
-    place, file = None if out is None else str(tmp_path / out), tmp_path / "example.json"
-    arguments = [] if place is None else [place]
-    done = runner.invoke(app, ["config", "example", *arguments, "--json", str(file)])
-    assert done.exit_code == 0
+def test_example_is_written_and_overwrites_nothing(tmp_path: Path, out: str | None) -> None:
+    """It waits to be filled in; the JSON has the text and where it was written."""
+    file = tmp_path / "example.json"
+    arguments = [] if out is None else [str(tmp_path / out)]
+    command = ["config", "example", *arguments, "--json", str(file)]
+    assert runner.invoke(app, command).exit_code == 0
+    place = None if out is None else str(tmp_path / out)
     assert json.loads(file.read_text("utf-8")) == {"file": place, "text": example_text()}
-
-
-def test_example_overwrites_nothing(tmp_path: Path) -> None:
-    """A rig.toml that somebody filled in is not lost to a second call."""
-    path = tmp_path / "rig.toml"
-    path.write_text("precious")
-    with pytest.raises(ConfigError, match="cannot be written"):
-        runner.invoke(app, ["config", "example", str(path)], catch_exceptions=False)
-    assert path.read_text() == "precious"
+    if place is not None:
+        assert Path(place).read_text("utf-8") == example_text()
+        with pytest.raises(ConfigError, match="is not filled in"):
+            load_config(Path(place))
+        Path(place).write_text("precious")
+        with pytest.raises(ConfigError, match="cannot be written"):
+            runner.invoke(app, command, catch_exceptions=False)
+        assert Path(place).read_text() == "precious"
 
 
 def test_every_ceiling_is_printed_with_its_reason() -> None:

@@ -13,10 +13,12 @@ from tacauchy_rig.app.cli.progress import (
     FULL,
     HOW_TO_STOP,
     MARK,
+    PHASES,
     clock,
     force_bar,
     live_lines,
 )
+from tacauchy_rig.core.run import Phase
 
 FACTS = {
     "step": "pressing to the target",
@@ -75,3 +77,9 @@ def test_a_bar_is_as_wide_as_asked(force_n, target_n, width):
 def test_a_clock_says_minutes_when_there_are_some():
     """Seconds alone below a minute."""
     assert (clock(9.4), clock(60.0), clock(131.2)) == ("9 s", "1 min 00 s", "2 min 11 s")
+
+
+def test_every_phase_has_words() -> None:
+    """An operator reads no name of the program's."""
+    assert set(PHASES) == {phase.value for phase in Phase}
+    assert all(" " in words or words == "judging" for words in PHASES.values())

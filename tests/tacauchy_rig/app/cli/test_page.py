@@ -35,30 +35,23 @@ def test_what_is_no_port_is_refused(option, said):
 
 
 def test_the_outline_lies_where_the_sensors_file_says():
-    """In the middle of a GelSight Mini's frame, as large as the flat face of the indenter."""
-    outline = contact_outline(load_config(None).config)
+    """In a frame's middle, as large as the flat face; it goes with frame, offset and ball."""
+    outline, large, moved, ball = (
+        contact_outline(load_config(None, overrides=overrides).config)
+        for overrides in (
+            [],
+            ["camera.width=3280", "camera.height=2464"],
+            ['replay.offset=["1 mm", "0 mm"]'],
+            ['indenter.kind="sphere"', 'indenter.diameter="6 mm"'],
+        )
+    )
     assert outline.centre_px == pytest.approx((319.5, 239.5))
     assert outline.flat_radius_m == pytest.approx(2.4e-3)
     # A sixth of the frame's width is cut off in all; 0.0634 mm is a pixel of 320 across the rest.
     assert outline.scale_px_m[0] == pytest.approx(0.7 * 640 / 320 / 0.0634e-3, rel=1e-3)
-
-
-def test_the_outline_grows_with_the_frame_and_moves_with_the_tool():
-    """Frames of another size show the same place; a stated offset moves it."""
-    small = contact_outline(load_config(None).config)
-    large = contact_outline(
-        load_config(None, overrides=["camera.width=3280", "camera.height=2464"]).config
-    )
-    assert large.scale_px_m[0] / small.scale_px_m[0] == pytest.approx(3280 / 640)
-    moved = contact_outline(load_config(None, overrides=['replay.offset=["1 mm", "0 mm"]']).config)
-    assert abs(moved.centre_px[0] - small.centre_px[0]) == pytest.approx(1e-3 * small.scale_px_m[0])
-
-
-def test_a_ball_has_its_own_radius_and_no_flat_face():
-    """Its contact's size is a matter of depth."""
-    ball = contact_outline(
-        load_config(None, overrides=['indenter.kind="sphere"', 'indenter.diameter="6 mm"']).config
-    )
+    assert large.scale_px_m[0] / outline.scale_px_m[0] == pytest.approx(3280 / 640)
+    aside_px = abs(moved.centre_px[0] - outline.centre_px[0])
+    assert aside_px == pytest.approx(1e-3 * outline.scale_px_m[0])
     assert (ball.flat_radius_m, ball.ball_radius_m) == (0.0, pytest.approx(3e-3))
 
 

@@ -16,7 +16,6 @@ from sim.scene.scene import ContactMode, Preset
 from sim.sensor.optics import Lamp
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.replay.inputs import check_optics, check_replay, inputs_of
-from tacauchy_rig.core.check_result import CheckStatus, checked
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import ConfigError
@@ -79,25 +78,6 @@ def test_the_line_names_the_calibration(tmp_path: Path) -> None:
     assert "not calibrated" in check_optics(configured(*MOCKED), sensor)
 
 
-@pytest.mark.parametrize(
-    ("override", "found"),
-    [
-        ("sensor.optics_calibration=gone.npz", "gone.npz does not exist"),
-        ("sensor.name=gelsight-maxi", "gelsight-maxi"),
-        ("replay.preset=finest", "'finest' is no preset"),
-        ("replay.drive=push", "'push' is no way to reach a force"),
-        ("replay.tolerance=1 mm", "replay.tolerance"),
-    ],
-)
-def test_doctor_fails_what_no_replay_is_made_with(override: str, found: str) -> None:
-    """Each has its finding and its remedy."""
-    config = configured(override)
-    result = checked("replay", lambda: check_replay(config))
-    assert result.status is CheckStatus.FAIL
-    assert found in result.finding
-    assert result.remedy
-
-
 CUBE = "".join(
     [
         *(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (0, 2)),
@@ -152,11 +132,16 @@ def test_relaxation_may_be_left_out(tmp_path: Path) -> None:
         ('replay.friction="-0.1"', "replay.friction"),
         ('replay.tilt=["20 deg", "0 deg"]', "replay.tilt"),
         ('replay.pose="guessed"', "replay.pose"),
+        ("sensor.optics_calibration=gone.npz", "gone.npz does not exist"),
+        ("sensor.name=gelsight-maxi", "gelsight-maxi"),
+        ("replay.preset=finest", "'finest' is no preset"),
+        ("replay.drive=push", "'push' is no way to reach a force"),
+        ("replay.tolerance=1 mm", "replay.tolerance"),
     ],
 )
 def test_what_cannot_be_replayed_is_refused_by_its_field(override: str, told: str) -> None:
     """Before anything is pressed, with a remedy."""
     with pytest.raises(ConfigError) as caught:
-        inputs_of(configured(override))
+        check_replay(configured(override))
     assert told in caught.value.message
     assert caught.value.remedy
