@@ -169,16 +169,7 @@ def live_lines(
 ) -> Group:
     """Return the lines; a narrow terminal cuts ends off, and what matters most stands first.
 
-    Args:
-        step: What the arm does.
-        trial: Which trial it is.
-        force_n: Pressing force [N]; None before the first.
-        target_n: What is pressed to [N]; None before the first trial.
-        tolerance_n: How far off it may be [N].
-        limit_n: Soft limit, where the bar ends [N].
-        height_m: Of the tip [m].
-        left_s: How long the run still takes [s]; None before it begins.
-        width: Of the terminal.
+    Before the first force, target or expected duration, that is None; the bar ends at the limit.
     """
     target = "" if target_n is None else f" of {target_n:.3f} ± {tolerance_n:g} N,"
     force = f"  {0.0 if force_n is None else force_n:6.3f} N "

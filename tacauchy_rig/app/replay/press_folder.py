@@ -20,7 +20,7 @@ from sim.optics.markers.marker_printer import surface_displacement
 from sim.optics.markers.printed_markers import draw_markers, marker_places
 from sim.press import PressResult
 from sim.scene.scene import Scene
-from sim.sensor.sensor import Sensor, load_sensor
+from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.replay.optics import nominal_optics
 from tacauchy_rig.app.replay.rendering import grey_frame, height_arrays, image_of
 from tacauchy_rig.core.arrays import ImageArray
@@ -50,13 +50,15 @@ def write_press(folder: Path, scene: Scene, result: PressResult) -> list[Path]:
         sensor = load_sensor(scene.sensor)
         optics = nominal_optics(sensor)
         seen = height_maps(fields.surface, optics.geometry, pad=sensor.pad)
-        even = grey_frame(optics)
+        even, arrays = grey_frame(optics), fields.arrays
         if sensor.markers is not None:
             places = marker_places(sensor.markers)
             even = draw_markers(even, places, sensor.markers.radius_m, optics.geometry)
+            moved = surface_displacement(fields.surface, places)[:, :2]
+            arrays |= {"marker_rest_m": places, "marker_displacement_m": moved}
         kept = replace(
             kept,
-            fields={**fields.arrays, **_markers(fields, sensor)},
+            fields=arrays,
             height=height_arrays(seen),
             image=image_of(fields.surface, sensor, optics, unloaded=even),
         )
@@ -66,15 +68,6 @@ def write_press(folder: Path, scene: Scene, result: PressResult) -> list[Path]:
     with mpl.rc_context(FRAMED_STYLE):
         save_figure(_figure(fields, result, seen, kept.image), folder, "figure")
     return sorted(path for path in folder.iterdir() if path.is_file())
-
-
-def _markers(fields: TrialFields, sensor: Sensor) -> dict[str, np.ndarray]:
-    """Return where the sensor's markers are at rest, and how far they moved, x and y [m]."""
-    if sensor.markers is None:
-        return {}
-    places = marker_places(sensor.markers)
-    moved = surface_displacement(fields.surface, places)[:, :2]
-    return {"marker_rest_m": places, "marker_displacement_m": moved}
 
 
 def _figure(

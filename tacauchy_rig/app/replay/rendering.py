@@ -144,16 +144,21 @@ def drawn_image(
         optics: How it is seen.
         unloaded: No-contact frame without markers.
     """
-    renderer = TactileRenderer(
+    return _renderer(rest_m, optics, unloaded, samples=SAMPLES).render(loaded_m)
+
+
+def _renderer(
+    rest_m: FloatArray, optics: OpticalCalibration, unloaded: ImageArray, *, samples: int = 1
+) -> TactileRenderer:
+    return TactileRenderer(
         unloaded,
         rest_m,
         optics.model,
         optics.geometry,
         shadows=optics.shadows,
-        samples=SAMPLES,
+        samples=samples,
         blur_px=optics.blur_px,
     )
-    return renderer.render(loaded_m)
 
 
 def replay_images(sensor: Sensor) -> Callable[[SurfaceState], ImageArray]:
@@ -261,18 +266,11 @@ def _images(
     optics: OpticalCalibration,
 ) -> ImageArray:
     """Return small images of the states of a trial, shape [state_count, height, width, 3]."""
-    markers, geometry = find_markers(unloaded), optics.geometry
-    top = states[0].surface.top
-    printer = None if markers is None else MarkerPrinter(top, markers, geometry)
-    renderer = TactileRenderer(
-        unloaded if markers is None else markers.bare,
-        heights[0].rest,
-        optics.model,
-        geometry,
-        shadows=optics.shadows,
-        blur_px=optics.blur_px,
-    )
-    images = []
+    markers, printer = find_markers(unloaded), None
+    if markers is not None:
+        printer = MarkerPrinter(states[0].surface.top, markers, optics.geometry)
+        unloaded = markers.bare
+    renderer, images = _renderer(heights[0].rest, optics, unloaded), []
     for state, each in zip(states, heights, strict=True):
         image = renderer.render(each.loaded)
         images.append(_small(printer.image_over(image, state.surface) if printer else image))
