@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import MISSING, fields
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_origin, get_type_hints
 
 import typer
 
@@ -44,29 +44,26 @@ Jobs = Annotated[
 
 
 def takes(
-    record: type, *, option: Callable[[str], Any] | None = None, names: Sequence[str] | None = None
+    record: type, *, option: Callable[[str], Any] | None = None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the fields of a dataclass as options; it takes them as its first argument.
 
     Typer reads a command's options from its signature, which is put together here.
 
     Args:
-        option: Makes the option of a field; None takes those that the fields are annotated with.
-        names: Of the fields that are options; None takes all.
+        option: Makes the option of a field, None where it is none; without it options are the
+            fields that are annotated with one.
     """
-    kinds = get_type_hints(record, include_extras=True)
-    shared = [
-        inspect.Parameter(
-            each.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=inspect.Parameter.empty if each.default is MISSING else each.default,
-            annotation=Annotated[kinds[each.name], option(each.name)]
-            if option
-            else kinds[each.name],
-        )
-        for each in fields(record)
-        if names is None or each.name in names
-    ]
+    kinds, shared = get_type_hints(record, include_extras=True), []
+    for each in fields(record):
+        kind, made = kinds[each.name], option and option(each.name)
+        if made is not None:
+            kind = Annotated[kind, made]
+        if get_origin(kind) is Annotated:
+            default = inspect.Parameter.empty if each.default is MISSING else each.default
+            keyword = inspect.Parameter.KEYWORD_ONLY
+            named = inspect.Parameter(each.name, keyword, default=default, annotation=kind)
+            shared.append(named)
 
     def with_options(command: Callable[..., None]) -> Callable[..., None]:
         _, *own = inspect.signature(command, eval_str=True).parameters.values()

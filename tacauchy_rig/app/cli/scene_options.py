@@ -69,8 +69,10 @@ _FURTHER: dict[str, dict[str, Any]] = {
 
 
 def _option(name: str) -> Any:
+    if name not in _HELP:
+        return None
     return typer.Option(f"--{name}", help=_HELP[name], **_FURTHER.get(name, {}))
 
 
-states_a_scene = takes(SceneTerms, option=_option, names=tuple(_HELP))
+states_a_scene = takes(SceneTerms, option=_option)
 """Gives a command the options of a scene; what they say is its first argument."""

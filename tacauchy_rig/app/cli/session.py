@@ -44,6 +44,10 @@ Changes = Annotated[
 class Request:
     """What the options of a command that presses ask for, as they are written.
 
+    Attributes:
+        again: Trials to press once more though they have a passed attempt.
+        is_whole: Nothing of the run's earlier sessions is lost.
+
     Raises:
         ConfigError: ``--page`` or ``--foxglove`` is no port, ``--twin`` no word for one, or
             ``--check-weight`` no mass.
@@ -87,6 +91,8 @@ class Request:
             "usual.",
         ),
     ] = "off"
+    again: frozenset[int] = frozenset()
+    is_whole: bool = True
 
     def __post_init__(self) -> None:
         if self.twin not in TWIN_WORDS:
@@ -177,7 +183,7 @@ def resume(
     for change in changes:
         say(f"changed: {change}")
     note_changes(store, changes)
-    _press_and_report(store, config, request, again=trials, is_whole=recovery.is_whole)
+    _press_and_report(store, config, replace(request, again=trials, is_whole=recovery.is_whole))
 
 
 def press_new(path: Path | None, overrides: Sequence[str]) -> RunStore:
@@ -242,29 +248,16 @@ def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
     return frozenset(asked or ())
 
 
-def _press_and_report(
-    store: RunStore,
-    config: RigConfig,
-    request: Request,
-    *,
-    again: frozenset[int] = frozenset(),
-    is_whole: bool = True,
-) -> None:
-    """Press, replay and report.
-
-    Args:
-        again: Trials to press once more though they have a passed attempt.
-        is_whole: Nothing of the run's earlier sessions is lost.
-    """
+def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> None:
     from tacauchy_rig.app.cli.emulation import begin_calibration
     from tacauchy_rig.app.cli.folders import replay_and_show, report_and_exit
     from tacauchy_rig.app.replay.opening import open_run
     from tacauchy_rig.core.parallel import worker_process
 
     if request.press_only:
-        result = _press_confirmed(store, config, request, again)
+        result = _press_confirmed(store, config, request)
         say(f"recorded in {store.paths.root}")
-        raise typer.Exit(result.exit_code or int(not is_whole))
+        raise typer.Exit(result.exit_code or int(not request.is_whole))
     with worker_process() as worker:
         begun = []
 
@@ -273,7 +266,7 @@ def _press_and_report(
 
         # A twin takes what the devices leave of the processors.
         is_busy = request.twin != "off" or len(os.sched_getaffinity(0)) < 2
-        result = _press_confirmed(store, config, request, again, None if is_busy else begin)
+        result = _press_confirmed(store, config, request, None if is_busy else begin)
         with told_of_errors(result.page):
             calibrate = begun[0] if begun else begin_calibration(store, worker)
             recorded = open_run(store.paths.root)
@@ -285,7 +278,6 @@ def _press_confirmed(
     store: RunStore,
     config: RigConfig,
     request: Request,
-    again: frozenset[int] = frozenset(),
     on_start: Callable[[], None] | None = None,
 ) -> SessionResult:
     """Press once a person has agreed; end the program where a fault or a person ended the run."""
@@ -308,7 +300,7 @@ def _press_confirmed(
     say(f"force expected of the gel: {made}")
     if config.moves_real_hardware:
         confirm(config)
-    result = press(store, config, request, again, on_start)
+    result = press(store, config, request, on_start)
     resumed = f"`{command_line('resume', store.paths.root)}`"
     if result.outcome in (Outcome.FAULT, Outcome.ABORTED):
         error = AbortedError if result.outcome is Outcome.ABORTED else RecordError
@@ -325,7 +317,6 @@ def press(
     store: RunStore,
     config: RigConfig,
     request: Request,
-    again: frozenset[int],
     on_start: Callable[[], None] | None = None,
 ) -> SessionResult:
     """Run the session of a run folder, with its emulated devices if it has any.
@@ -334,7 +325,6 @@ def press(
         store: The run, new or begun.
         config: Its configuration, with what was changed since it began.
         request: What the command's options ask for.
-        again: Trials to press once more though they have a passed attempt.
         on_start: Called when the emulated devices have started and the cell was checked.
     """
     from drivers.emulators.launch import (
@@ -384,7 +374,7 @@ def press(
             on_start()
         progress = SessionProgress(
             config,
-            plan=plan_session(store, again=again),
+            plan=plan_session(store, again=request.again),
             expected=kept_expectation(store),
             open_page=request.open_page,
         )
@@ -394,7 +384,7 @@ def press(
                 store,
                 running,
                 on_event=progress,
-                again=again,
+                again=request.again,
                 page=page,
                 viewers=viewers,
                 keep_page=not request.press_only,

@@ -66,7 +66,7 @@ def test_a_taken_port_is_told_before_anything_starts(tmp_path: Path, option: str
         taken.listen()
         request = Request(**{"page": "off", option: str(taken.getsockname()[1])})
         with pytest.raises(ConfigError, match=f"--{option}"):
-            session.press(store, store.config, request, frozenset())
+            session.press(store, store.config, request)
     assert not store.paths.truth.exists()
 
 
