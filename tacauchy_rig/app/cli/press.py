@@ -16,7 +16,7 @@ from sim.scene.material import LawName, Material
 from sim.scene.scene import Output, Scene, SceneTerms
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import complain, say, show_table, write_json
-from tacauchy_rig.app.cli.scene_options import DeviceOption, OutputOption, states_a_scene
+from tacauchy_rig.app.cli.scene_options import OutputOption, states_a_scene
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 from tacauchy_rig.core.tables import table_of
@@ -26,41 +26,36 @@ if TYPE_CHECKING:
     from tacauchy_rig.core.simulated import Alternative
 
 
-EstimateErrorOption = Annotated[
-    bool,
-    typer.Option(
-        "--estimate-error/--no-estimate-error",
-        help="Press again on a coarser mesh to estimate the error of the outputs.",
-    ),
-]
-
-
-PressFolder = Annotated[
-    Path | None,
-    typer.Option(
-        "--out",
-        metavar="FOLDER",
-        help="Write there what a replay writes: fields (npz, VTU), the gel's stress, the indenter, "
-        "a figure; of a sensor its image, height map and markers too.",
-    ),
-]
-
-
-TimeLimit = Annotated[
-    str | None,
-    typer.Option("--time-limit", metavar="TIME", help="How long it may take, such as 60s or 5min."),
-]
-
-
 @states_a_scene
 def press(
     terms: SceneTerms,
-    device: DeviceOption = "cpu",
-    estimate_error: EstimateErrorOption = True,
-    time_limit: TimeLimit = None,
+    device: Annotated[
+        str, typer.Option("--device", help="Where the kernels run: cpu or cuda:0.")
+    ] = "cpu",
+    estimate_error: Annotated[
+        bool,
+        typer.Option(
+            "--estimate-error/--no-estimate-error",
+            help="Press again on a coarser mesh to estimate the error of the outputs.",
+        ),
+    ] = True,
+    time_limit: Annotated[
+        str | None,
+        typer.Option(
+            "--time-limit", metavar="TIME", help="How long it may take, such as 60s or 5min."
+        ),
+    ] = None,
     output: OutputOption = None,
     json_file: JsonFile = None,
-    out: PressFolder = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FOLDER",
+            help="Write there what a replay writes: fields (npz, VTU), the gel's stress, the "
+            "indenter, a figure; of a sensor its image, height map and markers too.",
+        ),
+    ] = None,
 ) -> None:
     """Press once in the simulator and say what it took.
 

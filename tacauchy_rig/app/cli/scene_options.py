@@ -19,9 +19,6 @@ OutputOption = Annotated[
         help=f"What else is asked for, of {', '.join(Output)}; may be repeated.",
     ),
 ]
-DeviceOption = Annotated[
-    str, typer.Option("--device", help="Where the kernels run: cpu or cuda:0.")
-]
 
 
 def _law(text: str) -> str:

@@ -30,15 +30,6 @@ EMULATED_WEIGHT = "200g"
 LOWEST_PRIORITY = 19
 """Niceness of what is computed while devices are served."""
 
-Changes = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="TABLE.FIELD=VALUE",
-        help="Change how a device is reached or a limit; may be repeated. Noted in the journal.",
-    ),
-]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
@@ -154,7 +145,15 @@ def run(request: Request, path: RequiredConfigFile, overrides: Overrides = None)
 def resume(
     request: Request,
     folder: RunFolder,
-    overrides: Changes = None,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="TABLE.FIELD=VALUE",
+            help="Change how a device is reached or a limit; may be repeated. Noted in the "
+            "journal.",
+        ),
+    ] = None,
     again: Annotated[
         list[int] | None,
         typer.Option("--again", metavar="TRIAL", help="Press a passed trial once more."),

@@ -88,20 +88,24 @@ def split_images(
     pressable = [part for part in parts if not isinstance(part.inputs.indenter, MeshIndenter)]
     if len(pressable) < len(parts):
         on_progress("  the residual is not split for mesh indenters: their presses take minutes")
-    chosen, seen = _chosen(pressable, images), {}
+    found = [(part.inputs, own) for part in pressable if (own := _presses(part, images))]
+    chosen = _spread(found, _MOST_PARTS)
+    seen: dict[int, TrialImages] = {}
     modes: dict[str, Mode] = {}
-    for part, presses in chosen:
+    for inputs, presses in chosen:
+        again = _Again(
+            _spread(presses, MOST_TRIALS // len(chosen)), inputs, optics, config, on_progress
+        )
         try:
-            found = list(_Again(presses, part.inputs, optics, config, on_progress).modes())
+            for mode in list(again.modes()):
+                known = modes.get(mode.name, mode)
+                modes[mode.name] = replace(known, changes={**known.changes, **mode.changes})
         except RigError as error:
             on_progress(
                 f"  the residual is not split because a coarse press failed: {error.message}"
             )
             return None
-        seen.update({press.index: press.images for press in presses})
-        for mode in found:
-            known = modes.get(mode.name, mode)
-            modes[mode.name] = replace(known, changes={**known.changes, **mode.changes})
+        seen |= {press.index: press.images for press in again.presses}
     if not seen:
         return None
     view, offset_m = optics.geometry, stated_uncertainty(config, "offset").value
@@ -111,20 +115,6 @@ def split_images(
         list(modes.values()),
         pose_px=(offset_m / view.scale_x_m, offset_m / view.scale_y_m),
     )
-
-
-def _chosen(
-    parts: Sequence[SplitPart], images: Mapping[int, ImageArray]
-) -> list[tuple[SplitPart, list[_Press]]]:
-    """Return the presses that are pressed again, the smallest force of each part first."""
-    found = []
-    for part in parts:
-        there = (each for each in part.attempts if each.record.index in images)
-        presses = [press for each in there if (press := _press_of(each, part))]
-        if presses:
-            found.append((part, sorted(presses, key=lambda press: press.force_n)))
-    found = _spread(found, _MOST_PARTS)
-    return [(part, _spread(presses, MOST_TRIALS // len(found))) for part, presses in found]
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,14 +127,19 @@ class _Press:
     bare: ImageArray
 
 
-def _press_of(attempt: AttemptReading, part: SplitPart) -> _Press | None:
-    images, record = attempt.images, attempt.record
-    force_n = record.force_measured_n or part.forces_n.get(record.index, 0.0)
-    if images is None or force_n <= 0.0:
-        return None
-    markers = find_markers(images.reference)
-    bare = images.reference if markers is None else markers.bare
-    return _Press(attempt.record.index, force_n, images, bare)
+def _presses(part: SplitPart, images: Mapping[int, ImageArray]) -> list[_Press]:
+    """Return the presses of a part that can be pressed again, the smallest force first."""
+    found = []
+    for attempt in part.attempts:
+        record = attempt.record
+        force_n = record.force_measured_n or part.forces_n.get(record.index, 0.0)
+        if force_n <= 0.0 or record.index not in images or attempt.images is None:
+            continue
+        reference = attempt.images.reference
+        markers = find_markers(reference)
+        bare = reference if markers is None else markers.bare
+        found.append(_Press(record.index, force_n, attempt.images, bare))
+    return sorted(found, key=lambda press: press.force_n)
 
 
 def _spread(items: list[Item], most: int) -> list[Item]:
@@ -201,7 +196,7 @@ class _Again:
         ratio = sensor.least_certain_poisson.uncertainty
         other = replace(
             self.inputs.tilted(NEARLY_UPRIGHT, 0.0),
-            sensor=self.inputs.sensor.with_poisson(_POISSON),
+            sensor=sensor.with_poisson(_POISSON),
         )
         changed = _apart(self._seen(self._pressed(other)), base, ratio / _POISSON)
         yield _mode("Poisson's ratio", Cause.MATERIAL, ratio, "1", changed)
@@ -266,14 +261,10 @@ class _Again:
     def _seen(
         self, surfaces: Sequence[SurfaceState], optics: OpticalCalibration | None = None
     ) -> Images:
-        seen = optics or self.optics
-        rendered = (
-            image_of(surface, self.inputs.sensor, seen, unloaded=press.bare)
-            for press, surface in zip(self.presses, surfaces, strict=True)
-        )
+        sensor, seen = self.inputs.sensor, optics or self.optics
         return {
-            press.index: image.astype(np.float64)
-            for press, image in zip(self.presses, rendered, strict=True)
+            press.index: image_of(surface, sensor, seen, unloaded=press.bare).astype(np.float64)
+            for press, surface in zip(self.presses, surfaces, strict=True)
         }
 
 
