@@ -32,18 +32,15 @@ def check_press(
 
     Example: tacauchy-rig check-press runs/20261101-090000-first rig.toml
     """
-    from tacauchy_rig.app.cli.session import press_new
+    from tacauchy_rig.app.cli.session import recorded
     from tacauchy_rig.app.gel_health.comparison import Advice
     from tacauchy_rig.app.gel_health.recorded import compare_runs, nearest_force_n
     from tacauchy_rig.app.replay.opening import open_run
 
     known = open_run(before)
-    if path is not None and path.is_dir():
-        folder = path
-    else:
-        target_n = nearest_force_n(known, USUAL_N)
-        one = (f'protocol.force_targets=["{target_n:g} N"]', 'run.name="check-press"')
-        folder = press_new(path, [*(overrides or ()), *one]).paths.root
+    target_n = nearest_force_n(known, USUAL_N)
+    one = (f'protocol.force_targets=["{target_n:g} N"]', 'run.name="check-press"')
+    folder = recorded(path, [*(overrides or ()), *one]).paths.root
     state = compare_runs(known, open_run(folder))
     for each in state.changes:
         number, unit = (each.value, f" {each.unit}") if each.unit else (100.0 * each.value, " %")

@@ -185,21 +185,21 @@ def resume(
     _press_and_report(store, config, replace(request, again=trials, is_whole=recovery.is_whole))
 
 
-def press_new(path: Path | None, overrides: Sequence[str]) -> RunStore:
-    """Press what a configuration says into a new run, without replay and report.
+def recorded(path: Path | None, overrides: Sequence[str]) -> RunStore:
+    """Return a run, or a new one of what a configuration says, without replay and report.
 
     Args:
-        path: A rig.toml; the dry run's if absent.
-        overrides: Changes to it, ``TABLE.FIELD=VALUE`` each.
-
-    Returns:
-        The run.
+        path: A run's folder, or a rig.toml; the dry run's if absent.
+        overrides: Changes to the configuration, ``TABLE.FIELD=VALUE`` each.
 
     Raises:
         RecordError: It could not be pressed; also where a trial missed a criterion.
     """
     from tacauchy_rig.core.config.load import default_text, load_config
+    from tacauchy_rig.core.store.run_store import RunStore
 
+    if path is not None and path.is_dir():
+        return RunStore.open(path)
     loaded = load_config(path, overrides=overrides)
     text = default_text() if path is None else path.read_text("utf-8")
     store = _created(loaded, text, press_only=True)
@@ -268,9 +268,9 @@ def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> N
         result = _press_confirmed(store, config, request, None if is_busy else begin)
         with told_of_errors(result.page):
             calibrate = begun[0] if begun else begin_calibration(store, worker)
-            recorded = open_run(store.paths.root)
-            replay_and_show(recorded, calibrate, page=result.page)
-            report_and_exit(recorded, request.json_file, page=result.page)
+            reading = open_run(store.paths.root)
+            replay_and_show(reading, calibrate, page=result.page)
+            report_and_exit(reading, request.json_file, page=result.page)
 
 
 def _press_confirmed(

@@ -30,18 +30,10 @@ def latency(
     Example: tacauchy-rig calibrate latency rig.toml --json latency.json
     """
     from tacauchy_rig.app.calibration.latency import find_latency
-    from tacauchy_rig.app.cli.session import press_new
-    from tacauchy_rig.core.store.run_store import RunStore
+    from tacauchy_rig.app.cli.session import recorded
 
-    if path is not None and path.is_dir():
-        store = RunStore.open(path)
-    else:
-        one = (
-            f'protocol.force_targets=["{force}"]',
-            f'protocol.sway="{sway}"',
-            'run.name="latency"',
-        )
-        store = press_new(path, [*(overrides or ()), *one])
+    swaying = (f'protocol.force_targets=["{force}"]', f'protocol.sway="{sway}"')
+    store = recorded(path, [*(overrides or ()), *swaying, 'run.name="latency"'])
     found = find_latency(store)
     for name, each in (("force", found.force), ("image", found.image)):
         say(
