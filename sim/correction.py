@@ -106,7 +106,7 @@ def rules_of(scene: Scene) -> dict[float, BiasRule]:
     """Return what is known of a scene's bias, by the edges where it ends; empty for nothing."""
     if not _was_drawn(scene):
         return {}
-    if mesh_choice(replace(scene, preset=Preset.FAST)).kind is MeshKind.FOOTPRINT:
+    if mesh_choice(replace(scene, preset=Preset.FAST))[0] is MeshKind.FOOTPRINT:
         return _OTHER
     return _OTHER if scene.has_sharp_rim else _ROUND
 

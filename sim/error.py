@@ -20,13 +20,13 @@ mesh changes the shear, and without friction there is none.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 from sim.correction import corrected_settings
-from sim.effects.coarse import COARSE_RATIOS, CoarsePress, coarse_press
 from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.outputs import PressOutputs
 from sim.effects.plan import plan_effects
+from sim.effects.scene_path import COARSE_RATIOS, CoarsePress, coarse_press
 from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
 from tacauchy_rig.core.errors import ConfigError, RigError, TimeLimitError
@@ -203,12 +203,7 @@ class Setting:
 
     def applied(self, scene: Scene) -> Scene:
         """Return a scene with these settings."""
-        return replace(
-            scene,
-            preset=self.preset,
-            refinement=self.refinement,
-            path_refinement=self.path_refinement,
-        )
+        return replace(scene, **asdict(self))
 
 
 @dataclass(frozen=True, slots=True)

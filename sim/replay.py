@@ -13,12 +13,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from sim.correction import correction
-from sim.effects.coarse import CoarsePath
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.end_state import end_state
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
-from sim.effects.scene_path import path_for
+from sim.effects.scene_path import CoarsePath, path_for
 from sim.error import (
     ErrorEstimate,
     Tolerance,
@@ -37,7 +36,7 @@ from sim.fields.press_fields import (
     trial_fields,
 )
 from sim.mesh.elements import ElementOrder
-from sim.press import measure
+from sim.press import PressResult, measure
 from sim.scene.indenter import Indenter, describe
 from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
@@ -268,25 +267,24 @@ class _StatedErrors:
 
     def __init__(self, scene: Scene, plan: EffectPlan) -> None:
         self._scene, self._plan = scene, plan
-        self._coarser: CoarsePath | RigError
-        try:
-            self._coarser = CoarsePath(*coarse_reference(scene, plan))
-        except RigError as error:
-            self._coarser = error
+        self._coarser: CoarsePath | None = None
+        self._failure: RigError | None = None
 
     def of(self, path: LoadingPath, point: PathPoint) -> ErrorEstimate:
         """Push the other path with a point's force; forces do not fall from call to call."""
+        force_n, found = float(point.force_n[2]), outputs_of(path, point)
         if self._plan.is_on(Effect.VISCOELASTICITY):
-            alone = replace(self._scene, target=Target(force_n=float(point.force_n[2])))
-            return estimated(alone, self._plan, outputs_of(path, point))
-        if isinstance(self._coarser, RigError):
-            return failed(self._coarser)
+            alone = replace(self._scene, target=Target(force_n=force_n))
+            return estimated(alone, self._plan, found)
+        if self._failure is not None:
+            return failed(self._failure)
         try:
-            coarse = self._coarser.push(float(point.force_n[2]))
+            self._coarser = self._coarser or CoarsePath(*coarse_reference(self._scene, self._plan))
+            coarse = self._coarser.push(force_n)
         except RigError as error:
-            self._coarser = error
+            self._failure = error
             return failed(error)
-        return estimate_from(self._scene, self._plan, outputs_of(path, point), coarse)
+        return estimate_from(self._scene, self._plan, found, coarse)
 
 
 def replay_alone(
@@ -326,20 +324,13 @@ def replay_alone(
     share = 1.0
     if scene.target.force_n is not None:
         share = max(1.0, end.point.stiffness_n_m * depth_m / force_n)
-    trial = ReplayTrial(
-        index=1,
-        force_measured_n=force_n,
+    match = ForceMatch(point=end.point, history=history, newton_iterations=result.newton_iterations)
+    trial = replace(
+        _record(1, force_n, match, result),
         force_simulated_n=force_n,
         depth_simulated_m=depth_m,
         force_error_estimate=share * corrected.error_relative,
         force_error_basis=corrected.basis,
-        newton_iterations=result.newton_iterations,
-        search_iterations=len(history),
-        wall_s=result.wall_s,
-        balance_relative=result.force_balance_relative,
-        gap_min_m=result.gap_min_m,
-        min_jacobian=result.min_jacobian,
-        force_history=history,
     )
     states = IntermediateStates(end.way_path, force_n).before(force_n)
     fields = replace(fields, intermediate=(*states, intermediate_state(end.path, end.point)))
@@ -390,8 +381,13 @@ def _trial(
     error = errors.of(path, match.point)
     wall["estimate_s"] = time.perf_counter() - estimated
     result = measure(scene, path, match.point, plan=plan, wall_s=wall, error=error)
-    trial = ReplayTrial(
-        index=position + 1,
+    return _record(position + 1, force_n, match, result), fields
+
+
+def _record(index: int, force_n: float, match: ForceMatch, result: PressResult) -> ReplayTrial:
+    """Return what is kept of a press for a measured force [N]."""
+    return ReplayTrial(
+        index=index,
         force_measured_n=force_n,
         force_simulated_n=result.force_n[2],
         depth_simulated_m=result.depth_m,
@@ -405,7 +401,6 @@ def _trial(
         min_jacobian=result.min_jacobian,
         force_history=match.history,
     )
-    return trial, fields
 
 
 def _replay_model(

@@ -26,7 +26,7 @@ from sim.contact.state import ContactOptions
 from sim.device import Device, on_host
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder, quarter_hats
-from sim.mesh.sensor_mesh import sensor_mesh
+from sim.mesh.refinement import sensor_mesh
 from sim.scene.indenter import Cylinder, Indenter, IndenterSet, MeshIndenter
 from sim.scene.material import LawName, Material
 from sim.scene.pad import BoxPad

@@ -100,9 +100,6 @@ _CANNOT_BE_ADDED = {
     Effect.FRICTION: "ask for --contact friction:MU",
 }
 
-# Whether a scene has an effect, and the reason.
-_Decision = tuple[bool, str]
-
 
 def full_plan(scene: Scene) -> EffectPlan:
     """Return the plan that leaves nothing out but what the user switches off.
@@ -111,8 +108,7 @@ def full_plan(scene: Scene) -> EffectPlan:
         ConfigError: The user switched something on that cannot be.
     """
     rows = {}
-    for effect, decide in _DECIDED.items():
-        on, reason = decide(scene)
+    for effect, (on, reason) in _decisions(scene).items():
         # What leaves finite strain out is the law that was asked for.
         asked = effect is Effect.FINITE_STRAIN and not on
         # What is not there costs nothing; what the rest would, nobody has tried yet.
@@ -132,72 +128,63 @@ def full_plan(scene: Scene) -> EffectPlan:
     return EffectPlan(effects=tuple(rows[effect] for effect in Effect))
 
 
-def _inertia(scene: Scene) -> _Decision:
-    period = estimates.slowest_period(scene)
-    return (
-        True,
-        f"the slowest period is {period * 1e3:.2g} ms, the press takes {scene.duration_s:g} s",
-    )
-
-
-def _gravity(scene: Scene) -> _Decision:
-    return True, f"rho g H / E of the softest material is {estimates.weight_scale(scene):.2g}"
-
-
-def _friction(scene: Scene) -> _Decision:
-    if scene.contact is not ContactMode.FRICTION or scene.friction == 0.0:
-        return False, f"the contact is {scene.contact.value}"
-    return True, f"mu is {scene.friction:g}"
-
-
-def _finite_strain(scene: Scene) -> _Decision:
-    if LawName.LINEAR in {material.law for material in scene.materials}:
-        return False, "the law is linear"
-    share = estimates.expected_depth(scene) / scene.pad.height_m
-    return True, f"depth is {share:.1%} of the pad's thickness"
-
-
-def _locking(scene: Scene) -> _Decision:
-    if scene.preset is Preset.PAPER:
-        return False, "preset paper has the paper's linear tetrahedra, which lock"
+def _decisions(scene: Scene) -> dict[Effect, tuple[bool, str]]:
+    """Return whether a scene has each effect, and the reason."""
+    period_ms = 1e3 * estimates.slowest_period(scene)
+    depth_share = estimates.expected_depth(scene) / scene.pad.height_m
     poisson = max(material.poisson for material in scene.materials)
-    return True, f"nu is {poisson:g}; linear tetrahedra lock above 0.4 and are poor below"
-
-
-def _layers(scene: Scene) -> _Decision:
-    if len(scene.layers) > 1:
-        return True, f"the gel has {len(scene.layers)} layers"
-    return False, "the gel is of one material"
-
-
-def _relaxation(scene: Scene) -> _Decision:
-    if not any(material.relaxation for material in scene.materials):
-        return False, "the material has no Prony series"
-    return True, f"force above the slow modulus's at the end of {scene.duration_s:g} s"
-
-
-def _self_contact(scene: Scene) -> _Decision:
-    share = estimates.expected_depth(scene) / scene.pad.height_m
-    convex = isinstance(scene.indenter, Cylinder | Sphere | Plane)
-    if convex and share <= _SELF_CONTACT_DEPTH_SHARE:
-        return False, "a convex pad under one convex indenter cannot touch itself"
-    return False, "gel against gel is not simulated; min det F and the gap tell where it matters"
-
-
-def _symmetry(scene: Scene) -> _Decision:
-    if mirrors(scene).copies > 1:
-        return True, "pad, indenter and motion are mirrored: a quarter or half is solved"
-    return False, "no plane mirrors pad, indenter, motion and mesh"
-
-
-_DECIDED = {
-    Effect.INERTIA: _inertia,
-    Effect.GRAVITY: _gravity,
-    Effect.FRICTION: _friction,
-    Effect.FINITE_STRAIN: _finite_strain,
-    Effect.LOCKING_FREE_ELEMENT: _locking,
-    Effect.SECOND_LAYER: _layers,
-    Effect.VISCOELASTICITY: _relaxation,
-    Effect.SELF_CONTACT: _self_contact,
-    Effect.SYMMETRY: _symmetry,
-}
+    is_convex = isinstance(scene.indenter, Cylinder | Sphere | Plane)
+    folds = not is_convex or depth_share > _SELF_CONTACT_DEPTH_SHARE
+    # With each effect the reason why it is simulated, and the one why it is not.
+    called_for = {
+        Effect.INERTIA: (
+            True,
+            f"the slowest period is {period_ms:.2g} ms, the press takes {scene.duration_s:g} s",
+            "",
+        ),
+        Effect.GRAVITY: (
+            True,
+            f"rho g H / E of the softest material is {estimates.weight_scale(scene):.2g}",
+            "",
+        ),
+        Effect.FRICTION: (
+            scene.contact is ContactMode.FRICTION and scene.friction != 0.0,
+            f"mu is {scene.friction:g}",
+            f"the contact is {scene.contact.value}",
+        ),
+        Effect.FINITE_STRAIN: (
+            LawName.LINEAR not in {material.law for material in scene.materials},
+            f"depth is {depth_share:.1%} of the pad's thickness",
+            "the law is linear",
+        ),
+        Effect.LOCKING_FREE_ELEMENT: (
+            scene.preset is not Preset.PAPER,
+            f"nu is {poisson:g}; linear tetrahedra lock above 0.4 and are poor below",
+            "preset paper has the paper's linear tetrahedra, which lock",
+        ),
+        Effect.SECOND_LAYER: (
+            len(scene.layers) > 1,
+            f"the gel has {len(scene.layers)} layers",
+            "the gel is of one material",
+        ),
+        Effect.VISCOELASTICITY: (
+            any(material.relaxation for material in scene.materials),
+            f"force above the slow modulus's at the end of {scene.duration_s:g} s",
+            "the material has no Prony series",
+        ),
+        Effect.SELF_CONTACT: (
+            False,
+            "",
+            "gel against gel is not simulated; min det F and the gap tell where it matters"
+            if folds
+            else "a convex pad under one convex indenter cannot touch itself",
+        ),
+        Effect.SYMMETRY: (
+            mirrors(scene).copies > 1,
+            "pad, indenter and motion are mirrored: a quarter or half is solved",
+            "no plane mirrors pad, indenter, motion and mesh",
+        ),
+    }
+    return {
+        effect: (on, why if on else why_not) for effect, (on, why, why_not) in called_for.items()
+    }

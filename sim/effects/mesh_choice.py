@@ -1,4 +1,4 @@
-"""Which kind of mesh a scene gets.
+"""Which kind of mesh a scene gets, and the meshes that are fine around a footprint.
 
 Revolved meshes are better where they serve: the same on every machine, nodes on the rim, few
 tetrahedra. They need an indenter that is round seen from above and stands upright, its edge on the
@@ -9,17 +9,23 @@ fine where the indenter's footprint has its edge.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
 from sim.effects.estimates import contact_radius, expected_depth
+from sim.mesh.footprint import Footprint, footprint, sizing_field
+from sim.mesh.refinement import bisected_level, brick_mesh, with_rim_fitted, with_top_fitted
 from sim.mesh.symmetry import MirrorSymmetry
-from sim.scene.indenter import Cylinder, MeshIndenter, Sphere
-from sim.scene.pad import BoxPad, SurfacePad
+from sim.mesh.tet_mesh import TetMesh, mesh_key, refuse_flat, stored_mesh
+from sim.mesh.tetwild import WildSizing, wild_mesh
+from sim.scene.indenter import Cylinder, MeshIndenter, Sphere, TurnedIndenter, tilted
+from sim.scene.material import interface_shares
+from sim.scene.pad import BoxPad, Pad, SurfacePad
 from sim.scene.scene import Preset, Scene
 from sim.scene.triangle_surface import is_mirrored
+from tacauchy_rig.core.errors import ConfigError
 
 # Of the expected depth: how much higher the far side of a tilted indenter may be. A plate's edge
 # touches all around up to there. A punch's, with nodes all along, need not: preset fast errs by
@@ -43,22 +49,14 @@ class MeshKind(StrEnum):
     FOOTPRINT = "footprint"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeshChoice:
-    """A kind of mesh, and why it is that one."""
-
-    kind: MeshKind
-    reason: str
-
-
-def mesh_choice(scene: Scene) -> MeshChoice:
-    """Return the kind of mesh that a scene gets."""
+def mesh_choice(scene: Scene) -> tuple[MeshKind, str]:
+    """Return the kind of mesh that a scene gets, and why it is that one."""
     if scene.preset is Preset.PAPER:
-        return MeshChoice(kind=MeshKind.PAPER, reason="preset paper has the paper's mesh")
+        return MeshKind.PAPER, "preset paper has the paper's mesh"
     against = _not_revolved(scene)
     if against:
-        return MeshChoice(kind=MeshKind.FOOTPRINT, reason=against)
-    return MeshChoice(kind=MeshKind.REVOLVED, reason="round, upright, its edge all on the pad")
+        return MeshKind.FOOTPRINT, against
+    return MeshKind.REVOLVED, "round, upright, its edge all on the pad"
 
 
 def has_brick(scene: Scene) -> bool:
@@ -68,7 +66,7 @@ def has_brick(scene: Scene) -> bool:
 
 def mirrors(scene: Scene) -> MirrorSymmetry:
     """Return which middle planes of the pad mirror pad, indenter and motion."""
-    motion, indenter, kind = scene.motion, scene.indenter, mesh_choice(scene).kind
+    (kind, _), motion, indenter = mesh_choice(scene), scene.motion, scene.indenter
     is_wild = kind is MeshKind.FOOTPRINT and not has_brick(scene)
     if kind is MeshKind.PAPER or is_wild or motion.twist_rad:
         return MirrorSymmetry()
@@ -109,10 +107,9 @@ def _not_revolved(scene: Scene) -> str:
         return "the indenter is a mesh"
     if _lifts_its_rim(scene):
         return "the indenter is tilted so far that it touches on one side"
-    reach = _MARGIN_SHARE * contact_reach(scene)
     start = np.array(scene.centre_m)
     ways = np.stack([start, start + np.array(scene.motion.shift_m)])
-    if scene.pad.distance_to_outline(ways).min() < reach:
+    if scene.pad.distance_to_outline(ways).min() < _MARGIN_SHARE * contact_reach(scene):
         return "the indenter's edge lies beside the pad"
     return ""
 
@@ -124,3 +121,139 @@ def _lifts_its_rim(scene: Scene) -> bool:
     rise = 2.0 * contact_reach(scene) * math.tan(min(tilt, _TILT_MAX_RAD))
     share = _PUNCH_TILT_SHARE if isinstance(scene.indenter, Cylinder) else _TILT_SHARE
     return rise > share * mesh_depth(scene)
+
+
+_SPACING_M = 0.8e-3
+_COARSE_M = 2.5e-3
+_EPSILON_R = 1e-3
+_STOP_ENERGY = 10.0
+_DIHEDRAL_MIN_RAD = math.radians(2.0)
+_RIM_REACH_SHARE = 0.6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FootprintResolution:
+    """A footprint mesh's numbers.
+
+    Attributes:
+        edge_share: Edge length at a sharp edge of the contact over the radius of the disc of the
+            same area.
+        inside_share: Largest edge length under the contact over that radius.
+        fillet_share: Largest edge length at a rounded rim over its fillet.
+        growth: Ratio of neighbouring edge lengths away from there.
+        coarse_m: Largest edge length [m].
+    """
+
+    edge_share: float
+    inside_share: float
+    fillet_share: float
+    growth: float
+    coarse_m: float = _COARSE_M
+
+
+FOOTPRINT_RESOLUTIONS = {
+    Preset.FAST: FootprintResolution(
+        edge_share=0.06, inside_share=0.40, fillet_share=1.5, growth=3.0, coarse_m=5e-3
+    ),
+    Preset.BALANCED: FootprintResolution(
+        edge_share=0.06, inside_share=0.30, fillet_share=1.0, growth=2.2
+    ),
+    Preset.ACCURATE: FootprintResolution(
+        edge_share=0.03, inside_share=0.20, fillet_share=0.5, growth=1.9
+    ),
+    Preset.REFERENCE: FootprintResolution(
+        edge_share=0.02, inside_share=0.14, fillet_share=0.5, growth=1.7
+    ),
+}
+
+# Preset fast of a light scene.
+FOOTPRINT_LIGHT = FootprintResolution(
+    edge_share=0.20, inside_share=0.40, fillet_share=1.5, growth=2.5, coarse_m=5e-3
+)
+
+
+def footprint_mesh(
+    scene: Scene, *, symmetry: MirrorSymmetry | None = None, refinement: float = 1.0
+) -> TetMesh:
+    """Return a mesh of the pad, fine where a scene's indenter touches.
+
+    It refines a regular mesh of a box of one material, or else a coarse one by fTetWild, which is
+    made once and kept.
+
+    Args:
+        symmetry: By which a part of a box stands for the whole; None meshes the whole.
+        refinement: Make every edge this many times shorter.
+
+    Raises:
+        ConfigError: The indenter stands beside the pad, fTetWild cannot fill it as asked, or an
+            element became too flat.
+    """
+    pad = scene.pad
+    resolution = FOOTPRINT_LIGHT if scene.is_light else FOOTPRINT_RESOLUTIONS[scene.preset]
+    # Before fTetWild is asked: an indenter beside the pad needs no mesh.
+    touched = _scene_footprint(scene, depth_m=mesh_depth(scene))
+    coarse_m = _coarse_m(scene, resolution)
+    if isinstance(pad, BoxPad) and has_brick(scene):
+        base = brick_mesh(pad, spacing_m=coarse_m, symmetry=symmetry or MirrorSymmetry())
+    else:
+        base = _base_mesh(scene)
+    edge_m = resolution.edge_share * touched.radius_m
+    if isinstance(scene.indenter, Cylinder) and scene.indenter.fillet_m > 0.0:
+        edge_m = min(edge_m, resolution.fillet_share * scene.indenter.fillet_m)
+    size_at = sizing_field(
+        touched,
+        edge_m=edge_m / refinement,
+        inside_m=resolution.inside_share * touched.radius_m / refinement,
+        slope=(1.0 - 1.0 / resolution.growth) / refinement,
+        coarse_m=coarse_m / refinement,
+    )
+    reach_m = 2.0 * (scene.tetwild.epsilon_r or _EPSILON_R) * diagonal(pad)
+    fitted = with_top_fitted(bisected_level(base, pad, size_at), pad, reach_m=reach_m)
+    rim_reach_m = _RIM_REACH_SHARE * edge_m / refinement
+    fitted = with_rim_fitted(fitted, pad, touched.rim, reach_m=rim_reach_m)
+    mesh = replace(fitted, name=f"footprint, {scene.preset.value}, on {base.name}")
+    refuse_flat(mesh, scene.tetwild.dihedral_min_rad or _DIHEDRAL_MIN_RAD)
+    return mesh
+
+
+def _base_mesh(scene: Scene) -> TetMesh:
+    """Return the pad filled by fTetWild with coarse tetrahedra; made once and kept."""
+    shares = interface_shares(scene.layers)
+    sizing = WildSizing(
+        fine_m=_SPACING_M,
+        coarse_m=_coarse_m(scene, FOOTPRINT_RESOLUTIONS[Preset.BALANCED]),
+        envelope_share=scene.tetwild.epsilon_r or _EPSILON_R,
+        stop_energy=scene.tetwild.stop_energy or _STOP_ENERGY,
+    )
+    key = mesh_key(scene.pad, sizing, shares)
+
+    def made() -> TetMesh:
+        name = f"fTetWild, {key}"
+        return wild_mesh(scene.pad, sizing, name=name, interface_shares=shares, graded=False)
+
+    return stored_mesh("base", key, made)
+
+
+def _scene_footprint(scene: Scene, *, depth_m: float) -> Footprint:
+    """Return where a scene's indenter touches the pad, before it is carried along and after."""
+    turned = TurnedIndenter(indenter=scene.indenter, rotation=tilted(*scene.motion.tilt_rad))
+    start = footprint(scene.pad, turned, centre_m=scene.centre_m, depth_m=depth_m)
+    if not any(scene.motion.shift_m):
+        return start
+    x, y = np.array(scene.centre_m) + np.array(scene.motion.shift_m)
+    try:
+        return start.joined(footprint(scene.pad, turned, centre_m=(x, y), depth_m=depth_m))
+    except ConfigError:
+        # It is carried off the pad, where it touches nothing.
+        return start
+
+
+def _coarse_m(scene: Scene, resolution: FootprintResolution) -> float:
+    asked = scene.tetwild.l_r
+    return resolution.coarse_m if asked is None else asked * diagonal(scene.pad)
+
+
+def diagonal(pad: Pad) -> float:
+    """Return the diagonal of a pad's bounding box [m]."""
+    half_x, half_y = pad.half_extents()
+    return math.hypot(2.0 * half_x, 2.0 * half_y, pad.height_m)

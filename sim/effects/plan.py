@@ -16,8 +16,8 @@ from dataclasses import replace
 from functools import lru_cache
 
 from sim.effects import estimates
-from sim.effects.coarse import COARSE_RATIOS, coarse_press
 from sim.effects.effect_plan import EffectPlan, full_plan
+from sim.effects.scene_path import COARSE_RATIOS, coarse_press
 from sim.scene.scene import Effect, Output, Preset, Scene
 from tacauchy_rig.core.errors import RigError, TimeLimitError
 

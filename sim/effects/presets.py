@@ -8,8 +8,14 @@ from dataclasses import dataclass, replace
 from sim.contact.state import ContactOptions
 from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.estimates import expected_depth
-from sim.effects.footprint_presets import diagonal, footprint_mesh
-from sim.effects.mesh_choice import MeshKind, contact_reach, mesh_choice, mirrors
+from sim.effects.mesh_choice import (
+    MeshKind,
+    contact_reach,
+    diagonal,
+    footprint_mesh,
+    mesh_choice,
+    mirrors,
+)
 from sim.material.elastic_body import element_constants, prony_of
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
@@ -204,7 +210,7 @@ def mesh_for(
     symmetry = mirrors(scene) if symmetric else MirrorSymmetry()
     if scene.preset is Preset.PAPER:
         return _paper_mesh(scene, shares)
-    if isinstance(scene.pad, SurfacePad) or mesh_choice(scene).kind is MeshKind.FOOTPRINT:
+    if isinstance(scene.pad, SurfacePad) or mesh_choice(scene)[0] is MeshKind.FOOTPRINT:
         return footprint_mesh(scene, symmetry=symmetry, refinement=refinement * scene.refinement)
     resolution = refined(_scene_resolution(scene, resolution), refinement)
     return revolved_mesh(

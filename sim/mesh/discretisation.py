@@ -26,6 +26,8 @@ from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 AnyIntArray = NDArray[np.integer[Any]]
+# Of the pad's height: what lies lower is on the clamped base.
+_ON_BASE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,10 +135,6 @@ def _pairs(nodes: AnyIntArray) -> tuple[AnyIntArray, AnyIntArray]:
 def _keys(rows: AnyIntArray, columns: AnyIntArray, stride: int) -> NDArray[np.int64]:
     low, high = np.minimum(rows, columns), np.maximum(rows, columns)
     return low.astype(np.int64) * stride + high
-
-
-# Of the pad's height: what lies lower is on the clamped base.
-_ON_BASE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

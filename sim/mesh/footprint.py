@@ -11,15 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sim.scene.indenter import TurnedIndenter
 from sim.scene.pad import Pad, covers
-from tacauchy_rig.core.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Overlap of the undeformed pad and the indenter at the contact's edge, over the expected depth.
@@ -58,12 +56,10 @@ class Footprint:
 
     def joined(self, other: Footprint) -> Footprint:
         """Return what both cover; the area is the larger one."""
-        return Footprint(
-            edge=np.concatenate([self.edge, other.edge]),
-            rim=np.concatenate([self.rim, other.rim]),
-            inside=np.concatenate([self.inside, other.inside]),
-            area_m2=max(self.area_m2, other.area_m2),
-        )
+        pairs = (self.edge, other.edge), (self.rim, other.rim), (self.inside, other.inside)
+        edge, rim, inside = (np.concatenate(pair) for pair in pairs)
+        area_m2 = max(self.area_m2, other.area_m2)
+        return Footprint(edge=edge, rim=rim, inside=inside, area_m2=area_m2)
 
 
 def footprint(
@@ -80,45 +76,24 @@ def footprint(
     Raises:
         ConfigError: The indenter stands beside the pad.
     """
-    press = _Press(pad=pad, indenter=indenter, centre=np.array(centre_m), depth_m=depth_m)
+    press = _Press(pad=pad, indenter=indenter, centre=np.array(centre_m))
     half = np.array(pad.half_extents())
     least, greatest = indenter.reach()
     low, high = np.maximum(-half, press.centre + least), np.minimum(half, press.centre + greatest)
-    whole = press.sampled(low, high)
-    margin = 2.0 * whole.spacing
-    touched = whole.points[whole.touched][:, :2]
+    whole = _Samples(press, low, high, depth_m=depth_m)
+    margin, touched = 2.0 * whole.spacing, whole.points[whole.touched][:, :2]
     low = np.maximum(-half, touched.min(axis=0) - margin)
     high = np.minimum(half, touched.max(axis=0) + margin)
-    near = press.sampled(low, high)
+    near = _Samples(press, low, high, depth_m=depth_m)
     inner, outer = _sharp_pairs(near)
     on_edge = np.zeros_like(near.touched)
-    on_edge[tuple(inner.T)] = True
+    on_edge[tuple(inner)] = True
     return Footprint(
         edge=near.points[on_edge | _creases(near)],
-        rim=press.between(near, inner, outer),
+        rim=_on_rim(press, near, inner, outer),
         inside=near.points[near.touched],
         area_m2=float(near.touched.sum() * near.spacing.prod()),
     )
-
-
-class _Samples(NamedTuple):
-    """A rectangle of a pad, sampled evenly, shape [x_count, y_count, ...] each [m].
-
-    ``underside`` is the indenter's height above its tip, inf beside it, and ``clearance`` that over
-    the pad, the tip at z = 0, inf beside either: up to ``limit`` the pad will be touched.
-    """
-
-    points: FloatArray
-    spacing: FloatArray
-    underside: FloatArray
-    clearance: FloatArray
-    limit: float
-    on_pad: NDArray[np.bool_]
-
-    @property
-    def touched(self) -> NDArray[np.bool_]:
-        """Which will be touched."""
-        return self.clearance <= self.limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,85 +103,76 @@ class _Press:
     pad: Pad
     indenter: TurnedIndenter
     centre: FloatArray
-    depth_m: float
 
-    def sampled(self, low: FloatArray, high: FloatArray) -> _Samples:
-        """Sample the pad between two corners [m], shape [2] each.
-
-        Raises:
-            ConfigError: Nothing of the indenter stands over the pad.
-        """
-        axes = [np.linspace(a, b, _SAMPLES_ACROSS) for a, b in zip(low, high, strict=True)]
-        x, y = np.meshgrid(*axes, indexing="ij")
-        on_pad, top, underside = self._surfaces(x, y)
-        clearance = np.where(on_pad, underside - top, np.inf)
-        if np.any(low >= high) or not np.isfinite(clearance).any():
-            half_x, half_y = self.pad.half_extents()
-            raise ConfigError(
-                f"the indenter at x = {self.centre[0] * 1e3:.4g} mm, y = "
-                f"{self.centre[1] * 1e3:.4g} mm comes down beside the pad and never touches its "
-                "top",
-                remedy=f"move it over the pad, which reaches from {-half_x * 1e3:.4g} to "
-                f"{half_x * 1e3:.4g} mm in x and from {-half_y * 1e3:.4g} to {half_y * 1e3:.4g} mm "
-                "in y",
-            )
-        limit = float(clearance.min()) + (1.0 - _EDGE_OVERLAP) * self.depth_m
-        return _Samples(
-            points=np.stack([x, y, top], axis=-1),
-            spacing=np.array([axis[1] - axis[0] for axis in axes]),
-            underside=underside,
-            clearance=clearance,
-            limit=limit,
-            on_pad=on_pad,
-        )
-
-    def between(self, samples: _Samples, inner: IntArray, outer: IntArray) -> FloatArray:
-        """Return where the contact ends between touched and free samples, shape [count, 3] [m].
-
-        Args:
-            inner: Indices of the touched samples, shape [count, 2].
-            outer: Indices of free ones beside them.
-        """
-        near, far = samples.points[tuple(inner.T)], samples.points[tuple(outer.T)]
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (near + far)
-            _, top, underside = self._surfaces(middle[:, 0], middle[:, 1])
-            inside = (underside - top <= samples.limit)[:, None]
-            near, far = np.where(inside, middle, near), np.where(inside, far, middle)
-        _, top, _ = self._surfaces(near[:, 0], near[:, 1])
-        return np.column_stack([near[:, :2], top])
-
-    def _surfaces(
-        self, x: FloatArray, y: FloatArray
-    ) -> tuple[NDArray[np.bool_], FloatArray, FloatArray]:
+    def surfaces(self, x: FloatArray, y: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
         """Return which points lie on the pad, the pad's top and the indenter's underside."""
         on_pad = covers(self.pad, np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
         top = np.where(on_pad, self.pad.height_at(x, y), 0.0)
         return on_pad, top, self.indenter.lower_surface(x - self.centre[0], y - self.centre[1])
 
 
+class _Samples:
+    """A rectangle of a pad between two corners [m], sampled evenly, shape [x_count, y_count, ...].
+
+    Attributes:
+        limit: Clearance up to which the pad will be touched [m].
+    """
+
+    def __init__(self, press: _Press, low: FloatArray, high: FloatArray, *, depth_m: float) -> None:
+        axes = [np.linspace(a, b, _SAMPLES_ACROSS) for a, b in zip(low, high, strict=True)]
+        x, y = np.meshgrid(*axes, indexing="ij")
+        self.on_pad, top, self.underside = press.surfaces(x, y)
+        # The indenter's height over the pad, its tip at z = 0; inf beside either.
+        self.clearance = np.where(self.on_pad, self.underside - top, np.inf)
+        if np.any(low >= high) or not np.isfinite(self.clearance).any():
+            _refuse_beside(press)
+        self.limit = float(self.clearance.min()) + (1.0 - _EDGE_OVERLAP) * depth_m
+        self.touched = self.clearance <= self.limit
+        self.points = np.stack([x, y, top], axis=-1)
+        self.spacing = np.array([axis[1] - axis[0] for axis in axes])
+
+
+def _refuse_beside(press: _Press) -> None:
+    half_x, half_y = press.pad.half_extents()
+    raise ConfigError(
+        f"the indenter at x = {press.centre[0] * 1e3:.4g} mm, y = {press.centre[1] * 1e3:.4g} mm "
+        "comes down beside the pad and never touches its top",
+        remedy=f"move it over the pad, which reaches from {-half_x * 1e3:.4g} to "
+        f"{half_x * 1e3:.4g} mm in x and from {-half_y * 1e3:.4g} to {half_y * 1e3:.4g} mm in y",
+    )
+
+
+def _on_rim(press: _Press, samples: _Samples, inner: IntArray, outer: IntArray) -> FloatArray:
+    """Return where the contact ends between touched samples and free ones, [count, 3] [m]."""
+    near, far = samples.points[tuple(inner)], samples.points[tuple(outer)]
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (near + far)
+        _, top, underside = press.surfaces(middle[:, 0], middle[:, 1])
+        inside = (underside - top <= samples.limit)[:, None]
+        near, far = np.where(inside, middle, near), np.where(inside, far, middle)
+    _, top, _ = press.surfaces(near[:, 0], near[:, 1])
+    return np.column_stack([near[:, :2], top])
+
+
 def _sharp_pairs(samples: _Samples) -> tuple[IntArray, IntArray]:
     """Return touched samples and free ones beside them that the indenter rises steeply over.
 
-    By their indices, shape [pair_count, 2] each.
+    By their indices, shape [2, pair_count] each.
     """
-    free = samples.on_pad & ~samples.touched
-    inner, outer = [], []
-    for axis in (0, 1):
-        lower = tuple(slice(None, -1) if k == axis else slice(None) for k in (0, 1))
-        upper = tuple(slice(1, None) if k == axis else slice(None) for k in (0, 1))
-        step = np.eye(2, dtype=np.int32)[axis]
-        for here, there, along in ((lower, upper, 0), (upper, lower, 1)):
-            with np.errstate(invalid="ignore"):
-                rise = samples.clearance[there] - samples.clearance[here]
-            steep = rise > _STEEP * samples.spacing[axis]
-            found = np.argwhere(samples.touched[here] & free[there] & steep).astype(np.int32)
-            inner.append(found + along * step)
-            outer.append(found + (1 - along) * step)
-    return np.concatenate(inner), np.concatenate(outer)
+    free, touched = samples.on_pad & ~samples.touched, np.argwhere(samples.touched)
+    pairs = []
+    for axis, step in ((0, (1, 0)), (0, (-1, 0)), (1, (0, 1)), (1, (0, -1))):
+        beside = touched + step
+        inside = np.all((beside >= 0) & (beside < _SAMPLES_ACROSS), axis=1)
+        here, there = touched[inside].T, beside[inside].T
+        rise = samples.clearance[tuple(there)] - samples.clearance[tuple(here)]
+        sharp = free[tuple(there)] & (rise > _STEEP * samples.spacing[axis])
+        pairs.append(np.stack([here[:, sharp], there[:, sharp]]))
+    inner, outer = np.concatenate(pairs, axis=2)
+    return inner, outer
 
 
-def _creases(samples: _Samples) -> NDArray[np.bool_]:
+def _creases(samples: _Samples) -> BoolArray:
     """Return the touched samples across which the underside's slope changes abruptly."""
     found = np.zeros_like(samples.touched)
     with np.errstate(invalid="ignore"):
@@ -221,11 +187,8 @@ def sizing_field(
 ) -> Callable[[FloatArray], FloatArray]:
     """Return the target edge length [m] by points [m], shape [count, 3].
 
-    Args:
-        edge_m: At the contact's sharp edge [m].
-        inside_m: The largest under the contact [m].
-        slope: Edge length gained per length of distance from there.
-        coarse_m: The largest of all [m].
+    At the contact's sharp edge and at most under the contact; ``slope`` is gained per length of
+    distance from there, up to the coarse one.
     """
     edge, inside = scipy.spatial.cKDTree(touched.edge), scipy.spatial.cKDTree(touched.inside)
 

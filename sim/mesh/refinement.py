@@ -21,13 +21,12 @@ from itertools import permutations
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sim.mesh.elements import boundary_faces
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, oriented, tet_volumes
 from sim.scene.pad import BoxPad, Pad, SurfacePad
-from tacauchy_rig.core.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.long_task import check_time
 
@@ -35,6 +34,8 @@ _EDGES = np.array([(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
 # An edge of 3/2 becomes two of 3/4: lengths are the target's on average, by and large.
 _TOO_LONG = 1.5
 _TETS_MAX = 400_000
+# Of a sensor's mesh: edge length gained per depth below the surface.
+_SENSOR_SLOPE = 0.5
 
 
 def brick_mesh(pad: BoxPad, *, spacing_m: float, symmetry: MirrorSymmetry) -> TetMesh:
@@ -100,6 +101,26 @@ def bisected_level(base: TetMesh, pad: Pad, size_at: Callable[[FloatArray], Floa
     return replace(fine, vertices=fine.vertices * share(fine.vertices))
 
 
+def sensor_mesh(pad: BoxPad, *, edge_m: float) -> TetMesh:
+    """Mesh a box, flat or domed, that any indenter may press anywhere: fine all over its top.
+
+    Args:
+        edge_m: Edge length at the surface [m]; a quadratic element has nodes at half of it.
+
+    Raises:
+        ConfigError: It asks for more tetrahedra than can be solved for.
+    """
+    coarse_m = max(edge_m, pad.height_m)
+
+    def size_at(points: FloatArray) -> FloatArray:
+        depth = pad.height_at(points[:, 0], points[:, 1]) - points[:, 2]
+        return (edge_m + _SENSOR_SLOPE * depth).clip(max=coarse_m)
+
+    base = brick_mesh(pad, spacing_m=coarse_m, symmetry=MirrorSymmetry())
+    mesh = bisected_level(base, pad, size_at)
+    return replace(mesh, name=f"sensor, edges of {edge_m * 1e3:.3g} mm")
+
+
 def _edges(mesh: TetMesh) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
     """Return the edges' ends and lengths [m], and those of every tetrahedron: all and the longest.
 
@@ -117,7 +138,7 @@ def _edges(mesh: TetMesh) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
     return ends, lengths, of_tets, of_tets[np.arange(len(of_tets)), place]
 
 
-def _wanted(of_tets: IntArray, longest: IntArray, too_long: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _wanted(of_tets: IntArray, longest: IntArray, too_long: BoolArray) -> BoolArray:
     """Return which edges are to be halved now, no two of one tetrahedron."""
     marked = np.zeros(len(too_long), dtype=np.bool_)
     reached = too_long[of_tets].any(axis=1)
@@ -133,11 +154,7 @@ def _wanted(of_tets: IntArray, longest: IntArray, too_long: NDArray[np.bool_]) -
 
 
 def _halved(
-    mesh: TetMesh,
-    ends: IntArray,
-    longest: IntArray,
-    middles: FloatArray,
-    wanted: NDArray[np.bool_],
+    mesh: TetMesh, ends: IntArray, longest: IntArray, middles: FloatArray, wanted: BoolArray
 ) -> TetMesh:
     number = np.full(len(wanted), -1)
     number[wanted] = len(mesh.vertices) + np.arange(int(wanted.sum()))
@@ -178,12 +195,10 @@ def with_top_fitted(mesh: TetMesh, pad: Pad, *, reach_m: float) -> TetMesh:
 
 
 def with_rim_fitted(mesh: TetMesh, pad: Pad, rim: FloatArray, *, reach_m: float) -> TetMesh:
-    """Move the top's vertices near a rim onto it.
+    """Move the top's vertices within ``reach_m`` [m] of a rim onto it.
 
-    Args:
-        rim: Points of the rim, much closer to each other than the vertices [m], shape [count, 3];
-            mirrored by the planes that mirror the mesh.
-        reach_m: How far a vertex may be moved [m].
+    Its points [m], shape [count, 3], are much closer to each other than the vertices, and mirrored
+    by the planes that mirror the mesh.
     """
     if not len(rim):
         return mesh

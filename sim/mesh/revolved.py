@@ -12,17 +12,17 @@ outline, so the two fit.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh, oriented
 from sim.scene.pad import ParametricPad
-from tacauchy_rig.core.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 # Edges in a thin layer are at most so many times its thickness.
@@ -58,59 +58,47 @@ class Grading:
     near_m: float = 0.0
 
 
-def triangulate_half_section(
-    radius_m: float, height_m: float, grading: Grading, *, levels_m: tuple[float, ...] = ()
+def _half_section(
+    radius_m: float, bands_m: tuple[float, ...], grading: Grading
 ) -> tuple[FloatArray, IntArray, IntArray]:
-    """Triangulate the rectangle [0, radius_m] x [0, height_m].
+    """Triangulate the rectangle from the axis to a radius, and from the base to the top.
 
     Args:
-        levels_m: Rising heights that no triangle crosses [m].
+        bands_m: Rising heights [m] from the base to the top: no triangle crosses one.
 
     Returns:
         Radius and height of the points [m], shape [point_count, 2]; triangles, shape
         [triangle_count, 3]; the layer of each from the base upwards.
     """
-    section = _Section(radius_m=radius_m, height_m=height_m, grading=grading, levels_m=levels_m)
-    interior = _offset_rings(section)
+
+    def size_at(points: FloatArray) -> FloatArray:
+        return _target_size(points, bands_m, grading)
+
+    interior = _offset_rings(radius_m, bands_m[-1], grading)
     across, up = interior.T
-    margin = np.min([across, radius_m - across, *(abs(up - z) for z in section.bands_m)], axis=0)
-    inner = interior[margin > _MARGIN_SHARE * section.size_at(interior)]
-    points = np.concatenate([_boundary(section), inner])
-    parts = [_triangulate(points, low, high) for low, high in pairwise(section.bands_m)]
+    margin = np.min([across, radius_m - across, *(abs(up - z) for z in bands_m)], axis=0)
+    inner = interior[margin > _MARGIN_SHARE * size_at(interior)]
+    points = np.concatenate([_boundary(radius_m, bands_m, grading, size_at), inner])
+    parts = []
+    for low, high in pairwise(bands_m):
+        chosen = np.flatnonzero((points[:, 1] >= low) & (points[:, 1] <= high))
+        parts.append(chosen[triangulated(points[chosen])].astype(np.int32))
     layers = np.repeat(np.arange(len(parts), dtype=np.int32), [len(part) for part in parts])
     return points, np.concatenate(parts), layers
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Section:
-    radius_m: float
-    height_m: float
-    grading: Grading
-    levels_m: tuple[float, ...]
-
-    @property
-    def bands_m(self) -> tuple[float, ...]:
-        return (0.0, *self.levels_m, self.height_m)
-
-    def size_at(self, points: FloatArray) -> FloatArray:
-        """Return the target edge length [m] at points [count, 2]; thin layers bound it nearby."""
-        grading = self.grading
-        slope = (grading.growth - 1.0) / grading.growth
-        nearest = np.clip(points[:, 0], grading.start_m, grading.end_m)
-        distance = np.hypot(points[:, 0] - nearest, points[:, 1] - self.height_m)
-        near_max = grading.near_max_m + np.maximum(points[:, 0] - grading.near_m, 0.0)
-        size = np.minimum(grading.size_m + slope * distance, grading.size_max_m)
-        size = np.minimum(size, near_max)
-        for low, high in pairwise(self.bands_m) if self.levels_m else ():
-            outside = np.maximum(0.0, np.maximum(low - points[:, 1], points[:, 1] - high))
-            size = np.minimum(size, _THIN_ASPECT * (high - low) + slope * outside)
-        return np.asarray(size)
-
-
-def _triangulate(points: FloatArray, low_m: float, high_m: float) -> IntArray:
-    """Return the triangles of the points between two heights, both included."""
-    chosen = np.flatnonzero((points[:, 1] >= low_m) & (points[:, 1] <= high_m))
-    return chosen[triangulated(points[chosen])].astype(np.int32)
+def _target_size(points: FloatArray, bands_m: tuple[float, ...], grading: Grading) -> FloatArray:
+    """Return the target edge length [m] at points [count, 2]; thin layers bound it nearby."""
+    slope = (grading.growth - 1.0) / grading.growth
+    nearest = np.clip(points[:, 0], grading.start_m, grading.end_m)
+    distance = np.hypot(points[:, 0] - nearest, points[:, 1] - bands_m[-1])
+    near_max = grading.near_max_m + np.maximum(points[:, 0] - grading.near_m, 0.0)
+    size = np.minimum(grading.size_m + slope * distance, grading.size_max_m)
+    size = np.minimum(size, near_max)
+    for low, high in pairwise(bands_m) if len(bands_m) > 2 else ():
+        outside = np.maximum(0.0, np.maximum(low - points[:, 1], points[:, 1] - high))
+        size = np.minimum(size, _THIN_ASPECT * (high - low) + slope * outside)
+    return np.asarray(size)
 
 
 def triangulated(points: FloatArray) -> IntArray:
@@ -122,25 +110,31 @@ def triangulated(points: FloatArray) -> IntArray:
     return np.asarray(triangles[np.abs(doubled) > _FLAT * longest], dtype=np.int32)
 
 
-def _boundary(section: _Section) -> FloatArray:
+def _boundary(
+    radius_m: float,
+    bands_m: tuple[float, ...],
+    grading: Grading,
+    size_at: Callable[[FloatArray], FloatArray],
+) -> FloatArray:
     """Return the points on the outline, counter-clockwise from the axis, then on the levels."""
-    radius, height, grading = section.radius_m, section.height_m, section.grading
-    corners = [(0.0, 0.0), *((radius, z) for z in section.bands_m)]
-    if grading.end_m < radius:
-        corners.append((grading.end_m, height))
+    corners = [(0.0, 0.0), *((radius_m, z) for z in bands_m)]
+    if grading.end_m < radius_m:
+        corners.append((grading.end_m, bands_m[-1]))
     if 0.0 < grading.start_m < grading.end_m:
-        corners.append((grading.start_m, height))
-    corners += [(0.0, z) for z in reversed(section.bands_m)]
-    sides = [_graded_line(a, b, section) for a, b in pairwise(np.array(corners))]
-    across = [np.array([(0.0, z), (radius, z)]) for z in section.levels_m]
-    inner = [_graded_line(start, end, section)[1:] for start, end in across]
+        corners.append((grading.start_m, bands_m[-1]))
+    corners += [(0.0, z) for z in reversed(bands_m)]
+    sides = [_graded_line(a, b, size_at) for a, b in pairwise(np.array(corners))]
+    across = [np.array([(0.0, z), (radius_m, z)]) for z in bands_m[1:-1]]
+    inner = [_graded_line(start, end, size_at)[1:] for start, end in across]
     return np.concatenate([*sides, *inner])
 
 
-def _graded_line(start: FloatArray, end: FloatArray, section: _Section) -> FloatArray:
+def _graded_line(
+    start: FloatArray, end: FloatArray, size_at: Callable[[FloatArray], FloatArray]
+) -> FloatArray:
     """Return points from ``start`` up to but without ``end``, spaced by the target size."""
     fine = start + np.linspace(0.0, 1.0, _LINE_SAMPLES)[:, None] * (end - start)
-    density = np.linalg.norm(end - start) / section.size_at(fine)
+    density = np.linalg.norm(end - start) / size_at(fine)
     arc = np.concatenate(
         [[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) / (_LINE_SAMPLES - 1))]
     )
@@ -149,33 +143,32 @@ def _graded_line(start: FloatArray, end: FloatArray, section: _Section) -> Float
     return np.asarray(start + at[:, None] * (end - start))
 
 
-def _offset_rings(section: _Section) -> FloatArray:
+def _offset_rings(radius_m: float, height_m: float, grading: Grading) -> FloatArray:
     """Return points on curves at growing distance below the fine stretch."""
-    grading, radius, height = section.grading, section.radius_m, section.height_m
-    rings, distance, size, odd = [], grading.size_m, grading.size_m, False
-    while distance < np.hypot(radius, height):
-        rings.append(_offset_curve(distance, size, height, grading, staggered=odd))
+    rings, distance, size = [], grading.size_m, grading.size_m
+    while distance < np.hypot(radius_m, height_m):
+        start = 0.5 if len(rings) % 2 else 0.0
+        rings.append(_offset_curve(distance, size, height_m, grading, start=start))
         size = min(size * grading.growth, grading.size_max_m)
         distance += size
-        odd = not odd
     if not rings:
         raise ConfigError(
             f"edges of {grading.size_m * 1e3:.3g} mm are longer than the pad",
             remedy="choose a finer preset or a larger refinement",
         )
     points = np.concatenate(rings)
-    inside = (points[:, 0] > 0.0) & (points[:, 0] < radius) & (points[:, 1] > 0.0)
+    inside = (points[:, 0] > 0.0) & (points[:, 0] < radius_m) & (points[:, 1] > 0.0)
     return points[inside]
 
 
 def _offset_curve(
-    distance_m: float, size_m: float, height_m: float, grading: Grading, *, staggered: bool
+    distance_m: float, size_m: float, height_m: float, grading: Grading, *, start: float
 ) -> FloatArray:
     quarter = 0.5 * np.pi * distance_m
     straight = grading.end_m - grading.start_m
     length = 2.0 * quarter + straight
     count = max(3, round(length / size_m))
-    at = (np.arange(count) + (0.5 if staggered else 0.0)) / count * length
+    at = (np.arange(count) + start) / count * length
     angle = (
         np.pi
         + np.where(at < quarter, at, np.where(at < quarter + straight, quarter, at - straight))
@@ -220,10 +213,9 @@ def revolved_mesh(
     angles, reaches, mean_reach = _sectors(pad, centre, sector_count, symmetry)
     if symmetry.copies == 1:
         angles, reaches = angles[:-1], reaches[:-1]
-    levels = tuple(share * pad.height_m for share in interface_shares)
-    points, triangles, section_layers = triangulate_half_section(
-        mean_reach, pad.height_m, grading, levels_m=levels
-    )
+    levels = (share * pad.height_m for share in interface_shares)
+    bands = (0.0, *levels, pad.height_m)
+    points, triangles, section_layers = _half_section(mean_reach, bands, grading)
     # Radii beyond the round part are stretched so that the outermost meets the outline.
     share = np.clip((points[:, 0] - round_m) / (mean_reach - round_m), 0.0, 1.0)
     stretched = points[:, 0] + share * (reaches - mean_reach)[:, None]
@@ -237,16 +229,14 @@ def revolved_mesh(
     tets, source = _revolve(triangles, on_axis, sectors, len(angles))
     layers = section_layers[source] if interface_shares else None
     vertices[symmetry.on_plane(vertices, mean_reach)] = 0.0
-    mesh = TetMesh(vertices=vertices, tets=tets, name=name, symmetry=symmetry)
-    return oriented(replace(mesh, layers=layers, axis_m=centre_m))
+    mesh = TetMesh(
+        vertices=vertices, tets=tets, name=name, symmetry=symmetry, layers=layers, axis_m=centre_m
+    )
+    return oriented(mesh)
 
 
 def _round_radius(pad: ParametricPad, grading: Grading, centre: FloatArray) -> float:
-    """Return up to where circles about the axis stay circles [m].
-
-    Raises:
-        ConfigError: The axis stands outside the pad, or the indenter's edge does.
-    """
+    """Return up to where circles about the axis stay circles [m]; refuse an edge off the pad."""
     margin = float(pad.distance_to_outline(centre[None, :])[0])
     if margin <= grading.end_m:
         raise ConfigError(
@@ -269,7 +259,7 @@ def _sectors(
 
 
 def _revolve(
-    triangles: IntArray, on_axis: NDArray[np.bool_], sectors: int, angle_count: int
+    triangles: IntArray, on_axis: BoolArray, sectors: int, angle_count: int
 ) -> tuple[IntArray, IntArray]:
     """Cut every triangle times sector in tetrahedra; collapsed ones on the axis are left out.
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from importlib import resources
+from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from sim.mesh.elements import FACES
 from sim.mesh.symmetry import MirrorSymmetry
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.store.durable import write_atomically
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,11 +42,9 @@ class TetMesh:
     @property
     def content_hash(self) -> str:
         """First 16 hex digits of the SHA-256 of vertices, tetrahedra and their layers."""
-        digest = hashlib.sha256(np.ascontiguousarray(self.vertices).tobytes())
-        digest.update(np.ascontiguousarray(self.tets).tobytes())
-        if self.layers is not None:
-            digest.update(np.ascontiguousarray(self.layers).tobytes())
-        return digest.hexdigest()[:16]
+        parts = [self.vertices, self.tets, *([] if self.layers is None else [self.layers])]
+        whole = b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
+        return hashlib.sha256(whole).hexdigest()[:16]
 
 
 def tet_volumes(vertices: FloatArray, tets: IntArray) -> FloatArray:
@@ -147,17 +145,14 @@ def read_mesh(path: Path) -> TetMesh:
 
 def write_mesh(path: Path, mesh: TetMesh) -> None:
     """Write a mesh file, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    contents: dict[str, Any] = {
-        "vertices": mesh.vertices,
-        "tets": mesh.tets,
-        "name": np.array(mesh.name),
-        "content_hash": np.array(mesh.content_hash),
-    }
-    if mesh.layers is not None:
-        contents["layers"] = mesh.layers
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".npz")
-    with os.fdopen(handle, "wb") as file:
-        np.savez_compressed(file, **contents)
-    Path(temporary).chmod(0o644)
-    Path(temporary).replace(path)
+    layers = {} if mesh.layers is None else {"layers": mesh.layers}
+    contents = BytesIO()
+    np.savez_compressed(
+        contents,
+        vertices=mesh.vertices,
+        tets=mesh.tets,
+        name=np.array(mesh.name),
+        content_hash=np.array(mesh.content_hash),
+        **layers,
+    )
+    write_atomically(path, contents.getvalue())

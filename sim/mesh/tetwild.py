@@ -106,12 +106,7 @@ numpy.savez("made.npz", vertices=vertices, tets=tets)
 
 
 def _tetrahedralized(**given: Any) -> tuple[FloatArray, IntArray]:
-    """Return vertices [m] and tetrahedra that fTetWild makes in a process of its own.
-
-    Raises:
-        ConfigError: It made none.
-        TimeLimitError: The time was over before.
-    """
+    """Return vertices [m] and tetrahedra that fTetWild makes in a process of its own."""
     left_s = time_left_s()
     with tempfile.TemporaryDirectory() as aside:
         np.savez(Path(aside) / "given.npz", **given)
@@ -201,9 +196,6 @@ def pad_surface(
 
     A pad from a file keeps its triangles; of another, points of the top lie about a spacing [m]
     apart. Sheets cut it at shares of the local height.
-
-    Raises:
-        ConfigError: A pad from a file has layers.
     """
     if isinstance(pad, SurfacePad):
         if interface_shares:

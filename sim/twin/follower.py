@@ -12,10 +12,9 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
 from sim.device import Device
-from sim.effects.coarse import CoarsePath
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
-from sim.effects.scene_path import path_for
+from sim.effects.scene_path import CoarsePath, path_for
 from sim.error import coarse_reference, estimate_from
 from sim.fields.contact_traction import surface_traction
 from sim.fields.press_fields import top_surface

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from sim.correction import WAY, corrected_settings, correction, rules_of
-from sim.effects.coarse import coarse_press
 from sim.effects.effect_plan import full_plan
 from sim.effects.outputs import PressOutputs
+from sim.effects.scene_path import coarse_press
 from sim.error import Tolerance, alternatives, guaranteed, keeping, keeping_corrected
 from sim.press import press
 from sim.scene.indenter import Plane, Sphere

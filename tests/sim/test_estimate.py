@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from sim.effects.coarse import CoarsePress, coarse_press
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import PressOutputs
 from sim.effects.plan import plan_effects
+from sim.effects.scene_path import CoarsePress, coarse_press
 from sim.error import estimate_from, estimated
 from sim.press import press
 from sim.scene.indenter import Sphere

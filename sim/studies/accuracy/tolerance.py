@@ -15,11 +15,10 @@ from importlib import resources
 from typing import Any
 
 from sim.correction import Corrected, correction
-from sim.effects.coarse import coarse_press
 from sim.effects.end_state import end_state
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
-from sim.effects.scene_path import follow, path_for
+from sim.effects.scene_path import coarse_press, follow, path_for
 from sim.error import (
     FAST,
     RELATIVE_COSTS,

@@ -14,11 +14,10 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from sim.effects.coarse import forget
 from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.plan import plan_effects
-from sim.effects.scene_path import follow, path_for
+from sim.effects.scene_path import follow, forget, path_for
 from sim.error import estimated
 from sim.press_command import scene_from
 from sim.scene.material import RelaxationTerm

@@ -10,10 +10,9 @@ from functools import partial
 
 import numpy as np
 
-from sim.effects.coarse import coarse_press
 from sim.effects.plan import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
-from sim.effects.scene_path import path_for
+from sim.effects.scene_path import coarse_press, path_for
 from sim.error import estimated
 from sim.press import press
 from sim.press_command import scene_from

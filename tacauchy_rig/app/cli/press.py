@@ -103,7 +103,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
 
     scene = scene_of(replace(terms, output=tuple(output or ())))
     planned = plan_effects(scene)
-    choice = mesh_choice(scene)
+    kind, why = mesh_choice(scene)
     show_table(
         table_of(
             planned.effects,
@@ -118,7 +118,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
         )
     )
     say(f"preset: {setting_of(scene)}")
-    say(f"mesh: {choice.kind.value}: {choice.reason}")
+    say(f"mesh: {kind.value}: {why}")
     for asked, allowed in planned.tolerances.items():
         left_out = planned.left_out(asked)
         say(f"left out together: {left_out:.2e} of {allowed:.2e} allowed of {asked.value}")
@@ -136,7 +136,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
         {
             "preset": str(setting_of(scene)),
             "effects": planned.as_json(),
-            "mesh": {"kind": choice.kind.value, "reason": choice.reason},
+            "mesh": {"kind": kind.value, "reason": why},
             "tolerances": {each.value: share for each, share in planned.tolerances.items()},
             "left_out": {each.value: planned.left_out(each) for each in planned.tolerances},
             "tried_s": planned.tried_s,

@@ -24,8 +24,7 @@ from sim.fields.surface import SurfaceState
 from sim.optics.markers.printed_markers import find_markers
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset
-from sim.sensitivity import COARSE
-from sim.tilt import can_tilt
+from sim.sensitivity import COARSE, can_tilt
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
 from tacauchy_rig.app.replay.rendering import image_of

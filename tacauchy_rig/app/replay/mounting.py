@@ -16,8 +16,8 @@ from reports.evidence.fits import TRIALS_MIN, TiltFit, fit_modulus, fit_tilt
 from reports.scores.contact import contact_footprint, contact_region, image_change
 from reports.scores.correction import register_changes
 from sim.effects.plan import output_tolerances, plan_effects
+from sim.sensitivity import can_tilt, press_tilted, restoring_moments, tilt_costs
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.tilt import can_tilt, press_tilted, restoring_moments, tilt_costs
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.optics import Say, say_nothing
 from tacauchy_rig.core.arrays import FloatArray, ImageArray

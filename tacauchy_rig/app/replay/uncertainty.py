@@ -16,8 +16,7 @@ import numpy as np
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 from sim.scene.pad import BoxPad, SurfacePad
 from sim.scene.scene import Scene
-from sim.sensitivity import COARSE, FINER, forces_at
-from sim.tilt import can_tilt
+from sim.sensitivity import COARSE, FINER, can_tilt, forces_at
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.model import RigConfig

@@ -12,7 +12,7 @@ from sim.batch.sensor_batch import PoseOptions, SensorBatch, sensor_model
 from sim.contact.state import ContactOptions
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder, quarter_hats
-from sim.mesh.sensor_mesh import sensor_mesh
+from sim.mesh.refinement import sensor_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.indenter import Cylinder, Sphere, mesh_indenter, tilted
 from sim.scene.material import LawName, Material

@@ -9,8 +9,7 @@ import pytest
 import pyvista
 
 from sim.effects.presets import build_model
-from sim.fields.press_fields import surface_state
-from sim.fields.vtu import gel_vtu, indenter_vtu
+from sim.fields.press_fields import gel_vtu, indenter_vtu, surface_state
 from sim.press_command import scene_from
 from sim.solve.loading_path import LoadingPath
 from sim.solve.path_point import PathPoint

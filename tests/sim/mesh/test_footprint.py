@@ -11,8 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.effects.footprint_presets import FOOTPRINT_RESOLUTIONS, footprint_mesh
-from sim.effects.mesh_choice import MeshKind, mesh_choice
+from sim.effects.mesh_choice import (
+    FOOTPRINT_RESOLUTIONS,
+    MeshKind,
+    footprint_mesh,
+    mesh_choice,
+)
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model, mesh_for
 from sim.mesh.elements import boundary_faces
@@ -206,9 +210,9 @@ def test_halving_keeps_the_pad_and_meets_the_field() -> None:
 def test_which_scene_gets_which_mesh(change: dict[str, object], kind: MeshKind) -> None:
     """Revolved where the indenter is round, upright and on the pad; else a footprint's."""
     scene = replace(SCENE, **change)
-    choice = mesh_choice(scene)
-    assert choice.kind is kind
-    assert choice.reason
+    found, reason = mesh_choice(scene)
+    assert found is kind
+    assert reason
     wild = replace(scene, layers=(Layer(share=1.0, material=scene.material),))
     fills = {MeshKind.FOOTPRINT: wild, MeshKind.PAPER: scene}
     assert kind not in fills or not plan_effects(fills[kind]).is_on(Effect.SYMMETRY)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from sim.effects.footprint_presets import diagonal
+from sim.effects.mesh_choice import diagonal
 from sim.effects.presets import PAPER_SIZING
 from sim.mesh.tet_mesh import TetMesh
 from sim.mesh.tetwild import WildSizing, wild_mesh

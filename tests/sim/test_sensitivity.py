@@ -10,8 +10,8 @@ import pytest
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.scene import Output, Scene
+from sim.sensitivity import can_tilt, press_tilted, restoring_moments, tilt_costs
 from sim.sensor.sensor import load_sensor
-from sim.tilt import can_tilt, press_tilted, restoring_moments, tilt_costs
 
 RADIUS_M = 2.5e-3
 
