@@ -408,8 +408,8 @@ def alternatives(
         wall_s: What the press took [s]; None before it is made.
         judged: Force or depth.
     """
-    setting, costs = setting_of(scene), costs_of(scene)
-    own = costs.get(setting)
+    costs = costs_of(scene)
+    own = costs.get(setting_of(scene))
     if own is None:
         return ()
     # The dearest of the cheaper settings than which none that is cheaper errs less.
@@ -420,23 +420,19 @@ def alternatives(
     )
     # Of presets and ladders some are cheaper and better at once: what is dearer must be better yet.
     least = min(own.error_ratio, costs[cheaper].error_ratio if cheaper else own.error_ratio)
-    better = [
-        each
-        for each, worth in costs.items()
-        if worth.error_ratio < least and worth.time_ratio > own.time_ratio
-    ]
-    found = {"cheaper": cheaper, "better": better[0] if better else None}
+    dearer = (each for each, worth in costs.items() if worth.time_ratio > own.time_ratio)
+    better = next((each for each in dearer if costs[each].error_ratio < least), None)
+    times = {each: costs[each].time_ratio / own.time_ratio for each in costs}
+    errors = {each: costs[each].error_ratio / own.error_ratio for each in costs}
     return tuple(
         Alternative(
             role=role,
             setting=str(each),
-            error_relative=None
-            if error_relative is None
-            else error_relative * costs[each].error_ratio / own.error_ratio,
-            time_ratio=costs[each].time_ratio / own.time_ratio,
-            wall_s=None if wall_s is None else wall_s * costs[each].time_ratio / own.time_ratio,
+            error_relative=error_relative and error_relative * errors[each],
+            time_ratio=times[each],
+            wall_s=wall_s and wall_s * times[each],
             quantity=judged.value,
         )
-        for role, each in found.items()
+        for role, each in {"cheaper": cheaper, "better": better}.items()
         if each is not None
     )

@@ -63,9 +63,8 @@ def has_own_way(scene: Scene, plan: EffectPlan) -> bool:
 
 def way_of(scene: Scene) -> Scene:
     """Return a scene on the mesh of its way."""
-    return replace(
-        scene, refinement=scene.path_refinement or scene.refinement, path_refinement=None
-    )
+    refinement = scene.path_refinement or scene.refinement
+    return replace(scene, refinement=refinement, path_refinement=None)
 
 
 def end_state(
@@ -159,15 +158,12 @@ def _taken_hold(model: Model, state: State, other: Model, moved: State) -> Grip 
     weight = held[near] / (distance + _SAME_PLACE_M) ** 2
     weight /= np.maximum(weight.sum(axis=1, keepdims=True), _NOTHING)
     own = held[near[:, 0]]
-
-    def mixed(values: FloatArray) -> FloatArray:
-        return np.asarray(own[:, None] * np.einsum("nk,nki->ni", weight, values[near]))
-
-    shape = free.held.shape
+    mixed_away, mixed_loads = (
+        (own[:, None] * np.einsum("nk,nki->ni", weight, each[near])).reshape(free.anchors.shape)
+        for each in (away, loads)
+    )
     return Grip(
-        held=own.reshape(shape),
-        anchors=free.anchors + mixed(away).reshape(*shape, 3),
-        loads=mixed(loads).reshape(*shape, 3),
+        held=own.reshape(free.held.shape), anchors=free.anchors + mixed_away, loads=mixed_loads
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 from sim.contact.state import ContactOptions
 from sim.effects.effect_plan import EffectPlan, full_plan
@@ -16,8 +16,9 @@ from sim.effects.mesh_choice import (
     mesh_choice,
     mirrors,
 )
-from sim.material.elastic_body import element_constants, prony_of
+from sim.material.elastic_body import element_constants
 from sim.material.laws.tangent import law
+from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
@@ -138,16 +139,9 @@ def refined(resolution: Resolution, factor: float) -> Resolution:
     if factor == 1.0:
         return resolution
     slope = min((resolution.growth - 1.0) / resolution.growth / factor, _SLOPE_MAX)
-    return Resolution(
-        edge_share=resolution.edge_share / factor,
-        smooth_share=resolution.smooth_share / factor,
-        fillet_share=resolution.fillet_share / factor,
-        rounded_share=resolution.rounded_share / factor,
-        growth=1.0 / (1.0 - slope),
-        size_max_m=resolution.size_max_m / factor,
-        under_share=resolution.under_share / factor,
-        sector_count=max(8, 4 * round(0.25 * resolution.sector_count * factor)),
-    )
+    lengths = {each.name: getattr(resolution, each.name) / factor for each in fields(resolution)}
+    sectors = max(8, 4 * round(0.25 * resolution.sector_count * factor))
+    return Resolution(**{**lengths, "growth": 1.0 / (1.0 - slope), "sector_count": sectors})
 
 
 def build_model(
@@ -174,6 +168,8 @@ def build_model(
     if mesh is None:
         mesh = mesh_for(scene, symmetric=plan.is_on(Effect.SYMMETRY), refinement=refinement)
     young, poisson = element_constants(mesh, scene.materials)
+    relaxation = [material.relaxation for material in scene.materials]
+    relaxes = plan.is_on(Effect.VISCOELASTICITY)
     options = ContactOptions(
         distance_m=scene.contact_distance_m,
         bonded=scene.contact is ContactMode.BONDED,
@@ -188,7 +184,7 @@ def build_model(
         young_pa=young,
         poisson=poisson,
         contact_options=options,
-        prony=prony_of(mesh, scene.materials) if plan.is_on(Effect.VISCOELASTICITY) else None,
+        prony=prony_series(relaxation, mesh.labels) if relaxes else None,
         device=device,
     )
 
@@ -272,25 +268,21 @@ def _resolution(scene: Scene) -> Resolution:
 
 
 def _paper_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
-    pad, sizing = scene.pad, _paper_sizing(scene)
+    pad, asked = scene.pad, scene.tetwild
+    sizing = replace(
+        PAPER_SIZING,
+        coarse_m=PAPER_SIZING.coarse_m if asked.l_r is None else asked.l_r * diagonal(pad),
+        envelope_share=asked.epsilon_r or PAPER_SIZING.envelope_share,
+        stop_energy=asked.stop_energy or PAPER_SIZING.stop_energy,
+    )
     key = mesh_key(pad, sizing, *([shares] if shares else []))
     mesh = stored_mesh(
         "paper",
         key,
         lambda: wild_mesh(pad, sizing, name=f"fTetWild, paper, {key}", interface_shares=shares),
     )
-    refuse_flat(mesh, scene.tetwild.dihedral_min_rad or 0.0)
+    refuse_flat(mesh, asked.dihedral_min_rad or 0.0)
     return mesh
-
-
-def _paper_sizing(scene: Scene) -> WildSizing:
-    asked = scene.tetwild
-    return replace(
-        PAPER_SIZING,
-        coarse_m=PAPER_SIZING.coarse_m if asked.l_r is None else asked.l_r * diagonal(scene.pad),
-        envelope_share=asked.epsilon_r or PAPER_SIZING.envelope_share,
-        stop_energy=asked.stop_energy or PAPER_SIZING.stop_energy,
-    )
 
 
 def _grading(scene: Scene, resolution: Resolution) -> Grading:

@@ -6,11 +6,12 @@ import time
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
+import numpy as np
+
 from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.estimates import expected_depth, most_force
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.presets import build_model, regularised_indenter
-from sim.material.elastic_body import densities_of
 from sim.scene.indenter import tilted
 from sim.scene.scene import ContactMode, Drive, Effect, Output, Preset, Scene
 from sim.solve.equilibrium import SolverOptions
@@ -68,7 +69,8 @@ def path_for(
     if model is None:
         with doing("meshing"):
             model = build_model(scene, plan=plan, refinement=refinement, device=device)
-    density = densities_of(model.mesh, scene.materials)
+    densities = np.array([material.density_kg_m3 for material in scene.materials])
+    density = densities[model.mesh.labels]
     step_s = scene.duration_s / TIME_STEPS
     return LoadingPath(
         model,
@@ -123,15 +125,13 @@ def follow(scene: Scene, path: LoadingPath) -> PathPoint:
         point = find_force(path, force or 0.0, tolerance_n=scene.force_tolerance_n).point
     motion = scene.motion
     if any(motion.shift_m) or motion.twist_rad:
-        hold = Hold.DEPTH if depth is not None else Hold.FORCE
-        pressed = point
-        point = path.carry(
+        carried = path.carry(
             shift_m=motion.shift_m,
             twist_rad=motion.twist_rad,
-            hold=hold,
+            hold=Hold.DEPTH if depth is not None else Hold.FORCE,
             duration_s=scene.duration_s,
         )
-        point = replace(point, stiffness_n_m=pressed.stiffness_n_m)
+        return replace(carried, stiffness_n_m=point.stiffness_n_m)
     return point
 
 

@@ -110,13 +110,13 @@ def vertex_traction(model: Model, point: PathPoint) -> ContactTraction:
     """
     traction = contact_traction(point)
     pressing = traction.normal_n[..., None] * traction.normals
-    pressed, dragged = (
-        _gathered(loads, model, model.reference.face_points)
-        for loads in (pressing, traction.tangential_n)
-    )
-    touched = np.any(pressed != 0.0, axis=1)
-    normals = unit(pressed[touched])
-    forces = pressed[touched] + dragged[touched]
+    loads = np.concatenate([pressing, traction.tangential_n], axis=2)
+    total = np.zeros((len(model.nodes), 6))
+    shares = np.einsum("fpi,pk->fki", loads, model.reference.face_points)
+    np.add.at(total, model.faces[:, :3], shares)
+    touched = np.any(total[:, :3] != 0.0, axis=1)
+    pressed, dragged = np.split(total[touched], 2, axis=1)
+    normals, forces = unit(pressed), pressed + dragged
     along = np.einsum("vi,vi->v", forces, normals)
     return ContactTraction(
         arms_m=point.state.positions[touched] - point.state.tip,
@@ -124,19 +124,6 @@ def vertex_traction(model: Model, point: PathPoint) -> ContactTraction:
         normal_n=along,
         tangential_n=forces - along[:, None] * normals,
     )
-
-
-def _gathered(values: FloatArray, model: Model, shares: FloatArray) -> FloatArray:
-    """Sum values of contact points at the model's nodes, shape [node_count, value_count].
-
-    Args:
-        values: Shape [face_count, point_count, value_count].
-        shares: What a point gives to its face's first nodes, shape [point_count, nodes_of_a_face].
-    """
-    total = np.zeros((len(model.nodes), values.shape[2]))
-    faces = model.faces[:, : shares.shape[1]]
-    np.add.at(total, faces, np.einsum("fpi,pk->fki", values, shares))
-    return total
 
 
 def contact_signature(model: Model, point: PathPoint) -> ContactSignature:

@@ -58,10 +58,7 @@ class InterfaceTraction:
 
 def interface_traction(model: Model, positions: FloatArray) -> tuple[InterfaceTraction, ...]:
     """Return the traction on every interface from the base upwards; none in a gel of one layer."""
-    labels = model.mesh.layers
-    if labels is None:
-        return ()
-    found = []
+    labels, found = model.mesh.labels, []
     for below in (labels <= layer for layer in range(int(labels.max()))):
         faces, under, over = _shared_faces(model.elements, below)
         forces = nodal_forces(model, positions, below)[np.unique(faces)]

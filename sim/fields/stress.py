@@ -114,8 +114,7 @@ class CauchyStress:
 def cauchy_stress(model: Model, positions: FloatArray) -> CauchyStress:
     """Return the stress where the nodes are [m], shape [node_count, 3]."""
     raw, weights = model.gel.cauchy_stress(positions), model.reference.weights
-    labels = model.mesh.layers
-    layers = np.zeros(len(raw), dtype=np.int32) if labels is None else labels
+    layers = model.mesh.labels
     nodes, errors = np.zeros((len(model.nodes), 3, 3)), np.zeros(len(raw))
     for layer in range(int(layers.max()) + 1):
         own = layers == layer

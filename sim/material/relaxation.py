@@ -18,8 +18,7 @@ relax alike: Poisson's ratio stays.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -32,30 +31,16 @@ from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PronySeries:
-    """Stiffness E0 (1 - sum of shares) after a long time, E0 at once; E is the one after long.
+class PronySeries(NamedTuple):
+    """Stiffness E (1 + sum of ratios) at once, E after a long time.
 
     Attributes:
         times_s: Time constants, shape [term_count].
-        shares: Shares of the instantaneous stiffness that go, shape [term_count, element_count].
+        ratios: Stiffness that goes over E, shape [term_count, element_count].
     """
 
     times_s: FloatArray
-    shares: FloatArray
-
-    def __post_init__(self) -> None:
-        lost = float(self.shares.sum(axis=0).max(initial=0.0))
-        if lost >= 1.0:
-            raise ConfigError(
-                f"relaxation takes {lost:.4g} of the instantaneous stiffness",
-                remedy="let the shares of all terms sum to less than 1",
-            )
-
-    @property
-    def ratios(self) -> FloatArray:
-        """Shares in units of the stiffness that stays, shape [term_count, element_count]."""
-        return np.asarray(self.shares / (1.0 - self.shares.sum(axis=0)))
+    ratios: FloatArray
 
 
 def prony_series(
@@ -69,11 +54,17 @@ def prony_series(
     times = sorted({term.time_s for material in terms for term in material})
     if not times:
         return None
-    table = np.zeros((len(times), len(terms)))
+    shares = np.zeros((len(times), len(terms)))
     for material, its_terms in enumerate(terms):
         for term in its_terms:
-            table[times.index(term.time_s), material] += term.share
-    return PronySeries(times_s=np.array(times), shares=table[:, material_of])
+            shares[times.index(term.time_s), material] += term.share
+    lost = shares.sum(axis=0)
+    if lost.max() >= 1.0:
+        raise ConfigError(
+            f"relaxation takes {lost.max():.4g} of the instantaneous stiffness",
+            remedy="let the shares of all terms sum to less than 1",
+        )
+    return PronySeries(np.array(times), (shares / (1.0 - lost))[:, material_of])
 
 
 class Relaxation:

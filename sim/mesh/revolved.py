@@ -145,7 +145,8 @@ def _graded_line(
 
 def _offset_rings(radius_m: float, height_m: float, grading: Grading) -> FloatArray:
     """Return points on curves at growing distance below the fine stretch."""
-    rings, distance, size = [], grading.size_m, grading.size_m
+    rings: list[FloatArray] = []
+    distance = size = grading.size_m
     while distance < np.hypot(radius_m, height_m):
         start = 0.5 if len(rings) % 2 else 0.0
         rings.append(_offset_curve(distance, size, height_m, grading, start=start))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from importlib import resources
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,11 @@ class TetMesh:
     symmetry: MirrorSymmetry = field(default_factory=MirrorSymmetry)
     layers: IntArray | None = None
     axis_m: tuple[float, float] | None = None
+
+    @property
+    def labels(self) -> IntArray:
+        """The layer of every tetrahedron; zero in a gel of one material."""
+        return np.zeros(len(self.tets), dtype=np.int32) if self.layers is None else self.layers
 
     @property
     def content_hash(self) -> str:
@@ -145,7 +151,7 @@ def read_mesh(path: Path) -> TetMesh:
 
 def write_mesh(path: Path, mesh: TetMesh) -> None:
     """Write a mesh file, whole or not at all."""
-    layers = {} if mesh.layers is None else {"layers": mesh.layers}
+    layers: dict[str, Any] = {} if mesh.layers is None else {"layers": mesh.layers}
     contents = BytesIO()
     np.savez_compressed(
         contents,

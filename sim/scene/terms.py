@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Plane, Sphere, read_mesh_indenter
 from sim.scene.material import Layer, Material
-from sim.scene.pad import BoxPad, DiscPad, Pad, SurfacePad, read_surface_pad
+from sim.scene.pad import BoxPad, DiscPad, Pad, read_surface_pad
 from sim.scene.scene import ContactMode, Effect
 from sim.scene.triangle_surface import MeshUnit
 from tacauchy_rig.core.errors import ConfigError
@@ -39,7 +39,8 @@ def parse_pad(text: str) -> Pad:
         given = _sizes(sizes, _DISC, field="--pad disc")
         return DiscPad(radius_m=given["radius"], height_m=given["height"])
     if kind == "mesh":
-        return _surface(sizes)
+        file, unit = _file_and_unit(sizes, "--pad")
+        return read_surface_pad(file, unit=unit)
     raise ConfigError(
         f"--pad {text!r}: no such pad",
         remedy="write box:20.75x25.25x4.5mm, disc:radius=12mm,height=4.5mm or "
@@ -47,15 +48,16 @@ def parse_pad(text: str) -> Pad:
     )
 
 
-def _surface(text: str) -> SurfacePad:
-    """Read ``FILE,unit=``; what the file is measured in must be said."""
+def _file_and_unit(text: str, option: str, *, default: str = "") -> tuple[Path, MeshUnit]:
+    """Read ``FILE,unit=``: triangle files name no unit."""
     file, _, unit = text.partition(",unit=")
+    unit = unit or default
     if unit not in set(MeshUnit):
         raise ConfigError(
-            f"--pad mesh:{text}: {f'no such unit {unit!r}' if unit else 'its unit is not said'}",
-            remedy=f"write mesh:gel.stl,unit=mm; units are {', '.join(MeshUnit)}",
+            f"{option} mesh:{text}: {f'no such unit {unit!r}' if unit else 'its unit is not said'}",
+            remedy=f"write mesh:{file},unit=mm; units are {', '.join(MeshUnit)}",
         )
-    return read_surface_pad(Path(file), unit=MeshUnit(unit))
+    return Path(file), MeshUnit(unit)
 
 
 def _box(sizes: str) -> BoxPad:
@@ -116,12 +118,8 @@ def parse_plane(_sizes: str) -> Plane:
 
 def parse_mesh(text: str) -> MeshIndenter:
     """Read ``FILE[,unit=]``; triangle files name no unit, so millimetres are assumed."""
-    file, _, unit = text.partition(",unit=")
-    if unit and unit not in set(MeshUnit):
-        raise ConfigError(
-            f"--indenter mesh: no such unit {unit!r}", remedy=f"one of: {', '.join(MeshUnit)}"
-        )
-    return read_mesh_indenter(Path(file), unit=MeshUnit(unit or MeshUnit.MILLIMETRE))
+    file, unit = _file_and_unit(text, "--indenter", default=MeshUnit.MILLIMETRE)
+    return read_mesh_indenter(file, unit=unit)
 
 
 def parse_contact(text: str) -> tuple[ContactMode, float]:

@@ -10,7 +10,7 @@ from sim.correction import WAY, corrected_settings, correction, rules_of
 from sim.effects.effect_plan import full_plan
 from sim.effects.outputs import PressOutputs
 from sim.effects.scene_path import coarse_press
-from sim.error import Tolerance, alternatives, guaranteed, keeping, keeping_corrected
+from sim.error import Tolerance, alternatives, guaranteed, keeping_corrected
 from sim.press import press
 from sim.scene.indenter import Plane, Sphere
 from sim.scene.material import LawName
@@ -117,11 +117,6 @@ def test_a_tolerance_takes_the_cheapest_that_leaves_so_little() -> None:
     assert newtons.tolerance == pytest.approx(relative.tolerance)
     with pytest.raises(ConfigError, match="no preset is known"):
         keeping_corrected(SCENE, Tolerance(relative=1e-5))
-
-
-def test_a_raw_force_is_kept_by_one_mesh() -> None:
-    """A replay's images belong to the mesh's own force."""
-    assert keeping(SCENE, Tolerance(relative=0.1)).path_refinement is None
 
 
 def test_the_guaranteed_quantity_is_named_throughout() -> None:

@@ -75,15 +75,6 @@ def test_press_balances_and_never_overlaps(indenter: Indenter, contact: ContactM
     assert result.max_pressure_pa > result.force_n[2] / result.contact_area_m2
 
 
-def test_quarter_gives_what_the_whole_gives() -> None:
-    """A part's force is the whole's."""
-    found = [
-        LoadingPath(small_model(symmetric=symmetric), PUNCH).advance(0.12e-3)
-        for symmetric in (True, False)
-    ]
-    assert found[0].force_n == pytest.approx(found[1].force_n, rel=1e-6, abs=1e-9)
-
-
 def test_stiffness_is_the_slope_of_the_force() -> None:
     """The tangent's dF/d(depth) agrees with a difference."""
     path = LoadingPath(small_model(symmetric=True), PUNCH)
@@ -120,12 +111,6 @@ def test_no_travel_means_no_force() -> None:
     point = path.advance(-1e-4)
     assert not point.force_n.any()
     assert point.equilibrium.iterations == 0
-
-
-def test_force_target_is_met() -> None:
-    """A press to a force ends within the scene's tolerance."""
-    result = press(replace(SCENE, target=Target(force_n=0.5)))
-    assert result.force_n[2] == pytest.approx(0.5, abs=SCENE.force_tolerance_n)
 
 
 def test_failed_press_names_how_far_it_got() -> None:
@@ -178,24 +163,10 @@ def test_scene_refuses_nonsense() -> None:
 def test_json_has_every_number_that_was_promised() -> None:
     """The keys of ``press --json``."""
     keys = set(press(SCENE).as_json())
-    assert {
-        "force_n",
-        "moment_nm",
-        "depth_m",
-        "contact_area_m2",
-        "contact_radius_m",
-        "max_pressure_pa",
-        "base_reaction_n",
-        "force_balance_relative",
-        "surface_traction_gap_relative",
-        "algorithms_apart_relative",
-        "min_jacobian",
-        "gap_min_m",
-        "newton_iterations",
-        "wall_s",
-        "element",
-        "node_count",
-        "tet_count",
-        "estimated_force_error_relative",
-        "estimated_force_error_basis",
-    } <= keys
+    promised = (
+        "force_n moment_nm depth_m contact_area_m2 contact_radius_m max_pressure_pa "
+        "base_reaction_n force_balance_relative surface_traction_gap_relative "
+        "algorithms_apart_relative min_jacobian gap_min_m newton_iterations wall_s element "
+        "node_count tet_count estimated_force_error_relative estimated_force_error_basis"
+    )
+    assert set(promised.split()) <= keys

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import pyvista
 
-from sim.error import Tolerance, keeping
 from sim.fields.press_fields import TrialFields
 from sim.mesh.elements import linear_facets
 from sim.replay import reference_path, replay_forces, replay_scene
@@ -141,15 +140,6 @@ def test_a_replay_says_what_it_cost_and_what_its_neighbours_would_have(
     assert better.role == "better"
     assert better.error_relative is not None
     assert better.error_relative < facts.force_error_largest_relative
-
-
-def test_a_tolerance_chooses_the_replays_preset() -> None:
-    """By the largest of the forces, before anything is meshed."""
-    sensor = load_sensor("gelsight-mini")
-    wide = keeping(replay_scene(sensor, PUNCH, FORCES), Tolerance(relative=0.3))
-    assert wide.preset is Preset.FAST
-    assert wide.target.force_n == max(FORCES)
-    assert replay_scene(sensor, PUNCH, FORCES).preset is Preset.BALANCED
 
 
 def test_fields_are_the_whole_pads(

@@ -40,14 +40,9 @@ def _tangent(F: wp.mat33d, p: wp.vec4d) -> Tangent:
     return t
 
 
-def _parameters(young_pa: float, poisson: float) -> tuple[float, float, float, float]:
-    mu, lam = lame(young_pa, poisson)
-    return mu, lam, 0.0, 0.0
-
-
 LAW = Law(
     name="linear",
-    parameters=_parameters,
+    parameters=lambda young_pa, poisson: (*lame(young_pa, poisson), 0.0, 0.0),
     energy=_energy,
     stress=_stress,
     tangent=_tangent,

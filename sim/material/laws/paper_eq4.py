@@ -43,10 +43,6 @@ def _tangent(F: wp.mat33d, p: wp.vec4d) -> Tangent:
     return t
 
 
-def _parameters(young_pa: float, poisson: float) -> tuple[float, float, float, float]:
-    return *lame(young_pa, poisson), 0.0, 0.0
-
-
 def free_stretch(poisson: float) -> float:
     """Return the stretch at which a gel that nothing holds has no stress.
 
@@ -62,15 +58,11 @@ def free_stretch(poisson: float) -> float:
     return stretch
 
 
-def _rest_stress(young_pa: float, poisson: float) -> float:
-    return lame(young_pa, poisson)[0]
-
-
 LAW = Law(
     name="paper-eq4",
-    parameters=_parameters,
+    parameters=lambda young_pa, poisson: (*lame(young_pa, poisson), 0.0, 0.0),
     energy=_energy,
     stress=_stress,
     tangent=_tangent,
-    rest_stress=_rest_stress,
+    rest_stress=lambda young_pa, poisson: lame(young_pa, poisson)[0],
 )

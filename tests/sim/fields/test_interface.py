@@ -10,24 +10,12 @@ from sim.material.elastic_body import element_constants
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh
-from sim.press import press
-from sim.press_command import scene_from
 from sim.scene.indenter import Sphere
 from sim.scene.material import LawName, Material
 from sim.scene.pad import DiscPad
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.verification.balance import (
-    ABOVE,
-    BELOW,
-    JUMPS,
-    NODAL,
-    PRESS,
-    InterfaceSides,
-    forces_n,
-    interface_row,
-    interface_sides,
-)
+from sim.studies.verification.balance import InterfaceSides, forces_n, interface_sides
 
 PAD = DiscPad(radius_m=6e-3, height_m=4e-3)
 
@@ -111,32 +99,3 @@ def test_jump_shrinks_with_refinement() -> None:
         for model, found, pushed in ((second, fine, fine_force), (first, coarse, force))
     )
     assert off < coarse_off
-
-
-@pytest.mark.slow
-def test_9dtact_carries_the_press_through_its_interface() -> None:
-    """A ball on the sensor itself: one traction by nodal forces, and two that come together."""
-    scene = scene_from(PRESS)
-    coarse, fine = (interface_row(scene, refinement=factor) for factor in (1.0, 1.5))
-    assert max(coarse[NODAL], fine[NODAL]) < 1e-6
-    for name, share in zip(JUMPS, (0.8, 0.6), strict=True):
-        assert fine[name] < share * coarse[name]
-    assert max(abs(fine[BELOW]), abs(fine[ABOVE])) < 0.5 * max(
-        abs(coarse[BELOW]), abs(coarse[ABOVE])
-    )
-    result = press(scene)
-    (interface,) = interface_traction(result.model, result.point.state.positions)
-    assert interface.force_n[2] == pytest.approx(result.force_n[2], rel=1e-6)
-
-
-def test_one_layer_has_no_interface() -> None:
-    """Nothing is returned."""
-    mesh = revolved_mesh(
-        PAD,
-        Grading(start_m=0.0, end_m=1e-3, size_m=1e-3, growth=2.0),
-        centre_m=(0.0, 0.0),
-        sector_count=8,
-        name="test",
-    )
-    model = Model(mesh, order=ElementOrder.P1, law=law(LawName.LINEAR), young_pa=1e5, poisson=0.3)
-    assert interface_traction(model, model.nodes) == ()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.effects.presets import build_model
-from sim.fields.stress import cauchy_stress, components
+from sim.fields.stress import cauchy_stress
 from sim.press_command import scene_from
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
@@ -44,9 +44,3 @@ def test_the_estimated_error_falls_with_the_edges() -> None:
         return float(np.sqrt(found.errors_pa**2 @ volumes.volumes))
 
     assert error(2.0) < 0.45 * error(1.0)
-
-
-def test_components_are_in_vtks_order() -> None:
-    """The order is xx, yy, zz, xy, yz, xz."""
-    tensor = np.array([[1.0, 4.0, 6.0], [4.0, 2.0, 5.0], [6.0, 5.0, 3.0]])
-    assert list(components(tensor)) == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]

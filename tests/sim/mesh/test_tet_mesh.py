@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,21 +60,15 @@ def test_revolved_box_fills_the_box(x: float, y: float, sectors: int, growth: fl
     assert np.sum(np.abs(radius - 2e-3) < 1e-9) >= 8
 
 
-def test_folded_mesh_is_a_quarter() -> None:
-    """The quarter's volume is a quarter's, and it lies in the first quadrant."""
+@pytest.mark.parametrize(("y", "copies"), [(0.0, 4), (2e-3, 2)])
+def test_planes_through_the_axis_leave_a_quarter_or_half(y: float, copies: int) -> None:
+    """The part's volume, and it lies beside the planes that mirror it; off centre one does."""
     grading = Grading(start_m=2e-3, end_m=2e-3, size_m=0.3e-3)
-    mesh = revolved_mesh(BOX, grading, centre_m=(0.0, 0.0), sector_count=16, name="box")
-    assert mesh.symmetry.copies == 4
-    assert mesh.vertices.min() >= 0.0
-    assert volume(mesh.vertices, mesh.tets) == pytest.approx(20e-3 * 24e-3 * 4e-3 / 4, rel=1e-9)
-
-
-def test_half_is_meshed_when_the_axis_lies_on_one_plane() -> None:
-    """Off centre along y only: x = 0 still mirrors."""
-    grading = Grading(start_m=2e-3, end_m=2e-3, size_m=0.3e-3)
-    mesh = revolved_mesh(BOX, grading, centre_m=(0.0, 2e-3), sector_count=16, name="box")
-    assert (mesh.symmetry.mirror_x, mesh.symmetry.mirror_y) == (True, False)
-    assert volume(mesh.vertices, mesh.tets) == pytest.approx(20e-3 * 24e-3 * 4e-3 / 2, rel=1e-9)
+    mesh = revolved_mesh(BOX, grading, centre_m=(0.0, y), sector_count=16, name="box")
+    assert (mesh.symmetry.mirror_x, mesh.symmetry.copies) == (True, copies)
+    assert mesh.vertices[:, : copies // 2].min() >= 0.0
+    part = 20e-3 * 24e-3 * 4e-3 / copies
+    assert volume(mesh.vertices, mesh.tets) == pytest.approx(part, rel=1e-9)
 
 
 def test_negative_tetrahedra_are_turned() -> None:
@@ -133,18 +128,22 @@ def test_meshing_works_and_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert again.content_hash == mesh.content_hash
 
 
-def test_damaged_mesh_file_is_named(tmp_path: Path) -> None:
-    """A changed or torn file is refused with what to do."""
+def test_a_mesh_file_keeps_all_and_a_damaged_one_is_named(tmp_path: Path) -> None:
+    """Layers too, which the hash covers; a changed or torn file is refused with what to do."""
     mesh = revolved_mesh(
         BOX,
         Grading(start_m=2e-3, end_m=2e-3, size_m=0.5e-3),
         centre_m=(0.0, 0.0),
         sector_count=8,
         name="box",
+        interface_shares=(0.9,),
     )
     path = tmp_path / "mesh.npz"
     write_mesh(path, mesh)
-    assert read_mesh(path).content_hash == mesh.content_hash
+    kept = read_mesh(path)
+    assert kept.content_hash == mesh.content_hash
+    np.testing.assert_array_equal(kept.labels, mesh.labels)
+    assert kept.content_hash != replace(mesh, layers=None).content_hash
     np.savez(
         path, vertices=mesh.vertices * 2, tets=mesh.tets, name="x", content_hash=mesh.content_hash
     )

@@ -68,6 +68,7 @@ def test_polygons_are_cut_into_triangles(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "data", "message"),
     [
+        ("gel.stl", None, r"gel\.stl cannot be read"),
         ("part.step", b"", "'?.step is no kind of triangle file"),
         ("short.stl", binary_stl()[:-60], "damaged or no STL file"),
         ("long.stl", binary_stl() + b"more", "damaged or no STL file"),
@@ -79,16 +80,13 @@ def test_polygons_are_cut_into_triangles(tmp_path: Path) -> None:
         ("corner.obj", obj("f 1 2 9\n"), "a corner names vertex 9 of 4"),
     ],
 )
-def test_damaged_files_are_refused(tmp_path: Path, name: str, data: bytes, message: str) -> None:
+def test_missing_and_damaged_files_are_refused(
+    tmp_path: Path, name: str, data: bytes | None, message: str
+) -> None:
     """The file, what is wrong with it, and a remedy."""
-    (tmp_path / name).write_bytes(data)
+    if data is not None:
+        (tmp_path / name).write_bytes(data)
     with pytest.raises(ConfigError, match=message) as caught:
         read_triangles(tmp_path / name, MeshUnit.METRE)
     assert name in caught.value.message
     assert caught.value.remedy
-
-
-def test_missing_file_is_named(tmp_path: Path) -> None:
-    """As any file that cannot be opened."""
-    with pytest.raises(ConfigError, match=r"gel\.stl cannot be read"):
-        read_triangles(tmp_path / "gel.stl", MeshUnit.METRE)
