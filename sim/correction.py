@@ -129,8 +129,7 @@ def _was_drawn(scene: Scene) -> bool:
 def corrected_settings(scene: Scene) -> dict[float, tuple[Scene, float, float]]:
     """Return a scene with every setting whose bias is known, by edges, the cheapest first.
 
-    Returns:
-        With each the error that will be stated, relative, and the time over preset fast's.
+    With each the error that will be stated, relative, and the time over preset fast's.
     """
     return {
         refinement: (

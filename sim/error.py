@@ -371,11 +371,7 @@ def _allowed(scene: Scene, tolerance: Tolerance) -> float:
 
 
 def _error_on_fast(fast: Scene) -> tuple[float, float]:
-    """Return the relative error of F_z on preset fast, and F_z [N].
-
-    Raises:
-        RigError: It cannot be pressed, or nothing touches.
-    """
+    """Return the relative error of F_z on preset fast, and F_z [N]; refuse what does not touch."""
     plan = plan_effects(fast)
     own, coarse = coarse_press(fast, plan, 1.0), coarse_press(*coarse_reference(fast, plan))
     worth = estimate_from(fast, plan, own.outputs, coarse)

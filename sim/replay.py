@@ -87,12 +87,7 @@ class ReferencePath:
     ) -> ForceMatch:
         """Push a stiffer gel's path to a force [N], from the state of this one next below it.
 
-        Args:
-            path: ``stiffer`` of this one's.
-            above_n: The force before [N]; the match reports the states between.
-
-        Raises:
-            ConvergenceError: The force was not reached.
+        The match reports the states above the force before, ``above_n`` [N].
         """
         start = self._state_below(force_n / stiffer)
         taken = None if start is None else path.taken_over(start, stiffer=stiffer)

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.fields.contact_traction import split_forces
+from sim.mesh.elements import doubled_areas
 from sim.scene.scene import Output
 from sim.solve.loading_path import LoadingPath
 from sim.solve.path_point import PathPoint
@@ -153,7 +154,7 @@ def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
     areas = np.linalg.norm(model.surface.area_vectors(now).sum(axis=1), axis=1)
     _, pressing_n, tangential_n = split_forces(point)
     corners = model.faces[:, :3]
-    rest, bent = (_vectors(nodes[corners]) for nodes in (before, now))
+    rest, bent = (doubled_areas(nodes, corners) for nodes in (before, now))
     sizes = np.linalg.norm(rest, axis=1)
     top = rest[:, 2] > _TOP_COSINE * sizes
     units = (each[top] / np.linalg.norm(each[top], axis=1, keepdims=True) for each in (bent, rest))
@@ -169,12 +170,6 @@ def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
         top_m2=copies * 0.5 * sizes[top],
         slopes=np.subtract(*units),
         motion_m=(now - before)[corners].mean(axis=1)[top, :2],
-    )
-
-
-def _vectors(corners: FloatArray) -> FloatArray:
-    return np.asarray(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), dtype=np.float64
     )
 
 

@@ -104,11 +104,7 @@ def _is_open(plan: EffectPlan, effect: Effect) -> bool:
 
 
 def _judged(scene: Scene, plan: EffectPlan, effect: Effect, saved: float) -> EffectPlan:
-    """Return a plan after an effect was tried, or was not since that cannot pay.
-
-    Args:
-        saved: Share of a press's time that leaving it out saves.
-    """
+    """Return a plan after an effect was tried, or was not as the share it saves cannot pay."""
     ratios = COARSE_RATIOS[scene.preset]
     price = len(ratios) * _COSTS.get(scene.preset, 0.0)
     why = _why_needed(scene, plan) if effect is Effect.FRICTION else ""
@@ -141,11 +137,7 @@ def _why_needed(scene: Scene, plan: EffectPlan) -> str:
 
 
 def _tried(scene: Scene, plan: EffectPlan, effect: Effect) -> tuple[dict[Output, float], float]:
-    """Return what leaving an effect out costs each output, and the processor's time for it [s].
-
-    Raises:
-        RigError: A coarse press failed.
-    """
+    """Return what leaving an effect out costs each output, and the processor's time for it [s]."""
     without = _with(plan, effect, on=False)
     found, spent = [], 0.0
     for ratio in COARSE_RATIOS[scene.preset]:

@@ -123,7 +123,10 @@ def _fitted(
         corners = np.asarray(core.todense())[row[:, None], faces[face, :3]]
         counted = np.where(touched[face], 1.0, (1.0 - held[block])[row, None]) + _LEAST_WEIGHT
         offsets = points[face] - point.state.positions[nodes[block]][row, None]
-        flat = np.einsum("apx,aux->apu", offsets, _tangents(normals[nodes[block]])[row])
+        across = normals[nodes[block]]
+        first_way = unit(np.cross(across, np.eye(3)[np.argmin(np.abs(across), axis=1)]))
+        plane = np.stack([first_way, np.cross(across, first_way)], axis=1)
+        flat = np.einsum("apx,aux->apu", offsets, plane[row])
         weights = areas[face] * (corners @ model.reference.face_points.T) * counted
         yield nodes[block], _at_origin(flat, values[face], weights, row, degree)
 
@@ -133,12 +136,6 @@ def _incidence(faces: IntArray, size: int) -> scipy.sparse.csr_matrix:
     columns = np.repeat(np.arange(len(faces)), faces.shape[1])
     ones = np.ones(faces.size)
     return scipy.sparse.csr_matrix((ones, (faces.reshape(-1), columns)), (size, len(faces)))
-
-
-def _tangents(normals: FloatArray) -> FloatArray:
-    """Return two directions along planes, shape [count, 2, 3]."""
-    first = unit(np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)]))
-    return np.stack([first, np.cross(normals, first)], axis=1)
 
 
 def _at_origin(

@@ -11,6 +11,7 @@ import numpy as np
 from sim.fields.contact_traction import surface_traction
 from sim.fields.stress import cauchy_stress, components, surface_stress
 from sim.fields.surface import IntermediateState, SurfaceState, TopSurface
+from sim.mesh.elements import doubled_areas
 from sim.mesh.symmetry import WholeSurface
 from sim.scene.indenter import MeshIndenter, grown, ring_walls
 from sim.solve.loading_path import LoadingPath
@@ -124,8 +125,7 @@ def surface_state(path: LoadingPath, point: PathPoint) -> SurfaceState:
 
 def top_surface(model: Model) -> TopSurface:
     """Return the whole contact surface at rest; a part of a pad is mirrored."""
-    a, b, c = (model.nodes[model.faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
+    normals = doubled_areas(model.nodes, model.faces)
     looks_up = normals[:, 2] > 0.5 * np.linalg.norm(normals, axis=1)
     nodes, faces = _renumbered(model.faces[looks_up])
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])

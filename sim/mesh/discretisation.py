@@ -18,6 +18,7 @@ from sim.mesh.elements import (
     ElementOrder,
     ReferenceElement,
     boundary_faces,
+    doubled_areas,
     quadratic_nodes,
     reference_element,
 )
@@ -83,12 +84,7 @@ class SparsePattern:
 
 
 def sparse_pattern(elements: IntArray, fixed: NDArray[np.bool_]) -> SparsePattern:
-    """Build the pattern of a mesh.
-
-    Args:
-        elements: Shape [element_count, element_node_count].
-        fixed: True for degrees of freedom that cannot move, shape [node_count, 3].
-    """
+    """Build the pattern of a mesh of which degrees of freedom are fixed, shape [node_count, 3]."""
     moving = np.flatnonzero(~fixed.all(axis=1))
     block_row = np.full(len(fixed), -1, dtype=np.int32)
     block_row[moving] = np.arange(len(moving), dtype=np.int32)
@@ -117,12 +113,7 @@ def sparse_pattern(elements: IntArray, fixed: NDArray[np.bool_]) -> SparsePatter
 
 
 def assembled(blocks: FloatArray, elements: AnyIntArray, size: int) -> scipy.sparse.csr_matrix:
-    """Return the sum of the elements' blocks, shape [size, size].
-
-    Args:
-        blocks: Shape [element_count, k, k].
-        elements: Rows of each block, shape [element_count, k].
-    """
+    """Return the sum of blocks [element_count, k, k] at the rows of each, [element_count, k]."""
     rows, columns = (each.reshape(-1) for each in _pairs(elements))
     return scipy.sparse.csr_matrix((blocks.reshape(-1), (rows, columns)), shape=(size, size))
 
@@ -174,8 +165,7 @@ class Discretisation:
     @property
     def face_areas(self) -> FloatArray:
         """Areas of the faces at rest [m^2], as if they were flat."""
-        a, b, c = (self.nodes[self.faces[:, k]] for k in range(3))
-        return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+        return np.asarray(0.5 * np.linalg.norm(doubled_areas(self.nodes, self.faces), axis=1))
 
     @property
     def touched_element(self) -> int:

@@ -86,7 +86,9 @@ def reference_element(order: ElementOrder) -> ReferenceElement:
         face_values = face_points
         face_gradients = np.tile(_TRIANGLE_GRADIENTS, (len(face_points), 1, 1))
     else:
-        points, weights = _four_point_rule()
+        # The degree-two rule.
+        near, far = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0
+        points, weights = np.full((4, 4), far) + (near - far) * np.eye(4), np.full(4, 0.25)
         face_values = quadratic_triangle_values(face_points)
         face_gradients = _quadratic_gradients(face_points, _TRIANGLE_GRADIENTS, FACE_EDGES)
     return ReferenceElement(
@@ -159,6 +161,12 @@ def boundary_faces(elements: IntArray) -> tuple[IntArray, IntArray]:
     return faces[outer], parents[outer]
 
 
+def doubled_areas(nodes: FloatArray, faces: IntArray) -> FloatArray:
+    """Return normals of faces as if they were flat, twice as long as their areas [m^2]."""
+    a, b, c = (nodes[faces[:, k]] for k in range(3))
+    return np.asarray(np.cross(b - a, c - a), dtype=np.float64)
+
+
 def linear_facets(faces: IntArray) -> IntArray:
     """Split quadratic faces [n, 6] in four linear facets each; linear faces pass through."""
     if faces.shape[1] == 3:
@@ -182,12 +190,6 @@ def _quadratic_gradients(
     corners = (4.0 * at - 1.0) * linear
     middles = [4.0 * (at[..., a, :] * linear[b] + at[..., b, :] * linear[a]) for a, b in edges]
     return np.concatenate([corners, np.stack(middles, axis=-2)], axis=-2)
-
-
-def _four_point_rule() -> tuple[FloatArray, FloatArray]:
-    """Return the degree-two rule of a tetrahedron: barycentric points [4, 4] and weights [4]."""
-    near, far = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0
-    return np.full((4, 4), far) + (near - far) * np.eye(4), np.full(4, 0.25)
 
 
 def _triangle_rule() -> tuple[FloatArray, FloatArray]:

@@ -66,12 +66,7 @@ def kuhn_tets(cells: tuple[int, ...]) -> IntArray:
 
 
 def bisected(mesh: TetMesh, size_at: Callable[[FloatArray], FloatArray]) -> TetMesh:
-    """Halve edges until none is longer than 3/2 of the target length [m] at its middle.
-
-    Raises:
-        ConfigError: The target asks for more tetrahedra than can be solved for.
-        TimeLimitError: The time is over.
-    """
+    """Halve edges until none is longer than 3/2 of the target length [m] at its middle."""
     while True:
         check_time()
         ends, lengths, of_tets, longest = _edges(mesh)

@@ -70,11 +70,7 @@ def oriented(mesh: TetMesh) -> TetMesh:
 
 
 def refuse_flat(mesh: TetMesh, least_rad: float) -> None:
-    """Check a mesh's smallest angle between two faces of a tetrahedron.
-
-    Raises:
-        ConfigError: It is less than ``least_rad`` [rad].
-    """
+    """Refuse a mesh with a smaller angle between faces of a tetrahedron than this [rad]."""
     found, asked = smallest_dihedral_deg(mesh), float(np.degrees(least_rad))
     if found < asked:
         raise ConfigError(
@@ -125,11 +121,7 @@ def stored_mesh(label: str, key: str, make: Callable[[], TetMesh]) -> TetMesh:
 
 
 def read_mesh(path: Path) -> TetMesh:
-    """Read a mesh file and check it against its own hash.
-
-    Raises:
-        RecordError: The file is damaged.
-    """
+    """Read a mesh file and check it against its own hash."""
     remedy = f"delete {path}; it is made again when it is needed"
     try:
         with np.load(path, allow_pickle=False) as data:

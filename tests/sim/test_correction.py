@@ -12,19 +12,14 @@ from sim.effects.outputs import PressOutputs
 from sim.effects.scene_path import coarse_press
 from sim.error import Tolerance, alternatives, guaranteed, keeping_corrected
 from sim.press import press
+from sim.press_command import scene_from
 from sim.scene.indenter import Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Output, Preset, Scene, Target
-from sim.sensor.sensor import load_sensor
 from tacauchy_rig.core.errors import ConfigError
 
-GEL = load_sensor("gelsight-mini")
-SCENE = Scene(
-    pad=GEL.pad,
-    material=GEL.material,
-    indenter=Sphere(diameter_m=8e-3),
-    target=Target(depth_m=0.4e-3),
-    preset=Preset.FAST,
+SCENE = replace(
+    scene_from("--sensor gelsight-mini --indenter sphere:diameter=8mm --depth 0.4mm --preset fast"),
     path_refinement=WAY,
 )
 PUSHED = replace(SCENE, target=Target(force_n=0.7))

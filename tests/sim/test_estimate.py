@@ -12,17 +12,12 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import CoarsePress, coarse_press
 from sim.error import estimate_from, estimated
 from sim.press import press
-from sim.scene.indenter import Sphere
-from sim.scene.material import Material
-from sim.scene.pad import DiscPad
+from sim.press_command import scene_from
 from sim.scene.scene import ContactMode, Output, Preset, Scene, Target
 
-SCENE = Scene(
-    pad=DiscPad(radius_m=5e-3, height_m=3e-3),
-    material=Material(young_pa=3e5, poisson=0.46),
-    indenter=Sphere(diameter_m=5e-3),
-    target=Target(depth_m=0.15e-3),
-    preset=Preset.FAST,
+SCENE = scene_from(
+    "--pad disc:radius=5mm,height=3mm --young 0.3MPa --poisson 0.46 "
+    "--indenter sphere:diameter=5mm --depth 0.15mm --preset fast"
 )
 PLAN = plan_effects(SCENE)
 

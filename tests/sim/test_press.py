@@ -139,10 +139,11 @@ def test_a_motion_across_a_mirror_plane_is_refused() -> None:
             path.carry(**motion)  # type: ignore[arg-type]
 
 
-def test_indenter_beside_the_pad_is_refused() -> None:
+@pytest.mark.parametrize("indenter", [PUNCH, Sphere(diameter_m=5e-3)])
+def test_indenter_beside_the_pad_is_refused(indenter: Indenter) -> None:
     """The message says where the tip stands, the remedy where the pad ends."""
     with pytest.raises(ConfigError, match=r"x = 13 mm, y = 0 mm comes down beside") as caught:
-        press(replace(SCENE, centre_m=(13e-3, 0.0)))
+        press(replace(SCENE, indenter=indenter, centre_m=(13e-3, 0.0)))
     assert "from -10 to 10 mm in x" in caught.value.remedy
 
 

@@ -16,17 +16,13 @@ from sim.error import (
     setting_of,
 )
 from sim.press import press
-from sim.scene.indenter import Cylinder, Sphere
-from sim.scene.scene import Preset, Scene, Target
-from sim.sensor.sensor import load_sensor
+from sim.press_command import scene_from
+from sim.scene.indenter import Sphere
+from sim.scene.scene import Preset, Target
 from tacauchy_rig.core.errors import ConfigError
 
-GEL = load_sensor("gelsight-mini")
-SCENE = Scene(
-    pad=GEL.pad,
-    material=GEL.material,
-    indenter=Cylinder(diameter_m=5e-3, fillet_m=0.1e-3),
-    target=Target(depth_m=0.5e-3),
+SCENE = scene_from(
+    "--sensor gelsight-mini --indenter cylinder:diameter=5mm,fillet=0.1mm --depth 0.5mm"
 )
 BALL = replace(SCENE, indenter=Sphere(diameter_m=10e-3))
 

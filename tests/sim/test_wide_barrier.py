@@ -11,6 +11,7 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.optics.height.height_map import height_maps
+from sim.press_command import scene_from
 from sim.scene.indenter import (
     Cylinder,
     Indenter,
@@ -20,18 +21,12 @@ from sim.scene.indenter import (
     grown,
     mesh_indenter,
 )
-from sim.scene.material import Material
-from sim.scene.pad import DiscPad
-from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.camera_geometry import CameraGeometry
 
 _DEPTH_M = 0.4e-3
-_SCENE = Scene(
-    pad=DiscPad(radius_m=8e-3, height_m=4e-3),
-    material=Material(young_pa=0.4e6, poisson=0.45),
-    indenter=Cylinder(diameter_m=4e-3, fillet_m=0.3e-3),
-    target=Target(depth_m=_DEPTH_M),
-    preset=Preset.FAST,
+_SCENE = scene_from(
+    "--pad disc:radius=8mm,height=4mm --young 0.4MPa --poisson 0.45 "
+    "--indenter cylinder:diameter=4mm,fillet=0.3mm --depth 0.4mm --preset fast"
 )
 _PIXEL_M = 50e-6
 _GEOMETRY = CameraGeometry(

@@ -11,18 +11,14 @@ from sim.effects.effect_plan import full_plan
 from sim.effects.end_state import end_state, has_own_way
 from sim.effects.outputs import outputs_of
 from sim.effects.scene_path import follow, path_for
-from sim.scene.indenter import Sphere
-from sim.scene.material import Material
-from sim.scene.pad import DiscPad
-from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene, Target
+from sim.press_command import scene_from
+from sim.scene.scene import ContactMode, Effect, Output, Scene, Target
 
-SCENE = Scene(
-    pad=DiscPad(radius_m=5e-3, height_m=3e-3),
-    material=Material(young_pa=3e5, poisson=0.46),
-    indenter=Sphere(diameter_m=5e-3),
-    target=Target(depth_m=0.3e-3),
-    preset=Preset.FAST,
-    effects=((Effect.INERTIA, False), (Effect.GRAVITY, False)),
+SCENE = replace(
+    scene_from(
+        "--pad disc:radius=5mm,height=3mm --young 0.3MPa --poisson 0.46 --depth 0.3mm "
+        "--indenter sphere:diameter=5mm --preset fast --effect inertia=off --effect gravity=off"
+    ),
     path_refinement=0.6,
 )
 PLAN = full_plan(SCENE)

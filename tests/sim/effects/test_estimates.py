@@ -7,18 +7,17 @@ from dataclasses import replace
 import pytest
 
 from sim.effects import estimates
+from sim.press_command import scene_from
 from sim.scene.indenter import Cylinder, Indenter, Sphere
-from sim.scene.material import Layer, Material
+from sim.scene.material import Layer
 from sim.scene.pad import BoxPad
-from sim.scene.scene import Scene, Target
+from sim.scene.scene import Target
 
-GEL = Material(young_pa=0.4e6, poisson=0.45)
-SCENE = Scene(
-    pad=BoxPad(size_x_m=20e-3, size_y_m=25e-3, height_m=4e-3),
-    material=GEL,
-    indenter=Cylinder(diameter_m=5e-3, fillet_m=0.2e-3),
-    target=Target(depth_m=0.5e-3),
+SCENE = scene_from(
+    "--pad box:20x25x4mm --young 0.4MPa --poisson 0.45 "
+    "--indenter cylinder:diameter=5mm,fillet=0.2mm --depth 0.5mm"
 )
+GEL = SCENE.material
 
 
 @pytest.mark.parametrize(

@@ -10,21 +10,16 @@ import pytest
 from sim.effects.effect_plan import full_plan
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.scene_path import follow, path_for
-from sim.scene.indenter import Cylinder, Sphere
-from sim.scene.material import Material
-from sim.scene.pad import DiscPad
-from sim.scene.scene import ContactMode, Effect, Motion, Output, Preset, Scene, Target
+from sim.press_command import scene_from
+from sim.scene.indenter import Cylinder
+from sim.scene.scene import ContactMode, Effect, Motion, Output, Scene, Target
 
-SCENE = Scene(
-    pad=DiscPad(radius_m=6e-3, height_m=3e-3),
-    material=Material(young_pa=4e5, poisson=0.45),
-    indenter=Sphere(diameter_m=6e-3),
-    target=Target(depth_m=0.2e-3),
-    contact=ContactMode.FRICTION,
-    friction=0.5,
-    preset=Preset.FAST,
+SCENE = replace(
+    scene_from(
+        "--pad disc:radius=6mm,height=3mm --young 0.4MPa --poisson 0.45 --depth 0.2mm "
+        "--indenter sphere:diameter=6mm --contact friction:0.5 --preset fast --effect inertia=off"
+    ),
     refinement=0.6,
-    effects=((Effect.INERTIA, False),),
 )
 
 

@@ -7,34 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model, mesh_for
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.press_fields import trial_fields
-from sim.press_command import scene_from
+from sim.scene.scene import Scene
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
 
-BALL = scene_from(
-    "--pad disc:radius=8mm,height=4mm --young 0.3MPa --poisson 0.47 "
-    "--indenter sphere:diameter=8mm --depth 0.2mm --preset fast"
-)
-
-
-@pytest.fixture(scope="module")
-def pressed() -> tuple[Model, PathPoint]:
-    """A ball in a quarter of a disc."""
-    path = LoadingPath(build_model(BALL), BALL.indenter)
-    return path.model, path.advance(0.2e-3)
-
 
 def test_a_quadratic_pressure_is_recovered_exactly_inside_the_contact(
-    pressed: tuple[Model, PathPoint],
+    pressed: tuple[LoadingPath, PathPoint],
 ) -> None:
     """Whatever the mesh: the fit is of the element's order."""
-    model, point = pressed
+    path, point = pressed
+    model = path.model
     contact = point.equilibrium.contact
     areas = np.linalg.norm(model.surface.area_vectors(point.state.positions), axis=2)
 
@@ -56,31 +44,29 @@ def test_a_quadratic_pressure_is_recovered_exactly_inside_the_contact(
     assert len(chosen) > 10
 
 
-def test_a_quarter_gives_what_the_whole_gives(pressed: tuple[Model, PathPoint]) -> None:
+def test_a_quarter_gives_what_the_whole_gives(
+    ball: Scene, pressed: tuple[LoadingPath, PathPoint]
+) -> None:
     """On the mirror planes too, where half of a node's patch is an image."""
     part, point = pressed
-    path = LoadingPath(
-        build_model(BALL, plan=plan_effects(BALL), mesh=mesh_for(BALL, symmetric=False)),
-        BALL.indenter,
-    )
-    whole = path.advance(0.2e-3)
+    whole = LoadingPath(build_model(ball, mesh=mesh_for(ball, symmetric=False)), ball.indenter)
 
     def by_place(model: Model, found: SurfaceTraction) -> dict[tuple[float, ...], float]:
         nodes = np.unique(model.faces)
         rest = np.round(model.nodes[nodes] * 1e9) + 0.0
         return dict(zip(map(tuple, rest), found.pressure_pa[nodes], strict=True))
 
-    quarter = by_place(part, surface_traction(part, point))
-    full = by_place(path.model, surface_traction(path.model, whole))
+    quarter = by_place(part.model, surface_traction(part.model, point))
+    full = by_place(whole.model, surface_traction(whole.model, whole.advance(0.2e-3)))
     largest = max(full.values())
     for place, pressure in quarter.items():
         assert pressure == pytest.approx(full[place], abs=2e-4 * largest)
 
 
-def test_nodal_forces_are_split_along_the_surface(pressed: tuple[Model, PathPoint]) -> None:
+def test_nodal_forces_are_split_along_the_surface(pressed: tuple[LoadingPath, PathPoint]) -> None:
     """Both parts add up, and without friction next to nothing lies along the surface."""
-    model, point = pressed
-    found = trial_fields(LoadingPath(model, BALL.indenter), point).at_nodes
+    _, point = pressed
+    found = trial_fields(*pressed).at_nodes
     force, normal, tangential = (
         found[f"contact_{part}force_n"] for part in ("", "normal_", "tangential_")
     )

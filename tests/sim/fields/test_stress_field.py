@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from sim.effects.presets import build_model
 from sim.fields.stress import cauchy_stress
-from sim.press_command import scene_from
+from sim.scene.scene import Scene
 from sim.solve.loading_path import LoadingPath
-from sim.solve.model import Model
-
-BALL = scene_from(
-    "--pad disc:radius=8mm,height=4mm --young 0.3MPa --poisson 0.47 "
-    "--indenter sphere:diameter=8mm --depth 0.2mm --preset fast"
-)
+from sim.solve.path_point import PathPoint
 
 
-@pytest.fixture(scope="module")
-def model() -> Model:
-    """A quarter of a disc."""
-    return build_model(BALL)
-
-
-def test_even_strain_gives_even_stress_without_an_error(model: Model) -> None:
+def test_even_strain_gives_even_stress_without_an_error(
+    pressed: tuple[LoadingPath, PathPoint],
+) -> None:
     """Nodes on corners and on edges, and cells, have the one stress there is."""
-    stretch = np.diag([1.05, 0.98, 0.97])
+    model, stretch = pressed[0].model, np.diag([1.05, 0.98, 0.97])
     found = cauchy_stress(model, model.nodes @ stretch)
     expected = found.cells_pa[0]
     size = np.abs(expected).max()
@@ -34,11 +24,11 @@ def test_even_strain_gives_even_stress_without_an_error(model: Model) -> None:
     assert found.errors_pa.max() < 1e-6 * size
 
 
-def test_the_estimated_error_falls_with_the_edges() -> None:
+def test_the_estimated_error_falls_with_the_edges(ball: Scene) -> None:
     """As the square of the edges, or nearly: twice shorter, at most 0.45 times the error."""
 
     def error(refinement: float) -> float:
-        path = LoadingPath(build_model(BALL, refinement=refinement), BALL.indenter)
+        path = LoadingPath(build_model(ball, refinement=refinement), ball.indenter)
         point = path.advance(0.2e-3)
         found, volumes = cauchy_stress(path.model, point.state.positions), path.model.discretisation
         return float(np.sqrt(found.errors_pa**2 @ volumes.volumes))

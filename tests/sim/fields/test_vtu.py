@@ -8,23 +8,9 @@ import numpy as np
 import pytest
 import pyvista
 
-from sim.effects.presets import build_model
 from sim.fields.press_fields import gel_vtu, indenter_vtu, surface_state
-from sim.press_command import scene_from
 from sim.solve.loading_path import LoadingPath
 from sim.solve.path_point import PathPoint
-
-BALL = scene_from(
-    "--pad disc:radius=8mm,height=4mm --young 0.3MPa --poisson 0.47 "
-    "--indenter sphere:diameter=8mm --depth 0.2mm --preset fast"
-)
-
-
-@pytest.fixture(scope="module")
-def pressed() -> tuple[LoadingPath, PathPoint]:
-    """A ball in a quarter of a disc."""
-    path = LoadingPath(build_model(BALL), BALL.indenter)
-    return path, path.advance(0.2e-3)
 
 
 def test_the_whole_gel_is_written_with_its_stress(

@@ -12,12 +12,11 @@ import warp as wp
 
 from sim.material.laws.tangent import Law, law, tangent_block
 from sim.mesh.elements import ElementOrder
-from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.scene.material import LawName
-from sim.scene.pad import DiscPad
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
+from tests.sim.material.small_disc import PAD, disc_model
 
 YOUNG_PA, POISSON = 4e5, 0.45
 MU_PA = YOUNG_PA / (2.0 * (1.0 + POISSON))
@@ -201,16 +200,9 @@ def test_a_gel_turned_inside_out_is_refused_or_pushed_back() -> None:
     assert stress(STABLE, out)[2, 2] < stress(STABLE, flat)[2, 2] < 0.0
 
 
-PAD = DiscPad(radius_m=3e-3, height_m=2e-3)
-GRADING = Grading(start_m=1e-3, end_m=1e-3, size_m=0.6e-3, growth=2.0)
-
-
 def coarse_model(name: LawName, order: ElementOrder) -> Model:
-    """Return a pad of some hundred elements."""
-    mesh = revolved_mesh(
-        PAD, GRADING, centre_m=(0.0, 0.0), sector_count=8, name="test", symmetry=MirrorSymmetry()
-    )
-    return Model(mesh, order=order, law=law(name), young_pa=4e5, poisson=0.48)
+    """Return a whole disc."""
+    return disc_model(name, order=order, poisson=0.48, symmetry=MirrorSymmetry())
 
 
 def matrix(model: Model, positions: FloatArray, *, projected: bool) -> scipy.sparse.csr_matrix:

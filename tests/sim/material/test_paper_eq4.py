@@ -6,25 +6,19 @@ import numpy as np
 import pytest
 
 from sim.material.laws.paper_eq4 import free_stretch
-from sim.material.laws.tangent import law
-from sim.mesh.elements import ElementOrder
-from sim.mesh.revolved import Grading, revolved_mesh
 from sim.scene.indenter import Sphere
 from sim.scene.material import LawName
-from sim.scene.pad import DiscPad
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.loading_path import LoadingPath, unloaded_positions
 from sim.solve.model import Model
+from tests.sim.material.small_disc import PAD, disc_model
 
-PAD = DiscPad(radius_m=3e-3, height_m=2e-3)
 YOUNG_PA = 0.43e6
 
 
 def paper_model(name: LawName, poisson: float) -> Model:
-    """Return a clamped disc of the paper's law."""
-    grading = Grading(start_m=1e-3, end_m=1e-3, size_m=0.4e-3, growth=2.0)
-    mesh = revolved_mesh(PAD, grading, centre_m=(0.0, 0.0), sector_count=8, name="test")
-    return Model(mesh, order=ElementOrder.P2, law=law(name), young_pa=YOUNG_PA, poisson=poisson)
+    """Return a disc of the paper's modulus."""
+    return disc_model(name, young_pa=YOUNG_PA, poisson=poisson, size_m=0.4e-3)
 
 
 def test_undeformed_gel_is_under_the_shear_modulus() -> None:

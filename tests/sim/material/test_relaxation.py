@@ -7,19 +7,16 @@ import math
 import numpy as np
 import pytest
 
-from sim.material.laws.tangent import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
-from sim.mesh.revolved import Grading, revolved_mesh
 from sim.scene.indenter import Sphere
 from sim.scene.material import LawName, RelaxationTerm
-from sim.scene.pad import DiscPad
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
+from tests.sim.material.small_disc import disc_model
 
-YOUNG_PA = 4e5
 TERMS = (
     RelaxationTerm(share=0.3, time_s=0.1),
     RelaxationTerm(share=0.2, time_s=2.0),
@@ -30,22 +27,7 @@ STRETCH = np.array([[1.1, 0.05, 0.0], [0.0, 0.9, 0.1], [0.02, 0.0, 1.05]])
 
 def model(name: LawName, *, terms: tuple[RelaxationTerm, ...] = TERMS, order: str = "P1") -> Model:
     """Return a small relaxing disc."""
-    mesh = revolved_mesh(
-        DiscPad(radius_m=3e-3, height_m=2e-3),
-        Grading(start_m=1e-3, end_m=1e-3, size_m=0.8e-3, growth=2.0),
-        centre_m=(0.0, 0.0),
-        sector_count=8,
-        name="test",
-    )
-    material_of = np.zeros(len(mesh.tets), dtype=np.int32)
-    return Model(
-        mesh,
-        order=ElementOrder(order),
-        law=law(name),
-        young_pa=YOUNG_PA,
-        poisson=0.45,
-        prony=prony_series([terms], material_of),
-    )
+    return disc_model(name, terms=terms, order=ElementOrder(order), size_m=0.8e-3)
 
 
 def second_stress(model: Model, F: FloatArray) -> FloatArray:

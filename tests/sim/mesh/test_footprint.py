@@ -18,12 +18,9 @@ from sim.effects.mesh_choice import (
 )
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model, mesh_for
-from sim.mesh.elements import boundary_faces
 from sim.mesh.footprint import footprint
-from sim.mesh.refinement import bisected
-from sim.mesh.revolved import Grading, revolved_mesh
-from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh, smallest_dihedral_deg, tet_volumes
+from sim.mesh.tet_mesh import smallest_dihedral_deg, tet_volumes
+from sim.press_command import scene_from
 from sim.scene.indenter import (
     Cylinder,
     Indenter,
@@ -34,9 +31,9 @@ from sim.scene.indenter import (
     mesh_indenter,
     tilted,
 )
-from sim.scene.material import Layer, Material
+from sim.scene.material import Layer
 from sim.scene.pad import BoxPad
-from sim.scene.scene import Effect, Motion, Preset, Scene, Target, TetWildOptions
+from sim.scene.scene import Effect, Motion, Preset, Target, TetWildOptions
 from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import LoadingPath
 from tacauchy_rig.core.errors import ConfigError
@@ -46,12 +43,9 @@ PAD = BoxPad(size_x_m=12e-3, size_y_m=12e-3, height_m=4e-3)
 PUNCH = Cylinder(diameter_m=5e-3)
 BALL = Sphere(diameter_m=8e-3)
 UPRIGHT = np.eye(3)
-SCENE = Scene(
-    pad=PAD,
-    material=Material(young_pa=4e5, poisson=0.48),
-    indenter=PUNCH,
-    target=Target(depth_m=0.4e-3),
-    preset=Preset.FAST,
+SCENE = scene_from(
+    "--pad box:12x12x4mm --young 0.4MPa --poisson 0.48 --indenter cylinder:diameter=5mm "
+    "--depth 0.4mm --preset fast"
 )
 
 
@@ -117,14 +111,6 @@ def test_pads_own_edge_is_no_rim() -> None:
     assert found.area_m2 == pytest.approx(0.5 * math.pi * PUNCH.radius_m**2, rel=0.02)
 
 
-@pytest.mark.parametrize("indenter", [BALL, stl_punch()])
-def test_beside_the_pad_is_refused(indenter: Indenter) -> None:
-    """The message says where the indenter is, the remedy where the pad ends."""
-    with pytest.raises(ConfigError, match="beside the pad") as caught:
-        footprint(PAD, upright(indenter), centre_m=(11e-3, 0.0), depth_m=0.3e-3)
-    assert "6 mm" in caught.value.remedy
-
-
 @settings(max_examples=10, deadline=None, derandomize=True)
 @given(about_x=st.floats(-0.2, 0.2), about_y=st.floats(-0.2, 0.2))
 def test_tilted_shapes_agree_with_their_triangles(about_x: float, about_y: float) -> None:
@@ -145,37 +131,6 @@ def test_tilted_punch_touches_on_one_side() -> None:
     found = footprint(PAD, turned, centre_m=(0.0, 0.0), depth_m=0.2e-3)
     assert found.inside[:, 0].min() > 1e-3
     assert found.area_m2 < 0.2 * math.pi * PUNCH.radius_m**2
-
-
-def coarse() -> TetMesh:
-    """Return a small mesh without fTetWild."""
-    grading = Grading(start_m=2e-3, end_m=2e-3, size_m=1.5e-3, growth=2.0)
-    return revolved_mesh(
-        PAD, grading, centre_m=(0.0, 0.0), sector_count=8, name="coarse", symmetry=MirrorSymmetry()
-    )
-
-
-def test_halving_keeps_the_pad_and_meets_the_field() -> None:
-    """Same volume, no hanging node, every edge short enough, nothing changed where it was."""
-
-    def size_at(points: np.ndarray) -> np.ndarray:
-        return np.asarray(0.4e-3 + 0.5 * np.linalg.norm(points - [2e-3, 1e-3, 4e-3], axis=1))
-
-    before, mesh = coarse(), bisected(coarse(), size_at)
-    corners = [m.vertices[m.tets] for m in (before, mesh)]
-    volumes = [np.linalg.det(c[:, 1:] - c[:, :1]) / 6.0 for c in corners]
-    assert volumes[1].min() > 0.0
-    assert volumes[1].sum() == pytest.approx(volumes[0].sum(), rel=1e-12)
-    areas = []
-    for m in (before, mesh):
-        a, b, c = (m.vertices[boundary_faces(m.tets)[0]][:, k] for k in range(3))
-        areas.append(float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()))
-    assert areas[1] == pytest.approx(areas[0], rel=1e-12)
-    pairs = mesh.tets[:, [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]].reshape(-1, 2)
-    ends = mesh.vertices[pairs]
-    lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-    assert np.all(lengths <= 1.5 * size_at(ends.mean(axis=1)))
-    assert mesh.content_hash == bisected(coarse(), size_at).content_hash
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,14 @@
-"""Fitting: vertices come to lie on the top and on the rim, and no element is turned over."""
+"""Halving of edges, and vertices that come to lie on the top and on the rim."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from sim.mesh.refinement import with_rim_fitted, with_top_fitted
+from sim.mesh.elements import boundary_faces
+from sim.mesh.refinement import bisected, with_rim_fitted, with_top_fitted
 from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.symmetry import MirrorSymmetry
 from sim.mesh.tet_mesh import TetMesh
@@ -58,3 +60,24 @@ def test_a_rim_gets_nodes_and_no_element_is_flattened() -> None:
     np.testing.assert_allclose(at, radius, rtol=1e-5)
     assert np.all(volumes(fitted) >= 0.2 * volumes(mesh))
     assert with_rim_fitted(mesh, PAD, np.empty((0, 3)), reach_m=1e-3) is mesh
+
+
+def test_halving_keeps_the_pad_and_meets_the_field() -> None:
+    """Same volume, no hanging node, every edge short enough, nothing changed where it was."""
+
+    def size_at(points: np.ndarray) -> np.ndarray:
+        return np.asarray(0.4e-3 + 0.5 * np.linalg.norm(points - [2e-3, 1e-3, 2e-3], axis=1))
+
+    before, mesh = coarse(), bisected(coarse(), size_at)
+    assert volumes(mesh).min() > 0.0
+    assert volumes(mesh).sum() == pytest.approx(volumes(before).sum(), rel=1e-12)
+    areas = []
+    for m in (before, mesh):
+        a, b, c = (m.vertices[boundary_faces(m.tets)[0]][:, k] for k in range(3))
+        areas.append(float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()))
+    assert areas[1] == pytest.approx(areas[0], rel=1e-12)
+    pairs = mesh.tets[:, [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]].reshape(-1, 2)
+    ends = mesh.vertices[pairs]
+    lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    assert np.all(lengths <= 1.5 * size_at(ends.mean(axis=1)))
+    assert mesh.content_hash == bisected(coarse(), size_at).content_hash
