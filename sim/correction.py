@@ -15,7 +15,7 @@ barrier's width is bounded.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.estimates import contact_radius, expected_depth
@@ -28,6 +28,38 @@ from sim.scene.scene import ContactMode, Output, Preset, Scene
 
 WAY = 0.75
 """How many times shorter than preset fast's the edges of the way are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A preset, and how many times shorter than its own every edge is, and the way's."""
+
+    preset: Preset
+    refinement: float = 1.0
+    path_refinement: float | None = None
+
+    def __str__(self) -> str:
+        text = self.preset.value
+        if self.refinement != 1.0:
+            text += f", edges {1.0 / self.refinement:.3g} times as long"
+        if self.path_refinement is not None:
+            text += f", edges on the way {1.0 / self.path_refinement:.3g} times as long"
+        return text
+
+    def applied(self, scene: Scene) -> Scene:
+        """Return a scene with these settings."""
+        return replace(scene, **asdict(self))
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeCost:
+    """Processor time of a setting over preset fast's, and error of F_z.
+
+    The error is over preset fast's too, or relative to F_z where the bias is taken off.
+    """
+
+    time_ratio: float
+    error_ratio: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,17 +158,10 @@ def _was_drawn(scene: Scene) -> bool:
     )
 
 
-def corrected_settings(scene: Scene) -> dict[float, tuple[Scene, float, float]]:
-    """Return a scene with every setting whose bias is known, by edges, the cheapest first.
-
-    With each the error that will be stated, relative, and the time over preset fast's.
-    """
+def corrected_settings(scene: Scene) -> dict[Setting, RelativeCost]:
+    """Return every setting whose bias is known, the cheapest first, with what will be stated."""
     return {
-        refinement: (
-            replace(scene, preset=Preset.FAST, refinement=refinement, path_refinement=WAY),
-            rule.rest(scene),
-            rule.time_ratio,
-        )
+        Setting(Preset.FAST, refinement, WAY): RelativeCost(rule.time_ratio, rule.rest(scene))
         for refinement, rule in rules_of(scene).items()
     }
 

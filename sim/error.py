@@ -20,9 +20,9 @@ mesh changes the shear, and without friction there is none.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
-from sim.correction import corrected_settings
+from sim.correction import RelativeCost, Setting, corrected_settings
 from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.outputs import PressOutputs
 from sim.effects.plan import plan_effects
@@ -185,35 +185,6 @@ def _grip_left(scene: Scene, found: PressOutputs) -> float:
     return max(0.0, 1.0 - found.sizes[Output.SHEAR] / scene.friction)
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """A preset, and how many times shorter than its own every edge is, and the way's."""
-
-    preset: Preset
-    refinement: float = 1.0
-    path_refinement: float | None = None
-
-    def __str__(self) -> str:
-        text = self.preset.value
-        if self.refinement != 1.0:
-            text += f", edges {1.0 / self.refinement:.3g} times as long"
-        if self.path_refinement is not None:
-            text += f", edges on the way {1.0 / self.path_refinement:.3g} times as long"
-        return text
-
-    def applied(self, scene: Scene) -> Scene:
-        """Return a scene with these settings."""
-        return replace(scene, **asdict(self))
-
-
-@dataclass(frozen=True, slots=True)
-class RelativeCost:
-    """Processor time and error of F_z of a setting, each over preset fast's."""
-
-    time_ratio: float
-    error_ratio: float
-
-
 def _fast(refinement: float) -> Setting:
     return Setting(Preset.FAST, refinement)
 
@@ -325,9 +296,9 @@ def keeping(scene: Scene, tolerance: Tolerance) -> Scene:
         ) from failure
     allowed = tolerance.of(force)
     believed = {setting: worth.error_ratio * error for setting, worth in RELATIVE_COSTS.items()}
-    for setting, own in believed.items():
-        if own <= allowed:
-            return replace(setting.applied(scene), tolerance=allowed - own)
+    cheapest = _cheapest(scene, believed, allowed)
+    if cheapest is not None:
+        return cheapest
     best = min(believed, key=lambda setting: believed[setting])
     nearest = f"{believed[best]:.2%} ({believed[best] * force:.2g} N)"
     raise ConfigError(
@@ -350,11 +321,16 @@ def keeping_corrected(scene: Scene, tolerance: Tolerance) -> Scene:
 
 def corrected_scene(scene: Scene, tolerance: Tolerance) -> Scene | None:
     """Return a scene with the cheapest settings whose bias is known and keeps a tolerance."""
-    settings = list(corrected_settings(scene).values())
-    allowed = _allowed(settings[0][0], tolerance) if settings else 0.0
-    for candidate, own, _ in settings:
+    stated = {each: worth.error_ratio for each, worth in corrected_settings(scene).items()}
+    allowed = _allowed(next(iter(stated)).applied(scene), tolerance) if stated else 0.0
+    return _cheapest(scene, stated, allowed)
+
+
+def _cheapest(scene: Scene, errors: dict[Setting, float], allowed: float) -> Scene | None:
+    """Return a scene with the first setting that errs by so little; effects get what it leaves."""
+    for setting, own in errors.items():
         if own <= allowed:
-            return replace(candidate, tolerance=allowed - own)
+            return replace(setting.applied(scene), tolerance=allowed - own)
     return None
 
 
@@ -382,12 +358,7 @@ def _error_on_fast(fast: Scene) -> tuple[float, float]:
 
 def costs_of(scene: Scene) -> dict[Setting, RelativeCost]:
     """Return cost and error of the settings next to a scene's: corrected ones, or raw ones."""
-    if scene.path_refinement is None:
-        return RELATIVE_COSTS
-    return {
-        setting_of(candidate): RelativeCost(time_ratio, own)
-        for candidate, own, time_ratio in corrected_settings(scene).values()
-    }
+    return RELATIVE_COSTS if scene.path_refinement is None else corrected_settings(scene)
 
 
 def alternatives(

@@ -52,27 +52,27 @@ class EffectPlan:
         tried_s: Processor time of the coarse presses that it rests on [s].
     """
 
-    effects: tuple[PlannedEffect, ...]
+    rows: dict[Effect, PlannedEffect]
     tolerances: dict[Output, float] = field(default_factory=dict)
     tried_s: float = 0.0
 
     def is_on(self, effect: Effect) -> bool:
         """Return whether an effect is simulated."""
-        return next(row.on for row in self.effects if row.effect is effect)
+        return self.rows[effect].on
 
     @property
     def switches(self) -> tuple[tuple[Effect, bool], ...]:
         """Every effect that was decided, as a scene has them."""
-        return tuple((row.effect, row.on) for row in self.effects)
+        return tuple((row.effect, row.on) for row in self.rows.values())
 
     def left_out(self, output: Output) -> float:
         """Return the sum of what all that is left out costs an output."""
-        return sum((row.costs or {}).get(output, 0.0) for row in self.effects if not row.on)
+        return sum((row.costs or {}).get(output, 0.0) for row in self.rows.values() if not row.on)
 
     @property
     def estimated_error(self) -> float:
         """Sum of the estimated errors of F_z of what is left out."""
-        return sum(row.estimated_error or 0.0 for row in self.effects if not row.on)
+        return sum(row.estimated_error or 0.0 for row in self.rows.values() if not row.on)
 
     def as_json(self) -> list[dict[str, Any]]:
         """Return the rows for ``--json``."""
@@ -87,7 +87,7 @@ class EffectPlan:
                 else {output.value: cost for output, cost in row.costs.items()},
                 "asked": row.asked,
             }
-            for row in self.effects
+            for row in self.rows.values()
         ]
 
 
@@ -125,7 +125,7 @@ def full_plan(scene: Scene) -> EffectPlan:
             reason = f"switched by the user; {called.reason}"
             called = replace(called, on=on, reason=reason, costs=None)
         rows[effect] = replace(called, asked=True)
-    return EffectPlan(effects=tuple(rows[effect] for effect in Effect))
+    return EffectPlan(rows={effect: rows[effect] for effect in Effect})
 
 
 def _decisions(scene: Scene) -> dict[Effect, tuple[bool, str]]:

@@ -123,53 +123,62 @@ def _lifts_its_rim(scene: Scene) -> bool:
     return rise > share * mesh_depth(scene)
 
 
-_SPACING_M = 0.8e-3
-_COARSE_M = 2.5e-3
-_EPSILON_R = 1e-3
-_STOP_ENERGY = 10.0
 _DIHEDRAL_MIN_RAD = math.radians(2.0)
 _RIM_REACH_SHARE = 0.6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FootprintResolution:
-    """A footprint mesh's numbers.
+class Resolution:
+    """A mesh's numbers.
 
     Attributes:
-        edge_share: Edge length at a sharp edge of the contact over the radius of the disc of the
-            same area.
-        inside_share: Largest edge length under the contact over that radius.
-        fillet_share: Largest edge length at a rounded rim over its fillet.
+        edge_share: Edge length at a sharp rim over the punch's radius, or over that of the disc of
+            a footprint's area.
+        smooth_share: Edge length under a rounded indenter over the expected contact radius; under a
+            footprint the largest, over that of the disc.
         growth: Ratio of neighbouring edge lengths away from there.
-        coarse_m: Largest edge length [m].
+        sector_count: Sectors of a full turn of a revolved mesh.
+        fillet_share: Largest edge length at a rounded rim over its fillet.
+        rounded_share: Largest edge length at a rounded rim over the punch's radius.
+        size_max_m: Largest edge length [m].
+        under_share: Largest edge length under the indenter and near it, over the pad's height.
     """
 
     edge_share: float
-    inside_share: float
-    fillet_share: float
+    smooth_share: float
     growth: float
-    coarse_m: float = _COARSE_M
+    sector_count: int = 0
+    fillet_share: float = 0.5
+    rounded_share: float = 0.04
+    size_max_m: float = 2.5e-3
+    under_share: float = math.inf
 
 
-FOOTPRINT_RESOLUTIONS = {
-    Preset.FAST: FootprintResolution(
-        edge_share=0.06, inside_share=0.40, fillet_share=1.5, growth=3.0, coarse_m=5e-3
+_FOOTPRINTS = {
+    Preset.FAST: Resolution(
+        edge_share=0.06, smooth_share=0.40, growth=3.0, fillet_share=1.5, size_max_m=5e-3
     ),
-    Preset.BALANCED: FootprintResolution(
-        edge_share=0.06, inside_share=0.30, fillet_share=1.0, growth=2.2
-    ),
-    Preset.ACCURATE: FootprintResolution(
-        edge_share=0.03, inside_share=0.20, fillet_share=0.5, growth=1.9
-    ),
-    Preset.REFERENCE: FootprintResolution(
-        edge_share=0.02, inside_share=0.14, fillet_share=0.5, growth=1.7
-    ),
+    Preset.BALANCED: Resolution(edge_share=0.06, smooth_share=0.30, growth=2.2, fillet_share=1.0),
+    Preset.ACCURATE: Resolution(edge_share=0.03, smooth_share=0.20, growth=1.9),
+    Preset.REFERENCE: Resolution(edge_share=0.02, smooth_share=0.14, growth=1.7),
 }
-
 # Preset fast of a light scene.
-FOOTPRINT_LIGHT = FootprintResolution(
-    edge_share=0.20, inside_share=0.40, fillet_share=1.5, growth=2.5, coarse_m=5e-3
+_LIGHT_FOOTPRINT = Resolution(
+    edge_share=0.20, smooth_share=0.40, growth=2.5, fillet_share=1.5, size_max_m=5e-3
 )
+# What fTetWild fills a pad with, to be refined.
+_BASE = WildSizing(coarse_m=_FOOTPRINTS[Preset.BALANCED].size_max_m)
+
+
+def wild_sizing(scene: Scene, usual: WildSizing) -> WildSizing:
+    """Return fTetWild's settings: the usual ones where a scene asks for no other."""
+    asked = scene.tetwild
+    return replace(
+        usual,
+        coarse_m=usual.coarse_m if asked.l_r is None else asked.l_r * diagonal(scene.pad),
+        envelope_share=asked.epsilon_r or usual.envelope_share,
+        stop_energy=asked.stop_energy or usual.stop_energy,
+    )
 
 
 def footprint_mesh(
@@ -188,26 +197,26 @@ def footprint_mesh(
         ConfigError: The indenter stands beside the pad, fTetWild cannot fill it as asked, or an
             element became too flat.
     """
-    pad = scene.pad
-    resolution = FOOTPRINT_LIGHT if scene.is_light else FOOTPRINT_RESOLUTIONS[scene.preset]
+    pad, sizing, largest = scene.pad, wild_sizing(scene, _BASE), scene.tetwild.l_r
+    resolution = _LIGHT_FOOTPRINT if scene.is_light else _FOOTPRINTS[scene.preset]
+    coarse_m = resolution.size_max_m if largest is None else sizing.coarse_m
     # Before fTetWild is asked: an indenter beside the pad needs no mesh.
     touched = _scene_footprint(scene, depth_m=mesh_depth(scene))
-    coarse_m = _coarse_m(scene, resolution)
     if isinstance(pad, BoxPad) and has_brick(scene):
         base = brick_mesh(pad, spacing_m=coarse_m, symmetry=symmetry or MirrorSymmetry())
     else:
-        base = _base_mesh(scene)
+        base = _base_mesh(scene, sizing)
     edge_m = resolution.edge_share * touched.radius_m
     if isinstance(scene.indenter, Cylinder) and scene.indenter.fillet_m > 0.0:
         edge_m = min(edge_m, resolution.fillet_share * scene.indenter.fillet_m)
     size_at = sizing_field(
         touched,
         edge_m=edge_m / refinement,
-        inside_m=resolution.inside_share * touched.radius_m / refinement,
+        inside_m=resolution.smooth_share * touched.radius_m / refinement,
         slope=(1.0 - 1.0 / resolution.growth) / refinement,
         coarse_m=coarse_m / refinement,
     )
-    reach_m = 2.0 * (scene.tetwild.epsilon_r or _EPSILON_R) * diagonal(pad)
+    reach_m = 2.0 * sizing.envelope_share * diagonal(pad)
     fitted = with_top_fitted(bisected_level(base, pad, size_at), pad, reach_m=reach_m)
     rim_reach_m = _RIM_REACH_SHARE * edge_m / refinement
     fitted = with_rim_fitted(fitted, pad, touched.rim, reach_m=rim_reach_m)
@@ -216,15 +225,9 @@ def footprint_mesh(
     return mesh
 
 
-def _base_mesh(scene: Scene) -> TetMesh:
+def _base_mesh(scene: Scene, sizing: WildSizing) -> TetMesh:
     """Return the pad filled by fTetWild with coarse tetrahedra; made once and kept."""
     shares = interface_shares(scene.layers)
-    sizing = WildSizing(
-        fine_m=_SPACING_M,
-        coarse_m=_coarse_m(scene, FOOTPRINT_RESOLUTIONS[Preset.BALANCED]),
-        envelope_share=scene.tetwild.epsilon_r or _EPSILON_R,
-        stop_energy=scene.tetwild.stop_energy or _STOP_ENERGY,
-    )
     key = mesh_key(scene.pad, sizing, shares)
 
     def made() -> TetMesh:
@@ -246,11 +249,6 @@ def _scene_footprint(scene: Scene, *, depth_m: float) -> Footprint:
     except ConfigError:
         # It is carried off the pad, where it touches nothing.
         return start
-
-
-def _coarse_m(scene: Scene, resolution: FootprintResolution) -> float:
-    asked = scene.tetwild.l_r
-    return resolution.coarse_m if asked is None else asked * diagonal(scene.pad)
 
 
 def diagonal(pad: Pad) -> float:

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.fields.contact_traction import split_forces
+from sim.fields.contact_traction import contact_forces
 from sim.mesh.elements import doubled_areas
 from sim.scene.scene import Output
 from sim.solve.loading_path import LoadingPath
@@ -152,7 +152,7 @@ def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
     model, before, now = path.model, path.unloaded, point.state.positions
     copies = model.mesh.symmetry.copies
     areas = np.linalg.norm(model.surface.area_vectors(now).sum(axis=1), axis=1)
-    _, pressing_n, tangential_n = split_forces(point)
+    contact = contact_forces(point)
     corners = model.faces[:, :3]
     rest, bent = (doubled_areas(nodes, corners) for nodes in (before, now))
     sizes = np.linalg.norm(rest, axis=1)
@@ -165,8 +165,8 @@ def outputs_of(path: LoadingPath, point: PathPoint) -> PressOutputs:
         copies=copies,
         centres_m=before[corners].mean(axis=1),
         areas_m2=copies * 0.5 * sizes,
-        pressure_pa=pressing_n.sum(axis=1) / areas,
-        shear_pa=tangential_n.sum(axis=1) / areas[:, None],
+        pressure_pa=contact.normal_n.sum(axis=1) / areas,
+        shear_pa=contact.tangential_n.sum(axis=1) / areas[:, None],
         top_m2=copies * 0.5 * sizes[top],
         slopes=np.subtract(*units),
         motion_m=(now - before)[corners].mean(axis=1)[top, :2],

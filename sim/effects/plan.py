@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 from sim.effects import estimates
 from sim.effects.effect_plan import EffectPlan, full_plan
@@ -100,7 +101,7 @@ def output_tolerances(scene: Scene) -> dict[Output, float]:
 
 def _is_open(plan: EffectPlan, effect: Effect) -> bool:
     """Return whether an effect is on and nobody asked for that."""
-    return next(row.on and not row.asked for row in plan.effects if row.effect is effect)
+    return plan.rows[effect].on and not plan.rows[effect].asked
 
 
 def _judged(scene: Scene, plan: EffectPlan, effect: Effect, saved: float) -> EffectPlan:
@@ -169,24 +170,8 @@ def _weighed(
     return _with(plan, effect, on=on, costs=costs, reason=reason)
 
 
-def _with(
-    plan: EffectPlan,
-    effect: Effect,
-    *,
-    on: bool = True,
-    costs: dict[Output, float] | None = None,
-    reason: str = "",
-) -> EffectPlan:
+def _with(plan: EffectPlan, effect: Effect, *, reason: str = "", **changes: Any) -> EffectPlan:
     """Return a plan with one row changed; what is said goes after what the row says."""
-    rows = tuple(
-        row
-        if row.effect is not effect
-        else replace(
-            row,
-            on=on,
-            costs=row.costs if costs is None else costs,
-            reason=f"{row.reason}; {reason}" if reason else row.reason,
-        )
-        for row in plan.effects
-    )
-    return replace(plan, effects=rows)
+    row = plan.rows[effect]
+    said = f"{row.reason}; {reason}" if reason else row.reason
+    return replace(plan, rows={**plan.rows, effect: replace(row, reason=said, **changes)})

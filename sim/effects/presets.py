@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 from sim.contact.state import ContactOptions
 from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.estimates import expected_depth
 from sim.effects.mesh_choice import (
     MeshKind,
+    Resolution,
     contact_reach,
-    diagonal,
     footprint_mesh,
     mesh_choice,
     mirrors,
+    wild_sizing,
 )
 from sim.material.elastic_body import element_constants
 from sim.material.laws.tangent import law
@@ -39,31 +39,6 @@ _SLOPE_MAX = 0.75
 # 0.14 mm deep differed by 4 % in F_z from itself with inertia, by 0.05 % with a quarter. Half an
 # edge is as good there, and 1 to 2 % too soft where the depth is less.
 _RIM_SHARE = 0.25
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Resolution:
-    """A revolved mesh's numbers.
-
-    Attributes:
-        edge_share: Edge length at a punch's sharp rim over its radius.
-        smooth_share: Edge length under a rounded indenter over the expected contact radius.
-        growth: Ratio of neighbouring edge lengths away from there.
-        sector_count: Sectors of a full turn.
-        fillet_share: Largest edge length at a rounded rim over its fillet.
-        rounded_share: Largest edge length at a rounded rim over the punch's radius.
-        size_max_m: Largest edge length [m].
-        under_share: Largest edge length under the indenter and near it, over the pad's height.
-    """
-
-    edge_share: float
-    smooth_share: float
-    growth: float
-    sector_count: int
-    fillet_share: float = 0.5
-    rounded_share: float = 0.04
-    size_max_m: float = 2.5e-3
-    under_share: float = math.inf
 
 
 # F_z of a punch with a fillet of 0.1 mm, 0.5 mm deep in a GelSight Mini, edges of 0.05 mm at its
@@ -268,20 +243,14 @@ def _resolution(scene: Scene) -> Resolution:
 
 
 def _paper_mesh(scene: Scene, shares: tuple[float, ...]) -> TetMesh:
-    pad, asked = scene.pad, scene.tetwild
-    sizing = replace(
-        PAPER_SIZING,
-        coarse_m=PAPER_SIZING.coarse_m if asked.l_r is None else asked.l_r * diagonal(pad),
-        envelope_share=asked.epsilon_r or PAPER_SIZING.envelope_share,
-        stop_energy=asked.stop_energy or PAPER_SIZING.stop_energy,
-    )
+    pad, sizing = scene.pad, wild_sizing(scene, PAPER_SIZING)
     key = mesh_key(pad, sizing, *([shares] if shares else []))
     mesh = stored_mesh(
         "paper",
         key,
         lambda: wild_mesh(pad, sizing, name=f"fTetWild, paper, {key}", interface_shares=shares),
     )
-    refuse_flat(mesh, asked.dihedral_min_rad or 0.0)
+    refuse_flat(mesh, scene.tetwild.dihedral_min_rad or 0.0)
     return mesh
 
 

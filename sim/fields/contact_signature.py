@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.fields.contact_traction import split_forces, surface_traction, unit
+from sim.fields.contact_traction import ContactTraction, contact_forces, surface_traction, unit
 from sim.fields.press_fields import top_surface
 from sim.mesh.elements import linear_facets
 from sim.solve.loading_path import LoadingPath
@@ -74,41 +74,13 @@ class ContactSignature:
         return self.tangential_sum_n / max(self.normal_sum_n, 1e-300)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ContactTraction:
-    """Contact forces on the gel, by contact point or by vertex.
-
-    Attributes:
-        arms_m: From the indenter's tip [m], shape [..., 3].
-        normals: The indenter's outward unit normals, zero where nothing touches, shape [..., 3].
-        normal_n: Normal force [N]; positive presses on the gel.
-        tangential_n: Tangential force [N], shape [..., 3].
-    """
-
-    arms_m: FloatArray
-    normals: FloatArray
-    normal_n: FloatArray
-    tangential_n: FloatArray
-
-
-def contact_traction(point: PathPoint) -> ContactTraction:
-    """Split the contact forces along the indenter's normals, shape [face_count, point_count]."""
-    normals, normal_n, tangential_n = split_forces(point)
-    return ContactTraction(
-        arms_m=point.equilibrium.contact.points - point.state.tip,
-        normals=normals,
-        normal_n=normal_n,
-        tangential_n=tangential_n,
-    )
-
-
 def vertex_traction(model: Model, point: PathPoint) -> ContactTraction:
     """Gather the contact forces at the vertices that carry any, shape [vertex_count].
 
     A point gives to its face's corners in proportion to its barycentric coordinates: unlike the
     nodal forces of a quadratic face these have the sign of what acts there.
     """
-    traction = contact_traction(point)
+    traction = contact_forces(point)
     pressing = traction.normal_n[..., None] * traction.normals
     loads = np.concatenate([pressing, traction.tangential_n], axis=2)
     total = np.zeros((len(model.nodes), 6))
@@ -128,7 +100,7 @@ def vertex_traction(model: Model, point: PathPoint) -> ContactTraction:
 
 def contact_signature(model: Model, point: PathPoint) -> ContactSignature:
     """Measure the contact of an equilibrium of a whole pad, not of a part."""
-    traction = contact_traction(point)
+    traction = contact_forces(point)
     pressed, tangential = traction.normal_n.reshape(-1), traction.tangential_n.reshape(-1, 3)
     centre = pressed @ traction.arms_m.reshape(-1, 3) / max(float(pressed.sum()), 1e-300)
     around, outward = _directed(vertex_traction(model, point))
@@ -201,7 +173,7 @@ def traction_arrows(point: PathPoint, *, pitch_m: float) -> tuple[FloatArray, Fl
     Returns:
         Places [m] and force over the square's area [Pa], shape [square_count, 2] each.
     """
-    traction = contact_traction(point)
+    traction = contact_forces(point)
     touched = traction.normal_n > 0.0
     arms = traction.arms_m[touched][:, :2]
     squares, index = np.unique(

@@ -51,17 +51,38 @@ class SurfaceTraction:
         return np.asarray(self.tangential_pa - self.pressure_pa[:, None] * self.normals)
 
 
-def split_forces(point: PathPoint) -> tuple[FloatArray, FloatArray, FloatArray]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactTraction:
+    """Contact forces on the gel, by contact point or by vertex.
+
+    Attributes:
+        arms_m: From the indenter's tip [m], shape [..., 3].
+        normals: The indenter's outward unit normals, zero where nothing touches, shape [..., 3].
+        normal_n: Normal force [N]; positive presses on the gel.
+        tangential_n: Tangential force [N], shape [..., 3].
+    """
+
+    arms_m: FloatArray
+    normals: FloatArray
+    normal_n: FloatArray
+    tangential_n: FloatArray
+
+
+def contact_forces(point: PathPoint) -> ContactTraction:
     """Split the contact forces on the gel along the indenter's normals, [face, point, ...].
 
-    Outward unit normals, zero where nothing touches, come first, then normal forces [N], which
-    press on the gel, and tangential ones [N], of which a contact that grips nothing has none.
+    A contact that grips nothing has no tangential forces.
     """
     contact, grip = point.equilibrium.contact, point.state.grip
     normals = unit(contact.forces if grip is None else grip.loads @ point.state.rotation.T)
     along = -np.einsum("fpi,fpi->fp", contact.forces, normals)
     across = -contact.forces - along[..., None] * normals
-    return normals, np.abs(along), across if grip is not None else np.zeros_like(across)
+    return ContactTraction(
+        arms_m=contact.points - point.state.tip,
+        normals=normals,
+        normal_n=np.abs(along),
+        tangential_n=across if grip is not None else np.zeros_like(across),
+    )
 
 
 def unit(vectors: FloatArray) -> FloatArray:
@@ -99,11 +120,13 @@ def _fitted(
             point_count].
         normals: Of the surface at the model's nodes, shape [node_count, 3].
     """
-    contact, (_, normal_n, tangential_n) = point.equilibrium.contact, split_forces(point)
+    contact, split = point.equilibrium.contact, contact_forces(point)
     nodes, local = np.unique(model.faces, return_inverse=True)
     whole = WholeSurface(model.mesh.symmetry, model.nodes[nodes])
     faces = whole.copies(local.reshape(model.faces.shape).astype(np.int32))
-    loads = np.concatenate([normal_n[..., None], tangential_n], axis=2) / areas[..., None]
+    loads = (
+        np.concatenate([split.normal_n[..., None], split.tangential_n], axis=2) / areas[..., None]
+    )
     signs = list(model.mesh.symmetry.signs())
     points = np.concatenate([contact.points * sign for sign in signs])
     values = np.concatenate([loads * np.append(1.0, sign) for sign in signs])

@@ -64,7 +64,7 @@ def test_shorter_edges_and_softer_gels_have_a_smaller_bias() -> None:
         assert rule.bias(small, 0.4e-3) < bias
     biases = [rule.bias(SCENE, 0.4e-3) for rule in rules_of(SCENE).values()]
     assert biases == sorted(biases, reverse=True)
-    stated = [error for _, error, _ in corrected_settings(SCENE).values()]
+    stated = [worth.error_ratio for worth in corrected_settings(SCENE).values()]
     assert stated == sorted(stated, reverse=True)
 
 
@@ -101,7 +101,10 @@ def test_a_tolerance_takes_the_cheapest_that_leaves_so_little() -> None:
     """What is left of it is for effects; less than any correction leaves is the raw force's."""
     for share in (0.05, 0.01):
         chosen = keeping_corrected(SCENE, Tolerance(relative=share))
-        stated = {name: error for name, (_, error, _) in corrected_settings(SCENE).items()}
+        stated = {
+            setting.refinement: worth.error_ratio
+            for setting, worth in corrected_settings(SCENE).items()
+        }
         assert chosen.path_refinement == WAY
         assert stated[chosen.refinement] + (chosen.tolerance or 0.0) == pytest.approx(share)
         cheaper = [error for name, error in stated.items() if name < chosen.refinement]

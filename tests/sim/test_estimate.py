@@ -48,10 +48,8 @@ def test_an_estimate_grows_with_what_longer_edges_change(found: PressOutputs) ->
 
 def test_what_is_left_out_is_added(found: PressOutputs) -> None:
     """Every output's own sum."""
-    rows = tuple(replace(row, costs=None if row.on else row.costs) for row in PLAN.effects)
-    bare = EffectPlan(
-        effects=tuple(replace(row, costs={}) for row in rows), tolerances=PLAN.tolerances
-    )
+    rows = {effect: replace(row, costs={}) for effect, row in PLAN.rows.items()}
+    bare = EffectPlan(rows=rows, tolerances=PLAN.tolerances)
     coarse = beside(found, 1.1)
     more, less = (estimate_from(SCENE, each, found, coarse).relative for each in (PLAN, bare))
     left_out = PLAN.left_out(Output.FORCE)

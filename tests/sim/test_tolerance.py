@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+from sim.correction import Setting
 from sim.error import (
     RELATIVE_COSTS,
-    Setting,
     Tolerance,
     alternatives,
     keeping,

@@ -14,7 +14,7 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
-from sim.correction import Corrected, correction
+from sim.correction import Corrected, Setting, correction
 from sim.effects.end_state import end_state
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
@@ -22,7 +22,6 @@ from sim.effects.scene_path import coarse_press, follow, path_for
 from sim.error import (
     FAST,
     RELATIVE_COSTS,
-    Setting,
     Tolerance,
     estimated,
     keeping_corrected,

@@ -106,7 +106,7 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
     kind, why = mesh_choice(scene)
     show_table(
         table_of(
-            planned.effects,
+            list(planned.rows.values()),
             {
                 "effect": lambda row: row.effect.value,
                 "is": lambda row: "on" if row.on else "off",

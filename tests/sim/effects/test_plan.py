@@ -85,7 +85,7 @@ BIG = load_sensor("gelsight-mini").scene(
 def test_a_large_ball_keeps_its_friction(depth_m: float, least: float) -> None:
     """Friction 1.0 is worth 9, 19 and 28 % of F_z, and the plan says no less."""
     plan = plan_effects(replace(BIG, target=Target(depth_m=depth_m)))
-    row = next(row for row in plan.effects if row.effect is Effect.FRICTION)
+    row = plan.rows[Effect.FRICTION]
     assert row.on
     assert row.costs is not None
     assert row.costs[Output.FORCE] >= least
@@ -95,7 +95,7 @@ def test_a_large_ball_keeps_its_friction(depth_m: float, least: float) -> None:
 def test_what_is_left_out_adds_up() -> None:
     """Each alone would do, both together would not: one stays on."""
     alone = plan_effects(RUBBED)
-    costs = {row.effect: row.estimated_error or 0.0 for row in alone.effects if not row.on}
+    costs = {row.effect: row.estimated_error or 0.0 for row in alone.rows.values() if not row.on}
     both = costs[Effect.FRICTION] + costs[Effect.GRAVITY] + costs[Effect.INERTIA]
     tight = plan_effects(replace(RUBBED, tolerance=0.99 * both))
     assert max(costs.values()) <= 0.99 * both
@@ -117,7 +117,7 @@ def test_nothing_is_left_out_where_a_press_has_several_equilibria() -> None:
     """Inertia and weight choose between the folds at a deep sharp rim."""
     plan = plan_effects(scene(Cylinder(diameter_m=5e-3), depth_m=1.8e-3))
     for effect in (Effect.INERTIA, Effect.GRAVITY):
-        row = next(row for row in plan.effects if row.effect is effect)
+        row = plan.rows[effect]
         assert row.on
         assert "several equilibria" in row.reason
     assert plan.tried_s == 0.0
@@ -127,7 +127,7 @@ def test_trying_that_cannot_pay_is_left() -> None:
     """On preset fast a coarse press costs more than weight, and on preset paper there is none."""
     lossy = replace(GEL, relaxation=(RelaxationTerm(share=0.2, time_s=1e-4),))
     plan = plan_effects(scene(material=lossy))
-    row = next(row for row in plan.effects if row.effect is Effect.VISCOELASTICITY)
+    row = plan.rows[Effect.VISCOELASTICITY]
     assert row.on
     assert "on untried: trying costs" in row.reason
     assert plan.tried_s == 0.0
@@ -177,7 +177,7 @@ def test_a_scene_gets_what_it_calls_for(
 ) -> None:
     """Scenes that differ in one thing differ in its effect."""
     changed = replace(scene(), **changes)  # type: ignore[arg-type]
-    row = next(row for row in plan_effects(changed).effects if row.effect is effect)
+    row = plan_effects(changed).rows[effect]
     assert row.on is on
     assert row.reason
 
