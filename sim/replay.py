@@ -127,10 +127,9 @@ def reference_path(scene: Scene, forces_n: Sequence[float], *, keep_states: bool
     history: History = ()
     if not relaxes:
         history = push_to_force(path, max(forces_n)).history
-    # Before its end a gel that relaxes is pressed more quickly than at its end.
     for force_n in sorted(forces_n) if relaxes else ():
         path = path_for(scene, plan, model=path.model)
-        history += push_to_force(path, force_n, duration_s=scene.duration_s).history[-1:]
+        history += _met(scene, plan, path, force_n).history
     took_s = min(time.perf_counter() - started[0], time.process_time() - started[1])
     return ReferencePath(scene=scene, plan=plan, path=path, history=history, took_s=took_s)
 
@@ -253,8 +252,8 @@ def replay_forces(
     ordered = [trials[position] for position in range(len(forces_n))]
     replayed = tuple(trial for trial, _ in ordered)
     wall_s = time.perf_counter() - started + (0.0 if reference is None else reference.took_s)
-    model = _replay_model(scene, plan, path, replayed, tolerance, wall_s)
-    return _replay(name, replayed, model), [fields for _, fields in ordered]
+    replay = _replay(name, scene, plan, path, replayed, tolerance, wall_s)
+    return replay, [fields for _, fields in ordered]
 
 
 class _StatedErrors:
@@ -330,13 +329,7 @@ def replay_alone(
     states = IntermediateStates(end.way_path, force_n).before(force_n)
     fields = replace(fields, intermediate=(*states, intermediate_state(end.path, end.point)))
     wall_s = time.perf_counter() - started
-    model = _replay_model(scene, plan, end.path, [trial], tolerance, wall_s)
-    return _replay(name, [trial], model), fields
-
-
-def _replay(name: str, trials: Sequence[ReplayTrial], model: ReplayModel) -> Replay:
-    versions = installed("warp-lang", "numpy", "scipy", "pypardiso", "pytetwild")
-    return Replay(name=name, trials=tuple(trials), model=model, versions=versions)
+    return _replay(name, scene, plan, end.path, (trial,), tolerance, wall_s), fields
 
 
 def _deepened(scene: Scene, plan: EffectPlan, path: LoadingPath, depth_m: float) -> ForceMatch:
@@ -398,20 +391,21 @@ def _record(index: int, force_n: float, match: ForceMatch, result: PressResult) 
     )
 
 
-def _replay_model(
+def _replay(
+    name: str,
     scene: Scene,
     plan: EffectPlan,
     path: LoadingPath,
-    trials: Sequence[ReplayTrial],
+    trials: tuple[ReplayTrial, ...],
     tolerance: Tolerance | None,
     wall_s: float,
-) -> ReplayModel:
-    """Return what was simulated, what was asked of the force, and the error expected of it."""
+) -> Replay:
+    """Return the trials, what was simulated, what was asked of the force, and its error."""
     model = path.model
     errors = [trial.force_error_estimate for trial in trials]
     known = [error for error in errors if error is not None]
     largest = max(known) if known and len(known) == len(errors) else None
-    return ReplayModel(
+    facts = ReplayModel(
         sensor=scene.sensor,
         indenter=describe(scene.indenter),
         centre_x_m=scene.centre_m[0],
@@ -448,3 +442,5 @@ def _replay_model(
         alternatives=alternatives(scene, largest, wall_s=wall_s),
         effects=tuple(plan.as_json()),
     )
+    versions = installed("warp-lang", "numpy", "scipy", "pypardiso", "pytetwild")
+    return Replay(name=name, trials=trials, model=facts, versions=versions)

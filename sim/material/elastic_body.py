@@ -211,5 +211,5 @@ def _parameters(law: Law, young_pa: FloatArray, poisson: FloatArray) -> FloatArr
 def _rounding_force(pad: Discretisation, young_pa: FloatArray, poisson: FloatArray) -> float:
     mu, lam = lame(young_pa, poisson)
     stiffness = (lam + 2.0 * mu) * pad.volumes * (pad.inverse_jacobians**2).sum(axis=(1, 2))
-    reach = np.abs(pad.corners).max(axis=(1, 2))
+    reach = np.abs(pad.nodes[pad.elements[:, :4]]).max(axis=(1, 2))
     return float(KERNEL_EPSILON * np.linalg.norm(stiffness * reach))

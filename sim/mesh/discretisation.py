@@ -153,11 +153,6 @@ class Discretisation:
     volumes: FloatArray
 
     @property
-    def corners(self) -> FloatArray:
-        """Corners of the tetrahedra at rest [m], shape [element_count, 4, 3]."""
-        return self.nodes[self.elements[:, :4]]
-
-    @property
     def inverse_jacobians(self) -> FloatArray:
         """Inverses of ``jacobians`` [1/m]."""
         return np.asarray(np.linalg.inv(self.jacobians), dtype=np.float64)

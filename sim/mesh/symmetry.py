@@ -81,9 +81,9 @@ class WholeSurface:
         _, first, inverse = np.unique(grid + 0.0, axis=0, return_index=True, return_inverse=True)
         copy, self.sources = np.divmod(first, len(rest))
         self.signs = np.array(self._signs)[copy]
-        self._inverse = inverse.reshape(-1).astype(np.int32)
-        self._count = len(rest)
-        self.numbers = self._inverse[: self._count]
+        # Node of the whole that each node of every copy is.
+        self._numbers = inverse.reshape(len(self._signs), len(rest)).astype(np.int32)
+        self.numbers = self._numbers[0]
 
     def at_nodes(self, values: FloatArray) -> FloatArray:
         """Return numbers, vectors or tensors at the nodes of the whole from those of the part."""
@@ -96,20 +96,19 @@ class WholeSurface:
     def nodal_forces(self, values: FloatArray) -> FloatArray:
         """Return nodal forces of the whole: on a mirror plane both sides add."""
         whole = np.zeros((len(self.sources), 3))
-        np.add.at(whole, self._inverse, np.concatenate([values * sign for sign in self._signs]))
+        np.add.at(whole, self._numbers, [values * sign for sign in self._signs])
         return whole
 
     def copies(self, faces: IntArray) -> IntArray:
         """Return the faces of the whole, their nodes in the order of the part's, copy by copy."""
-        shifts = range(0, self._count * len(self._signs), self._count)
-        return np.concatenate([self._inverse[faces + shift] for shift in shifts])
+        return np.concatenate([numbers[faces] for numbers in self._numbers])
 
     def faces(self, faces: IntArray) -> IntArray:
         """Return the faces or tetrahedra of the whole, none of them inside out."""
         flipped = list(_FLIPPED[faces.shape[1]])
         parts = [
-            self._inverse[(faces if sign.prod() > 0.0 else faces[:, flipped]) + copy * self._count]
-            for copy, sign in enumerate(self._signs)
+            numbers[faces if sign.prod() > 0.0 else faces[:, flipped]]
+            for numbers, sign in zip(self._numbers, self._signs, strict=True)
         ]
         return np.concatenate(parts)
 
