@@ -14,9 +14,10 @@ from protocols.control.record import Begin
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
 from protocols.processes.feed import VIEWERS, FeedWriters
 from protocols.processes.link import RecorderLink
-from protocols.processes.messages import CameraStatus, Channel, Failed, Job, Kept, Order, Ready
+from protocols.processes.messages import CameraStatus, Channel, Job, Order, Ready
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ImageFrame
+from tacauchy_rig.core.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 
@@ -40,7 +41,7 @@ def film(job: Job, supervisor: Channel) -> None:
     control = Channel.inherited(job.descriptors["control-status"])
     camera = build_camera(job.config)
     identity = camera.connect()
-    link = RecorderLink.inherited(job, source="camera")
+    link = RecorderLink(job.descriptors, store=RunStore.open(job.root), source="camera")
     feeds = FeedWriters(job.descriptors, VIEWERS)
     supervisor.send(Ready(devices={"camera": identity}))
     try:
@@ -48,7 +49,7 @@ def film(job: Job, supervisor: Channel) -> None:
     finally:
         camera.close()
         link.close(timeout_s=CLOSE_S)
-        supervisor.send(Kept(link.kept_count))
+        supervisor.send(link.kept)
 
 
 def _run_camera(
@@ -77,7 +78,7 @@ def _run_camera(
         link.poll()
         if now_s - reported_s > REPORT_S:
             reported_s = now_s
-            supervisor.send(Kept(link.kept_count))
+            supervisor.send(link.kept)
         if alive:
             alive = _pass_on(camera, link, marks, feeds)
 
@@ -101,7 +102,7 @@ class MarkSender:
     """Sends marks of frames to control; what control is too busy to take goes with the next."""
 
     def __init__(self, control: Channel, link: RecorderLink) -> None:
-        self._control = control
+        self.control = control
         self._link = link
         self._marks: list[FrameMark] = []
         self._exposure = ExposureWatch()
@@ -109,7 +110,7 @@ class MarkSender:
 
     def take_requests(self) -> None:
         """Take what control asks the camera to look for, and which attempt runs now."""
-        for message in self._control.receive():
+        for message in self.control.receive():
             if isinstance(message, TouchMode):
                 self._touch.ask(message)
             elif isinstance(message, Begin):
@@ -122,7 +123,7 @@ class MarkSender:
         self._exposure.judge(frames)
         if self._marks:
             health = replace(camera.health(), clipped_ratio=self._exposure.clipped_ratio)
-            if self._control.send(CameraStatus(marks=tuple(self._marks), health=health)):
+            if self.control.send(CameraStatus(marks=tuple(self._marks), health=health)):
                 self._marks.clear()
 
     def _mark(self, frame: ImageFrame) -> FrameMark:
@@ -133,10 +134,6 @@ class MarkSender:
             touched=self._touch.see(frame.jpeg),
         )
 
-    def fail(self, error: DeviceError) -> None:
-        """Tell control that the camera is gone."""
-        self._control.send(Failed.because(error))
-
 
 def _pass_on(camera: Camera, link: RecorderLink, marks: MarkSender, feeds: FeedWriters) -> bool:
     """Pass new frames on; return False once the camera is gone."""
@@ -144,7 +141,7 @@ def _pass_on(camera: Camera, link: RecorderLink, marks: MarkSender, feeds: FeedW
         frames = camera.drain()
     except DeviceError as error:
         logger.error("%s", error)
-        marks.fail(error)
+        marks.control.send(error)
         return False
     if frames:
         link.put(tuple(frames))

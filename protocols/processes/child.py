@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from typing import Any
 import protocols
 from protocols.guard.abort import SIGNALS
 from protocols.processes.feed import FeedLines
-from protocols.processes.messages import Channel, Failed, Job
+from protocols.processes.messages import Channel, Job
 from tacauchy_rig.core.errors import DeviceError, RigError
 
 logger = logging.getLogger(__name__)
@@ -41,7 +42,7 @@ def run_child(name: str, work: Callable[[Job, Channel], None]) -> int:
         work(_receive_job(name, supervisor), supervisor)
     except RigError as error:
         logger.error("%s", error)
-        supervisor.send(Failed.because(error))
+        supervisor.send(error)
         return error.exit_code
     except Exception as error:
         supervisor.send(_unforeseen(name, error))  # first: without memory the log may fail
@@ -50,17 +51,17 @@ def run_child(name: str, work: Callable[[Job, Channel], None]) -> int:
     return 0
 
 
-def _unforeseen(name: str, error: Exception) -> Failed:
+def _unforeseen(name: str, error: Exception) -> RigError:
     # Where a program cannot get the memory of its arguments, the kernel says E2BIG.
     refused = isinstance(error, OSError) and error.errno in (errno.ENOMEM, errno.E2BIG)
     if refused or isinstance(error, MemoryError):
-        return Failed(
-            message=f"{name}: out of memory",
+        return RigError(
+            f"{name}: out of memory",
             remedy="look where the arm stands; end other programs or lift `ulimit -v`, then "
             "`tacauchy-rig resume` continues",
         )
-    return Failed(
-        message=f"{name}: unforeseen {type(error).__name__}: {error}",
+    return RigError(
+        f"{name}: unforeseen {type(error).__name__}: {error}",
         remedy=f"read logs/{name}.log in the run folder",
     )
 
@@ -187,33 +188,25 @@ def _environment() -> dict[str, str]:
     return {**one_thread, **os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (root, known)))}
 
 
-Ends = dict[str, dict[str, socket.socket | Channel]]
-
-
 def launch_children(job: Job, feeds: FeedLines) -> dict[str, Launched]:
     """Start recorder, camera and control with ``job``; return them by name.
 
     Every end is closed here once its owner has it, so that the death of a process shows to its
     partners as an end of file. Those of ``feeds`` stay open: no viewer's death is to show.
     """
-    children: dict[str, Launched] = {}
-    ends = _connect_all()
-    try:
-        for name, sockets in ends.items():
-            theirs = {what: end.fileno() for what, end in sockets.items()}
-            descriptors = {**theirs, **feeds.descriptors(name)}
-            children[name] = Launched(name, replace(job, descriptors=descriptors))
-    finally:
-        for sockets in ends.values():
-            for end in sockets.values():
-                end.close()
-    return children
-
-
-def _connect_all() -> Ends:
-    ends: Ends = {"recorder": {}, "camera": {}, "control": {}}
+    ends: dict[str, dict[str, socket.socket | Channel]]
+    ends = {"recorder": {}, "camera": {}, "control": {}}
     for producer in ("camera", "control"):
         for what, make_pair in (("data", socket.socketpair), ("acks", Channel.pair)):
             ends[producer][f"recorder-{what}"], ends["recorder"][f"{producer}-{what}"] = make_pair()
     ends["camera"]["control-status"], ends["control"]["camera-status"] = Channel.pair()
-    return ends
+    children: dict[str, Launched] = {}
+    with ExitStack() as opened:
+        for sockets in ends.values():
+            for end in sockets.values():
+                opened.callback(end.close)
+        for name, sockets in ends.items():
+            theirs = {what: end.fileno() for what, end in sockets.items()}
+            descriptors = {**theirs, **feeds.descriptors(name)}
+            children[name] = Launched(name, replace(job, descriptors=descriptors))
+    return children

@@ -24,10 +24,11 @@ from protocols.guard.abort import Abort
 from protocols.processes.child import ask_for_priority, run_child
 from protocols.processes.feed import VIEWERS, FeedWriters
 from protocols.processes.link import RecorderLink, RemoteCamera
-from protocols.processes.messages import AbortRequest, Channel, Job, Kept, Order, Ready
+from protocols.processes.messages import AbortRequest, Channel, Job, Order, Ready
 from protocols.trials.programme import ProgrammeResult, run_programme
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RigError
 from tacauchy_rig.core.run import ArmSample, ForceSample
+from tacauchy_rig.core.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
 
@@ -79,7 +80,8 @@ def control(job: Job, supervisor: Channel) -> None:
     ask_for_priority(NICENESS)
     arm, force_sensor = build_arm_and_force_sensor(job.config)
     camera = RemoteCamera(Channel.inherited(job.descriptors["camera-status"]))
-    link = RecorderLink.inherited(job, source="control", on_attempt=camera.ask)
+    store = RunStore.open(job.root)
+    link = RecorderLink(job.descriptors, store=store, source="control", on_attempt=camera.ask)
     try:
         devices = _connect(arm, force_sensor)
         _die_with_parent(0)
@@ -94,7 +96,7 @@ def control(job: Job, supervisor: Channel) -> None:
         arm.close()
         force_sensor.close()
         link.close(timeout_s=CLOSE_S)
-        supervisor.send(Kept(link.kept_count))
+        supervisor.send(link.kept)
     _send_result(supervisor, result)
 
 
@@ -157,7 +159,7 @@ def _run(
                 force_n=cycle.last_force_n,
                 height_m=state.pose.position[2] if state else None,
             )
-            supervisor.send(Kept(link.kept_count))
+            supervisor.send(link.kept)
 
     cycle.observers.append(show)
     return run_programme(cycle, journal, job.plan)

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import logging
 import math
+import pickle
 import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Self
 
 from drivers.interfaces import FrameMark, StreamHealth, TouchMode
 from protocols.control.record import Begin, End, Entry
-from protocols.processes.messages import Ack, CameraStatus, Channel, Failed, Job, pack_entry
+from protocols.processes.messages import Ack, CameraStatus, Channel
 from protocols.processes.recorder import Encoded, RecordKeeper, encoded
-from tacauchy_rig.core.errors import DeviceError, RecordError
+from tacauchy_rig.core.errors import DeviceError, RecordError, RigError
 from tacauchy_rig.core.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)
@@ -41,31 +41,29 @@ class RecorderLink:
     """One producer's end, a ``Sink``; ``put`` never blocks.
 
     Args:
-        data: Stream to the recorder.
-        acks: Channel on which it answers.
+        descriptors: Of the stream to the recorder, and of the channel on which it answers.
         store: Where to spill.
         source: Name of this producer.
         on_attempt: Told when another attempt begins, and of ``BETWEEN_ATTEMPTS`` at its end.
 
     Attributes:
-        kept_count: Samples, frames and events that the recorder has acknowledged.
+        kept: What the recorder acknowledged last.
         attempt: What the entries that are put now belong to.
     """
 
     def __init__(
         self,
-        data: socket.socket,
-        acks: Channel,
+        descriptors: Mapping[str, int],
         *,
         store: RunStore,
         source: str,
         on_attempt: Callable[[Begin], object] = lambda _: None,
     ) -> None:
-        self.kept_count = 0
+        self.kept = Ack()
         self.attempt = BETWEEN_ATTEMPTS
         self._on_attempt = on_attempt
-        self._data = data
-        self._acks = acks
+        self._data = socket.socket(fileno=descriptors["recorder-data"])
+        self._acks = Channel.inherited(descriptors["recorder-acks"])
         self._store = store
         self._source = source
         self._number = 0
@@ -78,19 +76,6 @@ class RecorderLink:
         self._closing = False
         self._thread = threading.Thread(target=self._deliver, name="recorder-link", daemon=True)
         self._thread.start()
-
-    @classmethod
-    def inherited(
-        cls, job: Job, *, source: str, on_attempt: Callable[[Begin], object] = lambda _: None
-    ) -> Self:
-        """Return the link whose sockets the parent process left open for this one."""
-        return cls(
-            socket.socket(fileno=job.descriptors["recorder-data"]),
-            Channel.inherited(job.descriptors["recorder-acks"]),
-            store=RunStore.open(job.root),
-            source=source,
-            on_attempt=on_attempt,
-        )
 
     def put(self, entry: Entry) -> None:
         """Queue an entry."""
@@ -117,7 +102,7 @@ class RecorderLink:
         for message in self._acks.receive():
             if isinstance(message, Ack):
                 self._take_ack(message)
-            elif isinstance(message, Failed):
+            elif isinstance(message, RigError):
                 self._note(f"recorder: {message.message}")
         if self._acks.closed and not self._closing:
             self._note("recorder: its process is gone")
@@ -166,14 +151,14 @@ class RecorderLink:
 
     def _take_ack(self, ack: Ack) -> None:
         with self._changed:
-            self.kept_count = ack.kept_count
+            self.kept = ack
             while self._waiting and self._waiting[0].number <= ack.through:
                 self._waiting_bytes -= self._waiting.popleft().size
 
     def _deliver(self) -> None:
         while (waiting := self._next_unsent()) is not None:
             try:
-                self._data.sendall(pack_entry(waiting.number, waiting.entry))
+                self._data.sendall(pickle.dumps((waiting.number, waiting.entry)))
             except OSError as error:
                 self._note(f"recorder: its process is gone ({error.strerror or error})")
                 break
@@ -237,8 +222,8 @@ class RemoteCamera:
         self._send_requests()
         marks: list[FrameMark] = []
         for message in self._channel.receive():
-            if isinstance(message, Failed):
-                raise DeviceError(message.message, remedy=message.remedy)
+            if isinstance(message, DeviceError):
+                raise message
             if isinstance(message, CameraStatus):
                 marks += message.marks
                 self._health = message.health

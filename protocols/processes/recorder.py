@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import logging
-import selectors
+import pickle
 import socket
 import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from protocols.control.record import Begin, End, Entry
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
-from protocols.processes.messages import Ack, Channel, EntryReader, Failed, Job, Ready
+from protocols.processes.messages import Ack, Channel, Job, Ready
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, TrialRecord
 from tacauchy_rig.core.store.journal import append_event, read_journal
@@ -21,10 +21,7 @@ from tacauchy_rig.core.store.recording.messages import RawMessage, Topic, encode
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
 
-logger = logging.getLogger(__name__)
-
 NICENESS = -5
-PIECE_BYTES = 1 << 20
 LATE_FRAMES_S = 1.0
 
 
@@ -137,33 +134,24 @@ def _is_journalled(store: RunStore, event: JournalEvent) -> bool:
 
 
 class Producer:
-    """One process that sends entries."""
+    """One process that sends entries, numbered."""
 
     def __init__(self, name: str, data: socket.socket, acks: Channel) -> None:
-        data.setblocking(False)
         self.name = name
-        self.data = data
         self.acks = acks
-        self.reader = EntryReader()
         self.entries: deque[tuple[int, Encoded]] = deque()
-        self.through = 0
-        self.kept_count = 0
         self.newest_frame_ns = 0
         self.ended = False
-        self.acknowledged = -1
-        self.acknowledged_count = 0
+        self.kept = self.acknowledged = Ack()
+        self._stream = data.makefile("rb")
 
-    def read(self) -> None:
-        """Take what waits on the stream."""
+    def read(self) -> bool:
+        """Wait for the next entry and take it; return False at the end of the stream."""
         try:
-            data = self.data.recv(PIECE_BYTES)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        if not data:
+            self.entries.append(pickle.load(self._stream))  # noqa: S301 - from our own producers
+        except (EOFError, OSError, pickle.UnpicklingError):  # also in the middle of an entry
             self.ended = True
-        self.entries.extend(self.reader.feed(data))
+        return not self.ended
 
 
 class Recorder:
@@ -173,6 +161,7 @@ class Recorder:
         self._keeper = keeper
         self._producers = producers
         self._held_until_s = 0.0
+        self._arrived = threading.Event()
 
     def run(self) -> None:
         """Record until every producer has ended.
@@ -180,37 +169,40 @@ class Recorder:
         Raises:
             RecordError: The disk is full or gone.
         """
-        with selectors.DefaultSelector() as selector:
-            for producer in self._producers:
-                selector.register(producer.data, selectors.EVENT_READ, producer)
-            while selector.get_map() or any(p.entries for p in self._producers):
-                for key, _ in selector.select(timeout=0.05):
-                    producer = key.data
-                    producer.read()
-                    if producer.ended:
-                        selector.unregister(producer.data)
-                self.step()
+        for producer in self._producers:
+            threading.Thread(target=self._listen, args=(producer,), daemon=True).start()
+        while not all(p.ended and not p.entries for p in self._producers):
+            self._arrived.wait(0.05)
+            self._arrived.clear()
+            self.step()
         self._keeper.close()
-        acknowledged = {p.name: p.acknowledged_count for p in self._producers}
+        acknowledged = {p.name: p.acknowledged.kept_count for p in self._producers}
         end = JournalEvent(
             stamp_ns=time.monotonic_ns(), name="record-end", detail={"acknowledged": acknowledged}
         )
         self._keeper.keep(end)
+
+    def _listen(self, producer: Producer) -> None:
+        while producer.read():
+            self._arrived.set()
 
     def step(self) -> None:
         """Write what has arrived and acknowledge it."""
         for producer in self._producers:
             while producer.entries and not self._must_wait(producer.entries[0][1]):
                 number, entry = producer.entries.popleft()
-                self._keep(producer, entry)
-                producer.through = number
+                self._keep(producer, number, entry)
         for producer in self._producers:
-            self._acknowledge(producer)
+            if producer.kept == producer.acknowledged or producer.ended:
+                continue
+            if producer.acks.send(producer.kept):
+                producer.acknowledged = producer.kept
 
-    def _keep(self, producer: Producer, entry: Encoded) -> None:
+    def _keep(self, producer: Producer, number: int, entry: Encoded) -> None:
         before = self._keeper.kept_count
         self._keeper.keep(entry)
-        producer.kept_count += self._keeper.kept_count - before
+        count = producer.kept.kept_count + self._keeper.kept_count - before
+        producer.kept = Ack(through=number, kept_count=count)
         if isinstance(entry, tuple) and entry[-1].topic is Topic.IMAGE:
             producer.newest_frame_ns = entry[-1].log_time
 
@@ -226,13 +218,6 @@ class Recorder:
             return True
         self._held_until_s = 0.0
         return False
-
-    def _acknowledge(self, producer: Producer) -> None:
-        if producer.through == producer.acknowledged or producer.ended:
-            return
-        if producer.acks.send(Ack(through=producer.through, kept_count=producer.kept_count)):
-            producer.acknowledged = producer.through
-            producer.acknowledged_count = producer.kept_count
 
 
 def record(job: Job, supervisor: Channel) -> None:
@@ -257,11 +242,8 @@ def record(job: Job, supervisor: Channel) -> None:
         Recorder(RecordKeeper(store), producers).run()
     except RecordError as error:
         for producer in producers:
-            producer.acks.send(Failed.because(error))
+            producer.acks.send(error)
         raise
-
-
-logger = logging.getLogger(__name__)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import logging
 import select
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -20,19 +20,18 @@ from protocols.guard.abort import Abort
 from protocols.processes.child import Launched, launch_children
 from protocols.processes.messages import (
     AbortRequest,
-    Failed,
+    Ack,
     Job,
-    Kept,
     Order,
     PageOptions,
     Ready,
     ViewerOptions,
 )
-from protocols.processes.viewing import CONTROL_ENDED, Viewer, Viewing
+from protocols.processes.viewing import CONTROL_ENDED, Viewing
 from protocols.trials.programme import ProgrammeResult, describe_safe, fresh_plan
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError, command_line
+from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError, RigError, command_line
 from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.force_series import force_series
@@ -101,7 +100,7 @@ class Supervisor:
         self._children: dict[str, Launched] = {}
         self._devices: dict[str, DeviceIdentity] = {}
         self._ready: set[str] = set()
-        self._failures: dict[str, Failed] = {}
+        self._failures: dict[str, RigError] = {}
         self._acknowledged: dict[str, int] = {}
         self._died: dict[str, str] = {}
         self._begun: list[JournalEvent] = []
@@ -144,8 +143,8 @@ class Supervisor:
             return self._result(
                 Outcome.ABORTED, f"aborted before anything moved: {self._abort.reason}."
             )
-        pids = {name: child.process.pid for name, child in self._children.items()}
-        pids |= {viewer.name: viewer.pid for viewer in self._viewing.running()}
+        everyone = [*self._children.values(), *self._viewing.running()]
+        pids = {child.name: child.process.pid for child in everyone}
         self._note("run-start", pids=pids)
         self._children["control"].channel.send(Order.GO)
         self._watch()
@@ -184,18 +183,17 @@ class Supervisor:
         deadline = time.monotonic() + START_MARGIN_S + connect_s
         while len(self._ready) < len(self._children) and not self._abort.count:
             self._listen()
-            for name, child in self._unheard():
+            is_late = time.monotonic() > deadline
+            for name, child in self._children.items():
+                if name in self._ready or name in self._failures:
+                    continue
+                why = f"{name}: not ready before its deadline" if is_late else ""
                 if child.has_ended:
                     self._listen()
-                    self._failures.setdefault(
-                        name, Failed(message=child.describe_end(), remedy=f"read {child.log}")
-                    )
+                    why = child.describe_end()
+                if why:
+                    self._failures.setdefault(name, DeviceError(why, remedy=f"read {child.log}"))
             if len(self._ready) + len(self._failures) == len(self._children):
-                break
-            if time.monotonic() > deadline:
-                for name, child in self._unheard():
-                    late = f"{name}: not ready before its deadline"
-                    self._failures[name] = Failed(message=late, remedy=f"read {child.log}")
                 break
         if self._failures and not self._abort.count:
             self._end_children()
@@ -205,11 +203,6 @@ class Supervisor:
             )
         if self._devices:
             self._store.set_devices(self._devices)
-
-    def _unheard(self) -> Iterator[tuple[str, Launched]]:
-        for name, child in self._children.items():
-            if name not in self._ready and name not in self._failures:
-                yield name, child
 
     def _watch(self) -> None:
         """Listen until control has finished or is gone."""
@@ -236,17 +229,17 @@ class Supervisor:
         for name in ("recorder", "camera"):
             child = self._children[name]
             if child.has_ended and name not in self._died:
-                self._note_death(name, child)
+                self._note_death(child)
 
-    def _note_death(self, name: str, child: Launched) -> None:
-        failure = self._failures.get(name)
-        gave_up = failure and f"the {name} process gave up: {failure.message}"
-        self._died[name] = gave_up or child.describe_end()
-        self._note("process-died", process=name, how=self._died[name])
+    def _note_death(self, child: Launched) -> None:
+        failure = self._failures.get(child.name)
+        gave_up = failure and f"the {child.name} process gave up: {failure.message}"
+        self._died[child.name] = gave_up or child.describe_end()
+        self._note("process-died", process=child.name, how=self._died[child.name])
 
     def _listen(self) -> None:
         """Wait for messages, at most ``POLL_S``, and take them."""
-        everyone: list[Launched | Viewer] = [*self._children.values(), *self._viewing.running()]
+        everyone = [*self._children.values(), *self._viewing.running()]
         heard = {one.channel.fileno(): one for one in everyone if not one.channel.closed}
         if not heard:
             time.sleep(POLL_S)
@@ -261,14 +254,14 @@ class Supervisor:
                 if message.name == "attempt-start":
                     self._begun.append(message)
                 self._show(message)
-            case Kept(count=count):
+            case Ack(kept_count=count):
                 self._acknowledged[name] = count
             case Ready(devices=devices) if name in self._children:
                 self._ready.add(name)
                 self._devices.update(devices)
             case AbortRequest(reason=reason):
                 self._abort.request(reason)
-            case Failed() if name in self._children:
+            case RigError() if name in self._children:
                 self._failures[name] = message
             case ProgrammeResult():
                 self._finished = message
@@ -288,7 +281,7 @@ class Supervisor:
             child.kill()
             died = child.process.returncode < 0 or (name == "control" and not self._finished)
             if died and name not in self._died and len(self._ready) == len(self._children):
-                self._note_death(name, child)
+                self._note_death(child)
         self._listen()
 
     def _conclude(self) -> SessionResult:
@@ -318,7 +311,7 @@ class Supervisor:
             result = replace(result, reason=f"{deaths}. {result.reason}", remedy=remedy)
         return result
 
-    def _without_control(self, failure: Failed | None, deaths: str) -> SessionResult:
+    def _without_control(self, failure: RigError | None, deaths: str) -> SessionResult:
         """Conclude where control left no result: it said why, or it was killed."""
         if failure is not None:
             aborted = failure.exit_code == AbortedError.exit_code

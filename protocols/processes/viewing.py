@@ -8,11 +8,10 @@ import socket
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 from protocols.processes.child import Launched
 from protocols.processes.feed import FeedLines
-from protocols.processes.messages import Channel, Job, Order, PageOptions, ViewerOptions
+from protocols.processes.messages import Job, Order, PageOptions, ViewerOptions
 from tacauchy_rig.core.errors import ConfigError, RigError
 from tacauchy_rig.core.run import JournalEvent
 
@@ -53,7 +52,7 @@ class Viewing:
     def __init__(
         self, page: PageOptions | None, job: Job, others: Sequence[ViewerOptions] = ()
     ) -> None:
-        self._page, self._job = page, job
+        self._job = job
         self._viewers: dict[str, Viewer] = {}
         self._listener: socket.socket | None = None
         self._options = list(others)
@@ -63,18 +62,17 @@ class Viewing:
             self._listener = listen(page.port)
             self.address = f"http://{LOOPBACK}:{self._listener.getsockname()[1]}/{token}/"
             shown = tuple(other.name for other in others)
+            options = {"token": token, "outline": page.outline}
             self._options.append(
-                ViewerOptions(name=PAGE, module=_MODULE, options={"token": token}, sources=shown)
+                ViewerOptions(name=PAGE, module=_MODULE, options=options, sources=shown)
             )
-        names = [each.name for each in self._options]
-        pairs = [(producer, name) for name in names for producer in PRODUCERS]
-        pairs += [
+        known = {*PRODUCERS, *(each.name for each in self._options)}
+        self.feeds = FeedLines(
             (source, each.name)
             for each in self._options
-            for source in each.sources
-            if source in names
-        ]
-        self.feeds = FeedLines(pairs)
+            for source in (*PRODUCERS, *each.sources)
+            if source in known
+        )
 
     def start(self) -> None:
         """Start every viewer."""
@@ -84,12 +82,12 @@ class Viewing:
             )
             if each.name == PAGE and self._listener is not None:
                 job.descriptors["listen"] = self._listener.fileno()
-                job = replace(job, page=self._page)
             self._viewers[each.name] = Viewer(each.name, job, module=each.module)
 
-    def running(self) -> Iterator[Viewer]:
-        """Yield the viewers that run."""
-        return (viewer for viewer in self._viewers.values() if viewer.runs)
+    def running(self) -> list[Launched]:
+        """Return the viewers that can be spoken to."""
+        children = (viewer.child for viewer in self._viewers.values())
+        return [child for child in children if child is not None and not child.channel.closed]
 
     def send(self, event: JournalEvent) -> None:
         """Tell each viewer of an event; one that is too slow misses it."""
@@ -119,7 +117,9 @@ class Viewing:
     def release(self) -> None:
         """Leave a page that was kept to those who watch it, and let go of all sockets."""
         for viewer in self._viewers.values():
-            viewer.release()
+            if viewer.child is not None:
+                viewer.child.release()
+                viewer.child = None
         self.close()
 
     def close(self) -> None:
@@ -151,9 +151,6 @@ def listen(port: int, *, option: str = "--page") -> socket.socket:
     return listener
 
 
-_NO_MORE = "not started again"
-
-
 class Viewer:
     """Started again when it dies or hangs, on the sockets that it had; given up after some times.
 
@@ -161,98 +158,61 @@ class Viewer:
         name: For messages and its log.
         job: What it is to do; its descriptors stay open in this process.
         module: What its process runs.
+
+    Attributes:
+        child: Its process; None where it does not run.
     """
 
     def __init__(self, name: str, job: Job, *, module: str) -> None:
-        self.name = name
-        self._module = module
-        self._job = job
+        self.child: Launched | None = None
+        self._name, self._job, self._module = name, job, module
         self._starts, self._started_s = 0, 0.0
-        self._given_up = ""
-        self._child: Launched | None = None
         self._start()
-
-    @property
-    def channel(self) -> Channel:
-        """Where it speaks.
-
-        Raises:
-            ValueError: It does not run.
-        """
-        if self._child is None:
-            raise ValueError(f"{self.name} does not run")
-        return self._child.channel
-
-    @property
-    def runs(self) -> bool:
-        """Whether it can be spoken to."""
-        return self._child is not None and not self._child.channel.closed
-
-    @property
-    def pid(self) -> int:
-        """Its process; 0 where it does not run."""
-        return 0 if self._child is None else self._child.process.pid
-
-    def receive(self) -> list[Any]:
-        """Return what it said."""
-        return [] if self._child is None else self._child.receive()
 
     def restart_if_ended(self) -> str:
         """Start it again if it is gone or silent; return what happened, or an empty text."""
-        child = self._child
+        child = self.child
         if child is None:
             return ""
         if not child.has_ended and time.monotonic() - child.last_message_s > SILENT_S:
             child.kill()
         if not child.has_ended:
             return ""
-        end, refused = child.describe_end(), self._refused(child)
-        child.close()
-        self._child = None
-        if refused:
-            self._given_up = _NO_MORE
-        else:
-            self._start()
-        return f"{end}; {self._given_up or 'started again'}; the run goes on"
-
-    def _refused(self, child: Launched) -> bool:
-        """Return whether it said at its start that it cannot be: it would say so again."""
+        end = child.describe_end()
+        self.close()
+        # What it said at its start, that it cannot be, it would say again.
         at_start = time.monotonic() - self._started_s < START_S
-        return at_start and not child.killed and child.process.poll() == RigError.exit_code
+        refused = at_start and not child.killed and child.process.poll() == RigError.exit_code
+        then = "not started again" if refused else self._start()
+        return f"{end}; {then}; the run goes on"
 
     def end(self) -> None:
         """Let it finish, and end it if it does not."""
-        if self._child is None:
+        if self.child is None:
             return
-        self._child.channel.send(Order.STOP)
+        self.child.channel.send(Order.STOP)
         deadline = time.monotonic() + END_S
-        while not self._child.has_ended and time.monotonic() < deadline:
+        while not self.child.has_ended and time.monotonic() < deadline:
             time.sleep(0.01)
         self.close()
 
-    def release(self) -> None:
-        """Let it end by itself."""
-        if self._child is not None:
-            self._child.release()
-            self._child = None
-
     def close(self) -> None:
         """End it at once, if it runs."""
-        if self._child is not None:
-            self._child.close()
-            self._child = None
+        if self.child is not None:
+            self.child.close()
+            self.child = None
 
-    def _start(self) -> None:
+    def _start(self) -> str:
+        """Start it, and return what became of that."""
         self._starts += 1
         self._started_s = time.monotonic()
         if self._starts > STARTS_MAX:
-            self._given_up = _NO_MORE
-            return
+            return "not started again"
         try:
             job = replace(self._job, again=self._starts > 1)
-            self._child = Launched(self.name, job, module=self._module)
+            self.child = Launched(self._name, job, module=self._module)
         except OSError as error:
-            self._given_up = f"it cannot be started ({error})"
-            logger.error("%s: %s", self.name, self._given_up)
-            return
-        self._child.last_message_s += START_S - SILENT_S
+            logger.error("%s: it cannot be started (%s)", self._name, error)
+            return f"it cannot be started ({error})"
+        self.child.last_message_s += START_S - SILENT_S
+        return "started again"

@@ -135,7 +135,6 @@ class View:
     def setup(self) -> dict[str, Any]:
         """Return what does not change during a run."""
         config = self._job.config
-        outline = None if self._job.page is None else self._job.page.outline
         return {
             "run": self._job.root.name,
             "simulated": config.is_simulated,
@@ -149,7 +148,7 @@ class View:
                 "arm": max(0.4, config.limits.stale_robot),
                 "camera": min(0.6, max(0.4, config.limits.stale_image)),
             },
-            "outline": None if outline is None else asdict(outline),
+            "outline": self._job.options.get("outline"),
         }
 
     def run(self) -> dict[str, Any]:

@@ -6,14 +6,14 @@ import threading
 import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tacauchy_rig.app.cli.output import say
 from tacauchy_rig.core.config.model import IndenterKind, RigConfig
 from tacauchy_rig.core.errors import ConfigError, RigError
 
 if TYPE_CHECKING:
-    from protocols.processes.messages import ContactOutline, ViewerOptions
+    from protocols.processes.messages import ViewerOptions
     from protocols.processes.viewing import Viewing
 
 TWIN_WORDS = {"off": "", "on": "force", "force": "force", "depth": "depth"}
@@ -58,14 +58,17 @@ def viewers_of(*, twin: str = "", foxglove: int | None = None) -> list[ViewerOpt
     return viewers
 
 
-def contact_outline(config: RigConfig) -> ContactOutline | None:
+def contact_outline(config: RigConfig) -> dict[str, Any] | None:
     """Return where the contact should be seen in the camera's frames; None of a tool of triangles.
 
     The sensor's file states which part of a frame is scored, and the size of its pixels.
+
+    Returns:
+        Size of a frame [px]; centre from its left and top [px]; pixels to a metre along and across;
+        radius of a flat face, or of a ball [m], the other one is 0.
     """
     import numpy as np
 
-    from protocols.processes.messages import ContactOutline
     from sim.sensor.sensor import load_sensor
 
     if config.replay.indenter is not None:
@@ -80,16 +83,16 @@ def contact_outline(config: RigConfig) -> ContactOutline | None:
     begin = camera.crop_fraction * frame[0], camera.crop_fraction * frame[1]
     is_ball = config.indenter.kind is IndenterKind.SPHERE
     radius_m = 0.5 * config.indenter.diameter
-    return ContactOutline(
-        image_size_px=frame,
-        centre_px=(
+    return {
+        "image_size_px": frame,
+        "centre_px": (
             begin[0] + (column + 0.5) * larger[0] - 0.5,
             begin[1] + (row + 0.5) * larger[1] - 0.5,
         ),
-        scale_px_m=(larger[0] / camera.scale_x_m, larger[1] / camera.scale_y_m),
-        flat_radius_m=0.0 if is_ball else radius_m - config.indenter.fillet,
-        ball_radius_m=radius_m if is_ball else 0.0,
-    )
+        "scale_px_m": (larger[0] / camera.scale_x_m, larger[1] / camera.scale_y_m),
+        "flat_radius_m": 0.0 if is_ball else radius_m - config.indenter.fillet,
+        "ball_radius_m": radius_m if is_ball else 0.0,
+    }
 
 
 def tell(page: Viewing | None, state: str, text: str, *, passed: bool | None = None) -> None:

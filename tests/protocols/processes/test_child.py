@@ -11,7 +11,8 @@ from typing import Never
 import pytest
 
 from protocols.processes import child
-from protocols.processes.messages import Channel, Failed
+from protocols.processes.messages import Channel
+from tacauchy_rig.core.errors import RigError
 
 
 @pytest.mark.parametrize(
@@ -42,7 +43,7 @@ def test_an_error_is_told_even_where_no_log_can_be_written(
     with pytest.raises(MemoryError):
         child.run_child("control", work)
     (told,) = ours.receive()
-    assert isinstance(told, Failed)
+    assert isinstance(told, RigError)
     assert told.message == message
     assert remedy in told.remedy
     ours.close()

@@ -22,25 +22,17 @@ def line():
         yield made
 
 
-@pytest.fixture
-def feeds(line):
-    """Writers that show to it."""
-    writers = FeedWriters({}, ())
-    writers._writers = [line.writer]
-    return writers
-
-
-def test_every_sample_is_recorded_and_shown_once(laboratory, line, feeds):
+def test_every_sample_is_recorded_and_shown_once(laboratory, line):
     """Counters of what is shown are those of what is kept, in order; forces are tared."""
     lab = laboratory()
-    broadcast = Broadcast(lab.cycle.sink, feeds)
+    broadcast = Broadcast(lab.cycle.sink, line.writer)
     lab.cycle.sink = broadcast
     lab.cycle.observers.append(lambda: broadcast.show(lab.cycle))
     broadcast.put(Begin(1, 1))
     lab.cycle.force_guard.set_zero(take_tare(lab.cycle))
     for _ in range(40):
         lab.cycle.turn()
-    shown = line.reader.receive()
+    shown = list(line.reader.receive())
     counters = [n for one in shown if one.stream == "force" for n in one.numbers["counter"]]
     kept = [sample.counter for sample in lab.sink.samples]
     assert counters == kept[: len(counters)]
@@ -50,11 +42,11 @@ def test_every_sample_is_recorded_and_shown_once(laboratory, line, feeds):
     assert any(one.stream == "arm" for one in shown)
 
 
-def test_what_a_lost_recorder_refuses_is_shown(laboratory, line, feeds, monkeypatch):
+def test_what_a_lost_recorder_refuses_is_shown(laboratory, line, monkeypatch):
     """While the arm is made safe, the page goes on showing where it is."""
     lab = laboratory()
     monkeypatch.setattr(lab.sink, "put", _refuse)
-    broadcast = Broadcast(lab.sink, feeds)
+    broadcast = Broadcast(lab.sink, line.writer)
     lab.cycle.sink = broadcast
     lab.cycle.observers.append(lambda: broadcast.show(lab.cycle))
     for _ in range(40):

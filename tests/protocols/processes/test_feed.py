@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 import os
-import time
 from contextlib import ExitStack, closing
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from protocols.processes.feed import (
-    PICTURES_BYTES,
-    FeedLines,
-    FeedReader,
-    FeedWriter,
-    FeedWriters,
-    feed_readers,
-)
+from protocols.processes.feed import FeedLines, FeedReader, FeedWriters, feed_readers
+from protocols.processes.messages import Channel
 
 
 class Line:
@@ -26,19 +17,18 @@ class Line:
     def __init__(self):
         self.lines = FeedLines([("camera", "page")])
         self._stack = ExitStack()
-        self.writer, self.reader = self.ends(FeedWriter, "camera", to="page"), self.new_reader()
+        self.writer = FeedWriters({"page-feed": os.dup(self._end("camera"))}, ["page"])
+        self._stack.callback(self.writer._channels[0].close)
+        self.reader = self.new_reader()
+
+    def _end(self, name):
+        return next(iter(self.lines.descriptors(name).values()))
 
     def new_reader(self):
         """Return one more reader, as of a viewer that was started again."""
-        return self.ends(FeedReader, "page", source="camera")
-
-    def ends(self, kind, name, **other):
-        """Return an end on copies of the descriptors."""
-        copies = {what: os.dup(end) for what, end in self.lines.descriptors(name).items()}
-        end = kind(copies, **other)
-        self._stack.callback(end._channel.close)
-        self._stack.callback(os.close, next(d for w, d in copies.items() if "pictures" in w))
-        return end
+        channel = Channel.inherited(os.dup(self._end("page")))
+        self._stack.callback(channel.close)
+        return FeedReader(channel)
 
     def close(self):
         """Close everything."""
@@ -62,53 +52,53 @@ def ends(line):
 def test_what_is_shown_arrives_with_its_picture(ends):
     """Numbers, stamp and bytes, in order."""
     writer, reader = ends
-    assert writer.show("twin", 5, {"lag_ms": 12.5}, b"picture")
-    assert writer.show("twin", 6, {})
+    writer.show("twin", 5, {"lag_ms": 12.5}, b"picture")
+    writer.show("twin", 6, {})
     first, second = reader.receive()
     assert (first.stream, first.stamp_ns, first.numbers) == ("twin", 5, {"lag_ms": 12.5})
     assert (first.picture, second.picture, reader.lost_count) == (b"picture", None, 0)
 
 
-def test_a_picture_larger_than_a_message_arrives(ends):
+def test_a_picture_larger_than_a_message_arrives_at_every_viewer():
     """A full-size camera's JPEG, which no socket takes in one piece."""
-    writer, reader = ends
-    picture = bytes(range(256)) * 8000
-    writer.show("camera", 1, {}, picture)
-    assert reader.receive()[0].picture == picture
+    picture = bytes(range(256)) * 80_000
+    with closing(FeedLines([("camera", "page"), ("camera", "twin")])) as lines:
+        copies = {what: os.dup(end) for what, end in lines.descriptors("camera").items()}
+        writer = FeedWriters(copies, ["page", "twin"])
+        writer.show("camera", 1, {}, picture)
+        for name in ("page", "twin"):
+            [end] = lines.descriptors(name).values()
+            [reader] = feed_readers({"camera-feed": os.dup(end)}, ["camera"])
+            assert [shown.picture for shown in reader.receive()] == [picture]
+            reader._channel.close()
+        for channel in writer._channels:
+            channel.close()
 
 
 def test_a_viewer_that_reads_nothing_holds_nobody_up(ends):
     """A thousand pictures to a viewer that stands still: dropped, and counted when it wakes up."""
     writer, reader = ends
-    began = time.monotonic()
-    results = [writer.show("camera", n, {"counter": n}, b"x" * 100_000) for n in range(5000)]
-    assert time.monotonic() - began < 60.0  # it ends at all
-    assert not all(results)
-    seen = reader.receive()
+    for n in range(5000):
+        writer.show("camera", n, {"counter": n}, b"x" * 100_000)
+    seen = list(reader.receive())
+    assert len(seen) < 5000
     writer.show("camera", 5000, {"counter": 5000}, b"last")
     seen += reader.receive()
     assert seen[-1].picture == b"last"
-    whole = [shown for shown in seen if shown.picture is not None]
-    assert reader.lost_count == 5001 - len(whole)
+    assert reader.lost_count == 5001 - len(seen)
 
 
-@settings(deadline=None, max_examples=25)
-@given(st.lists(st.integers(1, PICTURES_BYTES // 2), min_size=1, max_size=8))
-def test_a_picture_is_whole_or_absent(sizes):
-    """Memory that went round never shows a part of one picture as another."""
-    with closing(Line()) as line:
-        for number, size in enumerate(sizes):
-            line.writer.show("camera", number, {}, bytes([number]) * size)
-        for number, shown in enumerate(line.reader.receive()):
-            assert shown.picture in (None, bytes([number]) * sizes[number])
-        assert line.reader.receive() == []
-
-
-def test_a_picture_that_fits_nowhere_is_left_out(ends):
-    """Its numbers still arrive."""
+def test_without_memory_the_numbers_still_arrive(ends, monkeypatch):
+    """A picture that nothing can hold is counted as lost."""
     writer, reader = ends
-    writer.show("camera", 1, {"counter": 1}, bytes(PICTURES_BYTES))
-    assert reader.receive()[0].picture is None
+    monkeypatch.setattr(os, "memfd_create", _refuse)
+    writer.show("camera", 1, {"counter": 1}, b"picture")
+    [shown] = reader.receive()
+    assert (shown.numbers, shown.picture, reader.lost_count) == ({"counter": 1}, None, 1)
+
+
+def _refuse(_name):
+    raise OSError("no memory")
 
 
 def test_a_viewer_started_again_goes_on(line):

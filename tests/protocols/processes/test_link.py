@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import pickle
 import socket
 
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from protocols.control.record import Begin, End
 from protocols.processes import link as link_module
 from protocols.processes.link import BETWEEN_ATTEMPTS, RecorderLink
-from protocols.processes.messages import Ack, Channel, EntryReader, Failed
+from protocols.processes.messages import Ack, Channel
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import (
     ForceSample,
@@ -34,19 +36,16 @@ class FarEnd:
     def __init__(self, store):
         self.data, data = socket.socketpair()
         self.acks, acks = Channel.pair()
-        self.reader = EntryReader()
+        self.stream = self.data.makefile("rb")
         self.told = []
-        self.link = RecorderLink(
-            data, acks, store=store, source="control", on_attempt=self.told.append
-        )
+        ends = {"recorder-data": data.detach(), "recorder-acks": os.dup(acks.fileno())}
+        acks.close()
+        self.link = RecorderLink(ends, store=store, source="control", on_attempt=self.told.append)
 
     def take(self, count):
         """Receive ``count`` entries."""
-        entries = []
         self.data.settimeout(5.0)
-        while len(entries) < count:
-            entries += self.reader.feed(self.data.recv(1 << 16))
-        return entries
+        return [pickle.load(self.stream) for _ in range(count)]  # noqa: S301
 
     def acknowledge(self, through, *, kept=0):
         """Say that everything up to ``through`` is on disk."""
@@ -54,6 +53,7 @@ class FarEnd:
 
     def die(self):
         """End as a killed process does."""
+        self.stream.close()
         self.data.close()
         self.acks.close()
 
@@ -75,7 +75,7 @@ def test_acknowledged_entries_are_forgotten(far):
     far.acknowledge(3, kept=2)
     assert far.acks.closed is False
     far.link.close(timeout_s=2.0)
-    assert far.link.kept_count == 2
+    assert far.link.kept == Ack(through=3, kept_count=2)
     assert far.link.problem() == ""
     assert not list(far.link._store.paths.trials.rglob("unacknowledged*"))
 
@@ -152,7 +152,7 @@ def test_a_recorder_that_hangs_is_noticed(far, monkeypatch):
 def test_a_full_disk_is_told_in_the_recorder_s_words(far):
     """What the recorder says before it gives up becomes the problem."""
     error = RecordError("recording.mcap: no space left on the disk", remedy="free some")
-    far.acks.send(Failed.because(error))
+    far.acks.send(error)
     assert "no space left" in far.link.problem()
 
 

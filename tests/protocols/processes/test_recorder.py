@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import pickle
 import socket
 from dataclasses import replace
 
 import pytest
 
 from protocols.control.record import Begin, End
-from protocols.processes.messages import Channel, pack_entry
+from protocols.processes.messages import Channel
 from protocols.processes.recorder import Producer, Recorder, RecordKeeper, encoded
 from tacauchy_rig.core.run import ImageFrame, Outcome, TrialRecord
 from tacauchy_rig.core.store.recording.reading import Recording
@@ -40,13 +41,14 @@ class Desk:
             self.sockets[name], data = socket.socketpair()
             self.acks[name], acks = Channel.pair()
             self.producers[name] = Producer(name, data, acks)
+            data.close()
             self.numbers[name] = 0
         self.recorder = Recorder(RecordKeeper(store), list(self.producers.values()))
 
     def say(self, name, entry):
         """Let a producer send an entry and the recorder take it."""
         self.numbers[name] += 1
-        self.sockets[name].sendall(pack_entry(self.numbers[name], encoded(entry)))
+        self.sockets[name].sendall(pickle.dumps((self.numbers[name], encoded(entry))))
         self.producers[name].read()
         self.recorder.step()
 
@@ -67,7 +69,7 @@ def desk(make_store):
     yield desk
     for name in ("control", "camera"):
         desk.sockets[name].close()
-        desk.producers[name].data.close()
+        desk.producers[name]._stream.close()
         desk.acks[name].close()
         desk.producers[name].acks.close()
 
@@ -95,11 +97,12 @@ def test_frames_between_attempts_are_acknowledged_but_not_kept(desk):
     assert (ack.through, ack.kept_count) == (1, 0)
 
 
-def test_a_dead_camera_does_not_hold_an_attempt_back(desk):
-    """With its stream at an end nothing more is waited for."""
+def test_a_camera_killed_in_the_middle_of_a_frame_does_not_hold_an_attempt_back(desk):
+    """With its stream at an end nothing more is waited for, and half a frame is none."""
     desk.say("control", Begin(1, 1))
     desk.say("camera", frame(10))
+    desk.sockets["camera"].sendall(pickle.dumps((2, frame(20)))[:-1])
     desk.sockets["camera"].close()
-    desk.producers["camera"].read()
+    assert not desk.producers["camera"].read()
     desk.say("control", End(RECORD, 25))
     assert desk.store.load_result(1, 1) == desk.sealed_record()

@@ -27,7 +27,7 @@ def test_without_a_wish_nothing_is_opened(job):
     """No socket, no process, no address."""
     viewing = Viewing(None, job)
     viewing.start()
-    assert (viewing.address, list(viewing.running())) == ("", [])
+    assert (viewing.address, viewing.running()) == ("", [])
     viewing.close()
 
 
@@ -57,9 +57,9 @@ def test_a_page_that_dies_again_and_again_is_given_up(job, monkeypatch):
     viewing.start()
     told = []
     deadline = time.monotonic() + 60.0
-    while list(viewing.running()) and time.monotonic() < deadline:
+    while viewing.running() and time.monotonic() < deadline:
         for page in viewing.running():
-            os.kill(page.pid, signal.SIGKILL)
+            os.kill(page.process.pid, signal.SIGKILL)
         time.sleep(0.05)
         told += [happened for _, happened in viewing.restart_ended()]
     assert "started again" in told[0]
@@ -84,7 +84,7 @@ def test_what_says_at_its_start_that_it_cannot_be_is_not_started_again(
         time.sleep(0.02)
     assert words in happened
     assert ("not started again" not in happened) is starts_again
-    assert (viewer.pid != 0) is starts_again
+    assert (viewer.child is not None) is starts_again
     viewer.close()
 
 
@@ -97,7 +97,7 @@ def test_a_viewer_that_says_nothing_is_ended(job, monkeypatch):
     while not page.receive():
         assert time.monotonic() < deadline
         time.sleep(0.05)
-    os.kill(page.pid, signal.SIGSTOP)
+    os.kill(page.process.pid, signal.SIGSTOP)
     monkeypatch.setattr(viewing_module, "SILENT_S", 0.5)
     happened = []
     while not happened:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import pytest
 
 from protocols.guard.abort import Abort
-from protocols.processes.messages import ContactOutline, PageOptions
+from protocols.processes.messages import PageOptions
 from protocols.processes.supervisor import run_session
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.store.run_store import RunStore
@@ -17,12 +17,13 @@ from tests.protocols.conftest import BRISK, MOCKS
 
 ONE = 'protocol.force_targets=["1.2 N"]'
 WAIT_S = 60.0
-OUTLINE = ContactOutline(
-    image_size_px=(640, 480),
-    centre_px=(320.0, 240.0),
-    scale_px_m=(2e4, 2e4),
-    flat_radius_m=2.4e-3,
-)
+OUTLINE = {
+    "image_size_px": (640, 480),
+    "centre_px": (320.0, 240.0),
+    "scale_px_m": (2e4, 2e4),
+    "flat_radius_m": 2.4e-3,
+    "ball_radius_m": 0.0,
+}
 
 
 class Running:

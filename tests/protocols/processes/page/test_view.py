@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from protocols.processes.feed import Shown
-from protocols.processes.messages import Job, PageOptions
+from protocols.processes.messages import Job
 from protocols.processes.page.server import WIDEST_PX, media_type, reduced
 from protocols.processes.page.view import TRACE_SAMPLES, StreamView, View
 from protocols.processes.supervisor import plan_session
@@ -44,7 +44,6 @@ def job_of(store, *, again=False):
         plan=plan_session(store),
         descriptors={},
         options={"token": NAME},
-        page=PageOptions(),
         again=again,
     )
 

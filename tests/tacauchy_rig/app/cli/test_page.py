@@ -45,14 +45,14 @@ def test_the_outline_lies_where_the_sensors_file_says():
             ['indenter.kind="sphere"', 'indenter.diameter="6 mm"'],
         )
     )
-    assert outline.centre_px == pytest.approx((319.5, 239.5))
-    assert outline.flat_radius_m == pytest.approx(2.4e-3)
+    assert outline["centre_px"] == pytest.approx((319.5, 239.5))
+    assert outline["flat_radius_m"] == pytest.approx(2.4e-3)
     # A sixth of the frame's width is cut off in all; 0.0634 mm is a pixel of 320 across the rest.
-    assert outline.scale_px_m[0] == pytest.approx(0.7 * 640 / 320 / 0.0634e-3, rel=1e-3)
-    assert large.scale_px_m[0] / outline.scale_px_m[0] == pytest.approx(3280 / 640)
-    aside_px = abs(moved.centre_px[0] - outline.centre_px[0])
-    assert aside_px == pytest.approx(1e-3 * outline.scale_px_m[0])
-    assert (ball.flat_radius_m, ball.ball_radius_m) == (0.0, pytest.approx(3e-3))
+    assert outline["scale_px_m"][0] == pytest.approx(0.7 * 640 / 320 / 0.0634e-3, rel=1e-3)
+    assert large["scale_px_m"][0] / outline["scale_px_m"][0] == pytest.approx(3280 / 640)
+    aside_px = abs(moved["centre_px"][0] - outline["centre_px"][0])
+    assert aside_px == pytest.approx(1e-3 * outline["scale_px_m"][0])
+    assert (ball["flat_radius_m"], ball["ball_radius_m"]) == (0.0, pytest.approx(3e-3))
 
 
 @pytest.mark.parametrize("option", ["page", "foxglove"])
