@@ -225,7 +225,7 @@ def _force_rate_check(
 def _noise_check(samples: list[ForceSample], config: RigConfig) -> CheckResult:
     """Judge zero and noise of Fz; the sensor is taken to be unloaded."""
     name = "force_sensor.noise"
-    values = [sample.wrench.force[FZ] for sample in samples]
+    values = [sample.wrench[FZ] for sample in samples]
     if len(values) < 2:
         return skipped(name, f"{len(values)} samples are too few")
     mean, deviation = statistics.fmean(values), statistics.stdev(values)

@@ -174,7 +174,7 @@ def force_sensor_streams(make: Callable[[], ForceTorqueSensor], *, rate_hz: floa
     """The stream keeps its promises, and every wrench is finite."""
     with _connected(make()) as sensor:
         samples = _stream(sensor, rate_hz)
-        numbers = [value for s in samples for value in (*s.wrench.force, *s.wrench.torque)]
+        numbers = [value for s in samples for value in s.wrench]
         _require(all(map(math.isfinite, numbers)), "a wrench holds only finite numbers")
         _require_order([(s.counter, s.stamp_ns) for s in samples])
 

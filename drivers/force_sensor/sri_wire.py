@@ -29,7 +29,7 @@ import zlib
 from dataclasses import dataclass
 
 from tacauchy_rig.core.config.model import Checksum
-from tacauchy_rig.core.run import ForceSample, Vector6, Wrench
+from tacauchy_rig.core.run import ForceSample, Vector6
 
 MARK = b"\xaa\x55"
 NUMBER_MODULUS = 1 << 16
@@ -157,8 +157,7 @@ class FrameParser:
             self._count(_HEADER.unpack_from(raw)[2])
             values: Vector6 = _VALUES.unpack_from(raw, _HEADER.size)
             if all(map(math.isfinite, values)):
-                wrench = Wrench.of(values)
-                samples.append(ForceSample(stamp_ns=stamp_ns, counter=self._counter, wrench=wrench))
+                samples.append(ForceSample(stamp_ns=stamp_ns, counter=self._counter, wrench=values))
             else:
                 self.corrupt_frame_count += 1
         return samples

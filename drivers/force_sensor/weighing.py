@@ -94,12 +94,12 @@ def _summary(samples: list[ForceSample], config: RigConfig) -> Tare:
             f"force sensor: {len(samples)} samples in {WEIGH_S:g} s, {expected:.0f} were expected",
             remedy="check the box's power and cable, and force_sensor.rate",
         )
-    if not all(math.isfinite(value) for s in samples for value in s.wrench.as_vector()):
+    if not all(math.isfinite(value) for s in samples for value in s.wrench):
         raise DeviceError(
             "force sensor: a sample holds a value that is not a number",
             remedy="check the box's cable and its decoupling matrix",
         )
-    largest_n = max(abs(value) for s in samples for value in s.wrench.force)
+    largest_n = max(abs(value) for s in samples for value in s.wrench[:3])
     if largest_n >= section.capacity:
         raise DeviceError(
             f"force sensor: {largest_n:.4g} N is beyond its capacity {section.capacity:g} N",
@@ -110,7 +110,7 @@ def _summary(samples: list[ForceSample], config: RigConfig) -> Tare:
 
 def tare_of(samples: Sequence[ForceSample]) -> Tare:
     """Return mean and deviation of at least two samples."""
-    wrenches = np.array([sample.wrench.as_vector() for sample in samples])
+    wrenches = np.array([sample.wrench for sample in samples])
     return Tare(
         start_ns=samples[0].stamp_ns,
         end_ns=samples[-1].stamp_ns,

@@ -18,7 +18,7 @@ from drivers.mock.world import STEP_S, MockWorld, mock_without_mock
 from drivers.stream_buffer import StreamBuffer
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError
-from tacauchy_rig.core.run import ForceSample, ImageFrame, Wrench
+from tacauchy_rig.core.run import ForceSample, ImageFrame
 
 SampleT = TypeVar("SampleT")
 
@@ -124,7 +124,7 @@ class MockForceSensor(_MockStream[ForceSample]):
             self._corrupt_count += 1
             return
         wrench = self._silent.reading(self.world.raw_wrench(), faults.values(), stamp_ns=now_ns)
-        sample = ForceSample(stamp_ns=now_ns, counter=self._counter, wrench=Wrench.of(wrench))
+        sample = ForceSample(stamp_ns=now_ns, counter=self._counter, wrench=wrench)
         self._buffer.push(sample, stamp_ns=now_ns, fingerprint=wrench)
 
 

@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from collections import deque
 from enum import StrEnum
+from operator import sub
 
 from protocols.guard.breach import BreachError, Reaction
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.run import FZ, ForceSample, Tare, Vector6, Wrench
+from tacauchy_rig.core.run import FZ, ForceSample, Tare, Vector6, vector6
 
 SATURATED_FRACTION = 0.95
 RATE_SAMPLES = 5
 """Samples of the slope: at 100 Hz and 0.01 N of noise its deviation is 0.3 N/s."""
+
+
+_JUMPS = "(range, unit, sign or axes in its box)"
 
 
 class Contact(StrEnum):
@@ -41,15 +45,15 @@ class ForceGuard:
         self._capacity_n = config.force_sensor.capacity
         self._sign = config.force_sensor.compression_sign
         self._period_s = 1.0 / config.force_sensor.rate
-        self._zero: Tare | None = None
-        self._previous: Wrench | None = None
+        self._zero: Vector6 | None = None
+        self._previous: Vector6 | None = None
         self._repeat_count = 1
         self._liveness = Liveness(row=config.limits.repeat_count)
         self._recent: deque[tuple[int, float]] = deque(maxlen=RATE_SAMPLES)
 
     def set_zero(self, tare: Tare) -> None:
         """Judge from now on what differs from ``tare``."""
-        self._zero = tare
+        self._zero = tare.mean
         self._liveness.set_noise()
         self._recent.clear()
 
@@ -62,35 +66,55 @@ class ForceGuard:
         """Return force [N] and moment [N m] of a sample against the zero; zeros before it."""
         if self._zero is None:
             return (0.0,) * 6
-        (x, y, z), (rx, ry, rz) = sample.wrench.force, sample.wrench.torque
-        x0, y0, z0, rx0, ry0, rz0 = self._zero.mean
-        return x - x0, y - y0, z - z0, rx - rx0, ry - ry0, rz - rz0
+        return vector6(map(sub, sample.wrench, self._zero))
 
     def pressing(self, wrench: Vector6) -> float:
         """Return the pressing force [N] of a tared wrench, positive in compression."""
         return self._sign * wrench[FZ]
 
     def check(self, sample: ForceSample) -> float:
-        """Compare one sample; return the pressing force [N], positive in compression.
-
-        Raises:
-            BreachError: A limit was passed.
-        """
+        """Refuse a sample beyond a limit; return the pressing force [N]."""
         self._check_sensor(sample)
         if self._zero is None:
+            self._check_saturation(sample)
             return 0.0
         wrench = self.tared(sample)
         pressing = self.pressing(wrench)
-        self._check_hard(pressing)
+        self._require(
+            "hard_force",
+            abs(pressing),
+            f"{pressing:.5g} N",
+            reaction=Reaction.PROTECTIVE_STOP,
+            remedy="look at the indenter and the gel before unlocking the arm by hand",
+        )
         self._check_saturation(sample)
         self._check_pressing(pressing)
         self._check_sides(wrench)
         self._check_rate(sample.counter, abs(pressing))
         return pressing
 
+    def _require(
+        self,
+        name: str,
+        size: float,
+        measured: str,
+        *,
+        remedy: str,
+        reaction: Reaction = Reaction.RETRACT,
+        unit: str = "N",
+    ) -> None:
+        """Refuse a size above the limit of that name."""
+        limit = getattr(self._limits, name)
+        if size > limit:
+            raise BreachError(
+                f"limits.{name} {limit:g} {unit}: measured {measured}",
+                limit=f"limits.{name}",
+                reaction=reaction,
+                remedy=remedy,
+            )
+
     def _check_sensor(self, sample: ForceSample) -> None:
-        values = (*sample.wrench.force, *sample.wrench.torque)
-        if not all(map(math.isfinite, values)):
+        if not all(map(math.isfinite, sample.wrench)):
             raise BreachError(
                 f"force sensor: frame {sample.counter} holds a value that is not a number",
                 limit="force_sensor.finite",
@@ -103,26 +127,15 @@ class ForceGuard:
         if self._repeat_count >= self._limits.repeat_count:
             raise BreachError(
                 f"limits.repeat_count: {self._repeat_count} identical force samples in a row "
-                f"({sample.wrench.force[2]:.4f} N); a live sensor has noise",
+                f"({sample.wrench[FZ]:.4f} N); a live sensor has noise",
                 limit="limits.repeat_count",
                 reaction=Reaction.HOLD,
                 remedy="switch the box off and on, then `tacauchy-rig doctor`",
             )
         self._liveness.check(sample.wrench)
-        if self._zero is None:
-            self._check_saturation(sample)
-
-    def _check_hard(self, pressing: float) -> None:
-        if abs(pressing) > self._limits.hard_force:
-            raise BreachError(
-                f"limits.hard_force {self._limits.hard_force:g} N: measured {pressing:.5g} N",
-                limit="limits.hard_force",
-                reaction=Reaction.PROTECTIVE_STOP,
-                remedy="look at the indenter and the gel before unlocking the arm by hand",
-            )
 
     def _check_saturation(self, sample: ForceSample) -> None:
-        largest = max(map(abs, sample.wrench.force))
+        largest = max(map(abs, sample.wrench[:3]))
         if largest >= SATURATED_FRACTION * self._capacity_n:
             raise BreachError(
                 f"force sensor: {largest:.4g} N raw is above 95 % of its capacity "
@@ -133,41 +146,38 @@ class ForceGuard:
             )
 
     def _check_pressing(self, pressing: float) -> None:
-        limits = self._limits
-        if self.contact is Contact.NONE and abs(pressing) > limits.early_contact:
-            raise BreachError(
-                f"limits.early_contact {limits.early_contact:g} N: measured {pressing:.3f} N where "
-                "nothing should touch",
-                limit="limits.early_contact",
-                reaction=Reaction.RETRACT,
+        if self.contact is Contact.NONE:
+            self._require(
+                "early_contact",
+                abs(pressing),
+                f"{pressing:.3f} N where nothing should touch",
                 remedy="see what touched, and check sensor.surface and its uncertainty; or the "
-                "force sensor's reading jumped (range, unit, sign or axes in its box)",
+                f"force sensor's reading jumped {_JUMPS}",
             )
-        if self.contact is not Contact.LEAVING and abs(pressing) > limits.soft_force:
-            raise BreachError(
-                f"limits.soft_force {limits.soft_force:g} N: measured {pressing:.3f} N",
-                limit="limits.soft_force",
-                reaction=Reaction.RETRACT,
+        if self.contact is not Contact.LEAVING:
+            self._require(
+                "soft_force",
+                abs(pressing),
+                f"{pressing:.3f} N",
                 remedy="see what pushed; lower robot.press_speed if the arm overran",
             )
 
     def _check_sides(self, wrench: Vector6) -> None:
         lateral = self.sideways_n = math.hypot(*wrench[:FZ])
-        if lateral > self._limits.lateral_force:
-            raise BreachError(
-                f"limits.lateral_force {self._limits.lateral_force:g} N: measured {lateral:.3f} N",
-                limit="limits.lateral_force",
-                reaction=Reaction.RETRACT,
-                remedy="check the tool's tilt and that the sensor is clamped",
-            )
+        self._require(
+            "lateral_force",
+            lateral,
+            f"{lateral:.3f} N",
+            remedy="check the tool's tilt and that the sensor is clamped",
+        )
         moment = max(map(abs, wrench[3:]))
-        if moment > self._limits.moment:
-            raise BreachError(
-                f"limits.moment {self._limits.moment:g} N m: measured {moment:.4f} N m",
-                limit="limits.moment",
-                reaction=Reaction.RETRACT,
-                remedy="check that the indenter is straight and presses the gel's middle",
-            )
+        self._require(
+            "moment",
+            moment,
+            f"{moment:.4f} N m",
+            unit="N m",
+            remedy="check that the indenter is straight and presses the gel's middle",
+        )
 
     def _check_rate(self, counter: int, size: float) -> None:
         # Time by the box's counter: arrival stamps bunch up, and bunched samples look steep.
@@ -177,14 +187,14 @@ class ForceGuard:
         mean_count = sum(c for c, _ in self._recent) / RATE_SAMPLES
         spread = sum((c - mean_count) ** 2 for c, _ in self._recent)
         slope = sum((c - mean_count) * f for c, f in self._recent) / spread / self._period_s
-        if slope > self._limits.force_rate:
-            raise BreachError(
-                f"limits.force_rate {self._limits.force_rate:g} N/s: measured {slope:.1f} N/s",
-                limit="limits.force_rate",
-                reaction=Reaction.RETRACT,
-                remedy="something hit the tool or the table; or the force sensor's reading jumped "
-                "(range, unit, sign or axes in its box)",
-            )
+        self._require(
+            "force_rate",
+            slope,
+            f"{slope:.1f} N/s",
+            unit="N/s",
+            remedy="something hit the tool or the table; or the force sensor's reading jumped "
+            f"{_JUMPS}",
+        )
 
 
 NOISE_SAMPLES = 30
@@ -193,7 +203,6 @@ NOISE_SHARE = 0.1
 1e-20), and a table that has come to rest since takes a factor of a few."""
 MEMORY_SAMPLES = 20_000
 """Samples that are remembered: 200 s at 100 Hz."""
-Sample = tuple[float, ...]
 
 
 class Liveness:
@@ -212,8 +221,8 @@ class Liveness:
         self._steps: deque[float] = deque(maxlen=NOISE_SAMPLES - 1)
         self._unloaded_n: float | None = None
         self._number = 0
-        self._numbers: dict[Sample, int] = {}
-        self._order: deque[tuple[int, Sample]] = deque()
+        self._numbers: dict[Vector6, int] = {}
+        self._order: deque[tuple[int, Vector6]] = deque()
         self._before: int | None = None
         self._row_count = 0
 
@@ -223,14 +232,10 @@ class Liveness:
         self._newest_n = None
         self._steps.clear()
 
-    def check(self, wrench: Wrench) -> None:
-        """Judge one more sample.
-
-        Raises:
-            BreachError: Its noise has gone, or it repeats a row of samples.
-        """
+    def check(self, wrench: Vector6) -> None:
+        """Refuse one more sample if its noise has gone, or it repeats a row of samples."""
         self._check_row(wrench)
-        before_n, self._newest_n = self._newest_n, wrench.force[FZ]
+        before_n, self._newest_n = self._newest_n, wrench[FZ]
         if before_n is not None:
             self._steps.append((self._newest_n - before_n) ** 2)
         if self._unloaded_n is None or len(self._steps) < NOISE_SAMPLES - 1:
@@ -247,8 +252,7 @@ class Liveness:
         """Return the deviation of the newest samples [N], from neighbours: a rise is no noise."""
         return math.sqrt(0.5 * sum(self._steps) / len(self._steps)) if self._steps else 0.0
 
-    def _check_row(self, wrench: Wrench) -> None:
-        sample = (*wrench.force, *wrench.torque)
+    def _check_row(self, sample: Vector6) -> None:
         self._number += 1
         earlier = self._numbers.get(sample)
         follows = earlier is not None and self._before is not None and earlier == self._before + 1
@@ -264,7 +268,7 @@ class Liveness:
             return
         ago = self._number - (earlier or 0)
         if ago <= self._row:
-            raise _stuck(f"its last {self._row_count} samples repeat {ago} values", wrench)
+            raise _stuck(f"its last {self._row_count} samples repeat {ago} values", sample)
         raise BreachError(
             f"force sensor: it sends old data: its last {self._row_count} samples are those of "
             f"{ago} samples ago, value by value",
@@ -275,9 +279,9 @@ class Liveness:
         )
 
 
-def _stuck(how: str, wrench: Wrench) -> BreachError:
+def _stuck(how: str, wrench: Vector6) -> BreachError:
     return BreachError(
-        f"force sensor: it sticks at {wrench.force[FZ]:.4f} N (raw): {how}",
+        f"force sensor: it sticks at {wrench[FZ]:.4f} N (raw): {how}",
         limit="witness.noise",
         reaction=Reaction.RETRACT,
         remedy="the sensor's amplifier or box hangs: switch it off and on, then "

@@ -51,23 +51,6 @@ class Pose:
         return Pose(position=(px + x, py + y, pz + z), rotation_vector=self.rotation_vector)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Wrench:
-    """Force [N] and moment [N m] in the force sensor's frame, as the sensor reports them."""
-
-    force: Vector3
-    torque: Vector3
-
-    @classmethod
-    def of(cls, vector: Vector6) -> Wrench:
-        """Return the wrench of Fx, Fy, Fz [N], Mx, My, Mz [N m]."""
-        return cls(force=vector[:3], torque=vector[3:])
-
-    def as_vector(self) -> Vector6:
-        """Return Fx, Fy, Fz [N], Mx, My, Mz [N m]."""
-        return (*self.force, *self.torque)
-
-
 FZ = 2
 """Where the force along the sensor's axis stands in a wrench."""
 
@@ -79,11 +62,12 @@ class ForceSample:
     Attributes:
         stamp_ns: ``time.monotonic_ns`` of this host at arrival.
         counter: The box's package number, unwrapped: a gap is a lost frame.
+        wrench: Fx, Fy, Fz [N], Mx, My, Mz [N m] in the sensor's frame, as it reports them.
     """
 
     stamp_ns: int
     counter: int
-    wrench: Wrench
+    wrench: Vector6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -39,7 +39,6 @@ from tacauchy_rig.core.run import (
     Pose,
     Tare,
     TrialRecord,
-    Wrench,
 )
 from tacauchy_rig.core.simulated import Replay, ReplayTrial
 from tacauchy_rig.core.store.journal import append_event
@@ -379,7 +378,7 @@ def write_recording(path: Path, made: SimpleNamespace) -> None:
             force = TARE_N + (FORCE_N if k >= 150 else 0.0)
             z = CONTACT_Z_M - (DEPTH_M if k >= 150 else -1e-3)
             counter = k if k < 100 else k + 3
-            wrench = Wrench(force=(0.0, 0.0, force), torque=(0.0, 0.0, 0.0))
+            wrench = (0.0, 0.0, force, 0.0, 0.0, 0.0)
             stamp = at(k * 0.01)
             writer.write([ForceSample(stamp_ns=stamp, counter=counter, wrench=wrench)])
             writer.write([arm_at(stamp, z)])

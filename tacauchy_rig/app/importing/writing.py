@@ -13,7 +13,6 @@ import numpy as np
 from tacauchy_rig.app.importing.images import Converter
 from tacauchy_rig.app.importing.presses import Press, Recorded, Samples
 from tacauchy_rig.app.importing.source import Source
-from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import LoadedConfig
 from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.imported import Imported, ImportedTrial
@@ -26,9 +25,8 @@ from tacauchy_rig.core.run import (
     Pose,
     Tare,
     TrialRecord,
-    Vector3,
     Vector6,
-    Wrench,
+    vector6,
 )
 from tacauchy_rig.core.store.recording.messages import Recorded as Message
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
@@ -195,31 +193,22 @@ def _force(samples: Samples | None) -> Iterator[Message]:
     if samples is None:
         return
     for number, stamp_ns, wrench in zip(count(), samples.stamp_ns, samples.value, strict=False):
-        force, torque = _halves(wrench)
-        yield ForceSample(
-            stamp_ns=int(stamp_ns), counter=number, wrench=Wrench(force=force, torque=torque)
-        )
+        yield ForceSample(stamp_ns=int(stamp_ns), counter=number, wrench=vector6(wrench.tolist()))
 
 
 def _arm(samples: Samples | None) -> Iterator[Message]:
     if samples is None:
         return
     for stamp_ns, pose in zip(samples.stamp_ns, samples.value, strict=True):
-        position, rotation = _halves(pose)
         yield ArmSample(
             stamp_ns=int(stamp_ns),
             controller_time_s=np.nan,
-            pose=Pose(position=position, rotation_vector=rotation),
+            pose=Pose.of(pose.tolist()),
             velocity=UNKNOWN_VELOCITY,
             runtime_state=UNKNOWN_STATE,
             safety_bits=UNKNOWN_STATE,
             robot_mode=UNKNOWN_STATE,
         )
-
-
-def _halves(values: FloatArray) -> tuple[Vector3, Vector3]:
-    a, b, c, d, e, f = (float(value) for value in values)
-    return (a, b, c), (d, e, f)
 
 
 def _result(store: RunStore, index: int, press: Press, sha256: str | None) -> TrialRecord:
@@ -265,7 +254,7 @@ def _tare(samples: Samples, window: tuple[int, int]) -> Tare | None:
     return Tare(
         start_ns=window[0],
         end_ns=window[1],
-        mean=(*_halves(mean)[0], *_halves(mean)[1]),
-        deviation=(*_halves(deviation)[0], *_halves(deviation)[1]),
+        mean=vector6(mean.tolist()),
+        deviation=vector6(deviation.tolist()),
         sample_count=count,
     )

@@ -91,9 +91,8 @@ class Topics:
             self._log(
                 "/force", message if target is None else {**message, "target_n": target}, stamp_ns
             )
-        wrench = numbers["wrench"]
-        values = [*wrench.force, *wrench.torque] if hasattr(wrench, "force") else list(wrench)
-        self._log("/wrench", dict(zip(AXES, values, strict=True)), numbers["stamp_ns"][-1])
+        axes = dict(zip(AXES, numbers["wrench"], strict=True))
+        self._log("/wrench", axes, numbers["stamp_ns"][-1])
 
     def _tip(self, shown: Shown) -> None:
         w, x, y, z = quaternion(shown.numbers["rotation_rad"])

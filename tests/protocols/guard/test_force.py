@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import NOISE_SAMPLES, Contact, ForceGuard, Liveness
-from tacauchy_rig.core.run import ForceSample, Tare, Wrench
+from tacauchy_rig.core.run import ForceSample, Tare
 
 ZERO = Tare(
     start_ns=0,
@@ -28,7 +28,7 @@ def sample(counter=1, *, fx=0.0, fy=0.0, fz=0.0, moment=0.0):
     return ForceSample(
         stamp_ns=counter * 10_000_000,
         counter=counter,
-        wrench=Wrench(force=force, torque=(ZERO.mean[3] + moment, 0.0, 0.0)),
+        wrench=(*force, ZERO.mean[3] + moment, 0.0, 0.0),
     )
 
 
@@ -155,9 +155,9 @@ def noisy(number, *, seed=1, noise_n=0.008, rise_n=0.0):
     """Return samples of a live sensor, rising evenly."""
     draw = random.Random(seed)  # noqa: S311 - noise, not a secret
     return [
-        Wrench(
-            force=(draw.gauss(0, noise_n), 0.0, k * rise_n + draw.gauss(0, noise_n)),
-            torque=(draw.gauss(0, 1e-4), 0.0, 0.0),
+        (
+            *(draw.gauss(0, noise_n), 0.0, k * rise_n + draw.gauss(0, noise_n)),
+            *(draw.gauss(0, 1e-4), 0.0, 0.0),
         )
         for k in range(number)
     ]

@@ -9,12 +9,12 @@ import pytest
 from drivers.interfaces import StreamHealth
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.streams import StreamGuard
-from tacauchy_rig.core.run import ForceSample, Wrench
+from tacauchy_rig.core.run import ForceSample
 
 
 def arrived(counter, *, delay_s=0.0, rate_hz=100.0):
     """Return a sample that came ``delay_s`` late."""
-    wrench = Wrench(force=(0.0, 0.0, 0.0), torque=(0.0, 0.0, 0.0))
+    wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     stamp_ns = round((counter / rate_hz + delay_s) * 1e9)
     return ForceSample(stamp_ns=stamp_ns, counter=counter, wrench=wrench)
 

@@ -18,7 +18,6 @@ from tacauchy_rig.core.run import (
     JournalEvent,
     Outcome,
     TrialRecord,
-    Wrench,
 )
 from tacauchy_rig.core.store.journal import append_event, read_journal
 from tacauchy_rig.core.store.recording.reading import Recording
@@ -26,7 +25,7 @@ from tacauchy_rig.core.store.recording.reading import Recording
 
 def force(counter):
     """Return an entry with one sample."""
-    wrench = Wrench(force=(0.0, 0.0, 1.0), torque=(0.0, 0.0, 0.0))
+    wrench = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     return (ForceSample(stamp_ns=counter * 10, counter=counter, wrench=wrench),)
 
 

@@ -59,7 +59,7 @@ def test_raw_force_is_recorded_untouched(laboratory):
     run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
     counters = [sample.counter for sample in lab.sink.samples]
     assert counters == list(range(counters[0], counters[0] + len(counters)))
-    assert abs(lab.sink.samples[5].wrench.force[2] - 1.4) < 0.1
+    assert abs(lab.sink.samples[5].wrench[2] - 1.4) < 0.1
 
 
 def test_a_sensor_mounted_the_other_way_round_presses_all_the_same(laboratory):

@@ -19,7 +19,7 @@ from reports.evidence.attempt import (
 )
 from reports.evidence.evidence import ImageGeometry
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.run import ForceSample, ImageFrame, Wrench
+from tacauchy_rig.core.run import ForceSample, ImageFrame
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -58,7 +58,7 @@ def read(
     path.unlink()
     with RecordingWriter(path, metadata={}) as writer:
         for k, value in enumerate(force_n):
-            wrench = Wrench(force=(0.0, 0.0, value), torque=(0.0, 0.0, 0.0))
+            wrench = (0.0, 0.0, value, 0.0, 0.0, 0.0)
             stamp = press.at(2.0 + 0.01 * k)
             writer.write([ForceSample(stamp_ns=stamp, counter=k, wrench=wrench)])
         for k, value in enumerate(z_m):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from reports.evidence.attempt import AttemptReading
 from reports.evidence.evidence import ImageGeometry
 from reports.evidence.replayed import intermediate_states
-from tacauchy_rig.core.run import ForceSample, ImageFrame, Wrench
+from tacauchy_rig.core.run import ForceSample, ImageFrame
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -42,7 +42,7 @@ def rising(store: RunStore, press: SimpleNamespace) -> AttemptReading:
     with RecordingWriter(path, metadata={}) as writer:
         for k in range(300):
             force_n = press.FORCE_N * np.clip((k - 100) / 100, 0.0, 1.0)
-            wrench = Wrench(force=(0.0, 0.0, tare_n + force_n), torque=(0.0, 0.0, 0.0))
+            wrench = (0.0, 0.0, tare_n + force_n, 0.0, 0.0, 0.0)
             stamp_ns = press.at(k * 0.01)
             writer.write([ForceSample(stamp_ns=stamp_ns, counter=k, wrench=wrench)])
             writer.write([press.arm_at(stamp_ns, 0.1997 - 2e-4 * force_n / press.FORCE_N)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tacauchy_rig.core.run import ForceSample, ImageFrame, JournalEvent, Wrench
+from tacauchy_rig.core.run import ForceSample, ImageFrame, JournalEvent
 from tacauchy_rig.core.store.layout import RunPaths
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tests.studies.fault_table.observation import acknowledged_messages, kept_messages
@@ -12,7 +12,7 @@ from tests.studies.fault_table.observation import acknowledged_messages, kept_me
 
 def force(*counters):
     """Return force samples with these package numbers."""
-    wrench = Wrench(force=(0.0, 0.0, 1.0), torque=(0.0, 0.0, 0.0))
+    wrench = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     return [ForceSample(stamp_ns=10 * n, counter=n, wrench=wrench) for n in counters]
 
 

@@ -117,7 +117,7 @@ def encode(item: Recorded) -> RawMessage:
     """Encode a sample, a frame or an event; JPEG bytes pass through unchanged."""
     match item:
         case ForceSample(counter=counter, wrench=wrench):
-            values = zip(WRENCH_FIELDS, (*wrench.force, *wrench.torque), strict=True)
+            values = zip(WRENCH_FIELDS, wrench, strict=True)
             return _encoded(Topic.FORCE, item, counter, counter=counter, **dict(values))
         case ArmSample():
             kept = ("controller_time_s", *ARM_STATES)

@@ -102,14 +102,14 @@ def frames_of(count: int, kind: FaultKind | None, amount: float | None = None) -
 def test_no_fault() -> None:
     """Every frame leaves at its moment, numbered from zero."""
     frames = frames_of(5, None)
-    assert [(f.counter, f.wrench.force[2]) for f in frames] == [(i, float(i)) for i in range(5)]
+    assert [(f.counter, f.wrench[2]) for f in frames] == [(i, float(i)) for i in range(5)]
 
 
 def test_freeze_repeats_values_while_the_number_moves() -> None:
     """A frozen sensor keeps counting."""
     frames = frames_of(5, FaultKind.FREEZE)
     assert [f.counter for f in frames] == list(range(5))
-    assert {f.wrench.force[2] for f in frames} == {0.0}
+    assert {f.wrench[2] for f in frames} == {0.0}
 
 
 def test_drop_leaves_gaps() -> None:
@@ -131,7 +131,7 @@ def test_garble_breaks_the_checksum() -> None:
 
 def test_saturate_pins_fz() -> None:
     """Fz reads full scale and the other channels go on."""
-    assert {f.wrench.force[2] for f in frames_of(3, FaultKind.SATURATE, 12.0)} == {12.0}
+    assert {f.wrench[2] for f in frames_of(3, FaultKind.SATURATE, 12.0)} == {12.0}
 
 
 def test_lies_leave_numbers_and_checksums_alone() -> None:
@@ -139,9 +139,7 @@ def test_lies_leave_numbers_and_checksums_alone() -> None:
     parser, data = play(50, FaultKind.SCALE, 0.1)
     frames = parser.feed(data)
     assert [frame.counter for frame in frames] == list(range(50))
-    assert [frame.wrench.force[2] for frame in frames] == pytest.approx(
-        [0.1 * i for i in range(50)]
-    )
+    assert [frame.wrench[2] for frame in frames] == pytest.approx([0.1 * i for i in range(50)])
     assert (parser.lost_count, parser.corrupt_frame_count) == (0, 0)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tacauchy_rig.core.run import ArmSample, ForceSample, ImageFrame, JournalEvent, Pose, Wrench
+from tacauchy_rig.core.run import ArmSample, ForceSample, ImageFrame, JournalEvent, Pose
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 
 START_NS = 5_000_000_000
@@ -23,7 +23,7 @@ class Samples:
 
     def force(self, counter: int) -> ForceSample:
         """Return a force sample at 100 Hz."""
-        wrench = Wrench(force=(0.1, -0.2, counter / 7), torque=(1e-3, 2e-3, -counter / 3))
+        wrench = (0.1, -0.2, counter / 7, 1e-3, 2e-3, -counter / 3)
         return ForceSample(stamp_ns=START_NS + counter * PERIOD_NS, counter=counter, wrench=wrench)
 
     def arm(self, counter: int) -> ArmSample:

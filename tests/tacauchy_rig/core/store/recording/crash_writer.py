@@ -11,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from tacauchy_rig.core.run import ForceSample, ImageFrame, Wrench
+from tacauchy_rig.core.run import ForceSample, ImageFrame
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 
 FRAME_BYTES = 840_000
@@ -26,7 +26,7 @@ def jpeg_of(counter: int) -> bytes:
 
 def force_of(counter: int) -> ForceSample:
     """Return a force sample that follows from its counter."""
-    wrench = Wrench(force=(counter / 3, 0.0, 1.0), torque=(0.0, 0.0, 0.0))
+    wrench = (counter / 3, 0.0, 1.0, 0.0, 0.0, 0.0)
     return ForceSample(stamp_ns=1 + counter * 10_000_000, counter=counter, wrench=wrench)
 
 

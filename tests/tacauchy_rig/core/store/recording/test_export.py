@@ -73,9 +73,9 @@ def test_csv_holds_raw_and_tared_force(store: RunStore, tmp_path: Path, samples:
         assert int(row["stamp_ns"]) == sample.stamp_ns
         assert int(row["counter"]) == index
         assert float(row["time_s"]) == pytest.approx(index * 0.01, abs=1e-12)
-        assert float(row["fz_n"]) == sample.wrench.force[2]
+        assert float(row["fz_n"]) == sample.wrench[2]
         assert float(row["fx_n_tared"]) == pytest.approx(0.0, abs=1e-12)
-        assert float(row["pressing_force_n"]) == pytest.approx(0.5 - sample.wrench.force[2])
+        assert float(row["pressing_force_n"]) == pytest.approx(0.5 - sample.wrench[2])
     arm = _table(tmp_path / "out" / "trial-01-attempt-2" / "arm.csv")
     assert float(arm[3]["z_m"]) == samples.arm(3).pose.position[2]
     assert arm[3]["robot_mode"] == "7"

@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.run import ForceSample, ImageFrame, Wrench
+from tacauchy_rig.core.run import ForceSample, ImageFrame
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 
@@ -33,7 +33,7 @@ def test_what_is_written_is_read(finished: Path, samples: Any) -> None:
         sample, state = samples.force(index), samples.arm(index)
         assert force.stamp_ns[index] == sample.stamp_ns
         assert force.counter[index] == sample.counter
-        assert tuple(force.wrench[index]) == (*sample.wrench.force, *sample.wrench.torque)
+        assert tuple(force.wrench[index]) == sample.wrench
         assert arm.stamp_ns[index] == state.stamp_ns
         assert arm.controller_time_s[index] == state.controller_time_s
         assert tuple(arm.pose[index]) == state.pose.as_vector()
@@ -109,7 +109,7 @@ def test_public_readers_decode_every_message(finished: Path, samples: Any) -> No
         assert (image.format, image.data) == ("jpeg", frame.jpeg)
         assert image.timestamp.seconds * 10**9 + image.timestamp.nanos == frame.stamp_ns
     fz = [force.fz_n for _, channel, _, force in messages if channel.topic == "/force"]
-    assert fz == [samples.force(index).wrench.force[2] for index in range(40)]
+    assert fz == [samples.force(index).wrench[2] for index in range(40)]
 
 
 def test_each_call_is_readable_when_it_returns(tmp_path: Path, samples: Any) -> None:
@@ -128,7 +128,7 @@ def test_each_call_is_readable_when_it_returns(tmp_path: Path, samples: Any) -> 
 def test_extreme_values_come_back(tmp_path: Path) -> None:
     """NaN, infinities, wrapped counters and stamps near the ends of their range survive."""
     path = tmp_path / "recording.mcap"
-    wrench = Wrench(force=(float("nan"), float("inf"), -0.0), torque=(1e-320, 1e308, -1e-9))
+    wrench = (float("nan"), float("inf"), -0.0, 1e-320, 1e308, -1e-9)
     sample = ForceSample(stamp_ns=2**62, counter=2**40 + 3, wrench=wrench)
     frame = ImageFrame(
         stamp_ns=0, counter=2**32 - 1, device_stamp_s=-5.0, width=1, height=1, jpeg=b""
@@ -137,7 +137,7 @@ def test_extreme_values_come_back(tmp_path: Path) -> None:
         writer.write([sample])
         writer.write([frame])
     recording = Recording.open(path)
-    expected = np.array([*wrench.force, *wrench.torque])
+    expected = np.array(wrench)
     assert recording.force().wrench.tobytes() == expected.tobytes()
     assert recording.force().counter[0] == 2**40 + 3
     (back,) = recording.frames()
