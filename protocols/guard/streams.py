@@ -66,11 +66,7 @@ class StreamGuard:
         self.force_lag_s = (offset_ns - self._earliest[1]) * 1e-9
 
     def check_force(self, health: StreamHealth, *, now_ns: int) -> None:
-        """Judge the force stream.
-
-        Raises:
-            BreachError: Stale, late, or too many frames lost.
-        """
+        """Refuse a force stream that is stale, late or lossy."""
         lag_s, age_s = self.force_lag_s, health.age_s
         self._require_fresh(
             "force",
@@ -89,11 +85,7 @@ class StreamGuard:
         self._check_losses(health, now_ns)
 
     def check_image(self, health: StreamHealth) -> None:
-        """Judge the camera.
-
-        Raises:
-            BreachError: Stale, or the same image again and again.
-        """
+        """Refuse a camera whose images are stale, or the same again and again."""
         self._require_fresh(
             "image",
             health.age_s,

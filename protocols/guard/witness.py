@@ -154,9 +154,6 @@ class Witness:
             states: New states of the arm.
             z_m: Height of the tip [m].
             seen: Whether the camera sees the gel touched.
-
-        Raises:
-            BreachError: The force sensor disagrees with a witness; the message says by how much.
         """
         self._forces.extend(forces_n)
         self._slow.extend(forces_n)

@@ -29,11 +29,7 @@ class Workspace:
         self._speed_cap = fastest * SPEED_MARGIN + SPEED_NOISE_M_S
 
     def check_target(self, pose: Pose) -> None:
-        """Refuse a target outside the box or tilted.
-
-        Raises:
-            BreachError: Which bound, and by how much.
-        """
+        """Refuse a target outside the box or tilted."""
         problem = self._outside(pose.position) or self._tilted(pose)
         if problem:
             limit, text = problem
@@ -45,11 +41,7 @@ class Workspace:
             )
 
     def check_state(self, state: ArmSample) -> None:
-        """Compare where the arm is, how it points and how fast it is.
-
-        Raises:
-            BreachError: Which bound, and by how much.
-        """
+        """Refuse an arm outside the box, tilted or too fast."""
         pose = state.pose
         problem = self._outside(pose.position) or self._tilted(pose) or self._too_fast(state)
         if problem:
@@ -150,11 +142,7 @@ class FollowGuard:
         self._past.clear()
 
     def check(self, z_m: float, *, now_ns: int) -> None:
-        """Judge the arm at height ``z_m``; once a turn.
-
-        Raises:
-            BreachError: It has covered less than a quarter of what was commanded, or much more.
-        """
+        """Refuse, once a turn, an arm that goes far less or more than commanded."""
         if self._speed_m_s == 0.0:
             return
         if self._looked_ns is not None:

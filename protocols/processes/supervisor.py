@@ -28,7 +28,7 @@ from protocols.processes.messages import (
     ViewerOptions,
 )
 from protocols.processes.viewing import CONTROL_ENDED, Viewing
-from protocols.trials.programme import ProgrammeResult, describe_safe, fresh_plan
+from protocols.trials.programme import ProgrammeResult, describe_safe
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError, RigError, command_line
@@ -75,12 +75,9 @@ class Supervisor:
     """One session's processes; a context that leaves none of them behind.
 
     Args:
-        store: The run's folder, locked by the caller.
+        store: The run's folder, locked by the caller; for the others see ``run_session``.
         job: What is to be done; each child gets it with its own descriptors.
         viewing: Those who watch.
-        on_event: Told of every event, and of progress five times a second.
-        abort: A person's request to stop.
-        keep_page: The page goes on after a run that went through to its end.
     """
 
     def __init__(
@@ -299,17 +296,17 @@ class Supervisor:
             return replace(result, outcome=Outcome.FAULT, reason=text, remedy=_CHECK_DISK)
         if finished.outcome is Outcome.PASSED:
             return result
-        gave_up = {name: self._failures.get(name) for name in self._died}
-        # One that gave up may have told control why, and control says it again.
-        unreported = {
-            n: f for n, f in gave_up.items() if f is None or f.message not in result.reason
-        }
-        if unreported:
-            deaths = "; ".join(self._died[name] for name in unreported)
-            remedies = "; ".join(failure.remedy for failure in unreported.values() if failure)
-            remedy = remedies or result.remedy
-            result = replace(result, reason=f"{deaths}. {result.reason}", remedy=remedy)
-        return result
+        deaths, remedies = [], []
+        for name, death in self._died.items():
+            failure = self._failures.get(name)
+            # One that gave up may have told control why, and control says it again.
+            if failure is None or failure.message not in result.reason:
+                deaths.append(death)
+                remedies += [failure.remedy] if failure else []
+        if not deaths:
+            return result
+        remedy = "; ".join(remedies) or result.remedy
+        return replace(result, reason=f"{'; '.join(deaths)}. {result.reason}", remedy=remedy)
 
     def _without_control(self, failure: RigError | None, deaths: str) -> SessionResult:
         """Conclude where control left no result: it said why, or it was killed."""
@@ -373,14 +370,14 @@ def plan_session(store: RunStore, *, again: Set[int] = frozenset()) -> tuple[Pla
         again: Trials to press once more though they have a passed attempt.
     """
     plan, doubted = [], force_series(store).doubted
-    for planned in fresh_plan(store.config):
-        passed = store.accepted(planned.index)
-        done = passed is not None and planned.index not in again
-        done = done and passed is not None and (passed.index, passed.attempt) not in doubted
+    for index, target_n in enumerate(store.config.protocol.force_targets, start=1):
+        passed = store.accepted(index)
+        done = passed is not None and index not in again and (index, passed.attempt) not in doubted
         plan.append(
-            replace(
-                planned,
-                next_attempt=store.next_attempt(planned.index),
+            PlannedTrial(
+                index=index,
+                force_target_n=target_n,
+                next_attempt=store.next_attempt(index),
                 done=done,
                 contact_z_m=None if passed is None else passed.contact_z_m,
                 record=passed if done else None,

@@ -14,6 +14,8 @@ from protocols.steps.window import listen
 from tacauchy_rig.core.errors import AbortedError, DeviceError
 from tacauchy_rig.core.run import ArmSample, Pose, Vector6
 
+logger = logging.getLogger(__name__)
+
 ARRIVED_M = 0.0005
 REST_SPEED_M_S = 2e-5
 REST_TIMEOUT_S = 0.5
@@ -21,11 +23,7 @@ SPARE_S = 3.0
 
 
 def move_to(cycle: Cycle, target: Pose, *, speed: float) -> None:
-    """Move in a straight line [m/s] and return on arrival.
-
-    Raises:
-        BreachError: A limit was passed on the way, or the arm did not arrive.
-    """
+    """Move in a straight line [m/s] and return on arrival."""
     start = cycle.turn().arm.pose
     distance = math.dist(start.position, target.position)
     deadline_ns = cycle.rig.clock.now_ns() + round((1.5 * distance / speed + SPARE_S) * 1e9)
@@ -63,6 +61,11 @@ def at_height(cycle: Cycle, z_m: float) -> Pose:
     return Pose(position=(x, y, z_m), rotation_vector=cycle.config.robot.tool_rotation)
 
 
+def clear_height(cycle: Cycle) -> float:
+    """Return the height above which the tip is clear of the gel [m]."""
+    return cycle.config.sensor.surface[2] + cycle.config.protocol.approach_height
+
+
 def home_pose(cycle: Cycle) -> Pose:
     """Return the pose that every trial starts from."""
     robot = cycle.config.robot
@@ -79,15 +82,10 @@ def _not_arrived(target: Pose, actual: Pose, how: str) -> BreachError:
 
 
 def approach(cycle: Cycle) -> None:
-    """Go to ``protocol.approach_height`` above the expected surface.
-
-    Raises:
-        BreachError: Something was touched, or another limit was passed.
-    """
+    """Go to ``protocol.approach_height`` above the expected surface."""
     cycle.force_guard.contact = Contact.NONE
-    config = cycle.config
-    height_m = config.sensor.surface[2] + config.protocol.approach_height
-    move_to(cycle, at_height(cycle, height_m), speed=config.robot.approach_speed)
+    pose = at_height(cycle, clear_height(cycle))
+    move_to(cycle, pose, speed=cycle.config.robot.approach_speed)
 
 
 CLEAR_M = 0.001
@@ -95,11 +93,7 @@ CLEAR_M = 0.001
 
 
 def retract(cycle: Cycle, *, contact_z_m: float) -> None:
-    """Go straight up off the gel and then home.
-
-    Raises:
-        BreachError: A limit was passed on the way.
-    """
+    """Go straight up off the gel and then home."""
     cycle.force_guard.contact = Contact.LEAVING
     cycle.witness.rest()
     speed = cycle.config.robot.retract_speed
@@ -110,8 +104,6 @@ def retract(cycle: Cycle, *, contact_z_m: float) -> None:
     cycle.force_guard.contact = Contact.NONE
     move_to(cycle, home_pose(cycle), speed=speed)
 
-
-logger = logging.getLogger(__name__)
 
 REST_S = 0.4
 SLOW_M_S = 0.002
@@ -193,13 +185,13 @@ def _turn(cycle: Cycle) -> BreachError | None:
     except BreachError as breach:
         return breach
     except AbortedError:
-        return None
+        pass
     return None
 
 
 def _leave_gel(cycle: Cycle) -> str:
     state = cycle.last_state
-    clear_m = cycle.config.sensor.surface[2] + cycle.config.protocol.approach_height
+    clear_m = clear_height(cycle)
     if state is None:
         return "The arm stopped"
     height_m = state.pose.position[2]

@@ -5,7 +5,15 @@ from __future__ import annotations
 from protocols.control.cycle import Cycle
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
-from protocols.steps.motion import SLOW_M_S, at_height, come_to_rest, downward, home_pose, move_to
+from protocols.steps.motion import (
+    SLOW_M_S,
+    at_height,
+    clear_height,
+    come_to_rest,
+    downward,
+    home_pose,
+    move_to,
+)
 from protocols.steps.window import judge_tare, listen, take_quiet_tare, take_tare
 from tacauchy_rig.core.run import Tare
 
@@ -15,13 +23,9 @@ def leave_gel(cycle: Cycle) -> None:
 
     Where the tip is clear of the gel nothing moves. Otherwise the load of the gel is the guard's
     zero, and a force that falls away is expected, until the caller gives it another zero.
-
-    Raises:
-        BreachError: A limit was passed, or the arm did not arrive.
     """
     pose = cycle.turn().arm.pose
-    clear_m = cycle.config.sensor.surface[2] + cycle.config.protocol.approach_height
-    rise_m = clear_m - pose.position[2]
+    rise_m = clear_height(cycle) - pose.position[2]
     if rise_m <= 0.0:
         return
     cycle.force_guard.set_zero(take_tare(cycle))
@@ -76,9 +80,6 @@ def press_air(cycle: Cycle) -> dict[str, float]:
     Returns:
         ``overrun_m``, the travel from the stop command to rest, and ``peak_force_n``, the largest
         force felt where nothing touches.
-
-    Raises:
-        BreachError: Something was felt, or the arm did not move or stop as it was told.
     """
     cycle.force_guard.contact = Contact.NONE
     robot, protocol = cycle.config.robot, cycle.config.protocol

@@ -109,11 +109,7 @@ class PressDrive:
         return self._contact_z_m - reading.arm.pose.position[2]
 
     def turn(self) -> Reading:
-        """Do one turn of the control loop and steer by what it brought.
-
-        Raises:
-            BreachError: Deeper than the target justifies or ``limits.max_depth``, or another limit.
-        """
+        """Do one turn of the control loop and steer by what it brought."""
         reading = self.watch()
         depth_m = self.depth(reading)
         if reading.presses:
@@ -122,11 +118,7 @@ class PressDrive:
         return reading
 
     def watch(self) -> Reading:
-        """Do one turn of the control loop without steering.
-
-        Raises:
-            BreachError: As for ``turn``.
-        """
+        """Do one turn of the control loop without steering."""
         reading = self._cycle.turn()
         depth_m = self.depth(reading)
         if depth_m > self._deepest_m:
@@ -154,11 +146,7 @@ class PressDrive:
 
 
 def press_to_target(cycle: Cycle, drive: PressDrive) -> None:
-    """Press until the force is within tolerance of the target.
-
-    Raises:
-        BreachError: Not reached within ``protocol.press_timeout``.
-    """
+    """Press until the force is within tolerance of the target."""
     protocol = cycle.config.protocol
     deadline_ns = cycle.rig.clock.now_ns() + round(protocol.press_timeout * 1e9)
     reading = drive.turn()
@@ -204,11 +192,7 @@ def _is_settled(window: ForceWindow, cycle: Cycle, target_n: float) -> bool:
 
 
 def hold(cycle: Cycle, drive: PressDrive, record: TrialRecord) -> TrialRecord:
-    """Hold for ``protocol.dwell_duration``, the window that counts; return what it gave.
-
-    Raises:
-        BreachError: A limit was passed.
-    """
+    """Hold for ``protocol.dwell_duration``, the window that counts; return what it gave."""
     duration_ns = round(cycle.config.protocol.dwell_duration * 1e9)
     presses: list[Press] = []
     depths: list[float] = []
@@ -247,9 +231,6 @@ def sway(cycle: Cycle, drive: PressDrive) -> None:
     Two sines at once: a delay shifts both by the same time, the gel's relaxation by the same part
     of their period. The arm only goes up from where the force was held, so that neither force nor
     depth passes what the press had reached.
-
-    Raises:
-        BreachError: A limit was passed.
     """
     config = cycle.config
     amplitudes_m = [

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 from protocols.control.cycle import Cycle, Press, Reading
 from protocols.guard.breach import BreachError, Reaction
@@ -28,9 +27,6 @@ def search_contact(cycle: Cycle) -> float:
 
     The height is where the averaged force passes ``protocol.contact_force``, so it lies below the
     free surface by that force over the gel's stiffness.
-
-    Raises:
-        BreachError: Nothing was touched where the gel is, or the force points elsewhere.
     """
     listen(cycle, STILL_S)
     cycle.force_guard.contact = Contact.EXPECTED
@@ -43,31 +39,26 @@ def search_contact(cycle: Cycle) -> float:
     return _descend_to_contact(cycle, speed / REFINE_RATIO, floor)
 
 
-@dataclass(frozen=True, slots=True)
-class _Floor:
-    """How low a search may go, and which setting says so."""
-
-    z_m: float
-    limit: str
+Floor = tuple[float, str]
+"""How low a search may go [m], and which setting says so."""
 
 
-def _floor(cycle: Cycle, start_m: float) -> _Floor:
+def _floor(cycle: Cycle, start_m: float) -> Floor:
     """Return the highest floor that is known."""
     protocol, sensor = cycle.config.protocol, cycle.config.sensor
+    lowest_m = sensor.surface[2] - sensor.surface_uncertainty - BEYOND_M
     floors = [
-        _Floor(start_m - protocol.search_travel, "protocol.search_travel"),
-        _Floor(
-            sensor.surface[2] - sensor.surface_uncertainty - BEYOND_M, "sensor.surface_uncertainty"
-        ),
+        (start_m - protocol.search_travel, "protocol.search_travel"),
+        (lowest_m, "sensor.surface_uncertainty"),
     ]
     if cycle.contact_z_m is not None:
-        floors.append(_Floor(cycle.contact_z_m - BEYOND_M, "witness.contact_height"))
-    return max(floors, key=lambda floor: floor.z_m)
+        floors.append((cycle.contact_z_m - BEYOND_M, "witness.contact_height"))
+    return max(floors, key=lambda floor: floor[0])
 
 
-def _descend_to_contact(cycle: Cycle, speed: float, floor: _Floor) -> float:
+def _descend_to_contact(cycle: Cycle, speed: float, floor: Floor) -> float:
     reading = cycle.turn()
-    travel_m = reading.arm.pose.position[2] - floor.z_m
+    travel_m = reading.arm.pose.position[2] - floor[0]
     deadline_ns = reading.now_ns + round((1.5 * travel_m / speed + 2.0) * 1e9)
     recent: deque[Press] = deque(maxlen=AVERAGED_SAMPLES)
     before_n: float | None = None
@@ -111,12 +102,12 @@ def _check_direction(
         )
 
 
-def _check_travel(reading: Reading, floor: _Floor, deadline_ns: int) -> None:
-    height_m = reading.arm.pose.position[2]
-    if height_m < floor.z_m or reading.now_ns > deadline_ns:
+def _check_travel(reading: Reading, floor: Floor, deadline_ns: int) -> None:
+    height_m, (floor_m, limit) = reading.arm.pose.position[2], floor
+    if height_m < floor_m or reading.now_ns > deadline_ns:
         raise BreachError(
-            f"{floor.limit}: nothing was touched down to z = {height_m * 1e3:.2f} mm",
-            limit=floor.limit,
+            f"{limit}: nothing was touched down to z = {height_m * 1e3:.2f} mm",
+            limit=limit,
             reaction=Reaction.RETRACT,
             remedy="the force sensor sticks or reads far too little: hang a known weight on it; or "
             "the sensor is not under the indenter: check sensor.surface, and whether it was moved "

@@ -9,10 +9,9 @@ from typing import TypeVar
 from protocols.control.cycle import Cycle
 from protocols.control.record import Journal
 from protocols.guard.breach import BreachError, reaction_to
-from protocols.steps.motion import ARRIVED_M, make_safe
+from protocols.steps.motion import ARRIVED_M, clear_height, make_safe
 from protocols.steps.preflight import press_air, run_preflight
 from protocols.trials.trial import PlannedTrial, run_trial
-from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.force_history import FORCE_HISTORY, FORCE_LIMITS
 from tacauchy_rig.core.run import Outcome, Phase, TrialRecord
@@ -40,12 +39,6 @@ class ProgrammeResult:
     remedy: str = ""
 
 
-def fresh_plan(config: RigConfig) -> tuple[PlannedTrial, ...]:
-    """Return the plan of a run that has no attempts yet."""
-    targets = enumerate(config.protocol.force_targets, start=1)
-    return tuple(PlannedTrial(index=index, force_target_n=target) for index, target in targets)
-
-
 def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) -> ProgrammeResult:
     """Preflight, air press, then each trial that is not done. Ends with the arm at rest.
 
@@ -56,17 +49,16 @@ def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) 
     cycle.contact_z_m = min(found_m, default=None)
     earlier = [planned.record for planned in plan if planned.record is not None]
     try:
-        _prepare(cycle, journal)
+        _do_step(cycle, journal, Phase.PREFLIGHT, run_preflight)
+        journal.write("air-press", **_do_step(cycle, journal, Phase.AIR_PRESS, press_air))
         for planned in plan:
             if not planned.done:
                 _try(cycle, journal, planned, records, earlier)
     except RigError as error:
         safe = [planned.index for planned in plan if planned.done]
         safe += [index for index, record in records.items() if record.passed]
-        is_doubted = isinstance(error, BreachError) and error.limit in FORCE_LIMITS | {
-            FORCE_HISTORY
-        }
-        what = describe_doubted if is_doubted else describe_safe
+        doubted = isinstance(error, BreachError) and error.limit in {*FORCE_LIMITS, FORCE_HISTORY}
+        what = describe_doubted if doubted else describe_safe
         return ProgrammeResult(
             outcome=Outcome.ABORTED if isinstance(error, AbortedError) else Outcome.FAULT,
             records=tuple(records.values()),
@@ -82,11 +74,6 @@ def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) 
         reason=f"trials without a passed attempt: {', '.join(missed)}" if missed else "",
         remedy="`tacauchy-rig resume` tries them again" if missed else "",
     )
-
-
-def _prepare(cycle: Cycle, journal: Journal) -> None:
-    _do_step(cycle, journal, Phase.PREFLIGHT, run_preflight)
-    journal.write("air-press", **_do_step(cycle, journal, Phase.AIR_PRESS, press_air))
 
 
 def _do_step(
@@ -202,10 +189,9 @@ def images_were_late(error: RigError) -> bool:
 
 
 def _is_clear(cycle: Cycle) -> bool:
-    config, state = cycle.config, cycle.last_state
-    clear_m = config.sensor.surface[2] + config.protocol.approach_height
+    state = cycle.last_state
     # The retract ends at that height, as nearly as an arm arrives.
-    return state is not None and state.pose.position[2] >= clear_m - ARRIVED_M
+    return state is not None and state.pose.position[2] >= clear_height(cycle) - ARRIVED_M
 
 
 def _is_well(cycle: Cycle) -> bool:

@@ -18,12 +18,7 @@ from protocols.steps.search import search_contact
 from protocols.steps.window import force_drift, judge_tare, listen, take_quiet_tare, take_tare
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, RecordError, RigError
-from tacauchy_rig.core.force_history import (
-    FORCE_HISTORY,
-    WEIGH_REMEDY,
-    ForceHistory,
-    judge_forces,
-)
+from tacauchy_rig.core.force_history import FORCE_HISTORY, WEIGH_REMEDY, judge_forces
 from tacauchy_rig.core.run import Criterion, Outcome, Phase, TrialRecord
 
 logger = logging.getLogger(__name__)
@@ -49,6 +44,14 @@ class PlannedTrial:
     record: TrialRecord | None = None
 
 
+@dataclass(slots=True, kw_only=True)
+class Findings:
+    """Filled step by step: what was measured, and whether the force settled before the dwell."""
+
+    record: TrialRecord
+    settled: bool = False
+
+
 def run_trial(
     cycle: Cycle,
     journal: Journal,
@@ -67,11 +70,10 @@ def run_trial(
         end.
     """
     index, target_n = trial.index, trial.force_target_n
-    findings = Findings(
-        record=TrialRecord(
-            index=index, attempt=attempt, outcome=Outcome.FAULT, force_target_n=target_n
-        )
+    record = TrialRecord(
+        index=index, attempt=attempt, outcome=Outcome.FAULT, force_target_n=target_n
     )
+    findings = Findings(record=record)
     journal.trial, journal.attempt = index, attempt
     cycle.rates = RateMeter()
     error: RigError | None = None
@@ -93,11 +95,17 @@ def _judge(
     journal.enter(Phase.VERDICT)
     error = None
     rates = cycle.rates.report()
-    criteria = tuple(judge(findings, cycle.config, rates))
+    criteria = tuple(judge(findings, cycle.config, cycle.rates, rates))
     if all(criterion.passed for criterion in criteria):
         history = judge_forces((*earlier, findings.record), cycle.config.robot.model)
         criteria += (history.criterion(),)
-        error = _wrong_sensor(history) if history.fault else None
+        if history.fault:
+            error = BreachError(
+                f"{history.fault}. The arm is at home.",
+                limit=FORCE_HISTORY,
+                reaction=Reaction.HOLD,
+                remedy=WEIGH_REMEDY,
+            )
     missed = [criterion.name for criterion in criteria if not criterion.passed]
     is_cut = findings.record.force_measured_n is None
     record = replace(
@@ -108,15 +116,6 @@ def _judge(
         criteria=criteria,
     )
     return record, error
-
-
-def _wrong_sensor(history: ForceHistory) -> BreachError:
-    return BreachError(
-        f"{history.fault}. The arm is at home.",
-        limit=FORCE_HISTORY,
-        reaction=Reaction.HOLD,
-        remedy=WEIGH_REMEDY,
-    )
 
 
 def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
@@ -136,7 +135,6 @@ def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
     listen(cycle, config.protocol.reference_duration)
     end_ns = cycle.rig.clock.now_ns()
     findings.record = replace(findings.record, reference_start_ns=start_ns, reference_end_ns=end_ns)
-    findings.reference_frame_count = cycle.rates.frame_count(start_ns, end_ns)
     journal.enter(Phase.APPROACH)
     approach(cycle)
     journal.enter(
@@ -156,9 +154,6 @@ def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
     findings.record = hold(cycle, drive, findings.record)
     cycle.contact_z_m = contact_z_m
     cycle.witness.remember_press()
-    dwell = findings.record.dwell_start_ns or 0, findings.record.dwell_end_ns or 0
-    findings.dwell_frame_count = cycle.rates.frame_count(*dwell)
-    findings.repeated_frame_count = cycle.rates.repeated_frame_count((start_ns, end_ns), dwell)
     if config.protocol.sway > 0.0:
         journal.enter(Phase.SWAY)
         sway(cycle, drive)
@@ -178,10 +173,11 @@ def _record_fault(
     journal.phase = Phase.FAULT  # what is shown meanwhile; written once the arm is safe
     end = make_safe(cycle, reaction)
     outcome = Outcome.ABORTED if isinstance(error, AbortedError) else Outcome.FAULT
+    limit = error.limit if isinstance(error, BreachError) else ""
     journal.enter(Phase.FAULT)
     journal.write(
         "abort" if isinstance(error, AbortedError) else "fault",
-        limit=error.limit if isinstance(error, BreachError) else "",
+        limit=limit,
         reason=error.message,
         during=phase.value,
         reaction=reaction.value,
@@ -195,7 +191,6 @@ def _record_fault(
         f"{error.message} during {phase.value} of trial {findings.record.index}. {end.text}"
     )
     rates = cycle.rates.report()
-    limit = error.limit if isinstance(error, BreachError) else ""
     return replace(findings.record, outcome=outcome, rates=rates, reason=error.message, limit=limit)
 
 
@@ -214,34 +209,19 @@ def _finish(cycle: Cycle, journal: Journal, record: TrialRecord) -> None:
         logger.error("the result of the attempt could not be kept: %s", error)
 
 
-@dataclass(slots=True, kw_only=True)
-class Findings:
-    """Filled step by step.
-
-    Attributes:
-        record: What was measured so far; its outcome is written last.
-        settled: Whether the force had settled before the dwell.
-        dwell_frame_count: Camera frames that arrived within the dwell.
-        reference_frame_count: The same of the window without contact.
-        repeated_frame_count: Frames of the dwell that are another one, byte by byte.
-    """
-
-    record: TrialRecord
-    settled: bool = False
-    dwell_frame_count: int = 0
-    reference_frame_count: int = 0
-    repeated_frame_count: int = 0
-
-
 MIN_DWELL_FRAMES = 5
 MIN_REFERENCE_FRAMES = 3
 MAX_CLIPPED_RATIO = 0.25
 """Of the pixels of an image at full scale; a lit gel has next to none."""
 
 
-def judge(findings: Findings, config: RigConfig, rates: dict[str, float]) -> Iterator[Criterion]:
-    """Compare what was found with ``[protocol]``."""
+def judge(
+    findings: Findings, config: RigConfig, arrived: RateMeter, rates: dict[str, float]
+) -> Iterator[Criterion]:
+    """Compare what was found with ``[protocol]``; ``rates`` is what ``arrived`` reports."""
     record, protocol, limits = findings.record, config.protocol, config.limits
+    reference = record.reference_start_ns or 0, record.reference_end_ns or 0
+    dwell = record.dwell_start_ns or 0, record.dwell_end_ns or 0
     at_most, at_least = Criterion.at_most, Criterion.at_least
     if record.tare_before is not None:
         yield from judge_tare(record.tare_before, config)
@@ -260,13 +240,13 @@ def judge(findings: Findings, config: RigConfig, rates: dict[str, float]) -> Ite
             unit="",
             remedy="raise protocol.settle_timeout",
         )
-        yield _frames("dwell_frames", findings.dwell_frame_count, MIN_DWELL_FRAMES)
-        repeated = float(findings.repeated_frame_count)
+        yield _frames("dwell_frames", arrived.frame_count(*dwell), MIN_DWELL_FRAMES)
+        repeated = float(arrived.repeated_frame_count(reference, dwell))
         remedy = "the camera sent the same bytes twice, so its picture is an old one: unplug it "
         remedy += "and plug it in again"
         yield at_most("repeated_frames", repeated, 0.0, unit="frames", remedy=remedy)
     if record.reference_start_ns is not None:
-        yield _frames("reference_frames", findings.reference_frame_count, MIN_REFERENCE_FRAMES)
+        yield _frames("reference_frames", arrived.frame_count(*reference), MIN_REFERENCE_FRAMES)
     if record.force_drift_n is not None:
         remedy = "let the force sensor warm up; keep draughts off; shorten the trial"
         drift_n = abs(record.force_drift_n)

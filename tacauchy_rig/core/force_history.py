@@ -144,19 +144,15 @@ def judge_forces(
     if not records:
         return ForceHistory(trials=(), sources=())
     accuracy = ARM_ACCURACY[model]
-    curves = _fit_curves(records, accuracy)
-    found = [
-        source
-        for source in (
-            _arm_source(records, accuracy),
-            _curve_source(records, curves, accuracy),
-            _gel_source(records),
-            None if weighed is None else _weight_source(len(records), weighed),
-        )
-        if source is not None
-    ]
+    curve_source, zeros = _curve_source(records, accuracy)
+    tried = (
+        _arm_source(records, accuracy),
+        curve_source,
+        _gel_source(records),
+        None if weighed is None else _weight_source(len(records), weighed),
+    )
+    found = [source for source in tried if source is not None]
     gain, covariance, misfit = _join(found, len(records))
-    zeros = {k: (curves.zero_n[i], curves.zero_sd_n[i]) for i, k in enumerate(curves.of)}
     trials = tuple(
         TrialForce(
             index=record.index,
@@ -224,14 +220,11 @@ _STIFFNESS_SD = 0.05
 
 
 def _gel_source(records: Sequence[TrialRecord]) -> _Source | None:
-    known = [
-        k
-        for k, record in enumerate(records)
-        if record.force_expected_n is not None and record.force_expected_n[0] > 0.0
-    ]
+    expected = [record.force_expected_n or (0.0, 0.0) for record in records]
+    known = [k for k, (least_n, _) in enumerate(expected) if least_n > 0.0]
     if not known:
         return None
-    least_n, most_n = np.array([records[k].force_expected_n for k in known]).T
+    least_n, most_n = np.array([expected[k] for k in known]).T
     cell_n = np.array([records[k].force_measured_n for k in known])
     middle_n = 0.5 * (least_n + most_n)
     # The bounds hold 95 %: half of their distance is two standard deviations. What the most certain
@@ -330,14 +323,10 @@ _HELD_M = 3e-6
 
 def _creep(records: Sequence[TrialRecord]) -> Finding:
     """Judge how much deeper a press went at a constant reading: a gel gives way by so much only."""
-    shares, deviations = [], []
-    for record in records:
-        way = _held_way(record)
-        if way is not None:
-            shares.append(way[0])
-            deviations.append(way[1])
-    if not shares:
+    ways = [way for record in records if (way := _held_way(record)) is not None]
+    if not ways:
         return 0.0, ""
+    shares, deviations = zip(*ways, strict=True)
     weight = 1.0 / np.square(deviations)
     mean = float(weight @ shares / weight.sum())
     limit = CREEP_SHARE + DEVIATIONS / math.sqrt(weight.sum())
@@ -374,38 +363,21 @@ _BEND_SD_N = 0.05
 _ROUNDS = 5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Curves:
-    """Gains of presses against that of the first.
-
-    Attributes:
-        of: Positions of the records that have a curve.
-        gain: Logarithms, the first of them 0.
-        covariance: Of those.
-        zero_n: Zero of each [N].
-    """
-
-    of: tuple[int, ...]
-    gain: FloatArray
-    covariance: FloatArray
-    zero_n: tuple[float, ...]
-    zero_sd_n: tuple[float, ...]
-
-
-def _fit_curves(records: Sequence[TrialRecord], accuracy: ArmAccuracy) -> _Curves:
+def _fit_curves(
+    records: Sequence[TrialRecord], accuracy: ArmAccuracy
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Fit one force-depth curve to all presses, and gain, zero and contact of each.
 
     Gauss-Newton on force = zero + gain * curve(depth + shift), with the curve linear between nodes.
+
+    Returns:
+        Logarithms of the gains against that of the first, which is 0, and their covariance; the
+        zeros and their standard uncertainties [N], shape (presses, 2).
     """
-    of = tuple(k for k, r in enumerate(records) if len(r.press_depth_m) >= _MIN_POINTS)
-    if len(of) < 2:
-        return _Curves(
-            of=(), gain=np.zeros(0), covariance=np.zeros((0, 0)), zero_n=(), zero_sd_n=()
-        )
-    count = len(of)
-    depth_m = np.concatenate([records[k].press_depth_m for k in of])
-    force_n = np.concatenate([records[k].press_force_n for k in of])
-    press = np.repeat(np.arange(count), [len(records[k].press_depth_m) for k in of])
+    count = len(records)
+    depth_m = np.concatenate([record.press_depth_m for record in records])
+    force_n = np.concatenate([record.press_force_n for record in records])
+    press = np.repeat(np.arange(count), [len(record.press_depth_m) for record in records])
     nodes = math.ceil((depth_m.max() + 0.1e-3) / _NODE_M) + 3
     start_m = -2.0 * _NODE_M
     grid_m = start_m + _NODE_M * np.arange(nodes)
@@ -446,37 +418,32 @@ def _fit_curves(records: Sequence[TrialRecord], accuracy: ArmAccuracy) -> _Curve
         curve, gain = state[:nodes], np.clip(state[nodes : nodes + count], -2.0, 2.0)
         zero_n = state[nodes + count : nodes + 2 * count]
         shift_m = state[nodes + 2 * count :]
-    part_of = slice(nodes, nodes + count)
-    zero_sd = np.sqrt(np.diag(inverse)[nodes + count : nodes + 2 * count])
-    return _Curves(
-        of=of,
-        gain=gain,
-        covariance=inverse[part_of, part_of],
-        zero_n=tuple(zero_n.tolist()),
-        zero_sd_n=tuple(zero_sd.tolist()),
-    )
+    own = slice(nodes, nodes + count)
+    zero_sd_n = np.sqrt(np.diag(inverse)[nodes + count : nodes + 2 * count])
+    return gain, inverse[own, own], np.column_stack([zero_n, zero_sd_n])
 
 
 def _curve_source(
-    records: Sequence[TrialRecord], curves: _Curves, accuracy: ArmAccuracy
-) -> _Source | None:
-    """Return the gains of later presses against the first, at the dwell.
+    records: Sequence[TrialRecord], accuracy: ArmAccuracy
+) -> tuple[_Source | None, dict[int, list[float]]]:
+    """Return the gains of later presses against the first, at the dwell, and the curves' zeros.
 
     What a reading lost while it was held adds to what its curve tells.
     """
-    if not curves.of:
-        return None
-    held = [_held_way(records[k]) or (0.0, CREEP_SHARE) for k in curves.of]
+    of = [k for k, record in enumerate(records) if len(record.press_depth_m) >= _MIN_POINTS]
+    if len(of) < 2:
+        return None, {}
+    gain, covariance, zeros = _fit_curves([records[k] for k in of], accuracy)
+    held = [_held_way(records[k]) or (0.0, CREEP_SHARE) for k in of]
     lost = np.array([share for share, _ in held])
     # Each press has errors of its own, the first as well: they are in every difference.
     own = np.diag([accuracy.depth_share**2 + deviation**2 for _, deviation in held])
-    differ = np.eye(len(curves.of))[1:]
+    differ = np.eye(len(of))[1:]
     differ[:, 0] = -1.0
-    design = np.zeros((len(curves.of), len(records)))
-    design[np.arange(len(curves.of)), curves.of] = 1.0
-    return _Source(
+    source = _Source(
         name="the force-depth curves of the trials",
-        observed=differ @ (curves.gain - lost),
-        design=differ @ design,
-        covariance=differ @ (curves.covariance + own) @ differ.T,
+        observed=differ @ (gain - lost),
+        design=differ @ np.eye(len(records))[of],
+        covariance=differ @ (covariance + own) @ differ.T,
     )
+    return source, dict(zip(of, zeros.tolist(), strict=True))

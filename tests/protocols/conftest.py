@@ -17,6 +17,8 @@ from drivers.mock.world import MockWorld
 from protocols.control.cycle import Cycle
 from protocols.control.record import Begin, End, Entry, Journal
 from protocols.guard.abort import Abort
+from protocols.trials.programme import ProgrammeResult, run_programme
+from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.expected_press import ExpectedPress
@@ -108,6 +110,12 @@ class Watched:
         return self._camera.health()
 
 
+def fresh_plan(config: RigConfig) -> tuple[PlannedTrial, ...]:
+    """Return the plan of a run that has no attempts yet."""
+    targets = enumerate(config.protocol.force_targets, start=1)
+    return tuple(PlannedTrial(index=index, force_target_n=target) for index, target in targets)
+
+
 @dataclass
 class Laboratory:
     """Everything a protocol test touches."""
@@ -119,6 +127,10 @@ class Laboratory:
     abort: Abort
     cycle: Cycle
     journal: Journal
+
+    def run(self, plan: Sequence[PlannedTrial] | None = None) -> ProgrammeResult:
+        """Press the trials of a plan, or all of the configuration."""
+        return run_programme(self.cycle, self.journal, plan or fresh_plan(self.config))
 
     @property
     def phases(self) -> list[str]:

@@ -51,13 +51,16 @@ class PageServer:
     Args:
         view: What is shown.
         access: Which requests are answered.
-        stop: Asks the supervisor to stop the arm; False where it does not read_feed.
+        stop: Asks the supervisor to stop the arm; False where it does not listen.
+
+    Attributes:
+        watchers: How many pages watch.
     """
 
     def __init__(self, view: View, access: AccessRule, *, stop: Callable[[], bool]) -> None:
         self._view = view
         self._stop = stop
-        self._watchers = 0
+        self.watchers = 0
         self._ending = False
         routes = [Route(f"/{name}", _file(*file)) for name, file in FILES.items()]
         routes += [
@@ -103,13 +106,13 @@ class PageServer:
                     connection.transport.abort()
 
     async def _events(self, _request: Request) -> Response:
-        if self._watchers >= WATCHERS_MAX:
+        if self.watchers >= WATCHERS_MAX:
             return PlainTextResponse(f"{WATCHERS_MAX} pages watch already\n", 503)
         return StreamingResponse(self._tell(), media_type="text/event-stream")
 
     async def _tell(self) -> AsyncIterator[str]:
         """Yield what is new ten times a second; a slow browser gets less, never late."""
-        self._watchers += 1
+        self.watchers += 1
         try:
             yield _event("setup", self._view.setup())
             seen, drawn = -1, 0
@@ -118,10 +121,10 @@ class PageServer:
                     seen = self._view.version
                     yield _event("run", self._view.run())
                 live, drawn = self._view.live(drawn)
-                yield _event("live", {**live, "watchers": self._watchers})
+                yield _event("live", {**live, "watchers": self.watchers})
                 await asyncio.sleep(PERIOD_S)
         finally:
-            self._watchers -= 1
+            self.watchers -= 1
 
     async def _picture(self, request: Request) -> Response:
         # One of an earlier session is read from its recording.
@@ -140,11 +143,6 @@ class PageServer:
             media_type="text/html; charset=utf-8",
             headers={"content-security-policy": REPORT_POLICY},
         )
-
-    @property
-    def watchers(self) -> int:
-        """How many pages watch."""
-        return self._watchers
 
     async def _ask_to_stop(self, _request: Request) -> Response:
         heard = self._stop()
@@ -236,22 +234,19 @@ async def _serve(
     loop.add_reader(supervisor.fileno(), take_orders)
     server = PageServer(view, access, stop=stop)
     serving = asyncio.create_task(server.serve(listener))
-    while not ended.is_set() and not serving.done():
+    ending = asyncio.create_task(ended.wait())
+    while not ending.done() and not serving.done():
         supervisor.send(Order.ALIVE)
         view.check_disk()
-        await _either(ended, serving)
+        both = {ending, serving}
+        await asyncio.wait(both, timeout=ALIVE_S, return_when=asyncio.FIRST_COMPLETED)
+    ending.cancel()
     await asyncio.sleep(LAST_WORDS_S)  # for the last event to reach the browsers
     linger_until_s = loop.time() + LINGER_S
     while view.is_reported and server.watchers and loop.time() < linger_until_s:
         await asyncio.sleep(LINGER_POLL_S)
     server.end()
     await serving
-
-
-async def _either(ended: asyncio.Event, serving: asyncio.Task[None]) -> None:
-    waiting = asyncio.create_task(ended.wait())
-    await asyncio.wait({waiting, serving}, timeout=ALIVE_S, return_when=asyncio.FIRST_COMPLETED)
-    waiting.cancel()
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ import time
 import pytest
 
 from protocols.guard.abort import Abort, AbortWatch
-from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.core.run import Outcome
 
 
@@ -20,7 +19,7 @@ def test_an_abort_stops_the_arm_in_every_phase(laboratory, phase):
     """The outcome is aborted, nothing moves any more and the gel is left."""
     lab = laboratory('protocol.force_targets=["3 N"]')
     lab.when_phase(phase, lambda: lab.abort.request("a key was pressed"), delay_s=0.2)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.ABORTED
     assert result.reason.startswith("aborted: a key was pressed")
     assert all(record.outcome is Outcome.ABORTED for record in lab.sink.records)
@@ -35,7 +34,7 @@ def test_a_second_abort_holds_the_arm_where_it_is(laboratory):
     lab = laboratory('protocol.force_targets=["4 N"]')
     lab.when_phase("dwell", lambda: lab.abort.request("first"), delay_s=0.2)
     lab.when_phase("dwell", lambda: lab.abort.request("second"), delay_s=0.8)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert "holds where it is" in result.reason
     lab.world.clock.sleep(1.0)
     lab.world.catch_up()

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from drivers.mock.world import Gel
 from protocols.steps.press import ForceServo
-from protocols.trials.programme import fresh_plan, run_programme
 
 PERIOD_S = 0.01
 CAP_M_S = 0.0003
@@ -59,7 +58,7 @@ def test_noise_does_not_shake_the_arm():
 
 def _swaying(laboratory):
     lab = laboratory('protocol.force_targets=["2 N"]', 'protocol.sway="4 s"', ways=())
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     stamps = {e.detail["phase"]: e.stamp_ns for e in lab.sink.events if e.name == "phase"}
     states = [s for s in lab.sink.states if stamps["sway"] <= s.stamp_ns <= stamps["retract"]]
     return lab, result.records[0], states

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.mock.world import Gel
-from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.core.run import Outcome
 
 OVERRUN_N = 0.15
@@ -48,7 +47,7 @@ def test_no_gel_makes_the_arm_leave_its_limits(
         lowest_m = min(lowest_m, lab.world.pose.position[2])
 
     lab.world.on_step(look)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert peak_n <= lab.config.limits.soft_force + OVERRUN_N
     assert lowest_m >= lab.config.workspace.z_min
     assert lowest_m >= lab.world.surface_z_m - lab.config.limits.max_depth - 0.2e-3

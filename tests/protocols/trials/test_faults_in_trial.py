@@ -8,7 +8,6 @@ import re
 import pytest
 
 from drivers.mock.world import Gel
-from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.core.run import Outcome
 
 OFF_GEL = "retracted slowly off the gel"
@@ -62,7 +61,7 @@ def test_a_fault_stops_the_arm_and_keeps_the_data(laboratory, phase, go_wrong, l
     """Whatever fails: the limit is named, the arm rests, the attempt's record is kept."""
     lab = laboratory('protocol.force_targets=["2 N", "3 N"]')
     lab.when_phase(phase, lambda: go_wrong(lab), delay_s=0.3)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.FAULT
     fault_event = next(event for event in lab.sink.events if event.name == "fault")
     assert fault_event.detail["limit"] == limit
@@ -90,7 +89,7 @@ def test_a_fault_names_the_trials_that_are_safe(laboratory):
         return [e.trial for e in lab.sink.events if e.detail.get("phase") == "press"][-1:] == [3]
 
     lab.world.when(third_press, lambda: bump(lab, fz=7.0))
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert "Trials 1 to 2 are safe." in result.reason
     assert "mm" in result.reason
     assert [record.outcome for record in result.records] == [
@@ -108,7 +107,7 @@ def test_a_stalled_arm_is_noticed_long_before_the_press_times_out(laboratory):
         'robot.press_speed="0.3 mm/s"',
     )
     lab.when_phase("press", lambda: fault(lab, "robot:stall"), delay_s=0.3)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     entered = next(e for e in lab.sink.events if e.detail.get("phase") == "press")
     told = next(e for e in lab.sink.events if e.name == "fault")
     assert 0.3 < (told.stamp_ns - entered.stamp_ns) * 1e-9 < 3.0
@@ -125,7 +124,7 @@ def test_an_arm_that_begins_late_is_not_called_stalled(laboratory, press_speed):
         'robot.model="cb3"',
         motion_delay_s=0.1,
     )
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.PASSED, result.reason
 
 
@@ -133,7 +132,7 @@ def test_an_overexposed_image_is_a_criterion_that_is_missed(laboratory):
     """The press goes on, but nobody takes white images for a result."""
     lab = laboratory('protocol.force_targets=["1 N"]', "protocol.attempts=1")
     lab.when_phase("dwell", lambda: fault(lab, "camera:saturate"), delay_s=0.3)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.FAILED
     missed = [criterion for criterion in result.records[0].criteria if not criterion.passed]
     assert [(c.name, c.measured, c.limit) for c in missed] == [
@@ -145,7 +144,7 @@ def test_an_overexposed_image_is_a_criterion_that_is_missed(laboratory):
 def test_no_gel_within_the_travel_is_a_fault(laboratory):
     """A sensor that is not there: the search ends, the arm goes up again."""
     lab = laboratory('protocol.search_travel="0.6 mm"', surface_offset_m=-0.003)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.reason.startswith("protocol.search_travel: nothing was touched")
     assert OFF_GEL in result.reason
 
@@ -153,7 +152,7 @@ def test_no_gel_within_the_travel_is_a_fault(laboratory):
 def test_a_gel_that_is_too_soft_ends_at_the_depth_limit(laboratory):
     """5 N at 1 N/mm would need 5 mm: the depth limit stops the press at 2 mm."""
     lab = laboratory('protocol.force_targets=["5 N"]', gel=Gel(stiffness_n_m=1000.0))
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.reason.startswith("limits.max_depth 2 mm")
     assert lab.world.force_n == 0.0
 
@@ -162,7 +161,7 @@ def test_a_fault_before_the_first_trial_leaves_no_attempt(laboratory):
     """Something touched in the air press: no attempt was begun."""
     lab = laboratory()
     lab.when_phase("air-press", lambda: bump(lab, fz=1.0), delay_s=1.0)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.FAULT
     assert lab.sink.begun == []
     assert "during air-press" in result.reason
@@ -173,7 +172,7 @@ def test_starting_away_from_home_moves_nothing(laboratory):
     """The programme refuses before the first motion."""
     lab = laboratory()
     lab.world.pose = lab.world.pose.shifted(x=0.02, z=0.055)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert "from home" in result.reason
     assert lab.bench.arm.fastest_m_s == 0.0
 
@@ -183,7 +182,7 @@ def test_a_camera_that_dies_during_the_retract_does_not_stop_it(laboratory):
     lab = laboratory('protocol.force_targets=["4 N"]')
     lab.when_phase("dwell", lambda: bump(lab, fz=3.0), delay_s=0.3)
     lab.when_phase("dwell", lambda: fault(lab, "camera:stall"), delay_s=0.4)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert OFF_GEL in result.reason
     assert lab.world.force_n == 0.0
 
@@ -193,7 +192,7 @@ def test_a_sensor_that_dies_during_the_retract_stops_it(laboratory):
     lab = laboratory('protocol.force_targets=["4 N"]')
     lab.when_phase("dwell", lambda: bump(lab, fz=3.0), delay_s=0.3)
     lab.when_phase("dwell", lambda: fault(lab, "force_sensor:stall"), delay_s=1.0)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert "the retract ended early" in result.reason
     lab.world.clock.sleep(1.0)
     lab.world.catch_up()

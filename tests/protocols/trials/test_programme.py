@@ -8,7 +8,6 @@ import pytest
 
 from protocols.guard.breach import BreachError, Reaction
 from protocols.trials import programme
-from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.core.run import Outcome
 
 
@@ -24,7 +23,7 @@ def test_a_gap_between_images_is_tried_again(laboratory, phase):
     more = phase == "press"  # one of them goes on to a second trial
     lab = laboratory(f"""protocol.force_targets=["2 N"{', "3 N"' * more}]""")
     gap(lab, phase=phase, duration_s=0.6)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.PASSED, result.reason
     assert lab.sink.begun == [(1, 1), (1, 2), *[(2, 1)] * more]
     assert [r.outcome for r in lab.sink.records] == [Outcome.FAULT, *[Outcome.PASSED] * (1 + more)]
@@ -39,7 +38,7 @@ def test_a_gap_before_the_trials_is_tried_again(laboratory, phase):
     """The step is done anew, and no attempt at a trial is lost by it."""
     lab = laboratory('protocol.force_targets=["2 N"]')
     gap(lab, phase=phase, duration_s=0.6)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.PASSED, result.reason
     assert lab.sink.begun == [(1, 1)]
     assert lab.phases.count(phase) == 2
@@ -51,13 +50,13 @@ def test_an_air_press_is_not_repeated_for_ever_nor_for_another_cause(laboratory)
     """One attempt is one; an arm that stands still is for a person to see."""
     lab = laboratory("protocol.attempts=1")
     gap(lab, phase="air-press", duration_s=0.6)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.FAULT
     assert "during air-press" in result.reason
     assert "end other programs" in result.remedy
     lab = laboratory()
     lab.when_phase("air-press", lambda: lab.world.begin("robot:stall"))
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.FAULT
     assert lab.phases.count("air-press") == 1
 
@@ -80,7 +79,7 @@ def test_attempts_are_not_endless(laboratory):
         lab.world.when(lambda: len(lab.sink.begun) == 2 and due(), fall_silent)
 
     lab.world.when(due, fall_silent)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.FAULT
     assert lab.sink.begun == [(1, 1), (1, 2)]
     assert result.reason.startswith("limits.stale_image")
@@ -91,7 +90,7 @@ def test_a_camera_that_stays_silent_ends_the_run(laboratory):
     """Ten seconds without images are no gap."""
     lab = laboratory('protocol.force_targets=["2 N"]')
     gap(lab, phase="press", duration_s=30.0)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.FAULT
     assert lab.sink.begun == [(1, 1)]
 
@@ -102,7 +101,7 @@ def test_force_and_arm_are_never_asked_twice(laboratory, name):
     lab = laboratory('protocol.force_targets=["2 N"]')
     lab.when_phase("press", lambda: lab.world.begin(name), delay_s=0.3)
     lab.when_phase("fault", lambda: lab.world.end(name))
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.FAULT
     assert lab.sink.begun == [(1, 1)]
 
@@ -112,7 +111,7 @@ def test_a_cell_that_fails_in_the_gap_is_not_waited_out(laboratory):
     lab = laboratory('protocol.force_targets=["2 N"]')
     gap(lab, phase="press", duration_s=6.0)
     lab.when_phase("fault", lambda: lab.world.begin("force_sensor:stall"), delay_s=1.0)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.FAULT
     assert lab.sink.begun == [(1, 1)]
 
@@ -122,7 +121,7 @@ def test_an_abort_while_waiting_is_heeded(laboratory):
     lab = laboratory('protocol.force_targets=["2 N"]')
     gap(lab, phase="press", duration_s=6.0)
     lab.when_phase("fault", lambda: lab.abort.request("Ctrl-C"), delay_s=1.0)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.ABORTED
     assert "while waiting for images. The arm stands clear of the gel." in result.reason
     assert lab.sink.begun == [(1, 1)]
@@ -131,7 +130,7 @@ def test_an_abort_while_waiting_is_heeded(laboratory):
 def test_an_arm_in_the_gel_does_not_go_on(laboratory):
     """One that was told to hold waits for a person, whatever the cause."""
     lab = laboratory('protocol.force_targets=["2 N"]')
-    run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    lab.run()
     late = BreachError("late", limit=programme.LATE_IMAGE, reaction=Reaction.RETRACT, remedy="")
     assert programme.may_repeat(lab.cycle, late)
     low = lab.world.pose.shifted(z=0.1995 - lab.world.pose.position[2])

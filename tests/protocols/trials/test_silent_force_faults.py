@@ -12,8 +12,8 @@ import pytest
 
 from drivers.emulators.faults import parse_fault
 from protocols.steps.search import BEYOND_M
-from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.core.run import Outcome
+from tests.protocols.conftest import fresh_plan
 from tests.studies.force_faults.mini_gel import EXPECTED, MiniGel
 
 TARGETS_N = (1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332)
@@ -83,7 +83,7 @@ def pressed(
         lab.world.begin(fault)
     else:
         lab.when_phase(phase, lambda: lab.world.begin(fault), delay_s=delay_s)
-    return run_programme(lab.cycle, lab.journal, fresh_plan(lab.config)), peak_n
+    return lab.run(), peak_n
 
 
 def assert_found(result, peak_n, silent, target_n):
@@ -154,7 +154,7 @@ def pressed_after_a_true_one(laboratory, silent, target_n):
         lab.world.on_step(lambda _: peaks_n.append(lab.world.force_n))
 
     lab.world.when(lambda: len(lab.sink.records) == 1, begin)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert lab.sink.records[0].outcome is Outcome.PASSED
     return result, max(peaks_n)
 
@@ -205,7 +205,7 @@ def true_world(laboratory, seed, targets_n):
         seed=seed,
         ways=SHORT,
     )
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     return result, 1.2 if model == "e-series" else 9.0
 
 
@@ -244,7 +244,7 @@ def test_a_true_press_passes_on_an_arm_of_either_sign(laboratory):
         gel=MiniGel(),
         ways=SHORT,
     )
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.PASSED, result.reason
     assert min(state.tcp_force[2] for state in lab.sink.states) < -3.0
     assert result.records[0].arm_force_n == pytest.approx(TARGETS_N[-1], abs=1.2)
@@ -255,7 +255,7 @@ def test_frozen_images_fail_the_trial(laboratory):
     lab = laboratory('protocol.force_targets=["1.2556 N"]', expected=None, ways=SHORT)
     silent = parse_fault("camera:repeat-image")
     lab.when_phase("press", lambda: lab.world.begin(silent))
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     missed = [c for c in result.records[0].criteria if not c.passed]
     assert [criterion.name for criterion in missed] == ["repeated_frames"]
     assert "an old one" in missed[0].remedy
@@ -282,7 +282,7 @@ def test_a_search_goes_no_deeper_than_what_is_known(laboratory):
         lab.world.on_step(lambda _: peaks_n.append(lab.world.force_n))
 
     lab.world.when(second_search, begin)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.reason.startswith("witness.contact_height: nothing was touched")
     assert max(peaks_n) < 1.5 * 1.9511 + 0.5
 
@@ -306,7 +306,7 @@ def test_a_resumed_search_goes_no_deeper_than_what_earlier_sessions_found(labora
         third,
     )
     lab.world.begin(parse_fault("force_sensor:stick-noisily"))
-    result = run_programme(lab.cycle, lab.journal, plan)
+    result = lab.run(plan)
     assert result.reason.startswith("witness.contact_height: nothing was touched")
     searched_m = [state.pose.position[2] for state in lab.sink.states]
     assert min(searched_m) == pytest.approx(top_m - 40e-6 - BEYOND_M, abs=50e-6)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.core.run import Outcome
 
 
 def test_six_trials_pass_within_tolerance(laboratory):
     """All six targets are held with a mean inside the configured tolerance."""
     lab = laboratory()
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.PASSED
     assert [record.index for record in result.records] == [1, 2, 3, 4, 5, 6]
     for record, target in zip(result.records, lab.config.protocol.force_targets, strict=True):
@@ -20,7 +19,7 @@ def test_six_trials_pass_within_tolerance(laboratory):
 def test_a_trial_goes_through_its_phases_in_order(laboratory):
     """The journal names every phase once, in the order in which a person would do them."""
     lab = laboratory('protocol.force_targets=["2 N"]')
-    run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    lab.run()
     assert lab.phases == [
         "preflight",
         "air-press",
@@ -40,7 +39,7 @@ def test_a_trial_goes_through_its_phases_in_order(laboratory):
 def test_what_was_measured_agrees_with_the_mock_world(laboratory):
     """Contact height, depth, dwell length and drift are those of the world behind the mocks."""
     lab = laboratory('protocol.force_targets=["2 N"]', surface_offset_m=0.0004)
-    record = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config)).records[0]
+    record = lab.run().records[0]
     assert abs(record.contact_z_m - (0.2 + 0.0004)) < 30e-6
     stiffness = record.force_measured_n / record.depth_measured_m
     assert 0.9 * 3500 < stiffness < 1.1 * 3500
@@ -56,7 +55,7 @@ def test_what_was_measured_agrees_with_the_mock_world(laboratory):
 def test_raw_force_is_recorded_untouched(laboratory):
     """What goes to the record is what the sensor said: bias included, no sample missing."""
     lab = laboratory('protocol.force_targets=["1.5 N"]')
-    run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    lab.run()
     counters = [sample.counter for sample in lab.sink.samples]
     assert counters == list(range(counters[0], counters[0] + len(counters)))
     assert abs(lab.sink.samples[5].wrench[2] - 1.4) < 0.1
@@ -65,7 +64,7 @@ def test_raw_force_is_recorded_untouched(laboratory):
 def test_a_sensor_mounted_the_other_way_round_presses_all_the_same(laboratory):
     """compression_sign = -1 turns raw tension into pressing force."""
     lab = laboratory('protocol.force_targets=["2 N"]', "force_sensor.compression_sign=-1")
-    record = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config)).records[0]
+    record = lab.run().records[0]
     assert record.passed
     assert abs(record.force_measured_n - 2.0) <= lab.config.protocol.force_tolerance
 
@@ -73,7 +72,7 @@ def test_a_sensor_mounted_the_other_way_round_presses_all_the_same(laboratory):
 def test_drift_beyond_its_limit_fails_the_trial_and_it_is_tried_again(laboratory):
     """A wandering zero makes the attempt fail, with a remedy; the next attempt follows."""
     lab = laboratory('protocol.force_targets=["2 N"]', drift_n_s=0.01)
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.FAILED
     assert lab.sink.begun == [(1, 1), (1, 2)]
     missed = [c for c in result.records[0].criteria if not c.passed]
@@ -85,7 +84,7 @@ def test_a_noisy_tare_never_presses(laboratory):
     """When the unloaded force is not quiet, nothing is pressed."""
     lab = laboratory('protocol.force_targets=["2 N"]')
     lab.when_phase("home", lambda: setattr(lab.world, "noise_n", 0.06))
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.FAILED
     assert "press" not in lab.phases
     assert "tare_deviation" in result.records[0].reason
@@ -94,6 +93,6 @@ def test_a_noisy_tare_never_presses(laboratory):
 def test_the_guard_is_fed_and_the_speeds_are_kept(laboratory):
     """The watchdog never bites and the arm is never faster than the configuration allows."""
     lab = laboratory('protocol.force_targets=["2 N"]')
-    run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    lab.run()
     assert lab.bench.arm.watchdog_stops == 0
     assert lab.bench.arm.fastest_m_s <= 1.01 * lab.config.robot.approach_speed

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from protocols.trials.programme import fresh_plan, run_programme
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Outcome, TrialRecord
+from tests.protocols.conftest import fresh_plan
 from tests.studies.force_faults.command import HONEST, pressed, tables_of
 from tests.studies.force_faults.mini_gel import EXPECTED, MiniGel
 from tests.studies.force_faults.runner import Runner, config_of
@@ -85,7 +85,7 @@ def test_the_runner_presses_as_the_whole_protocol_does(laboratory):
         motion_delay_s=world.motion_delay_s,
         ways=(),
     )
-    result = run_programme(lab.cycle, lab.journal, fresh_plan(lab.config))
+    result = lab.run()
     assert result.outcome is Outcome.PASSED, result.reason
     for theirs, mine in zip(result.records, ours.records, strict=False):
         assert mine.force_measured_n == pytest.approx(theirs.force_measured_n, abs=0.015)
@@ -118,7 +118,7 @@ def test_a_trial_that_contradicts_earlier_ones_ends_the_run_and_keeps_none_of_th
     )
     first, second, third = fresh_plan(lab.config)
     plan = (replace(first, done=True, record=wrong), second, third)
-    result = run_programme(lab.cycle, lab.journal, plan)
+    result = lab.run(plan)
     assert result.outcome is Outcome.FAULT
     assert "gain changed by +" in result.reason
     assert result.reason.endswith("Trial 1 is in doubt as well: the same sensor measured it.")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from protocols.trials.programme import fresh_plan
 from protocols.trials.time_left import TimeLeft, trial_duration_s
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.run import JournalEvent
+from tests.protocols.conftest import fresh_plan
 
 
 @pytest.fixture
