@@ -142,21 +142,13 @@ class Cycle:
         return Reading(presses=tuple(presses), arm=self.last_state, now_ns=self.rig.clock.now_ns())
 
     def set_velocity(self, velocity: Vector6) -> None:
-        """Set the tool's velocity [m/s, rad/s].
-
-        Raises:
-            BreachError: The robot refuses.
-        """
+        """Set the tool's velocity [m/s, rad/s]."""
         with _as_breach("robot"):
             self.rig.arm.set_velocity(velocity, acceleration=self.config.robot.acceleration)
         self._follow.command(velocity[2])
 
     def start_move(self, target: Pose, *, speed: float) -> None:
-        """Start a straight move after every check that can be made beforehand.
-
-        Raises:
-            BreachError: The target is outside the workspace, or the controller refuses it.
-        """
+        """Start a straight move after every check that can be made beforehand."""
         self.workspace.check_target(target)
         self._follow.forget()
         with _as_breach("robot"):
@@ -170,11 +162,7 @@ class Cycle:
             )
 
     def is_moving(self) -> bool:
-        """Return whether the move that was started last goes on.
-
-        Raises:
-            BreachError: The robot is gone.
-        """
+        """Return whether the move that was started last goes on."""
         with _as_breach("robot"):
             return self.rig.arm.is_moving()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
@@ -84,8 +85,10 @@ class View:
     def note(self, event: JournalEvent) -> None:
         """Take in an event."""
         self._left.note(event)
-        if event.name == "progress" and event.detail.get("phase") == Phase.FAULT:
-            self._enter(Phase.FAULT)
+        is_fault = event.name == "progress" and event.detail.get("phase") == Phase.FAULT
+        if is_fault and self._phase != Phase.FAULT:
+            self._phase = Phase.FAULT  # of which no event tells before it is over
+            self.version += 1
         if event.name in _NOT_SHOWN:
             return
         self.version += 1
@@ -113,16 +116,11 @@ class View:
             case "fault" | "abort":  # written once the arm is safe
                 self._phase, self._reason = "stopped", str(event.detail.get("reason", ""))
             case "run-end":
-                self._doubts = self._find_doubts()
+                with suppress(RecordError):
+                    self._doubts = force_series(self._store)
                 self.ended, self._phase = True, "ended"
                 self._outcome = str(event.detail["outcome"])
                 self._reason = str(event.detail["reason"])
-
-    def _enter(self, phase: str) -> None:
-        """Enter a phase that no event tells of before it is over."""
-        if self._phase != phase:
-            self._phase = phase
-            self.version += 1
 
     def check_disk(self) -> None:
         """Look now and then how much room there is; results may have come, too."""
@@ -194,10 +192,9 @@ class View:
         """Return a stream's newest picture, ``reference``, or that of a ``trial-1``."""
         if name in self._streams:
             return self._streams[name].picture
-        if name not in self._pictures:
-            for planned in self._job.plan:
-                if name == f"trial-{planned.index}" and self._recorded(planned.index):
-                    self._recall(name, planned.index)
+        for planned in self._job.plan:
+            if name == f"trial-{planned.index}" and name not in self._pictures:
+                self._recall(name, planned.index)
         return self._pictures.get(name)
 
     @property
@@ -207,12 +204,10 @@ class View:
 
     def report(self) -> bytes | None:
         """Return the report's page; None before it is written."""
-        if not self.is_reported:
-            return None
-        try:
-            return read_bytes(self._store.paths.report / "report.html", what="report")
-        except RecordError:
-            return None
+        if self.is_reported:
+            with suppress(RecordError):
+                return read_bytes(self._store.paths.report / "report.html", what="report")
+        return None
 
     def _recorded(self, index: int) -> TrialRecord | None:
         """Return the last result of a trial; of one that is pressed again, none until it ends."""
@@ -225,14 +220,12 @@ class View:
         record = self._recorded(index)
         if record is None or record.dwell_end_ns is None:
             return
-        try:
+        with suppress(RecordError):
             recording = self._store.recording(index, record.attempt)
             stamps = recording.frame_stamps()[0]
             held = stamps[stamps <= record.dwell_end_ns]
             for frame in recording.frames(int(held[-1]), int(held[-1])) if len(held) else ():
                 self._pictures[name] = frame.jpeg
-        except RecordError:
-            return
 
     def _trial_row(self, index: int) -> dict[str, Any]:
         record = self._recorded(index)
@@ -255,17 +248,10 @@ class View:
             }
         return row
 
-    def _find_doubts(self) -> ForceSeries:
-        try:
-            return force_series(self._store)
-        except RecordError:
-            return ForceSeries()
-
     def _catch_up(self) -> None:
-        try:
+        known: list[JournalEvent] = []
+        with suppress(RecordError):
             known = read_journal(self._store.paths.journal)
-        except RecordError:
-            return
         begun = [place for place, event in enumerate(known) if event.name == "run-start"]
         for event in known[begun[-1] :] if begun else []:
             self.note(event)

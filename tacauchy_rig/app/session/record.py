@@ -74,22 +74,10 @@ def record_run(
 ) -> SessionResult:
     """Press every trial without a passed attempt; Ctrl-C, SIGTERM and a lost terminal end it.
 
-    A real arm moves. Nothing here asks whether it may.
-
-    Args:
-        store: The run, new or begun.
-        config: The run's own, unless addresses are filled in or limits changed.
-        on_event: Told of every journal event, and of ``progress`` five times a second, in this
-            thread.
-        again: Trials to press once more though they have a passed attempt.
-        page: The operator's page; None for none. Its address comes as the event ``page``.
-        viewers: Further viewers.
-        keep_page: As ``run_session`` has it.
+    A real arm moves. Nothing here asks whether it may. Arguments and errors are those of
+    ``run_session``; a config of None is the run's own.
 
     Raises:
-        ConfigError: The page's port is taken.
-        RecordError: Another program works on the run.
-        DeviceError: Devices did not connect; all of them are named.
         ForceCheckError: The cell was found wrong, or has to be checked by a weight first.
     """
     require_bounded_force(store, config or store.config)
