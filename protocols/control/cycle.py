@@ -56,19 +56,9 @@ class Reading:
 class Cycle:
     """The control loop's body.
 
-    Args:
-        rig: Connected devices.
-        config: Limits and speeds.
-        sink: Takes the record.
-        abort: Asked at every turn.
-        expected: What a press should give; None where nobody knows.
-
     Attributes:
-        force_guard: Limits on each force sample.
         witness: What else knows of the force.
-        workspace: Limits on where the arm is and goes.
         rates: What arrived since the attempt began.
-        last_force_n: Newest pressing force [N].
         contact_z_m: Height of contact of the last trial [m]; before the first of a session the
             lowest of those that passed in earlier ones; None where there was none.
         observers: Called at each turn, whatever it finds; they must not block.

@@ -55,9 +55,7 @@ class RateMeter:
     def repeated_frame_count(self, before: tuple[int, int], window: tuple[int, int]) -> int:
         """Return how many frames of a window are, byte by byte, another of it or one of before.
 
-        Args:
-            before: First and last stamp of the earlier window [ns].
-            window: The same of the window itself [ns].
+        Windows are the first and the last stamp [ns].
         """
         start_ns, end_ns = before
         known = {mark.digest for mark in self._frames if start_ns <= mark.stamp_ns <= end_ns}

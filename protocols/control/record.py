@@ -57,13 +57,7 @@ PROGRESS = "progress"
 
 
 class Journal:
-    """Writes events of the attempt that runs now.
-
-    Attributes:
-        trial: Trial that runs now; 0 between trials.
-        attempt: Its attempt; 0 between trials.
-        phase: Where it is.
-    """
+    """Writes events of the attempt that runs now; between trials its number is 0."""
 
     def __init__(
         self, sink: Sink, clock: Clock, *, listener: Callable[[JournalEvent], object]

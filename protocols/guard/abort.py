@@ -77,10 +77,8 @@ class Abort:
 class AbortWatch:
     """A context in which signals, any key and a lost terminal request an abort.
 
-    Keys are watched only where ``terminal`` is one; it is put back as it was on leaving.
-
-    Args:
-        terminal: Descriptor of the terminal; standard input by default.
+    Keys are watched only where the descriptor (standard input by default) is a terminal; it is put
+    back as it was on leaving.
     """
 
     def __init__(self, *, terminal: int | None = None) -> None:

@@ -20,13 +20,7 @@ class Reaction(StrEnum):
 
 
 class BreachError(SafetyError):
-    """A limit was passed.
-
-    Args:
-        message: Which limit, its value, and what was measured, with units.
-        limit: Configuration field, or the name of what failed.
-        reaction: What follows the stop.
-    """
+    """A limit was passed: a configuration field, or the name of what failed."""
 
     def __init__(self, message: str, *, limit: str, reaction: Reaction, remedy: str) -> None:
         super().__init__(message, remedy=remedy)

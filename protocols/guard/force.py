@@ -209,10 +209,7 @@ class Liveness:
     """Watches one sensor's samples for noise that has gone, and for rows that come again.
 
     A live sensor has noise: its deviation cannot fall to a tenth of what it was by chance, and it
-    never repeats a row of samples.
-
-    Args:
-        row: Samples in a row that count as repeated.
+    never repeats a row of samples, of so many in a row.
     """
 
     def __init__(self, *, row: int) -> None:

@@ -2,8 +2,8 @@
 
 Three witnesses, as far as there are any: the expected press of the stated gel, together with what
 earlier presses found of it, the arm's own estimate of force, and the camera, which sees the gel
-being touched. None is precise; all of them
-are independent of the force sensor. Their limits follow from stated uncertainties alone.
+being touched. None is precise; all of them are independent of the force sensor. Their limits follow
+from stated uncertainties alone.
 """
 
 from __future__ import annotations
@@ -51,13 +51,8 @@ class Stage(StrEnum):
 class Witness:
     """Compares the force sensor with everything else that feels the press.
 
-    Args:
-        config: Arm, force sensor and what the drift of a trial may be.
-        expected: The stated gel's curve; None where there is none.
-
     Attributes:
-        stage: What is judged now.
-        band: Least and most force of the gel; None without a curve.
+        band: Least and most force of the stated gel; None without its curve.
         points: Depths of this press below contact [m] and the force at each [N].
     """
 
@@ -147,14 +142,7 @@ class Witness:
     def check(
         self, forces_n: Sequence[float], states: Sequence[ArmSample], *, z_m: float, seen: bool
     ) -> None:
-        """Compare what one turn brought.
-
-        Args:
-            forces_n: New samples of the force sensor [N], tared, positive in compression.
-            states: New states of the arm.
-            z_m: Height of the tip [m].
-            seen: Whether the camera sees the gel touched.
-        """
+        """Compare what one turn brought; ``seen`` is whether the camera sees the gel touched."""
         self._forces.extend(forces_n)
         self._slow.extend(forces_n)
         self._arm.take(states)
@@ -285,12 +273,7 @@ WORST_SHARE, WORST_N = 1.5, 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerance:
-    """How far the tared estimate may be from the force.
-
-    Attributes:
-        force_n: Whatever the force [N].
-        share: And of the force [1].
-    """
+    """How far the tared estimate may be from the force: so much [N], and a share of it."""
 
     force_n: float
     share: float
@@ -322,11 +305,7 @@ class ArmEstimate:
     """The arm's own estimate of the pressing force: coarse, but another's.
 
     It is a mean over ``WINDOW_S``, and only a difference from what the arm felt before the search
-    began, in the same posture.
-
-    Args:
-        model: Generation of the arm.
-        sign: 1 where the controller counts a push on its tool as positive, -1 where as negative.
+    began, in the same posture. ``sign`` is -1 where the controller counts a push as negative.
     """
 
     def __init__(self, model: RobotModel, *, sign: int = 1) -> None:
@@ -380,10 +359,6 @@ class PressBand:
     what the gel gives between the two depths, times what is left open of its stiffness. A tilted
     flat face presses as strips side by side, each as deep as it lies (a Winkler bed): right for a
     thin layer, too little for a deep one. The least rise is that of the most tilted face.
-
-    Args:
-        expected: The stated gel.
-        contact_force_n: Force at which depth is called zero [N].
     """
 
     def __init__(self, expected: ExpectedPress, *, contact_force_n: float) -> None:
@@ -403,12 +378,7 @@ class PressBand:
         return DEEPEST_SHARE * self.expected.gel_height_m
 
     def bounds(self, points: Sequence[tuple[float, float]], depth_m: float) -> tuple[float, float]:
-        """Return between which forces a press lies [N] that was felt at shallower points before.
-
-        Args:
-            points: Depths below contact [m] and the force at each [N], at least one.
-            depth_m: Depth below contact now [m].
-        """
+        """Return between which forces a press lies [N] that was felt at shallower points before."""
         return self.least(points, depth_m), self.most(points, depth_m)
 
     def least(self, points: Sequence[tuple[float, float]], depth_m: float) -> float:

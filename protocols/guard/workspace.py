@@ -115,11 +115,8 @@ class FollowGuard:
 
     Commanded and measured travel along z are compared over a window of at least ``window_s`` and
     ``LEAST_TRAVEL_M``, so that it works at 0.5 mm/s and at 0.02 mm/s. A controller's delay (below
-    0.1 s), its acceleration and a speed slider at a third stay far from the limit.
-
-    Args:
-        window_s: Shortest time to compare over [s]; longer than any delay with which an arm may
-            begin to move.
+    0.1 s), its acceleration and a speed slider at a third stay far from the limit. The window is
+    longer than any delay with which an arm may begin to move.
     """
 
     def __init__(self, *, window_s: float) -> None:

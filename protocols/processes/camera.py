@@ -31,11 +31,7 @@ CLOSE_S = 4.0
 
 
 def film(job: Job, supervisor: Channel) -> None:
-    """Do the camera's job.
-
-    Raises:
-        DeviceError: The camera did not connect.
-    """
+    """Do the camera's job."""
     ignore_signals()
     ask_for_priority(NICENESS)
     control = Channel.inherited(job.descriptors["control-status"])

@@ -102,15 +102,11 @@ class Launched:
     """A child that runs ``protocols.processes.NAME``, or a module that is given.
 
     Its descriptors are closed here once it has them, so that its end shows as an end of file.
-
-    Attributes:
-        last_message_s: When it said something last, by ``time.monotonic``.
-        killed: Whether this supervisor had to kill it.
     """
 
     def __init__(self, name: str, job: Job, *, module: str = "") -> None:
         self.name = name
-        self.killed = False
+        self.killed = False  # by this supervisor
         self.last_message_s = time.monotonic()
         self.log = job.root / LOG_FOLDER / f"{name}.log"
         self.log.parent.mkdir(exist_ok=True)

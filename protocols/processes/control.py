@@ -71,11 +71,7 @@ class Orders:
 
 
 def control(job: Job, supervisor: Channel) -> None:
-    """Do the job of control.
-
-    Raises:
-        RigError: A device did not connect.
-    """
+    """Do the job of control."""
     _die_with_parent(signal.SIGKILL)
     ask_for_priority(NICENESS)
     arm, force_sensor = build_arm_and_force_sensor(job.config)
@@ -101,11 +97,7 @@ def control(job: Job, supervisor: Channel) -> None:
 
 
 def _connect(arm: Arm, force_sensor: ForceTorqueSensor) -> dict[str, DeviceIdentity]:
-    """Connect both, and name every device that does not answer at once.
-
-    Raises:
-        DeviceError: One or both did not connect.
-    """
+    """Connect both, and name every device that does not answer at once."""
     devices: dict[str, DeviceIdentity] = {}
     errors: list[RigError] = []
     for name, device in (("force_sensor", force_sensor), ("robot", arm)):
@@ -186,12 +178,7 @@ PENDING_MAX = 1000
 
 
 class Broadcast:
-    """A ``Sink`` that hands everything on and, forty times a second, shows what passed.
-
-    Args:
-        sink: Keeps the record.
-        feeds: Lead to the viewers.
-    """
+    """A ``Sink`` that hands everything on and, forty times a second, shows what passed."""
 
     def __init__(self, sink: Sink, feeds: FeedWriters) -> None:
         self._feeds = feeds

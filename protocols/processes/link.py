@@ -42,13 +42,9 @@ class RecorderLink:
 
     Args:
         descriptors: Of the stream to the recorder, and of the channel on which it answers.
-        store: Where to spill.
+        store: Where to spill what it does not acknowledge.
         source: Name of this producer.
         on_attempt: Told when another attempt begins, and of ``BETWEEN_ATTEMPTS`` at its end.
-
-    Attributes:
-        kept: What the recorder acknowledged last.
-        attempt: What the entries that are put now belong to.
     """
 
     def __init__(
@@ -59,8 +55,8 @@ class RecorderLink:
         source: str,
         on_attempt: Callable[[Begin], object] = lambda _: None,
     ) -> None:
-        self.kept = Ack()
-        self.attempt = BETWEEN_ATTEMPTS
+        self.kept = Ack()  # what the recorder acknowledged last
+        self.attempt = BETWEEN_ATTEMPTS  # what the entries that are put now belong to
         self._on_attempt = on_attempt
         self._data = socket.socket(fileno=descriptors["recorder-data"])
         self._acks = Channel.inherited(descriptors["recorder-acks"])
@@ -237,14 +233,12 @@ class RemoteCamera:
         return marks
 
     def ask(self, request: TouchMode | Begin) -> None:
-        """Tell the camera process what to look for, or which attempt its frames belong to.
-
-        What it does not take now is sent again at the next call.
-        """
+        """Tell the camera process what to look for, or which attempt its frames belong to."""
         self._requests.append(request)
         self._send_requests()
 
     def _send_requests(self) -> None:
+        """Send what waits; what is not taken now goes with the next call."""
         while self._requests and self._channel.send(self._requests[0]):
             self._requests.popleft()
 

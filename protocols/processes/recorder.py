@@ -40,13 +40,6 @@ class RecordKeeper:
     Streams that arrive between attempts are not kept. With ``spill_source`` it keeps what the
     recorder never acknowledged: beside the recording instead of in it, and only such lines of
     the journal as are not there yet.
-
-    Args:
-        store: The run's folder.
-        spill_source: Process whose messages these are; empty in the recorder itself.
-
-    Attributes:
-        kept_count: Samples, frames and events written to recordings.
     """
 
     def __init__(self, store: RunStore, *, spill_source: str = "") -> None:
@@ -54,7 +47,7 @@ class RecordKeeper:
         self._spill_source = spill_source
         self._writer: RecordingWriter | None = None
         self._attempt: Begin | None = None
-        self.kept_count = 0
+        self.kept_count = 0  # samples, frames and events in recordings
 
     def keep(self, entry: Encoded) -> None:
         """Write an entry; samples come encoded and go into the recording as they are.
@@ -112,11 +105,7 @@ class RecordKeeper:
             self._store.save_result(replace(record, recording_sha256=recording_sha256))
 
     def close(self) -> str | None:
-        """Finish the recording that is open and return its SHA-256; None where it is cut short.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
+        """Finish the recording that is open and return its SHA-256; None where it is cut short."""
         self._attempt = None
         if self._writer is None:
             return None
@@ -164,11 +153,7 @@ class Recorder:
         self._arrived = threading.Event()
 
     def run(self) -> None:
-        """Record until every producer has ended.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
+        """Record until every producer has ended."""
         for producer in self._producers:
             threading.Thread(target=self._listen, args=(producer,), daemon=True).start()
         while not all(p.ended and not p.entries for p in self._producers):

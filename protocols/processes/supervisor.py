@@ -74,10 +74,7 @@ class SessionResult(ProgrammeResult):
 class Supervisor:
     """One session's processes; a context that leaves none of them behind.
 
-    Args:
-        store: The run's folder, locked by the caller; for the others see ``run_session``.
-        job: What is to be done; each child gets it with its own descriptors.
-        viewing: Those who watch.
+    The caller has locked the run's folder; for the arguments see ``run_session``.
     """
 
     def __init__(
@@ -363,11 +360,7 @@ def _discard(_: JournalEvent) -> None:
 def plan_session(store: RunStore, *, again: Set[int] = frozenset()) -> tuple[PlannedTrial, ...]:
     """Return what is left to do: trials without a passed attempt, numbered after earlier ones.
 
-    An attempt whose force sensor was found faulty since does not count.
-
-    Args:
-        store: The run's folder.
-        again: Trials to press once more though they have a passed attempt.
+    An attempt whose force sensor was found faulty since does not count, nor do those of ``again``.
     """
     plan, doubted = [], force_series(store).doubted
     for index, target_n in enumerate(store.config.protocol.force_targets, start=1):
@@ -434,13 +427,7 @@ def run_session(
 
 
 def complete_results(store: RunStore, begun: Sequence[JournalEvent], *, reason: str) -> None:
-    """Mark each attempt that has no result as a fault, for ``reason``, and seal the others.
-
-    Args:
-        store: The run's folder.
-        begun: The ``attempt-start`` events of this session.
-        reason: What cut the attempt off.
-    """
+    """Mark each attempt that was begun and has no result as a fault, and seal the others."""
     for event in begun:
         record = store.load_result(event.trial, event.attempt) or TrialRecord(
             index=event.trial,

@@ -36,14 +36,7 @@ END_S = 2.0
 class Viewing:
     """The viewers of a session, their feeds, and the page's address, which a restart keeps.
 
-    Args:
-        page: The operator's page; None for none.
-        job: Of the run; each viewer gets it with its own descriptors.
-        others: Further viewers; the page shows what they show.
-
-    Attributes:
-        feeds: Lead from the producers to the viewers.
-        address: Of the page, with its token; empty without one.
+    The page shows what the ``others`` show; ``address`` holds its token and is empty without one.
 
     Raises:
         ConfigError: The page's port is taken.
@@ -154,13 +147,7 @@ def listen(port: int, *, option: str = "--page") -> socket.socket:
 class Viewer:
     """Started again when it dies or hangs, on the sockets that it had; given up after some times.
 
-    Args:
-        name: For messages and its log.
-        job: What it is to do; its descriptors stay open in this process.
-        module: What its process runs.
-
-    Attributes:
-        child: Its process; None where it does not run.
+    The descriptors of ``job`` stay open in this process; ``child`` is None where it does not run.
     """
 
     def __init__(self, name: str, job: Job, *, module: str) -> None:

@@ -30,17 +30,7 @@ STIFFNESS_DEPTH_M = 30e-6
 
 
 class ForceServo:
-    """Turns force samples into a speed towards the gel.
-
-    Args:
-        target_n: Force to hold [N].
-        speed_cap: Largest speed either way [m/s].
-        period_s: Between samples [s].
-        contact_force_n: Force at depth zero [N].
-
-    Attributes:
-        filtered_n: Low-passed force [N]; only for the servo.
-    """
+    """Turns force samples into a speed towards the gel; ``contact_force_n`` is at depth zero."""
 
     def __init__(
         self, *, target_n: float, speed_cap: float, period_s: float, contact_force_n: float
@@ -77,13 +67,7 @@ SETTLE_WINDOW_S = 0.5
 
 
 class PressDrive:
-    """Moves the indenter by the servo, one turn at a time.
-
-    Args:
-        cycle: The control loop.
-        target_n: Force to reach and hold [N].
-        contact_z_m: Height of contact [m]; depth counts from there.
-    """
+    """Moves the indenter by the servo, one turn at a time; depth counts from ``contact_z_m``."""
 
     def __init__(self, cycle: Cycle, *, target_n: float, contact_z_m: float) -> None:
         self._cycle = cycle

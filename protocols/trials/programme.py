@@ -30,7 +30,6 @@ class ProgrammeResult:
     Attributes:
         records: The last attempt of each trial that was tried in this run.
         reason: What went wrong, where the arm is and which trials are safe.
-        remedy: What to do about it.
     """
 
     outcome: Outcome

@@ -18,13 +18,7 @@ SETTLE_S = 2.0
 
 
 class TimeLeft:
-    """Follows a run by its events.
-
-    Args:
-        config: Speeds, ways and windows.
-        plan: Trials of the run.
-        expected: Tells how deep a press goes; None where nobody knows.
-    """
+    """Follows a run by its events; ``expected`` tells how deep a press goes."""
 
     def __init__(
         self, config: RigConfig, plan: Sequence[PlannedTrial], expected: ExpectedPress | None

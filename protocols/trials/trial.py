@@ -29,7 +29,6 @@ class PlannedTrial:
     """A trial that may still have to be run.
 
     Attributes:
-        index: Counts from 1.
         next_attempt: Number of its next attempt; attempts are never overwritten.
         done: True when an earlier session has an attempt that passed.
         contact_z_m: Height at which an earlier session's passed attempt found the gel [m].

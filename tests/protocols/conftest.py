@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,13 @@ from drivers.mock.world import MockWorld
 from protocols.control.cycle import Cycle
 from protocols.control.record import Begin, End, Entry, Journal
 from protocols.guard.abort import Abort
+from protocols.guard.breach import BreachError, Reaction
 from protocols.trials.programme import ProgrammeResult, run_programme
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.expected_press import ExpectedPress
-from tacauchy_rig.core.run import ArmSample, ForceSample, JournalEvent, TrialRecord
+from tacauchy_rig.core.run import ArmSample, ForceSample, JournalEvent, Pose, TrialRecord, Vector3
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.mock_bench import MockBench, SimulatedClock
 
@@ -110,6 +112,37 @@ class Watched:
         return self._camera.health()
 
 
+@contextmanager
+def breach(limit: str, reaction: Reaction | None = None, *, match: str = "") -> Iterator[None]:
+    """Expect a breach of a limit, with its reaction and a part of its message where given."""
+    with pytest.raises(BreachError, match=match) as caught:
+        yield
+    assert caught.value.limit == limit
+    assert reaction in (None, caught.value.reaction)
+    assert caught.value.remedy
+
+
+def arm_state(
+    position: Vector3 = (0.0, 0.0, 0.0),
+    *,
+    rotation: Vector3 = (0.0, 0.0, 0.0),
+    speed: float = 0.0,
+    stamp_s: float = 0.0,
+    force_n: float | None = None,
+) -> ArmSample:
+    """Return a state of an arm that moves along z, with its own estimate of F_z or none."""
+    return ArmSample(
+        stamp_ns=round(stamp_s * 1e9),
+        controller_time_s=stamp_s,
+        pose=Pose(position=position, rotation_vector=rotation),
+        velocity=(0.0, 0.0, speed, 0.0, 0.0, 0.0),
+        runtime_state=2,
+        safety_bits=1,
+        robot_mode=7,
+        tcp_force=None if force_n is None else (0.0, 0.0, force_n, 0.0, 0.0, 0.0),
+    )
+
+
 def fresh_plan(config: RigConfig) -> tuple[PlannedTrial, ...]:
     """Return the plan of a run that has no attempts yet."""
     targets = enumerate(config.protocol.force_targets, start=1)
@@ -136,6 +169,12 @@ class Laboratory:
     def phases(self) -> list[str]:
         """Phases that were entered, in order."""
         return [event.detail["phase"] for event in self.sink.events if event.name == "phase"]
+
+    def assert_rests(self) -> None:
+        """Wait a second; the arm must not move then."""
+        self.world.clock.sleep(1.0)
+        self.world.catch_up()
+        assert self.world.velocity == (0.0,) * 6
 
     def when_phase(self, phase: str, action: Callable[[], None], *, delay_s: float = 0.0) -> None:
         """Do ``action`` at a delay after ``phase`` was entered first."""

@@ -29,10 +29,7 @@ _NOT_SHOWN = ("progress", "page")
 class View:
     """Everything that a browser is told; what it was told before a restart is read from the run.
 
-    Attributes:
-        version: Changes with what changes seldom: phase, trials, journal, checks.
-        dropped_count: What the feeds had to drop.
-        ended: Whether the run is over.
+    Its ``version`` changes with what changes seldom: phase, trials, journal, checks.
     """
 
     def __init__(self, job: Job) -> None:
@@ -274,19 +271,13 @@ WINDOW_NS = 2_000_000_000
 
 
 class StreamView:
-    """Counts what arrives of one stream.
-
-    Attributes:
-        numbers: The newest.
-        picture: The newest; None where there is none.
-        lost_count: Samples that their counter says were never seen.
-    """
+    """Counts what arrives of one stream, and keeps the newest of it."""
 
     def __init__(self) -> None:
         self.numbers: dict[str, Any] = {}
         self.picture: bytes | None = None
         self.newest_ns = 0
-        self.lost_count = 0
+        self.lost_count = 0  # samples that their counter says were never seen
         self._counter: int | None = None
         self._arrivals: deque[tuple[int, int]] = deque()
 

@@ -23,9 +23,7 @@ def test_an_abort_stops_the_arm_in_every_phase(laboratory, phase):
     assert result.outcome is Outcome.ABORTED
     assert result.reason.startswith("aborted: a key was pressed")
     assert all(record.outcome is Outcome.ABORTED for record in lab.sink.records)
-    lab.world.clock.sleep(1.0)
-    lab.world.catch_up()
-    assert lab.world.velocity == (0.0,) * 6
+    lab.assert_rests()
     assert lab.world.force_n == 0.0
 
 
@@ -36,9 +34,7 @@ def test_a_second_abort_holds_the_arm_where_it_is(laboratory):
     lab.when_phase("dwell", lambda: lab.abort.request("second"), delay_s=0.8)
     result = lab.run()
     assert "holds where it is" in result.reason
-    lab.world.clock.sleep(1.0)
-    lab.world.catch_up()
-    assert lab.world.velocity == (0.0,) * 6
+    lab.assert_rests()
     assert lab.world.force_n > 0.1
 
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import NOISE_SAMPLES, Contact, ForceGuard, Liveness
 from tacauchy_rig.core.run import ForceSample, Tare
+from tests.protocols.conftest import breach
 
 ZERO = Tare(
     start_ns=0,
@@ -56,35 +57,14 @@ def guard(config):
 )
 def test_a_load_beyond_a_limit_is_a_breach(guard, load, limit, reaction):
     """Each limit names itself and says what may follow the stop."""
-    with pytest.raises(BreachError) as caught:
+    with breach(limit, reaction):
         guard.check(sample(**load))
-    assert caught.value.limit == limit
-    assert caught.value.reaction is reaction
-    assert caught.value.remedy
 
 
 def test_a_breach_says_what_was_measured(guard):
     """The message holds limit and measurement with their units."""
-    with pytest.raises(BreachError, match=r"soft_force 6 N: measured 6\.100 N"):
+    with breach("limits.soft_force", match=r"limits\.soft_force 6 N: measured 6\.100 N$"):
         guard.check(sample(fz=6.1))
-
-
-def test_touching_where_nothing_should_be_is_a_breach(guard):
-    """Half a newton is fine while pressing and a breach on the way there."""
-    assert guard.check(sample(1, fz=0.5)) == pytest.approx(0.5)
-    guard.contact = Contact.NONE
-    with pytest.raises(BreachError) as caught:
-        guard.check(sample(2, fz=0.5))
-    assert caught.value.limit == "limits.early_contact"
-
-
-def test_a_blow_is_a_breach_before_the_soft_limit(guard):
-    """A force that rises by 1 N a sample passes the rate limit below 6 N."""
-    for number in range(1, 5):
-        guard.check(sample(number, fz=number * 1.0))
-    with pytest.raises(BreachError) as caught:
-        guard.check(sample(5, fz=5.0))
-    assert caught.value.limit == "limits.force_rate"
 
 
 def test_lost_frames_do_not_look_like_a_blow(guard):
@@ -116,19 +96,16 @@ def test_identical_samples_are_a_dead_sensor(guard, config):
     """As many equal samples as ``repeat_count`` make a breach, and no fewer."""
     for number in range(1, config.limits.repeat_count):
         guard.check(sample(number))
-    with pytest.raises(BreachError) as caught:
+    with breach("limits.repeat_count", Reaction.HOLD):
         guard.check(sample(99))
-    assert caught.value.limit == "limits.repeat_count"
-    assert caught.value.reaction is Reaction.HOLD
 
 
 def test_before_the_first_tare_only_the_sensor_is_judged(config):
     """Without a zero a bias of 12 N is no force, but a saturated channel is a fault."""
     guard = ForceGuard(config)
     assert guard.check(sample(1, fz=12.0)) == 0.0
-    with pytest.raises(BreachError) as caught:
+    with breach("force_sensor.capacity"):
         guard.check(sample(2, fz=47.0))
-    assert caught.value.limit == "force_sensor.capacity"
 
 
 @given(fz=st.floats(-9.9, 9.9), contact=st.sampled_from(Contact))
@@ -172,9 +149,8 @@ def check_all(watch, wrenches):
 def assert_found_dead(watch):
     """The same watch still finds a sensor that begins to stick."""
     (stuck,) = noisy(1, seed=9)
-    with pytest.raises(BreachError) as caught:
+    with breach("witness.noise"):
         check_all(watch, [stuck] * 2 * NOISE_SAMPLES)
-    assert caught.value.limit == "witness.noise"
 
 
 def fed(wrenches):
@@ -203,23 +179,20 @@ def test_a_last_digit_that_blinks_is_a_dead_sensor():
     """Two values in turn: found as a row, within a fifth of a second."""
     watch = fed(noisy(100))
     one, other = noisy(2, seed=5)
-    with pytest.raises(BreachError, match=r"sticks at .*repeat 2 values") as caught:
+    with breach("witness.noise", match=r"sticks at .*repeat 2 values"):
         check_all(watch, [one, other] * ROW)
-    assert caught.value.limit == "witness.noise"
 
 
 def test_noise_that_has_gone_is_a_dead_sensor():
     """A last digit that walks about never repeats a row."""
     watch = fed(noisy(100))
-    with pytest.raises(BreachError, match=r"sticks at .*noise") as caught:
+    with breach("witness.noise", match=r"sticks at .*noise"):
         check_all(watch, noisy(NOISE_SAMPLES + 1, seed=6, noise_n=1e-4))
-    assert caught.value.limit == "witness.noise"
 
 
 def test_old_samples_that_come_again_are_named_with_their_age():
     """Three seconds late at 100 Hz, values and counters otherwise in order."""
     samples = noisy(400)
     watch = fed(samples)
-    with pytest.raises(BreachError, match="300 samples ago") as caught:
+    with breach("witness.old-data", match="300 samples ago"):
         check_all(watch, samples[100:])
-    assert caught.value.limit == "witness.old-data"

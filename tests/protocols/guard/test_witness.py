@@ -12,7 +12,7 @@ from protocols.guard.witness import Stage, Witness
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.expected_press import ExpectedPress
-from tacauchy_rig.core.run import ArmSample, Pose
+from tests.protocols.conftest import arm_state
 
 TARGETS_N = (1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332)
 STIFFNESS_N_M = 6100.0
@@ -52,24 +52,28 @@ class Descent:
         self.depth_m += travel_m
         self.true_n = self.stiffness_n_m * max(self.depth_m, 0.0)
         said_n = cell(self.true_n)
+        felt_n = self.arm_sign * (self.true_n + self.arm_error_n * (self.true_n > 0.0))
         states = []
         for _ in range(5):
             self.time_s += PERIOD_S / 5
-            states.append(self._state(self.true_n + self.arm_error_n * (self.true_n > 0.0)))
+            states.append(
+                arm_state(
+                    (0.0, 0.0, -self.depth_m),
+                    stamp_s=self.time_s,
+                    force_n=felt_n if self.feels else None,
+                )
+            )
         self.witness.check([said_n], states, z_m=-self.depth_m, seen=False)
         return said_n
 
-    def _state(self, force_n):
-        return ArmSample(
-            stamp_ns=round(self.time_s * 1e9),
-            controller_time_s=self.time_s,
-            pose=Pose(position=(0.0, 0.0, -self.depth_m), rotation_vector=(0.0, 0.0, 0.0)),
-            velocity=(0.0,) * 6,
-            runtime_state=2,
-            safety_bits=1,
-            robot_mode=7,
-            tcp_force=(0.0, 0.0, self.arm_sign * force_n, 0.0, 0.0, 0.0) if self.feels else None,
-        )
+    def find_contact(self, cell, *, travel_m):
+        """Stand still, then go down in steps of ``travel_m`` until the cell says contact."""
+        for _ in range(30):
+            self.step(cell, 0.0)
+        self.witness.begin_search()
+        while self.step(cell, travel_m) < CONTACT_N:
+            assert self.depth_m < 2e-3
+        self.witness.begin_press(-self.depth_m)
 
 
 def press_on(descent, cell, count):
@@ -89,13 +93,8 @@ def true_force_when_found(cell, target_n, *, stiffness, model, expected=EXPECTED
     """Press until the witness stops it or the cell says the target; return the true force [N]."""
     witness = witness_of(model, expected=expected)
     descent = Descent(witness, stiffness=stiffness, arm_error_n=arm_error_n)
-    for _ in range(30):
-        descent.step(cell, 0.0)
-    witness.begin_search()
     try:
-        while descent.step(cell, 0.5e-3 * PERIOD_S) < CONTACT_N:
-            assert descent.depth_m < 2e-3
-        witness.begin_press(-descent.depth_m)
+        descent.find_contact(cell, travel_m=0.5e-3 * PERIOD_S)
         while descent.step(cell, PRESS_M) < target_n:
             assert descent.depth_m < 2e-3
     except BreachError:
@@ -145,38 +144,26 @@ def test_a_cell_that_sticks_in_the_press_never_presses_beyond_the_bound(target_n
 @pytest.mark.parametrize("factor", [0.05, 0.1, 0.2, 0.3])
 def test_with_a_coarse_arm_the_curve_finds_a_third_or_less(factor):
     """CB3: gross errors of range and unit stay within the bound at each target."""
+    cell, model = lambda force_n: factor * force_n, RobotModel.CB3
     for target_n in TARGETS_N:
         for stiffness in (0.8, 1.2):
-            true_n, found = true_force_when_found(
-                lambda force_n: factor * force_n,
-                target_n,
-                stiffness=stiffness,
-                model=RobotModel.CB3,
-            )
+            true_n, found = true_force_when_found(cell, target_n, stiffness=stiffness, model=model)
             assert found
             assert true_n + OVERRUN_N <= 1.5 * target_n + 0.5
 
 
 def test_what_a_coarse_arm_and_the_curve_leave_unseen_is_stated():
     """CB3, half the force, in a gel 20 % stiffer than stated: docs/explanation/witness.md."""
+    cell, model = lambda force_n: 0.5 * force_n, RobotModel.CB3
     reached = [
-        true_force_when_found(
-            lambda force_n: 0.5 * force_n, target_n, stiffness=1.2, model=RobotModel.CB3
-        )
-        for target_n in TARGETS_N
+        true_force_when_found(cell, target_n, stiffness=1.2, model=model) for target_n in TARGETS_N
     ]
     assert not reached[0][1]
     assert reached[0][0] == pytest.approx(2.0 * TARGETS_N[0], rel=0.02)
     assert reached[-1][1]
     assert max(true_n for true_n, _ in reached) < 7.0
-
-
-def test_half_the_force_is_found_in_the_stated_gel():
-    """The band is narrower than a factor of two: without an arm, at the largest target."""
-    _, found = true_force_when_found(
-        lambda force_n: 0.5 * force_n, TARGETS_N[-1], stiffness=1.0, model=RobotModel.CB3
-    )
-    assert found
+    # In the stated gel the band is narrower than a factor of two.
+    assert true_force_when_found(cell, TARGETS_N[-1], stiffness=1.0, model=model)[1]
 
 
 @pytest.mark.parametrize("stiffness", [0.8, 1.0, 1.2])
@@ -195,14 +182,8 @@ def test_a_true_cell_reaches_each_target(stiffness):
 
 def test_the_message_holds_three_numbers_and_the_cause():
     """Cell, gel and arm; then what to do."""
-    witness = witness_of()
-    descent = Descent(witness)
-    for _ in range(30):
-        descent.step(lambda force_n: force_n, 0.0)
-    witness.begin_search()
-    while descent.step(lambda force_n: 0.1 * force_n, 5e-6) < CONTACT_N:
-        pass
-    witness.begin_press(-descent.depth_m)
+    descent = Descent(witness_of())
+    descent.find_contact(lambda force_n: 0.1 * force_n, travel_m=5e-6)
     with pytest.raises(BreachError) as caught:
         press_on(descent, lambda force_n: 0.1 * force_n, 300)
     told = caught.value
@@ -234,12 +215,7 @@ def test_an_arm_that_counts_the_other_way_names_its_setting(counted, error_n):
     for force_sign in (1, -1):
         witness = witness_of(force_sign=force_sign)
         descent = Descent(witness, arm_sign=counted, arm_error_n=error_n)
-        for _ in range(30):
-            descent.step(lambda force_n: force_n, 0.0)
-        witness.begin_search()
-        while descent.step(lambda force_n: force_n, 5e-6) < CONTACT_N:
-            pass
-        witness.begin_press(-descent.depth_m)
+        descent.find_contact(lambda force_n: force_n, travel_m=5e-6)
         if force_sign == counted:
             press_on(descent, lambda force_n: force_n, 150)
         else:

@@ -9,51 +9,36 @@ import pytest
 from drivers.emulators.force_estimate import COARSENESS, ForceEstimate
 from protocols.guard.witness import TOLERANCE, WINDOW_S, ArmEstimate
 from tacauchy_rig.core.config.model import RobotModel
-from tacauchy_rig.core.run import ArmSample, Pose
+from tests.protocols.conftest import arm_state
 
 TRIAL_S = 50.0
-
-
-def state(stamp_s, force_n):
-    """Return an arm's state with a force estimate [N], or none."""
-    tcp_force = None if force_n is None else (0.0, 0.0, force_n, 0.0, 0.0, 0.0)
-    return ArmSample(
-        stamp_ns=round(stamp_s * 1e9),
-        controller_time_s=stamp_s,
-        pose=Pose(position=(0.0, 0.0, 0.0), rotation_vector=(0.0, 0.0, 0.0)),
-        velocity=(0.0,) * 6,
-        runtime_state=2,
-        safety_bits=1,
-        robot_mode=7,
-        tcp_force=tcp_force,
-    )
 
 
 def test_without_an_estimate_or_a_zero_nothing_is_felt():
     """None is no zero newton."""
     estimate = ArmEstimate(RobotModel.CB3)
-    estimate.take([state(0.0, None)])
+    estimate.take([arm_state()])
     estimate.zero()
     assert estimate.force_n is None
-    estimate.take([state(0.1, 3.0)])
+    estimate.take([arm_state(stamp_s=0.1, force_n=3.0)])
     assert estimate.force_n is None
 
 
 def test_the_force_is_a_mean_less_the_zero():
     """3 N of offset, then 2 N of force; older states are forgotten."""
     estimate = ArmEstimate(RobotModel.E_SERIES)
-    estimate.take([state(0.0, 2.5), state(0.1, 3.5)])
+    estimate.take([arm_state(stamp_s=0.0, force_n=2.5), arm_state(stamp_s=0.1, force_n=3.5)])
     estimate.zero()
-    estimate.take([state(1.0, 4.0), state(1.1, 6.0)])
+    estimate.take([arm_state(stamp_s=1.0, force_n=4.0), arm_state(stamp_s=1.1, force_n=6.0)])
     assert estimate.force_n == pytest.approx(2.0)
 
 
 def test_a_controller_may_count_a_push_the_other_way():
     """The zero is turned with it: 3 N of offset, then 2 N of force."""
     estimate = ArmEstimate(RobotModel.E_SERIES, sign=-1)
-    estimate.take([state(0.0, -3.0)])
+    estimate.take([arm_state(stamp_s=0.0, force_n=-3.0)])
     estimate.zero()
-    estimate.take([state(1.0, -5.0)])
+    estimate.take([arm_state(stamp_s=1.0, force_n=-5.0)])
     assert estimate.force_n == pytest.approx(2.0)
 
 
@@ -75,7 +60,7 @@ def test_an_e_series_arm_stays_within_its_tolerance(seed):
     period_s, force_n = 1.0 / model.rate_hz, 0.0
     for number in range(round(TRIAL_S / period_s)):
         felt = coarse.advance((0.0, 0.0, force_n, 0.0, 0.0, 0.0), (0.0,) * 6, duration_s=period_s)
-        watched.take([state(number * period_s, felt[2])])
+        watched.take([arm_state(stamp_s=number * period_s, force_n=felt[2])])
         if number * period_s == 1.0:
             watched.zero()
             force_n = 5.0

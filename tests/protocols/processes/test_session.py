@@ -44,6 +44,11 @@ class Watcher:
             threading.Timer(0.3, action, [self]).start()
 
 
+def run(store, on_event, abort=None):
+    """Run a session."""
+    return run_session(store, store.config, on_event=on_event, abort=abort or Abort())
+
+
 def kill(name, number=signal.SIGKILL):
     """Return an action that kills a process of the session."""
     return lambda watcher: os.kill(watcher.pids[name], number)
@@ -65,7 +70,7 @@ def assert_all_gone(pids):
 def test_a_session_passes_and_leaves_a_complete_run(make_store):
     """One trial through all processes: recorded, acknowledged, nothing left running."""
     store, watcher = make_store(ONE), Watcher()
-    result = run_session(store, store.config, on_event=watcher, abort=Abort())
+    result = run(store, watcher)
     assert (result.outcome, result.exit_code, result.died) == (Outcome.PASSED, 0, {})
     assert store.accepted(1) == result.records[0]
     recording = Recording.open(store.paths.recording(1, 1))
@@ -87,7 +92,7 @@ def test_a_session_passes_and_leaves_a_complete_run(make_store):
 def test_a_killed_process_ends_the_session_and_loses_nothing_acknowledged(make_store, name):
     """Kill -9 of any child: told plainly, attempt kept and marked, no process left."""
     store, watcher = make_store(ONE), Watcher(phase="press", action=kill(name))
-    result = run_session(store, store.config, on_event=watcher, abort=Abort())
+    result = run(store, watcher)
     assert result.outcome is Outcome.FAULT
     assert f"the {name} process died (killed by SIGKILL)" in result.reason
     assert result.remedy
@@ -110,7 +115,7 @@ def test_resume_starts_at_the_first_trial_without_a_passed_attempt(make_store):
         if event.trial == 2 and event.detail.get("phase") == "press" and event.name == "phase":
             os.kill(watcher.pids["recorder"], signal.SIGKILL)
 
-    result = run_session(store, store.config, on_event=on_event, abort=Abort())
+    result = run(store, on_event)
     assert result.outcome is Outcome.FAULT
     assert "the recorder process died (killed by SIGKILL)" in result.reason
     assert "Trial 1 is safe" in result.reason
@@ -123,7 +128,7 @@ def test_resume_starts_at_the_first_trial_without_a_passed_attempt(make_store):
     assert [p.contact_z_m for p in plan] == [store.accepted(1).contact_z_m, None]
     assert plan_session(store, again={1})[0].contact_z_m == plan[0].contact_z_m
 
-    result = run_session(store, store.config, on_event=Watcher(), abort=Abort())
+    result = run(store, Watcher())
     assert result.outcome is Outcome.PASSED
     assert [(record.index, record.attempt) for record in result.records] == [(2, 2)]
     assert store.paths.recording(2, 1).read_bytes() == torn
@@ -136,7 +141,7 @@ def test_an_abort_ends_the_session_with_the_arm_off_the_gel(make_store):
     store = make_store(ONE)
     abort = Abort()
     watcher = Watcher(phase="press", action=lambda _: abort.request("a key was pressed"))
-    result = run_session(store, store.config, on_event=watcher, abort=abort)
+    result = run(store, watcher, abort)
     assert (result.outcome, result.exit_code) == (Outcome.ABORTED, 3)
     assert "a key was pressed" in result.reason
     assert "off the gel" in result.reason
@@ -158,11 +163,11 @@ def test_a_watcher_that_fails_does_not_leave_the_arm_in_the_gel(make_store, erro
             raise error("no such terminal")
 
     if error is OSError:
-        result = run_session(store, store.config, on_event=on_event, abort=Abort())
+        result = run(store, on_event)
         assert result.outcome is Outcome.ABORTED
     else:
         with pytest.raises(ValueError, match="no such terminal"):
-            run_session(store, store.config, on_event=on_event, abort=Abort())
+            run(store, on_event)
     record = store.load_result(1, 1)
     assert record.outcome is Outcome.ABORTED
     assert outcome_reason in record.reason
@@ -174,7 +179,7 @@ def test_an_abort_while_connecting_moves_nothing(make_store):
     """Asked before the programme began, it never begins."""
     store, abort = make_store(ONE), Abort()
     abort.request("Ctrl-C")
-    result = run_session(store, store.config, on_event=Watcher(), abort=abort)
+    result = run(store, Watcher(), abort)
     assert result.outcome is Outcome.ABORTED
     assert "before anything moved" in result.reason
     assert store.paths.attempt_indices(1) == []
@@ -185,7 +190,7 @@ def test_a_control_process_that_hangs_is_ended(make_store):
     """SIGSTOP instead of a kill: its silence is noticed and nothing waits for it for ever."""
     store = make_store(ONE)
     watcher = Watcher(phase="press", action=kill("control", signal.SIGSTOP))
-    result = run_session(store, store.config, on_event=watcher, abort=Abort())
+    result = run(store, watcher)
     assert result.outcome is Outcome.FAULT
     assert "the control process died (it had stopped answering" in result.reason
     assert_all_gone(watcher.pids)
@@ -194,7 +199,7 @@ def test_a_control_process_that_hangs_is_ended(make_store):
 def test_a_device_fault_travels_to_the_operator(make_store):
     """A force sensor that stalls in the middle ends the session with the limit's name."""
     store = make_store(ONE, 'emulation.faults=["force_sensor:stall@3s"]')
-    result = run_session(store, store.config, on_event=Watcher(), abort=Abort())
+    result = run(store, Watcher())
     assert result.outcome is Outcome.FAULT
     assert "limits.stale_force" in result.reason
 
@@ -226,7 +231,7 @@ def test_a_run_can_be_worked_on_by_one_program_only(make_store):
     """A second session on the same folder is refused."""
     store = make_store(ONE)
     with store.lock(), pytest.raises(RecordError, match="is working on this run"):
-        run_session(store, store.config, on_event=Watcher(), abort=Abort())
+        run(store, Watcher())
 
 
 PARENT = """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 
 import pytest
 
@@ -71,9 +70,7 @@ def test_a_fault_stops_the_arm_and_keeps_the_data(laboratory, phase, go_wrong, l
     record = lab.sink.records[-1]
     assert (record.index, record.outcome) == (1, Outcome.FAULT)
     assert record.reason.startswith(fault_event.detail["reason"])
-    lab.world.clock.sleep(1.0)
-    lab.world.catch_up()
-    assert lab.world.velocity == (0.0,) * 6
+    lab.assert_rests()
     if end is OFF_GEL:
         assert lab.world.force_n == 0.0
     if end is HOLDS:
@@ -97,22 +94,6 @@ def test_a_fault_names_the_trials_that_are_safe(laboratory):
         Outcome.PASSED,
         Outcome.FAULT,
     ]
-
-
-def test_a_stalled_arm_is_noticed_long_before_the_press_times_out(laboratory):
-    """Commanded and measured travel are named; the window is a setting."""
-    lab = laboratory(
-        'protocol.force_targets=["4 N"]',
-        'limits.no_motion="1 s"',
-        'robot.press_speed="0.3 mm/s"',
-    )
-    lab.when_phase("press", lambda: fault(lab, "robot:stall"), delay_s=0.3)
-    result = lab.run()
-    entered = next(e for e in lab.sink.events if e.detail.get("phase") == "press")
-    told = next(e for e in lab.sink.events if e.name == "fault")
-    assert 0.3 < (told.stamp_ns - entered.stamp_ns) * 1e-9 < 3.0
-    assert re.search(r"commanded 0.3\d\d mm down in 1.0 s, measured 0.0\d\d mm", result.reason)
-    assert "pendant" in result.remedy
 
 
 @pytest.mark.parametrize("press_speed", ["0.02 mm/s", "0.3 mm/s", "0.5 mm/s"])
@@ -139,14 +120,6 @@ def test_an_overexposed_image_is_a_criterion_that_is_missed(laboratory):
         ("image_clipped_ratio", 1.0, "<= 0.25")
     ]
     assert "camera.exposure" in missed[0].remedy
-
-
-def test_no_gel_within_the_travel_is_a_fault(laboratory):
-    """A sensor that is not there: the search ends, the arm goes up again."""
-    lab = laboratory('protocol.search_travel="0.6 mm"', surface_offset_m=-0.003)
-    result = lab.run()
-    assert result.reason.startswith("protocol.search_travel: nothing was touched")
-    assert OFF_GEL in result.reason
 
 
 def test_a_gel_that_is_too_soft_ends_at_the_depth_limit(laboratory):
@@ -194,6 +167,4 @@ def test_a_sensor_that_dies_during_the_retract_stops_it(laboratory):
     lab.when_phase("dwell", lambda: fault(lab, "force_sensor:stall"), delay_s=1.0)
     result = lab.run()
     assert "the retract ended early" in result.reason
-    lab.world.clock.sleep(1.0)
-    lab.world.catch_up()
-    assert lab.world.velocity == (0.0,) * 6
+    lab.assert_rests()

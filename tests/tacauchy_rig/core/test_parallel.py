@@ -15,7 +15,12 @@ import psutil
 import pytest
 
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.parallel import parallel_map, worker_process
+from tacauchy_rig.core.parallel import (
+    IsolatedWorker,
+    ProcessFailedError,
+    parallel_map,
+    worker_process,
+)
 
 
 def _process_of(name: str) -> tuple[str, int]:
@@ -70,6 +75,18 @@ def test_a_process_may_take_more_than_one_item() -> None:
     found = list(parallel_map(_process_of, ["c", "a", "b"], jobs=2, new_process_each=False))
     assert [name for name, _ in found] == ["c", "a", "b"]
     assert len({process for _, (_, process) in found} - {os.getpid()}) in (1, 2)
+
+
+def test_one_process_takes_every_call_until_it_ends() -> None:
+    """What was loaded stays loaded; after a crash another process goes on."""
+    with IsolatedWorker() as process:
+        first, again = (process.call(os.getpid, limit_s=60.0) for _ in range(2))
+        with pytest.raises(ProcessFailedError, match="ended with status -6 and no result"):
+            process.call(os.abort, limit_s=60.0)
+        other = process.call(os.getpid, limit_s=60.0)
+    assert first == again != os.getpid()
+    assert other not in {first, os.getpid()}
+    assert not psutil.pid_exists(other)
 
 
 def test_one_job_stays_in_this_process() -> None:

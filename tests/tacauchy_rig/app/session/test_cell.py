@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime, timedelta
-from pathlib import Path
 
 import pytest
 
@@ -19,7 +19,7 @@ from tacauchy_rig.app.session.cell import (
     standing_check,
 )
 from tacauchy_rig.app.session.record import record_run
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.force_check import Weight
 from tacauchy_rig.core.run import Tare
 from tacauchy_rig.core.store.journal import read_journal
@@ -29,11 +29,9 @@ WEIGHT = Weight(mass_kg=0.2, uncertainty_kg=0.002)
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> RunStore:
+def store(new_store: Callable[..., RunStore]) -> RunStore:
     """Return a new run's folder."""
-    return RunStore.create(
-        tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
-    )
+    return new_store()
 
 
 def tare(fz_n: float) -> Tare:
@@ -95,17 +93,12 @@ def test_a_check_expires(store: RunStore, monkeypatch: pytest.MonkeyPatch) -> No
     assert store.force_check.load() == replace(check, expired=later.isoformat(timespec="seconds"))
 
 
-def coarse(parent: Path, *settings: str) -> RunStore:
-    """Return a new run on a CB3."""
-    loaded = load_config(overrides=['robot.model="cb3"', *settings])
-    return RunStore.create(parent, loaded, config_text=default_text(), simulated=True, versions={})
-
-
 def test_an_arm_that_hardly_feels_presses_only_by_a_checked_cell(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    new_store: Callable[..., RunStore], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Refused before anything is connected; a weight or a setting admits it."""
-    store = coarse(tmp_path)
+    coarse = 'robot.model="cb3"'
+    store = new_store(coarse)
     with pytest.raises(ForceCheckError, match=r"robot\.model cb3 feels force to 7\.5 N") as caught:
         record_run(store, on_event=lambda _: None)
     assert "more than 2.38 N; nothing moved" in caught.value.message
@@ -118,7 +111,7 @@ def test_an_arm_that_hardly_feels_presses_only_by_a_checked_cell(
     store.force_check.save(replace(check, checked=old.isoformat()))
     with pytest.raises(ForceCheckError, match="has expired"):
         require_bounded_force(store, store.config)
-    admitted = coarse(tmp_path, "run.name=admitted", "limits.allow_unchecked_force=true")
+    admitted = new_store(coarse, "run.name=admitted", "limits.allow_unchecked_force=true")
     require_bounded_force(admitted, admitted.config)
 
 

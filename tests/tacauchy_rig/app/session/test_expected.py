@@ -7,9 +7,8 @@ import pytest
 
 from tacauchy_rig.app.session import expected as loop_expected
 from tacauchy_rig.app.session.expected import expected_press, kept_expectation
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import ConvergenceError
-from tacauchy_rig.core.store.run_store import RunStore
 
 
 @pytest.fixture(scope="module")
@@ -55,24 +54,18 @@ def test_an_uncertain_gel_has_a_wide_band(name):
     assert wide.lean_m == 0.0
 
 
-def test_it_is_made_once_a_run(mini, tmp_path, monkeypatch):
+def test_it_is_made_once_a_run(mini, new_store, monkeypatch):
     """The second time it is read from the folder, equal in every digit."""
-    loaded = load_config()
-    store = RunStore.create(
-        tmp_path, loaded, config_text=default_text(), simulated=True, versions={}
-    )
+    store = new_store()
     monkeypatch.setattr(loop_expected, "expected_press", lambda _config: mini)
     assert kept_expectation(store) == mini
     monkeypatch.setattr(loop_expected, "expected_press", lambda _config: None)
     assert kept_expectation(store) == mini
 
 
-def test_a_press_that_cannot_be_simulated_leaves_the_other_witnesses(tmp_path, monkeypatch):
+def test_a_press_that_cannot_be_simulated_leaves_the_other_witnesses(new_store, monkeypatch):
     """The run goes on, and keeps no expectation."""
-    loaded = load_config()
-    store = RunStore.create(
-        tmp_path, loaded, config_text=default_text(), simulated=True, versions={}
-    )
+    store = new_store()
 
     def fail(_config):
         raise ConvergenceError("no equilibrium")

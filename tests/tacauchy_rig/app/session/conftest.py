@@ -1,0 +1,24 @@
+"""New run folders."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.store.run_store import RunStore
+
+
+@pytest.fixture
+def new_store(tmp_path: Path) -> Callable[..., RunStore]:
+    """Return a maker of run folders of the default rig, with overrides."""
+
+    def make(*overrides: str) -> RunStore:
+        loaded = load_config(overrides=list(overrides))
+        return RunStore.create(
+            tmp_path, loaded, config_text=default_text(), simulated=True, versions={}
+        )
+
+    return make
