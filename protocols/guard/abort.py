@@ -40,7 +40,7 @@ class Abort:
         self._same_request_s = same_request_s
         self._asked_s = -math.inf
         self._reasons: list[str] = []
-        self._listeners: list[Callable[[str], None]] = []
+        self._listeners: list[Callable[[str], object]] = []
 
     def request(self, reason: str) -> None:
         """Ask to stop, because of ``reason``."""
@@ -52,7 +52,7 @@ class Abort:
         for listener in self._listeners:
             listener(reason)
 
-    def on_request(self, listener: Callable[[str], None]) -> None:
+    def on_request(self, listener: Callable[[str], object]) -> None:
         """Call ``listener(reason)`` at each request, in the caller's thread; it must not block."""
         self._listeners.append(listener)
 

@@ -169,11 +169,9 @@ class Launched:
             how = f"killed by {signal.Signals(-code).name}"
         if self.killed:
             how = "it had stopped answering and was ended"
-        return f"the {self.name} process died ({how}){self._last_words()}"
-
-    def _last_words(self) -> str:
         lines = self.log.read_text(errors="replace").strip().splitlines()
-        return f": {lines[-1]}" if lines else ""
+        last_words = f": {lines[-1]}" if lines else ""
+        return f"the {self.name} process died ({how}){last_words}"
 
 
 def _environment() -> dict[str, str]:

@@ -97,7 +97,10 @@ class RecorderLink:
         """Take the recorder's answers; call it often."""
         for message in self._acks.receive():
             if isinstance(message, Ack):
-                self._take_ack(message)
+                with self._changed:
+                    self.kept = message
+                    while self._waiting and self._waiting[0].number <= message.through:
+                        self._waiting_bytes -= self._waiting.popleft().size
             elif isinstance(message, RigError):
                 self._note(f"recorder: {message.message}")
         if self._acks.closed and not self._closing:
@@ -144,12 +147,6 @@ class RecorderLink:
             logger.error("%s: %s", self._source, problem)
             with self._changed:
                 self._changed.notify_all()
-
-    def _take_ack(self, ack: Ack) -> None:
-        with self._changed:
-            self.kept = ack
-            while self._waiting and self._waiting[0].number <= ack.through:
-                self._waiting_bytes -= self._waiting.popleft().size
 
     def _deliver(self) -> None:
         while (waiting := self._next_unsent()) is not None:

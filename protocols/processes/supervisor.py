@@ -104,7 +104,8 @@ class Supervisor:
     def __enter__(self) -> Self:
         self._children = launch_children(self._job, self._viewing.feeds)
         self._viewing.start()
-        self._abort.on_request(self._pass_abort_on)
+        control = self._children["control"].channel
+        self._abort.on_request(lambda reason: control.send(AbortRequest(reason=reason)))
         threading.Thread(target=self._send_heartbeats, name="heartbeat", daemon=True).start()
         return self
 
@@ -161,11 +162,6 @@ class Supervisor:
         self._viewing.end(keep_page=self._keep_page)
         return replace(result, page=self._viewing) if self._keep_page else result
 
-    def _pass_abort_on(self, reason: str) -> None:
-        control = self._children.get("control")
-        if control is not None:
-            control.channel.send(AbortRequest(reason=reason))
-
     def _send_heartbeats(self) -> None:
         while not self._ended.wait(HEARTBEAT_S):
             self._children["control"].channel.send(Order.ALIVE)
@@ -208,7 +204,9 @@ class Supervisor:
             if control.has_ended:
                 self._listen()
                 return
-            self._note_deaths()
+            for child in (self._children["recorder"], self._children["camera"]):
+                if child.has_ended and child.name not in self._died:
+                    self._note_death(child)
             for name, happened in self._viewing.restart_ended():
                 self._note("process-died", process=name, how=happened)
             now_s = time.monotonic()
@@ -218,12 +216,6 @@ class Supervisor:
             if now_s - control.last_message_s > SILENT_S or overdue:
                 logger.error("control does not answer; ending it")
                 control.kill()
-
-    def _note_deaths(self) -> None:
-        for name in ("recorder", "camera"):
-            child = self._children[name]
-            if child.has_ended and name not in self._died:
-                self._note_death(child)
 
     def _note_death(self, child: Launched) -> None:
         failure = self._failures.get(child.name)
@@ -321,9 +313,11 @@ class Supervisor:
 
     def _result(self, outcome: Outcome, reason: str, *, remedy: str = "") -> SessionResult:
         resume = f"`{command_line('resume', self._store.paths.root)}` continues"
+        last = {event.trial: event.attempt for event in self._begun}
+        loaded = (self._store.load_result(trial, attempt) for trial, attempt in last.items())
         return SessionResult(
             outcome=outcome,
-            records=last_results(self._store, self._begun),
+            records=tuple(record for record in loaded if record is not None),
             reason=reason,
             remedy="" if outcome is Outcome.PASSED else remedy or resume,
             died=dict(self._died),
@@ -440,10 +434,3 @@ def complete_results(store: RunStore, begun: Sequence[JournalEvent], *, reason: 
             store.save_result(record)
         except RecordError as error:
             logger.error("%s", error)
-
-
-def last_results(store: RunStore, begun: Sequence[JournalEvent]) -> tuple[TrialRecord, ...]:
-    """Return the result of the last attempt at each trial that was begun."""
-    last = {event.trial: event.attempt for event in begun}
-    loaded = (store.load_result(trial, attempt) for trial, attempt in last.items())
-    return tuple(record for record in loaded if record is not None)

@@ -12,7 +12,7 @@ from protocols.guard.force import Contact
 from protocols.guard.workspace import describe
 from protocols.steps.window import listen
 from tacauchy_rig.core.errors import AbortedError, DeviceError
-from tacauchy_rig.core.run import ArmSample, Pose, Vector6
+from tacauchy_rig.core.run import Pose, Vector6
 
 logger = logging.getLogger(__name__)
 
@@ -45,7 +45,7 @@ def come_to_rest(cycle: Cycle) -> None:
     deadline_ns = cycle.rig.clock.now_ns() + round(REST_TIMEOUT_S * 1e9)
     reading = cycle.turn()
     while reading.now_ns < deadline_ns:
-        if math.hypot(*reading.arm.velocity[:3]) < REST_SPEED_M_S:
+        if _is_at_rest(reading.arm):
             return
         reading = cycle.turn()
 
@@ -170,13 +170,14 @@ def _watch_rest(cycle: Cycle, stop_ns: int) -> tuple[float | None, float, Breach
             worst = breach
         peak_n = max(peak_n, abs(cycle.last_force_n))
         state = cycle.last_state
-        if rested_ms is None and state is not None and _is_at_rest(state, stop_ns):
+        is_new = state is not None and state.stamp_ns > stop_ns
+        if rested_ms is None and state is not None and is_new and _is_at_rest(state):
             rested_ms = (state.stamp_ns - stop_ns) * 1e-6
     return rested_ms, peak_n, worst
 
 
-def _is_at_rest(state: ArmSample, stop_ns: int) -> bool:
-    return state.stamp_ns > stop_ns and math.hypot(*state.velocity[:3]) < REST_SPEED_M_S
+def _is_at_rest(state: ArmSample) -> bool:
+    return math.hypot(*state.velocity[:3]) < REST_SPEED_M_S
 
 
 def _turn(cycle: Cycle) -> BreachError | None:

@@ -24,6 +24,7 @@ TRACE_SAMPLES = 6000
 JOURNAL_LINES = 12
 DISK_S = 2.0
 _NOT_SHOWN = ("progress", "page")
+_EACH_SAMPLE = ("stamp_ns", "counter")
 
 
 class View:
@@ -158,7 +159,15 @@ class View:
             "reason": self._reason,
             "afterwards": self._afterwards,
             "trials": [self._trial_row(planned.index) for planned in self._job.plan],
-            "journal": [_line(event) for event in self._journal],
+            "journal": [
+                {
+                    "stamp_s": event.stamp_ns * 1e-9,
+                    "name": event.name,
+                    "trial": event.trial,
+                    "detail": event.detail,
+                }
+                for event in self._journal
+            ],
             "disk": self._disk[1],
             "has_reference": "reference" in self._pictures,
         }
@@ -178,7 +187,7 @@ class View:
                 name: {
                     **stream.summary(now_ns),
                     "picture": stream.newest_ns if stream.picture is not None else None,
-                    "numbers": _shown_numbers(stream.numbers),
+                    "numbers": {k: v for k, v in stream.numbers.items() if k not in _EACH_SAMPLE},
                 }
                 for name, stream in self._streams.items()
             },
@@ -252,19 +261,6 @@ class View:
         begun = [place for place, event in enumerate(known) if event.name == "run-start"]
         for event in known[begun[-1] :] if begun else []:
             self.note(event)
-
-
-def _shown_numbers(numbers: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in numbers.items() if name not in ("stamp_ns", "counter")}
-
-
-def _line(event: JournalEvent) -> dict[str, Any]:
-    return {
-        "stamp_s": event.stamp_ns * 1e-9,
-        "name": event.name,
-        "trial": event.trial,
-        "detail": event.detail,
-    }
 
 
 WINDOW_NS = 2_000_000_000
