@@ -12,7 +12,7 @@ from protocols.guard.force import Contact
 from protocols.guard.workspace import describe
 from protocols.steps.window import listen
 from tacauchy_rig.core.errors import AbortedError, DeviceError
-from tacauchy_rig.core.run import Pose, Vector6
+from tacauchy_rig.core.run import ArmSample, Pose, Vector6
 
 logger = logging.getLogger(__name__)
 
