@@ -8,7 +8,7 @@ from drivers.emulators.faults import parse_fault
 from protocols.guard.breach import BreachError
 from protocols.guard.force import Contact
 from protocols.steps.motion import approach
-from protocols.steps.search import BEYOND_M, search_contact
+from protocols.steps.press import BEYOND_M, search_contact
 from protocols.steps.window import take_tare
 from tests.protocols.conftest import breach
 
