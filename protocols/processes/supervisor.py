@@ -285,17 +285,17 @@ class Supervisor:
             return replace(result, outcome=Outcome.FAULT, reason=text, remedy=_CHECK_DISK)
         if finished.outcome is Outcome.PASSED:
             return result
-        deaths, remedies = [], []
+        unreported, remedies = [], []
         for name, death in self._died.items():
             failure = self._failures.get(name)
             # One that gave up may have told control why, and control says it again.
             if failure is None or failure.message not in result.reason:
-                deaths.append(death)
+                unreported.append(death)
                 remedies += [failure.remedy] if failure else []
-        if not deaths:
+        if not unreported:
             return result
         remedy = "; ".join(remedies) or result.remedy
-        return replace(result, reason=f"{'; '.join(deaths)}. {result.reason}", remedy=remedy)
+        return replace(result, reason=f"{'; '.join(unreported)}. {result.reason}", remedy=remedy)
 
     def _without_control(self, failure: RigError | None, deaths: str) -> SessionResult:
         """Conclude where control left no result: it said why, or it was killed."""
