@@ -162,10 +162,7 @@ class Recorder:
             self.step()
         self._keeper.close()
         acknowledged = {p.name: p.acknowledged.kept_count for p in self._producers}
-        end = JournalEvent(
-            stamp_ns=time.monotonic_ns(), name="record-end", detail={"acknowledged": acknowledged}
-        )
-        self._keeper.keep(end)
+        self._keeper.keep(JournalEvent.now("record-end", acknowledged=acknowledged))
 
     def _listen(self, producer: Producer) -> None:
         while producer.read():

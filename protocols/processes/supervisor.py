@@ -131,7 +131,7 @@ class Supervisor:
         """
         if self._viewing.address:
             # Shown and not kept: whoever has it can stop the arm.
-            self._show(_event("page", address=self._viewing.address))
+            self._show(JournalEvent.now("page", address=self._viewing.address))
         self._await_ready()
         if self._abort.count:
             self._end_children()
@@ -143,7 +143,7 @@ class Supervisor:
         self._note("run-start", pids=pids)
         self._children["control"].channel.send(Order.GO)
         self._watch()
-        self._viewing.send(_event(CONTROL_ENDED))
+        self._viewing.send(JournalEvent.now(CONTROL_ENDED))
         self._end_children()
         complete_results(
             self._store,
@@ -325,7 +325,7 @@ class Supervisor:
         )
 
     def _note(self, name: str, **detail: Any) -> None:
-        event = _event(name, **detail)
+        event = JournalEvent.now(name, **detail)
         try:
             append_event(self._store.paths.journal, event)
         except RecordError as error:
@@ -341,10 +341,6 @@ class Supervisor:
             logger.error("nobody can be told any more: %s", error)
             self._on_event = _discard
             self._abort.request("the terminal was lost")
-
-
-def _event(name: str, **detail: Any) -> JournalEvent:
-    return JournalEvent(stamp_ns=time.monotonic_ns(), name=name, detail=detail)
 
 
 def _discard(_: JournalEvent) -> None:

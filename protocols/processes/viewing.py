@@ -101,8 +101,7 @@ class Viewing:
 
     def tell_page(self, state: str, text: str, *, passed: bool | None = None) -> None:
         """Tell a page that was kept what is done with the recorded run."""
-        detail = {"state": state, "text": text, "passed": passed}
-        event = JournalEvent(stamp_ns=time.monotonic_ns(), name=AFTERWARDS, detail=detail)
+        event = JournalEvent.now(AFTERWARDS, state=state, text=text, passed=passed)
         for viewer in self.running():
             viewer.receive()  # it says that it lives
             viewer.channel.send(event)

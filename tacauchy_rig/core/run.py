@@ -8,6 +8,7 @@ values are SI.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -307,3 +308,8 @@ class JournalEvent:
     trial: int = 0
     attempt: int = 0
     detail: dict[str, Any] = field(default_factory=dict, metadata={FREE: True})
+
+    @classmethod
+    def now(cls, name: str, **detail: Any) -> JournalEvent:
+        """Return an event of this moment that belongs to no attempt."""
+        return cls(stamp_ns=time.monotonic_ns(), name=name, detail=detail)

@@ -46,22 +46,15 @@ FILES["page.css"] = ("page.css", "text/css")
 
 
 class PageServer:
-    """Serves a view to browsers.
+    """Shows a run to browsers until the supervisor ends it, and passes their stop on to it."""
 
-    Args:
-        view: What is shown.
-        access: Which requests are answered.
-        stop: Asks the supervisor to stop the arm; False where it does not listen.
-
-    Attributes:
-        watchers: How many pages watch.
-    """
-
-    def __init__(self, view: View, access: AccessRule, *, stop: Callable[[], bool]) -> None:
-        self._view = view
-        self._stop = stop
-        self.watchers = 0
+    def __init__(self, job: Job, supervisor: Channel) -> None:
+        self._view, self._supervisor = View(job), supervisor
+        self._feeds = feed_readers(job.descriptors, SOURCES)
+        self._listener = socket.socket(fileno=job.descriptors["listen"])
+        self._watchers = 0
         self._ending = False
+        self._ended = asyncio.Event()
         routes = [Route(f"/{name}", _file(*file)) for name, file in FILES.items()]
         routes += [
             Route("/events", self._events),
@@ -69,6 +62,7 @@ class PageServer:
             Route("/report", self._report),
             Route("/stop", self._ask_to_stop, methods=["POST"]),
         ]
+        access = AccessRule(job.options["token"], port=self._listener.getsockname()[1])
         config = uvicorn.Config(
             access.guard(Starlette(routes=routes)),
             loop="asyncio",
@@ -83,18 +77,43 @@ class PageServer:
         )
         self._server = _Server(config)
 
-    async def serve(self, listener: socket.socket) -> None:
-        """Serve until ``end`` is called."""
+    async def run(self) -> None:
+        """Serve until the supervisor says stop or is gone, or the server ends."""
+        loop = asyncio.get_running_loop()
+        for feed in self._feeds:
+            loop.add_reader(feed.fileno(), self._read_feed, feed)
+        loop.add_reader(self._supervisor.fileno(), self._take_orders)
         thinning = asyncio.create_task(self._thin_out())
-        try:
-            await self._server.serve(sockets=[listener])
-        finally:
-            thinning.cancel()
+        serving = asyncio.create_task(self._server.serve(sockets=[self._listener]))
+        ending = asyncio.create_task(self._ended.wait())
+        while not ending.done() and not serving.done():
+            self._supervisor.send(Order.ALIVE)
+            self._view.check_disk()
+            both = {ending, serving}
+            await asyncio.wait(both, timeout=ALIVE_S, return_when=asyncio.FIRST_COMPLETED)
+        ending.cancel()
+        await asyncio.sleep(LAST_WORDS_S)  # for the last event to reach the browsers
+        linger_until_s = loop.time() + LINGER_S
+        while self._view.is_reported and self._watchers and loop.time() < linger_until_s:
+            await asyncio.sleep(LINGER_POLL_S)
+        self._ending = self._server.should_exit = True
+        await serving
+        thinning.cancel()
 
-    def end(self) -> None:
-        """End the streams, then the server."""
-        self._ending = True
-        self._server.should_exit = True
+    def _read_feed(self, feed: FeedReader) -> None:
+        for shown in feed.receive():
+            self._view.take(shown)
+        self._view.dropped_count = sum(each.lost_count for each in self._feeds)
+
+    def _take_orders(self) -> None:
+        for message in self._supervisor.receive():
+            if isinstance(message, JournalEvent):
+                self._view.note(message)
+            elif message is Order.STOP:
+                self._ended.set()
+        if self._supervisor.closed:
+            asyncio.get_running_loop().remove_reader(self._supervisor.fileno())
+            self._ended.set()
 
     async def _thin_out(self) -> None:
         """Close connections that ask for nothing when there are too many: a stop needs room."""
@@ -106,13 +125,13 @@ class PageServer:
                     connection.transport.abort()
 
     async def _events(self, _request: Request) -> Response:
-        if self.watchers >= WATCHERS_MAX:
+        if self._watchers >= WATCHERS_MAX:
             return PlainTextResponse(f"{WATCHERS_MAX} pages watch already\n", 503)
         return StreamingResponse(self._tell(), media_type="text/event-stream")
 
     async def _tell(self) -> AsyncIterator[str]:
         """Yield what is new ten times a second; a slow browser gets less, never late."""
-        self.watchers += 1
+        self._watchers += 1
         try:
             yield _event("setup", self._view.setup())
             seen, drawn = -1, 0
@@ -121,10 +140,10 @@ class PageServer:
                     seen = self._view.version
                     yield _event("run", self._view.run())
                 live, drawn = self._view.live(drawn)
-                yield _event("live", {**live, "watchers": self.watchers})
+                yield _event("live", {**live, "watchers": self._watchers})
                 await asyncio.sleep(PERIOD_S)
         finally:
-            self.watchers -= 1
+            self._watchers -= 1
 
     async def _picture(self, request: Request) -> Response:
         # One of an earlier session is read from its recording.
@@ -145,7 +164,7 @@ class PageServer:
         )
 
     async def _ask_to_stop(self, _request: Request) -> Response:
-        heard = self._stop()
+        heard = self._supervisor.send(AbortRequest(reason="stop was pressed on the page"))
         return JSONResponse({"asked": heard}, 200 if heard else 503)
 
 
@@ -195,58 +214,7 @@ def reduced(picture: bytes) -> bytes:
 def serve(job: Job, supervisor: Channel) -> None:
     """Do the page's job."""
     ignore_signals()
-    listener = socket.socket(fileno=job.descriptors["listen"])
-    access = AccessRule(job.options["token"], port=listener.getsockname()[1])
-    feeds = feed_readers(job.descriptors, SOURCES)
-    asyncio.run(_serve(View(job), feeds, supervisor, listener, access))
-
-
-async def _serve(
-    view: View,
-    feeds: list[FeedReader],
-    supervisor: Channel,
-    listener: socket.socket,
-    access: AccessRule,
-) -> None:
-    ended = asyncio.Event()
-    loop = asyncio.get_running_loop()
-
-    def stop() -> bool:
-        return supervisor.send(AbortRequest(reason="stop was pressed on the page"))
-
-    def read_feed(feed: FeedReader) -> None:
-        for shown in feed.receive():
-            view.take(shown)
-        view.dropped_count = sum(each.lost_count for each in feeds)
-
-    def take_orders() -> None:
-        for message in supervisor.receive():
-            if isinstance(message, JournalEvent):
-                view.note(message)
-            elif message is Order.STOP:
-                ended.set()
-        if supervisor.closed:
-            loop.remove_reader(supervisor.fileno())
-            ended.set()
-
-    for feed in feeds:
-        loop.add_reader(feed.fileno(), read_feed, feed)
-    loop.add_reader(supervisor.fileno(), take_orders)
-    server = PageServer(view, access, stop=stop)
-    serving = asyncio.create_task(server.serve(listener))
-    ending = asyncio.create_task(ended.wait())
-    while not ending.done() and not serving.done():
-        supervisor.send(Order.ALIVE)
-        view.check_disk()
-        both = {ending, serving}
-        await asyncio.wait(both, timeout=ALIVE_S, return_when=asyncio.FIRST_COMPLETED)
-    ending.cancel()
-    await asyncio.sleep(LAST_WORDS_S)  # for the last event to reach the browsers
-    linger_until_s = loop.time() + LINGER_S
-    while view.is_reported and server.watchers and loop.time() < linger_until_s:
-        await asyncio.sleep(LINGER_POLL_S)
-    server.end()
-    await serving
+    asyncio.run(PageServer(job, supervisor).run())
 
 
 if __name__ == "__main__":

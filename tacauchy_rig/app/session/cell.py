@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -48,10 +47,7 @@ def check_cell(
             checked=datetime.now(UTC).isoformat(timespec="seconds"),
         )
         store.force_check.save(check)
-        event = JournalEvent(
-            stamp_ns=time.monotonic_ns(), name="force-check", detail=to_json(check)
-        )
-        append_event(store.paths.journal, event)
+        append_event(store.paths.journal, JournalEvent.now("force-check", **to_json(check)))
     if not check.passed:
         raise ForceCheckError(f"the cell is wrong: {check.finding}", remedy=check.remedy)
     return check

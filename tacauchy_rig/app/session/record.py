@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import asdict
 from pathlib import Path
@@ -53,11 +52,7 @@ def note_changes(store: RunStore, changes: Sequence[Change]) -> None:
     """
     if not changes:
         return
-    event = JournalEvent(
-        stamp_ns=time.monotonic_ns(),
-        name="resume-set",
-        detail={"changes": [asdict(change) for change in changes]},
-    )
+    event = JournalEvent.now("resume-set", changes=[asdict(change) for change in changes])
     with store.lock():
         append_event(store.paths.journal, event)
 

@@ -165,11 +165,11 @@ def test_the_page_tells_what_the_terminal_tells_after_the_arm(make_store, tab):
     viewing.start()
     try:
         page = tab(viewing.address)
-        viewing.send(made_event(CONTROL_ENDED))
+        viewing.send(JournalEvent.now(CONTROL_ENDED))
         page.wait_for_function(HEADED, arg="finishing the record")
-        overrun = made_event("air-press", overrun_m=5e-7, drift_n=0.01)
+        overrun = JournalEvent.now("air-press", overrun_m=5e-7, drift_n=0.01)
         viewing.send(overrun)
-        viewing.send(made_event("run-end", outcome="passed", reason=""))
+        viewing.send(JournalEvent.now("run-end", outcome="passed", reason=""))
         viewing.tell_page("analysing", "meshing")
         page.wait_for_function(HEADED, arg="recording complete, analysing")
         assert page.inner_text("#alert") == "meshing"
@@ -183,8 +183,3 @@ def test_the_page_tells_what_the_terminal_tells_after_the_arm(make_store, tab):
     with page.expect_popup() as opened:
         page.click("#alert a")
     assert opened.value.inner_text("p") == "the report"
-
-
-def made_event(name, **detail):
-    """Return an event of now."""
-    return JournalEvent(stamp_ns=time.monotonic_ns(), name=name, detail=detail)
