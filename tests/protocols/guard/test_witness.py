@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from drivers.emulators.force_estimate import COARSENESS, ForceEstimate
 from protocols.guard.breach import BreachError, Reaction
-from protocols.guard.witness import Stage, Witness
+from protocols.guard.witness import (
+    CREEP_SHARE,
+    DEEPEST_SHARE,
+    TOLERANCE,
+    WINDOW_S,
+    ArmEstimate,
+    PressBand,
+    Stage,
+    Witness,
+)
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.expected_press import ExpectedPress
@@ -243,3 +254,111 @@ def test_without_any_witness_the_depth_is_unbounded_and_it_says_so():
     assert math.isinf(witness.depth_bound(2.0))
     assert witness.force_bounds(1e-4) is None
     assert witness_of().present()["gel_curve"] == "a spring"
+
+
+TRIAL_S = 50.0
+
+
+def test_without_an_estimate_or_a_zero_nothing_is_felt():
+    """None is no zero newton."""
+    estimate = ArmEstimate(RobotModel.CB3)
+    estimate.take([arm_state()])
+    estimate.zero()
+    assert estimate.force_n is None
+    estimate.take([arm_state(stamp_s=0.1, force_n=3.0)])
+    assert estimate.force_n is None
+
+
+def test_the_force_is_a_mean_less_the_zero():
+    """3 N of offset, then 2 N of force; older states are forgotten."""
+    estimate = ArmEstimate(RobotModel.E_SERIES)
+    estimate.take([arm_state(stamp_s=0.0, force_n=2.5), arm_state(stamp_s=0.1, force_n=3.5)])
+    estimate.zero()
+    estimate.take([arm_state(stamp_s=1.0, force_n=4.0), arm_state(stamp_s=1.1, force_n=6.0)])
+    assert estimate.force_n == pytest.approx(2.0)
+
+
+def test_a_controller_may_count_a_push_the_other_way():
+    """The zero is turned with it: 3 N of offset, then 2 N of force."""
+    estimate = ArmEstimate(RobotModel.E_SERIES, sign=-1)
+    estimate.take([arm_state(stamp_s=0.0, force_n=-3.0)])
+    estimate.zero()
+    estimate.take([arm_state(stamp_s=1.0, force_n=-5.0)])
+    assert estimate.force_n == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("model", RobotModel)
+def test_the_tolerance_holds_five_deviations_of_what_an_arm_does(model):
+    """Noise of a mean, friction that turns round, gain, and two deviations of a trial's drift."""
+    coarse, tolerance = COARSENESS[model], TOLERANCE[model]
+    noise_n = coarse.noise_n * math.sqrt(2.0 * coarse.noise_time_s / WINDOW_S)
+    assert tolerance.share >= 5.0 * coarse.gain_ratio
+    drift_n = coarse.drift_n_s * TRIAL_S
+    assert tolerance.force_n >= 5.0 * math.hypot(noise_n, drift_n) + 2.0 * coarse.friction_n
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_e_series_arm_stays_within_its_tolerance(seed):
+    """50 s at 5 N with noise, drift and gain: no mean is further off than allowed."""
+    model = RobotModel.E_SERIES
+    coarse, watched = ForceEstimate(model, seed=seed), ArmEstimate(model)
+    period_s, force_n = 1.0 / model.rate_hz, 0.0
+    for number in range(round(TRIAL_S / period_s)):
+        felt = coarse.advance((0.0, 0.0, force_n, 0.0, 0.0, 0.0), (0.0,) * 6, duration_s=period_s)
+        watched.take([arm_state(stamp_s=number * period_s, force_n=felt[2])])
+        if number * period_s == 1.0:
+            watched.zero()
+            force_n = 5.0
+        if number * period_s > 1.0 + WINDOW_S:
+            assert abs(watched.force_n - force_n) < watched.tolerance.of(force_n)
+
+
+SPRING_N_M = 6000.0
+SPRING = replace(EXPECTED, force_n=(0.0, 12.0), low=0.7, high=1.25, lean_m=0.0, depth_error_m=20e-6)
+
+
+def band(**changed):
+    """Return the band of a spring, changed."""
+    return PressBand(replace(SPRING, **changed), contact_force_n=CONTACT_N)
+
+
+def test_a_spring_gives_the_factors_times_its_stiffness():
+    """By hand: 0.3 mm less or more 20 um of depth error, creep either way."""
+    least_n, most_n = band().bounds([(0.0, CONTACT_N)], 3e-4)
+    kept = 1.0 - CREEP_SHARE
+    assert least_n == pytest.approx(kept * (CONTACT_N + 0.7 * SPRING_N_M * 2.8e-4))
+    assert most_n == pytest.approx(CONTACT_N + 1.1 * 1.25 * SPRING_N_M * 3.2e-4)
+
+
+def test_points_on_the_way_narrow_the_band():
+    """What was felt at 0.2 mm decides more at 0.3 mm than the contact does."""
+    alone = band().bounds([(0.0, CONTACT_N)], 3e-4)
+    after = band().bounds([(0.0, CONTACT_N), (2e-4, 1.25)], 3e-4)
+    assert after[0] > alone[0]
+    assert after[1] < alone[1]
+    assert after[0] < 1.25 + 0.6 < after[1]
+
+
+def test_a_leaning_face_gives_its_straight_force_less_its_lean():
+    """Fully in contact it is a straight one that begins at the lean; half in contact it is less."""
+    leaning = band(lean_m=1e-4, depth_error_m=0.0)
+    full_n, _ = leaning.bounds([(0.0, 0.0)], 5e-4)
+    assert full_n == pytest.approx(0.9 * 0.7 * SPRING_N_M * 4e-4, rel=1e-3)
+    half_n, _ = leaning.bounds([(0.0, 0.0)], 1e-4)
+    # A disc's first moment of its half about the middle: 2 R / (3 pi) of its area.
+    share = 2.0 / (3.0 * np.pi)
+    assert half_n == pytest.approx(0.9 * 0.7 * SPRING_N_M * 1e-4 * share, rel=0.02)
+
+
+def test_a_target_bounds_its_depth():
+    """Force over the softest stiffness, and never beyond half of the gel."""
+    bound_m = band().depth_bound(2.0)
+    assert bound_m == pytest.approx(2.0 / (0.9 * 0.7 * SPRING_N_M) + 20e-6, rel=1e-3)
+    assert band().depth_bound(100.0) == DEEPEST_SHARE * 4e-3
+
+
+def test_no_depth_has_an_empty_band():
+    """At any depth the stated gel itself lies between the bounds."""
+    for depth_m in np.linspace(0.0, 2.5e-3, 50):
+        least_n, most_n = band(lean_m=8e-5).bounds([(0.0, CONTACT_N)], float(depth_m))
+        assert least_n <= CONTACT_N + SPRING_N_M * depth_m <= most_n
