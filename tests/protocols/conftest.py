@@ -113,7 +113,9 @@ class Watched:
 
 
 @contextmanager
-def breach(limit: str, reaction: Reaction | None = None, *, match: str = "") -> Iterator[None]:
+def breach(
+    limit: str, reaction: Reaction | None = None, *, match: str | None = None
+) -> Iterator[None]:
     """Expect a breach of a limit, with its reaction and a part of its message where given."""
     with pytest.raises(BreachError, match=match) as caught:
         yield
