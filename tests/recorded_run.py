@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-import zlib
 from collections.abc import Callable, Set
 from functools import cache
 from pathlib import Path
@@ -17,6 +16,7 @@ from drivers.mock.world import MockWorld
 from protocols.control.cycle import Cycle
 from protocols.control.record import Entry, Journal
 from protocols.guard.abort import Abort
+from protocols.processes.camera import mark_of
 from protocols.processes.recorder import RecordKeeper, encoded
 from protocols.processes.supervisor import plan_session
 from protocols.trials.programme import ProgrammeResult, run_programme
@@ -81,15 +81,7 @@ class RecordedCamera:
         frames = self._camera.drain()
         if frames:
             self._sink.put(tuple(frames))
-        return [
-            FrameMark(
-                frame.stamp_ns,
-                frame.counter,
-                digest=zlib.crc32(frame.jpeg),
-                touched=self._touch.see(frame.jpeg),
-            )
-            for frame in frames
-        ]
+        return [mark_of(frame, self._touch) for frame in frames]
 
     def health(self) -> StreamHealth:
         """Return the camera's health."""

@@ -38,10 +38,10 @@ def film(job: Job, supervisor: Channel) -> None:
     camera = build_camera(job.config)
     identity = camera.connect()
     link = RecorderLink(job.descriptors, store=RunStore.open(job.root), source="camera")
-    feeds = FeedWriters(job.descriptors, VIEWERS)
+    marks, feeds = MarkSender(control, link), FeedWriters(job.descriptors, VIEWERS)
     supervisor.send(Ready(devices={"camera": identity}))
     try:
-        _run_camera(camera, link, supervisor=supervisor, control=control, feeds=feeds)
+        _run_camera(camera, link, marks, feeds, supervisor)
     finally:
         camera.close()
         link.close(timeout_s=CLOSE_S)
@@ -49,14 +49,8 @@ def film(job: Job, supervisor: Channel) -> None:
 
 
 def _run_camera(
-    camera: Camera,
-    link: RecorderLink,
-    *,
-    supervisor: Channel,
-    control: Channel,
-    feeds: FeedWriters,
+    camera: Camera, link: RecorderLink, marks: MarkSender, feeds: FeedWriters, supervisor: Channel
 ) -> None:
-    marks = MarkSender(control, link)
     alive = True
     reported_s = 0.0
     orphaned_s: float | None = None
@@ -67,7 +61,7 @@ def _run_camera(
         if supervisor.closed:
             # Control still needs the frames of its way to a safe stop.
             orphaned_s = orphaned_s or now_s
-            if control.closed or now_s - orphaned_s > ORPHAN_S:
+            if marks.control.closed or now_s - orphaned_s > ORPHAN_S:
                 return
         supervisor.wait(POLL_S) if not supervisor.closed else time.sleep(POLL_S)
         marks.take_requests()
@@ -114,7 +108,7 @@ class MarkSender:
 
     def send(self, frames: list[ImageFrame], camera: Camera) -> None:
         """Tell control of new frames."""
-        self._marks += [self._mark(frame) for frame in frames]
+        self._marks += [mark_of(frame, self._touch) for frame in frames]
         self._marks = self._marks[-MARKS_MAX:]
         self._exposure.judge(frames)
         if self._marks:
@@ -122,13 +116,11 @@ class MarkSender:
             if self.control.send(CameraStatus(marks=tuple(self._marks), health=health)):
                 self._marks.clear()
 
-    def _mark(self, frame: ImageFrame) -> FrameMark:
-        return FrameMark(
-            frame.stamp_ns,
-            frame.counter,
-            digest=zlib.crc32(frame.jpeg),
-            touched=self._touch.see(frame.jpeg),
-        )
+
+def mark_of(frame: ImageFrame, touch: TouchWatch) -> FrameMark:
+    """Return what control is told of a frame."""
+    digest, touched = zlib.crc32(frame.jpeg), touch.see(frame.jpeg)
+    return FrameMark(frame.stamp_ns, frame.counter, digest=digest, touched=touched)
 
 
 def _pass_on(camera: Camera, link: RecorderLink, marks: MarkSender, feeds: FeedWriters) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ from protocols.control.cycle import Cycle
 from protocols.control.record import Begin, End, Entry, Journal
 from protocols.guard.abort import Abort
 from protocols.guard.breach import BreachError, Reaction
+from protocols.processes.camera import mark_of
 from protocols.trials.programme import ProgrammeResult, run_programme
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.load import default_text, load_config
@@ -97,15 +97,7 @@ class Watched:
 
     def poll(self) -> list[FrameMark]:
         """Return marks of new frames."""
-        return [
-            FrameMark(
-                frame.stamp_ns,
-                frame.counter,
-                digest=zlib.crc32(frame.jpeg),
-                touched=self._touch.see(frame.jpeg),
-            )
-            for frame in self._camera.drain()
-        ]
+        return [mark_of(frame, self._touch) for frame in self._camera.drain()]
 
     def health(self) -> StreamHealth:
         """Return the camera's health."""
