@@ -63,7 +63,7 @@ def test_a_load_beyond_a_limit_is_a_breach(guard, load, limit, reaction):
 
 def test_a_breach_says_what_was_measured(guard):
     """The message holds limit and measurement with their units."""
-    with breach("limits.soft_force", match=r"limits\.soft_force 6 N: measured 6\.100 N$"):
+    with breach("limits.soft_force", match=r"limits\.soft_force 6 N: measured 6\.100 N"):
         guard.check(sample(fz=6.1))
 
 
