@@ -49,28 +49,27 @@ def test_a_tilt_that_costs_too_much_is_simulated() -> None:
     assert found.inputs.scene([2.0]).motion.tilt_rad == (-tilt[1], tilt[0])
 
 
-def test_an_upright_tool_stays_upright() -> None:
-    """Within twice its uncertainty of none, it is none, and the row says so."""
-    config = configured()
-    found = with_found_tilt(
-        drawn_dwells(3, (0.02 * DEGREE, 0.0), config)[1::2], inputs_of(config), config
-    )
+@pytest.mark.parametrize(
+    ("seed", "tilt_rad", "overrides", "taken", "why"),
+    [
+        (3, 0.02 * DEGREE, (), False, "within 2 times its uncertainty of none"),
+        (21, DEGREE, (FAST,), True, "10.00% allowed"),
+    ],
+)
+def test_a_tilt_of_no_consequence_is_left_out(
+    seed: int, tilt_rad: float, overrides: tuple[str, ...], taken: bool, why: str
+) -> None:
+    """An upright tool stays upright; preset fast allows an image to be off by more than a degree's.
+
+    The row says why.
+    """
+    config = configured(*overrides)
+    dwells = drawn_dwells(seed, (tilt_rad, 0.0), config)[1::2]
+    found = with_found_tilt(dwells, inputs_of(config), config)
     assert found.inputs == inputs_of(config)
-    assert not any(value.taken for value in found.values)
-    assert "within 2 times its uncertainty of none" in found.effects[0]["reason"]
+    assert all(value.taken for value in found.values) == taken
+    assert why in found.effects[0]["reason"]
     assert not found.effects[0]["on"]
-
-
-def test_a_tilt_that_changes_nothing_asked_for_is_left_out() -> None:
-    """Preset fast allows an image to be 10 % off: a degree is found, and left out."""
-    config = configured(FAST)
-    found = with_found_tilt(
-        drawn_dwells(21, (DEGREE, 0.0), config)[1::2], inputs_of(config), config
-    )
-    assert all(value.taken for value in found.values)
-    assert not found.effects[0]["on"]
-    assert "10.00% allowed" in found.effects[0]["reason"]
-    assert found.inputs.tilt_rad == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -155,7 +154,10 @@ def _attempts(shift_px: float) -> list[SimpleNamespace]:
 
 @pytest.mark.parametrize(("shift_px", "taken"), [(3.0, True), (0.3, False)])
 def test_a_place_beyond_what_the_arm_repeats_to_is_found(shift_px: float, taken: bool) -> None:
-    """Three pixels are 0.19 mm; a third of one, rounded to 8 bits, is within the arm's 0.03 mm."""
+    """Three pixels are 0.19 mm; a third of one, rounded to 8 bits, is within the arm's 0.03 mm.
+
+    One image tells nothing: a scatter takes two.
+    """
     config, camera = configured(), load_sensor("gelsight-mini").camera
     attempts = _attempts(shift_px)
     images = {each.record.index: each.made for each in attempts}
@@ -167,12 +169,6 @@ def test_a_place_beyond_what_the_arm_repeats_to_is_found(shift_px: float, taken:
     if beside is not None:
         x, y = inputs_of(config).moved(beside).offset_m
         assert (x, y) == pytest.approx(beside)
-
-
-def test_one_image_tells_no_place() -> None:
-    """A scatter takes two."""
-    camera = load_sensor("gelsight-mini").camera
-    (first, *_) = _attempts(3.0)
-    values = find_offset([first], {1: first.made}, camera, configured())  # type: ignore[list-item]
-    assert offset_of(values) is None
-    assert "at least two are needed" in values[0].basis
+    alone = find_offset(attempts[:1], images, camera, config)  # type: ignore[arg-type]
+    assert offset_of(alone) is None
+    assert "at least two are needed" in alone[0].basis

@@ -19,6 +19,7 @@ from tacauchy_rig.app.replay.inputs import check_optics, check_replay, inputs_of
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import ConfigError
+from tests.tacauchy_rig.app.importing.test_parts import CUBE
 
 MOCKED = ("robot.driver=mock", "force_sensor.driver=mock", "camera.driver=mock")
 
@@ -37,7 +38,10 @@ def test_the_line_names_sensor_preset_and_tolerance() -> None:
 
 
 def test_auto_is_the_cheapest_preset_that_promises_its_tolerance() -> None:
-    """The mesh is chosen, and effects are left out as on the preset that it would be else."""
+    """The mesh is chosen, and effects are left out as on the preset that it would be else.
+
+    A preset or a tolerance that is given is not chosen anew.
+    """
     settled = inputs_of(configured()).settled([1.0])
     scene = settled.scene([1.0])
     assert scene.preset is Preset.FAST
@@ -45,6 +49,9 @@ def test_auto_is_the_cheapest_preset_that_promises_its_tolerance() -> None:
     assert scene.tolerance == PRESET_TOLERANCE[Preset.BALANCED]
     assert str(settled.stated_accuracy) == "3% of F_z"
     assert settled.settled([4.0]) is settled
+    for override in ("replay.preset=balanced", "replay.tolerance=5%"):
+        given = inputs_of(configured(override))
+        assert given.settled([1.0]) is given
 
 
 def test_auto_is_a_named_preset_where_none_promises_its_tolerance(
@@ -56,13 +63,6 @@ def test_auto_is_a_named_preset_where_none_promises_its_tolerance(
     scene = settled.scene([1.0])
     assert (scene.preset, scene.refinement, scene.tolerance) == (Preset.BALANCED, 1.0, None)
     assert settled.stated_accuracy is None
-
-
-def test_a_preset_or_a_tolerance_that_is_given_is_not_chosen_anew() -> None:
-    """Each takes the place of ``auto``."""
-    for override in ("replay.preset=balanced", "replay.tolerance=5%"):
-        inputs = inputs_of(configured(override))
-        assert inputs.settled([1.0]) is inputs
 
 
 def test_the_line_names_the_calibration(tmp_path: Path) -> None:
@@ -78,25 +78,10 @@ def test_the_line_names_the_calibration(tmp_path: Path) -> None:
     assert "not calibrated" in check_optics(configured(*MOCKED), sensor)
 
 
-CUBE = "".join(
-    [
-        *(f"v {x} {y} {z}\n" for x in (-1, 1) for y in (-1, 1) for z in (0, 2)),
-        *(
-            f"f {a} {b} {c}\n"
-            for a, b, c in (
-                *((1, 2, 4), (1, 4, 3), (5, 7, 8), (5, 8, 6), (1, 5, 6), (1, 6, 2)),
-                *((3, 4, 8), (3, 8, 7), (1, 3, 7), (1, 7, 5), (2, 6, 8), (2, 8, 4)),
-            )
-        ),
-    ]
-)
-"""A body of triangles, 2 mm wide."""
-
-
 def test_what_the_replay_overrides_reaches_the_scene(tmp_path: Path) -> None:
     """Law, friction, tilt, place and triangles of a configuration are those of the scene."""
-    cube = tmp_path / "cube.obj"
-    cube.write_text(CUBE)
+    cube = tmp_path / "cube.stl"
+    cube.write_bytes(CUBE)
     config = configured(
         'replay.law="neo-hookean"',
         "replay.friction=0.3",
@@ -109,7 +94,7 @@ def test_what_the_replay_overrides_reaches_the_scene(tmp_path: Path) -> None:
     assert (scene.contact, scene.friction) == (ContactMode.FRICTION, 0.3)
     assert scene.motion.tilt_rad == pytest.approx((math.radians(0.5), math.radians(1.0)))
     assert scene.centre_m == (0.2e-3, 0.0)
-    assert describe(scene.indenter) == "mesh:cube.obj,unit=mm"
+    assert describe(scene.indenter) == "mesh:cube.stl,unit=mm"
 
 
 def test_relaxation_may_be_left_out(tmp_path: Path) -> None:

@@ -176,6 +176,8 @@ def test_refusals(tmp_path: Path) -> None:
     assert "not positive" in _refused("optics", folder, *flat, *out).message
     assert "no .npz" in _refused("optics", folder, *OPTIONS, "--out", tmp_path / "c.txt").message
     assert "needs an image with --target" in _refused("scale").message
+    cropped = _refused("scale", "--presses", tmp_path, "--sensor", "digit")
+    assert "--sensor crops the image of a target" in cropped.message
 
 
 def _never(*_: object, **__: object) -> None:
@@ -188,17 +190,16 @@ def test_bad_input_is_refused_before_anything_is_simulated(
     """Images, tables and folders are looked at first, those of --check too."""
     monkeypatch.setattr(pressed_scene, "ball_profiles", _never)
     out = ["--out", tmp_path / "c.npz"]
-    missing = tmp_path / "nowhere"
-    message = _refused("optics", missing, *OPTIONS, *out).message
-    assert f"{missing} is no folder" in message
+    missing, empty = tmp_path / "nowhere", tmp_path / "empty"
+    empty.mkdir()
     folder = _folder(tmp_path / "presses", count=6)
-    message = _refused("optics", folder, *OPTIONS, *out, "--circles", "nope.csv").message
-    assert "circle table nope.csv cannot be read" in message
-    message = _refused("optics", folder, *OPTIONS, *out, "--check", missing).message
-    assert f"{missing} is no folder" in message
-    (tmp_path / "empty").mkdir()
-    message = _refused("optics", folder, *OPTIONS, *out, "--check", tmp_path / "empty").message
-    assert "empty/circles.csv cannot be read" in message
+    for presses_folder, words, told in (
+        (missing, [], f"{missing} is no folder"),
+        (folder, ["--circles", "nope.csv"], "circle table nope.csv cannot be read"),
+        (folder, ["--check", missing], f"{missing} is no folder"),
+        (folder, ["--check", empty], "empty/circles.csv cannot be read"),
+    ):
+        assert told in _refused("optics", presses_folder, *OPTIONS, *out, *words).message
     first = sorted(folder.glob("0*.png"))[0]
     whole = first.read_bytes()
     cv2.imwrite(str(first), np.zeros((75, 90, 3), np.uint8))
@@ -223,12 +224,6 @@ def test_figures_of_an_earlier_calibration_are_no_presses(tmp_path: Path) -> Non
     _run("optics", folder, *OPTIONS, "--out", folder / "c.npz", "--folds", 2)
     assert all(path.read_bytes() != taken for path in earlier)
     assert len(list(folder.glob("*.png"))) == 5 + len(["no_contact.png", *earlier])
-
-
-def test_presses_of_a_scale_are_taken_as_they_are(tmp_path: Path) -> None:
-    """--sensor would crop nothing there, and says so."""
-    refused = _refused("scale", "--presses", tmp_path, "--sensor", "digit")
-    assert "--sensor crops the image of a target" in refused.message
 
 
 @pytest.mark.slow
