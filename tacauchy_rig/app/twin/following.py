@@ -11,7 +11,7 @@ from typing import Any
 from protocols.processes.feed import Shown
 from reports.evidence.attempt import median_image
 from sim.twin.follower import Goal, TwinFrame
-from tacauchy_rig.app.twin.images import CameraImages, contact_residual, jpeg_of, map_picture
+from tacauchy_rig.app.twin.images import CameraImages, contact_residual, jpeg_of, maps_of
 from tacauchy_rig.app.twin.twin import Follows, Twin
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.run import JournalEvent, Phase
@@ -186,13 +186,6 @@ def _shown(line: TwinLine, frame: TwinFrame, picture: bytes) -> Iterator[Shown]:
     if line.note:
         numbers["note"] = line.note
     yield Shown(stream="twin", stamp_ns=line.stamp_ns, numbers=numbers, picture=picture)
-    for name, values in (("pressure", frame.pressure_pa), ("shear", frame.shear_pa)):
-        if values is None:
-            continue
-        highest = float(values.max())
-        yield Shown(
-            stream=f"twin {name}",
-            stamp_ns=line.stamp_ns,
-            numbers={"max_kpa": 1e-3 * highest},
-            picture=map_picture(values, highest=highest),
-        )
+    for name, (most_kpa, drawn) in maps_of(frame).items():
+        numbers = {"max_kpa": most_kpa}
+        yield Shown(stream=f"twin {name}", stamp_ns=line.stamp_ns, numbers=numbers, picture=drawn)

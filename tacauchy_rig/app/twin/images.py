@@ -16,7 +16,8 @@ from reports.scores.contact import (
     relative_residual,
 )
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.core.arrays import FloatArray, ImageArray
+from sim.twin.follower import TwinFrame
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg, reduction_to
 
@@ -68,8 +69,18 @@ def jpeg_of(image: ImageArray) -> bytes:
     return encode_jpeg(image, quality=_QUALITY)
 
 
-def map_picture(values: FloatArray, *, highest: float) -> bytes:
-    """Return a map as JPEG: black is nothing, light yellow ``highest``, both in its own unit."""
-    share = np.clip(values / max(highest, 1e-300), 0.0, 1.0)
-    drawn = cv2.applyColorMap(np.rint(255.0 * share).astype(np.uint8), cv2.COLORMAP_INFERNO)
-    return jpeg_of(np.asarray(cv2.cvtColor(drawn, cv2.COLOR_BGR2RGB), np.uint8))
+def maps_of(frame: TwinFrame) -> dict[str, tuple[float, bytes]]:
+    """Return the largest value [kPa] and a JPEG of the maps that a frame has, by name.
+
+    Black is nothing, light yellow the largest value.
+    """
+    found = {}
+    for name, values in (("pressure", frame.pressure_pa), ("shear", frame.shear_pa)):
+        if values is None:
+            continue
+        most_pa = float(values.max())
+        share = np.clip(values / max(most_pa, 1e-300), 0.0, 1.0)
+        drawn = cv2.applyColorMap(np.rint(255.0 * share).astype(np.uint8), cv2.COLORMAP_INFERNO)
+        drawn = np.asarray(cv2.cvtColor(drawn, cv2.COLOR_BGR2RGB), np.uint8)
+        found[name] = 1e-3 * most_pa, jpeg_of(drawn)
+    return found

@@ -15,7 +15,7 @@ import numpy as np
 from reports.evidence.attempt import AttemptReading, RunReading, median_image
 from sim.twin.follower import NO_FORCE_N, Goal
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, say_nothing
-from tacauchy_rig.app.twin.images import CameraImages, contact_residual, jpeg_of, map_picture
+from tacauchy_rig.app.twin.images import CameraImages, contact_residual, jpeg_of, maps_of
 from tacauchy_rig.app.twin.twin import Twin, twin_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RecordError
@@ -136,12 +136,7 @@ def _row(
     goal: Goal, time_s: float, twin: Twin, real: ImageArray, background: ImageArray
 ) -> dict[str, Any]:
     made = twin.follower.follow(goal)
-    maps = {"pressure": made.pressure_pa, "shear": made.shear_pa}
-    drawn = {
-        name: _uri(map_picture(values, highest=float(values.max())))
-        for name, values in maps.items()
-        if values is not None
-    }
+    maps = maps_of(made)
     residual = contact_residual(real, made.image, background) if made.force_n else None
     return {
         "time_s": round(time_s, 3),
@@ -149,12 +144,11 @@ def _row(
         "error_n": made.force_error_n,
         "depth_mm": 1e3 * made.depth_m,
         "residual": residual,
-        "pressure_kpa": 0.0 if made.pressure_pa is None else 1e-3 * float(made.pressure_pa.max()),
-        "shear_kpa": 0.0 if made.shear_pa is None else 1e-3 * float(made.shear_pa.max()),
+        **{f"{name}_kpa": most_kpa for name, (most_kpa, _) in maps.items()},
         "note": made.note,
         "real": _uri(jpeg_of(real)),
         "twin": _uri(jpeg_of(made.image)),
-        **drawn,
+        **{name: _uri(drawn) for name, (_, drawn) in maps.items()},
     }
 
 
