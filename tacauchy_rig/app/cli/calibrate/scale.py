@@ -58,17 +58,34 @@ def scale(
             remedy="leave --sensor out, and give presses at the size that is scored",
         )
     if presses is not None and image is None and target is None:
-        fit, wanted = _from_presses(presses)
+        fit, points = _from_presses(presses)
     elif presses is None and image is not None and target is not None:
-        fit, wanted = _from_target(image, target, None if sensor is None else load_sensor(sensor))
+        fit, points = _from_target(image, target, None if sensor is None else load_sensor(sensor))
     else:
         raise ConfigError(
             "calibrate scale needs an image with --target, or --presses",
             remedy="tacauchy-rig calibrate scale target.png --target "
             "charuco:columns=8,rows=6,square=2mm,marker=1.5mm",
         )
-    _show(fit, wanted)
-    write_json(json_file, {**_as_json(fit), "points": wanted})
+    _show(fit, points)
+    geometry = fit.geometry
+    found = {
+        "scale_x_m_px": geometry.scale_x_m,
+        "scale_y_m_px": geometry.scale_y_m,
+        "scale_error_m_px": list(fit.scale_error_m),
+        "rotation_rad": geometry.rotation_rad,
+        "rotation_error_rad": fit.rotation_error_rad,
+        "mirrored": geometry.mirrored,
+        "centre_x_px": geometry.centre_x_px,
+        "centre_y_px": geometry.centre_y_px,
+        "centre_error_px": fit.centre_error_px,
+        "shear_rad": fit.shear_rad,
+        "residual_px": fit.residual_px,
+        "width_px": geometry.width,
+        "height_px": geometry.height,
+        "points": points,
+    }
+    write_json(json_file, found)
 
 
 def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFit, str]:
@@ -116,10 +133,10 @@ def _show(fit: ScaleFit, points: str) -> None:
     off_y = geometry.centre_y_px - 0.5 * (geometry.height - 1)
     size = f"{geometry.width} x {geometry.height} px"
     say(f"from {points}, residual {fit.residual_px:.2f} px rms in an image of {size}")
-    for axis, value, error in (
-        ("x", geometry.scale_x_m, fit.scale_error_m[0]),
-        ("y", geometry.scale_y_m, fit.scale_error_m[1]),
-    ):
+    scales = tuple(
+        zip("xy", (geometry.scale_x_m, geometry.scale_y_m), fit.scale_error_m, strict=True)
+    )
+    for axis, value, error in scales:
         say(
             f"scale {axis}    {value * 1e3:.5f} mm/px +- {error / value:.2%}, "
             f"{1e-3 / value:.3f} px/mm"
@@ -134,11 +151,10 @@ def _show(fit: ScaleFit, points: str) -> None:
         f"(+- {fit.centre_error_px:.2f} px), {off_x:.2f}, {off_y:.2f} px from the image's middle"
     )
     say("for the sensor's file:")
-    scales = {"x": geometry.scale_x_m, "y": geometry.scale_y_m}
-    for (axis, scale), error in zip(scales.items(), fit.scale_error_m, strict=True):
-        say(_line(f"pixel_{axis}", scale, error))
-    for (axis, scale), off in zip(scales.items(), (off_x, off_y), strict=True):
-        say(_line(f"centre_{axis}", -off * scale, fit.centre_error_px * scale))
+    for axis, value, error in scales:
+        say(_line(f"pixel_{axis}", value, error))
+    for (axis, value, _), off in zip(scales, (off_x, off_y), strict=True):
+        say(_line(f"centre_{axis}", -off * value, fit.centre_error_px * value))
 
 
 def _line(key: str, value_m: float, error_m: float) -> str:
@@ -146,22 +162,3 @@ def _line(key: str, value_m: float, error_m: float) -> str:
         f'{key} = {{ value = "{value_m * 1e3:.5f} mm", '
         f'uncertainty = "{max(error_m * 1e3, 1e-5):.5f} mm", source = "calibrate scale" }}'
     )
-
-
-def _as_json(fit: ScaleFit) -> dict[str, object]:
-    geometry = fit.geometry
-    return {
-        "scale_x_m_px": geometry.scale_x_m,
-        "scale_y_m_px": geometry.scale_y_m,
-        "scale_error_m_px": list(fit.scale_error_m),
-        "rotation_rad": geometry.rotation_rad,
-        "rotation_error_rad": fit.rotation_error_rad,
-        "mirrored": geometry.mirrored,
-        "centre_x_px": geometry.centre_x_px,
-        "centre_y_px": geometry.centre_y_px,
-        "centre_error_px": fit.centre_error_px,
-        "shear_rad": fit.shear_rad,
-        "residual_px": fit.residual_px,
-        "width_px": geometry.width,
-        "height_px": geometry.height,
-    }
