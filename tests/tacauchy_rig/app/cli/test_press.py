@@ -1,15 +1,20 @@
-"""What ``press`` says besides numbers."""
+"""What ``press`` says besides numbers, and the options of its scene."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pytest
+import typer
 from typer.testing import CliRunner
 
+from sim.scene.material import LawName
+from sim.scene.scene import SceneTerms
 from tacauchy_rig.app.cli.app import app
+from tacauchy_rig.app.cli.scene_options import states_a_scene
 from tacauchy_rig.core.errors import ConfigError
 
 DISC = ("--pad", "disc:radius=6mm,height=2mm", "--young", "0.43MPa", "--poisson", "0.45")
@@ -148,3 +153,23 @@ def test_out_writes_what_a_replay_writes(tmp_path: Path) -> None:
     bare = CliRunner().invoke(app, ["press", *DISC, *PRESS, "--out", str(tmp_path / "bare")])
     assert "a bare pad has no camera" in bare.stdout
     assert {path.name for path in (tmp_path / "bare").iterdir()} == always | {"figure.pdf"}
+
+
+GIVEN = ("--indenter", "plane", "--law", "linear", "--layer", "a", "--layer", "b", "--twice", "3")
+
+
+def test_a_command_gets_the_scenes_options_and_its_own() -> None:
+    """What was given arrives as the scene's terms, what was not has its default."""
+    seen: list[tuple[SceneTerms, int]] = []
+
+    @states_a_scene
+    def command(terms: SceneTerms, twice: Annotated[int, typer.Option("--twice")] = 1) -> None:
+        """Note what it is called with."""
+        seen.append((terms, 2 * twice))
+
+    app = typer.Typer()
+    app.command()(command)
+    assert CliRunner().invoke(app, list(GIVEN)).exit_code == 0
+    terms = SceneTerms(indenter="plane", law=LawName.LINEAR, layer=["a", "b"])
+    assert seen == [(terms, 6)]
+    assert CliRunner().invoke(app, ["--twice", "3"]).exit_code == 2

@@ -1,20 +1,23 @@
-"""A run that went through to its end says which criteria it missed, on standard error."""
+"""A run that went through to its end, and what is asked of a person before and after it."""
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import typer
 
+from drivers.force_sensor.weighing import Load
 from protocols.processes.supervisor import SessionResult
 from tacauchy_rig.app.cli import session
+from tacauchy_rig.app.cli.operator import ask_for_weight, confirm
 from tacauchy_rig.app.session.cell import ForceCheckError
 from tacauchy_rig.app.session.record import missed_lines
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import AbortedError, RigError
-from tacauchy_rig.core.force_check import Weight
+from tacauchy_rig.core.force_check import Weight, parse_weight
 from tacauchy_rig.core.run import Criterion, Outcome, TrialRecord
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.tacauchy_rig.core.test_force_history import weighed
@@ -105,3 +108,28 @@ def test_a_weight_that_had_to_be_hung_before_is_asked_for_again_after_the_last_t
     raising(ForceCheckError("the cell is wrong"))
     with pytest.raises(ForceCheckError, match="after the last trial the cell is wrong"):
         session._check_force_after(store, store.config, None, None)
+
+
+WEIGHT = parse_weight("200g")
+
+
+def test_the_weight_is_asked_for_line_by_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each step waits for a line; the weight and its force are named."""
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n\n\n"))
+    ask = ask_for_weight(WEIGHT)
+    for load in Load:
+        ask(load)
+    told = capsys.readouterr().out
+    assert "200 g (1.962 N)" in told
+    assert "2 of 3: hang 200 g on the tool" in told
+
+
+def test_an_input_that_ends_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither a weight nor a name was given by a pipe that is empty."""
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    with pytest.raises(AbortedError, match="was not finished"):
+        ask_for_weight(WEIGHT)(Load.NONE)
+    with pytest.raises(AbortedError, match="not confirmed"):
+        confirm(load_config().config)

@@ -87,3 +87,13 @@ def test_output_folder_that_is_a_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "runs").write_text("")
     with pytest.raises(RecordError, match="runs"):
         refuse("dry-run", "--set", f"run.output_directory={tmp_path / 'runs'}")
+
+
+def test_a_lost_calibration_fails_with_what_to_do(tmp_path: Path) -> None:
+    """The replay is looked at like a device: what would fail after the presses fails here."""
+    settings = ["--set", "sensor.optics_calibration=gone.npz"]
+    settings += ["--set", f"run.output_directory={tmp_path}"]
+    done = CliRunner().invoke(app, ["doctor", "--host-only", *settings])
+    assert done.exit_code == 1
+    assert "FAIL  replay: optics calibration gone.npz does not exist" in done.stdout
+    assert "-> write one with: tacauchy-rig calibrate optics" in done.stdout
