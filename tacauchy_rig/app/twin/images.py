@@ -81,6 +81,6 @@ def maps_of(frame: TwinFrame) -> dict[str, tuple[float, bytes]]:
         most_pa = float(values.max())
         share = np.clip(values / max(most_pa, 1e-300), 0.0, 1.0)
         drawn = cv2.applyColorMap(np.rint(255.0 * share).astype(np.uint8), cv2.COLORMAP_INFERNO)
-        drawn = np.asarray(cv2.cvtColor(drawn, cv2.COLOR_BGR2RGB), np.uint8)
-        found[name] = 1e-3 * most_pa, jpeg_of(drawn)
+        image = np.asarray(cv2.cvtColor(drawn, cv2.COLOR_BGR2RGB), np.uint8)
+        found[name] = 1e-3 * most_pa, jpeg_of(image)
     return found
