@@ -12,9 +12,12 @@ from protocols.steps.motion import (
     come_to_rest,
     downward,
     home_pose,
+    judge_tare,
+    listen,
     move_to,
+    take_quiet_tare,
+    take_tare,
 )
-from protocols.steps.window import judge_tare, listen, take_quiet_tare, take_tare
 from tacauchy_rig.core.run import Tare
 
 

@@ -16,8 +16,7 @@ from dataclasses import replace
 from protocols.control.cycle import Cycle, Press, Reading
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
-from protocols.steps.motion import come_to_rest, downward
-from protocols.steps.window import ForceWindow, listen, summarise
+from protocols.steps.motion import ForceWindow, come_to_rest, downward, listen, summarise
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.uncertainty import REFINE_RATIO
 from tacauchy_rig.core.run import TrialRecord

@@ -12,9 +12,19 @@ from protocols.control.rates import RateMeter
 from protocols.control.record import Begin, End, Journal
 from protocols.guard.breach import BreachError, Reaction, reaction_to
 from protocols.guard.force import Contact
-from protocols.steps.motion import approach, home_pose, make_safe, move_to, retract
+from protocols.steps.motion import (
+    approach,
+    force_drift,
+    home_pose,
+    judge_tare,
+    listen,
+    make_safe,
+    move_to,
+    retract,
+    take_quiet_tare,
+    take_tare,
+)
 from protocols.steps.press import PressDrive, hold, press_to_target, search_contact, settle, sway
-from protocols.steps.window import force_drift, judge_tare, listen, take_quiet_tare, take_tare
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, RecordError, RigError
 from tacauchy_rig.core.force_history import FORCE_HISTORY, WEIGH_REMEDY, judge_forces

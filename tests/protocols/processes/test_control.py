@@ -10,7 +10,7 @@ from protocols.control.record import Begin
 from protocols.guard.breach import BreachError
 from protocols.processes.control import PERIOD_NS, Broadcast
 from protocols.processes.feed import FeedWriters
-from protocols.steps.window import take_tare
+from protocols.steps.motion import take_tare
 from tacauchy_rig.core.errors import RecordError
 from tests.protocols.processes.test_feed import Line
 

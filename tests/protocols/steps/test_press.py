@@ -14,9 +14,8 @@ from drivers.emulators.faults import parse_fault
 from drivers.mock.world import Gel
 from protocols.guard.breach import BreachError
 from protocols.guard.force import Contact
-from protocols.steps.motion import approach
+from protocols.steps.motion import approach, take_tare
 from protocols.steps.press import BEYOND_M, ForceServo, search_contact
-from protocols.steps.window import take_tare
 from tests.protocols.conftest import breach
 
 PERIOD_S = 0.01
