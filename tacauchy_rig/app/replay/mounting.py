@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 from typing import Any
@@ -263,22 +263,22 @@ def _values(
     name: str,
     unit: str,
     basis: str,
-    values: Iterable[float | None] = (None, None),
-    uncertainties: Iterable[float | None] = (None, None),
+    found: FloatArray | None = None,
+    doubt: FloatArray | None = None,
     *,
     taken: bool = False,
 ) -> tuple[FoundValue, ...]:
-    """Return what was found along x and along y; None is not known."""
+    """Return what was found along x and along y with its standard uncertainty; None is unknown."""
     return tuple(
         FoundValue(
             name=f"{name} {axis}",
-            value=None if value is None else float(value),
-            uncertainty=None if uncertainty is None else float(uncertainty),
+            value=None if found is None else float(found[k]),
+            uncertainty=None if doubt is None else float(doubt[k]),
             unit=unit,
             taken=taken,
             basis=basis,
         )
-        for axis, value, uncertainty in zip("xy", values, uncertainties, strict=True)
+        for k, axis in enumerate("xy")
     )
 
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
 
-from sim.scene.indenter import Cylinder, mesh_indenter
+from sim.scene.indenter import Cylinder
 from sim.sensitivity import forces_at
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.uncertainty import _quick, force_inputs, variations
-from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.simulated import FoundValue
+from tests.tacauchy_rig.app.importing.test_parts import CUBE
 
 BALL = ('indenter.kind="sphere"', 'indenter.diameter="8 mm"', 'indenter.fillet="0 mm"')
 SMOOTH = ("replay.friction=0", "uncertainty.friction=0")
@@ -61,27 +61,16 @@ def test_what_was_found_takes_the_place_of_a_default() -> None:
         assert tilt.changed(0.1).tilt_rad == (0.1, 0.0)
 
 
-def test_triangles_are_tried_as_a_punch_of_their_footprint() -> None:
-    """A bar of 6 x 2 mm is a punch of 12 mm^2, and its terms say so."""
-    x, y, z = np.meshgrid([-3.0, 3.0], [-1.0, 1.0], [0.0, 4.0], indexing="ij")
-    corners = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
-    faces = ConvexHull(corners).simplices
-    tool = replace(
-        inputs_of(load_config().config),
-        indenter=mesh_indenter(corners * 1e-3, turned_out(corners, faces), name="bar"),
-    )
-    quick, how = _quick(tool, 3e-4)
+def test_triangles_are_tried_as_a_punch_of_their_footprint(tmp_path: Path) -> None:
+    """A cube of 4 mm is a punch of 16 mm^2, and its terms say so."""
+    cube = tmp_path / "cube.stl"
+    cube.write_bytes(CUBE)
+    named = f'replay.indenter="mesh:{cube},unit=mm"'
+    quick, how = _quick(inputs_of(load_config(overrides=[named]).config), 3e-4)
     assert isinstance(quick.indenter, Cylinder)
     area_mm2 = np.pi * (1e3 * quick.indenter.radius_m) ** 2
-    assert area_mm2 == pytest.approx(12.0, rel=0.05)
+    assert area_mm2 == pytest.approx(16.0, rel=0.05)
     assert "round punch" in how
-
-
-def turned_out(corners: FloatArray, faces: IntArray) -> IntArray:
-    """Return the faces with their normals out."""
-    a, b, c = (corners[faces[:, k]] for k in range(3))
-    inwards = np.einsum("fi,fi->f", np.cross(b - a, c - a), a - corners.mean(axis=0)) < 0.0
-    return np.where(inwards[:, None], faces[:, ::-1], faces)
 
 
 def test_depths_count_from_the_contact_force() -> None:
