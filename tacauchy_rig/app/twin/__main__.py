@@ -34,7 +34,7 @@ def follow_run(job: Job, supervisor: Channel) -> None:
     pulse = _Pulse(supervisor)
     twin = twin_of(job.config, device=job.options[DEVICE])
     logger.info("ready; its force error: %s", twin.follower.stated_error.basis)
-    following = RunFollower(twin, Follows(job.options[FOLLOWS]), job.config.camera.width)
+    following = RunFollower(twin, Follows(job.options[FOLLOWS]))
     readers = feed_readers(job.descriptors, PRODUCERS)
     writers = FeedWriters(job.descriptors, VIEWERS)
     waiting = [supervisor.fileno(), *(reader.fileno() for reader in readers)]

@@ -11,7 +11,7 @@ from typing import Any
 from protocols.processes.feed import Shown
 from reports.evidence.attempt import median_image
 from sim.twin.follower import Goal, TwinFrame
-from tacauchy_rig.app.twin.images import CameraImages, contact_residual, jpeg_of, maps_of
+from tacauchy_rig.app.twin.images import contact_residual, jpeg_of, maps_of
 from tacauchy_rig.app.twin.twin import Follows, Twin
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.run import JournalEvent, Phase
@@ -65,18 +65,14 @@ class RunFollower:
     Args:
         twin: The simulator.
         follows: What goals consist of: force or depth.
-        frame_width_px: Of the camera's frames.
 
     Attributes:
         dropped_count: Goals that a newer one replaced, or that were too old to be followed.
     """
 
-    def __init__(self, twin: Twin, follows: Follows, frame_width_px: int) -> None:
+    def __init__(self, twin: Twin, follows: Follows) -> None:
         self.twin, self.dropped_count = twin, 0
         self._follows = follows
-        self._images = CameraImages(
-            twin.follower.view, crop_fraction=twin.crop_fraction, frame_width_px=frame_width_px
-        )
         self._pictures: deque[tuple[int, bytes]] = deque(maxlen=_PICTURES)
         self._goal: Goal | None = None
         self._began: tuple[float, float] | None = None
@@ -160,7 +156,7 @@ class RunFollower:
         self._goal = goal
 
     def _take_unloaded(self) -> None:
-        found = [self._images.of(picture) for _, picture in self._pictures]
+        found = [self.twin.images.of(picture) for _, picture in self._pictures]
         readable = [image for image in found if image is not None]
         if readable:
             self._unloaded = median_image(readable)
@@ -168,7 +164,7 @@ class RunFollower:
 
     def _left(self, goal: Goal, frame: TwinFrame) -> float | None:
         jpeg = self.picture(goal.stamp_s)
-        real = None if jpeg is None else self._images.of(jpeg)
+        real = None if jpeg is None else self.twin.images.of(jpeg)
         if real is None or self._unloaded is None or frame.force_n == 0.0:
             return None
         return contact_residual(real, frame.image, self._unloaded)

@@ -10,6 +10,7 @@ from sim.sensor.sensor import Sensor
 from sim.twin.follower import Follower, ImageOptions
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_of, say_nothing
+from tacauchy_rig.app.twin.images import CameraImages
 from tacauchy_rig.core.config.model import RigConfig
 
 NAME, MODULE = "twin", "tacauchy_rig.app.twin"
@@ -25,14 +26,10 @@ class Follows(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Twin:
-    """A simulator that follows a run, and how camera frames become images of its size.
-
-    Attributes:
-        crop_fraction: Part of a frame's width and height cut off at each border.
-    """
+    """A simulator that follows a run, and what makes images of its size of camera frames."""
 
     follower: Follower
-    crop_fraction: float
+    images: CameraImages
 
 
 def twin_options(follows: Follows, *, device: str = "cpu") -> ViewerOptions:
@@ -66,4 +63,9 @@ def twin_of(
         inputs.sensor, optics=replace(inputs.sensor.optics, shadows=found.shadows)
     )
     follower = Follower(inputs.scene(config.protocol.force_targets), sensor, options)
-    return Twin(follower=follower, crop_fraction=found.geometry.crop_fraction)
+    images = CameraImages(
+        follower.view,
+        crop_fraction=found.geometry.crop_fraction,
+        frame_width_px=config.camera.width,
+    )
+    return Twin(follower=follower, images=images)

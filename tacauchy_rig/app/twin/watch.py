@@ -15,7 +15,7 @@ import numpy as np
 from reports.evidence.attempt import AttemptReading, RunReading, median_image
 from sim.twin.follower import NO_FORCE_N, Goal
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, say_nothing
-from tacauchy_rig.app.twin.images import CameraImages, contact_residual, jpeg_of, maps_of
+from tacauchy_rig.app.twin.images import contact_residual, jpeg_of, maps_of
 from tacauchy_rig.app.twin.twin import Twin, twin_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RecordError
@@ -48,15 +48,10 @@ def watch_run(
     """
     config = run.store.config
     twin = twin_of(config, optics=optics)
-    images = CameraImages(
-        twin.follower.view,
-        crop_fraction=twin.crop_fraction,
-        frame_width_px=config.camera.width,
-    )
     trials: list[tuple[int, list[dict[str, Any]]]] = []
     for trial in run.records:
         attempt = run.attempt(trial)
-        frames = [] if attempt is None else list(_frames(attempt, twin, images))
+        frames = [] if attempt is None else list(_frames(attempt, twin))
         if frames:
             on_progress(f"trial {trial}: {len(frames)} frames")
             trials.append((trial, frames))
@@ -85,9 +80,9 @@ def watch_script() -> str:
     return _template().partition("<script>")[2].partition("</script>")[0]
 
 
-def _frames(attempt: AttemptReading, twin: Twin, images: CameraImages) -> Iterator[dict[str, Any]]:
+def _frames(attempt: AttemptReading, twin: Twin) -> Iterator[dict[str, Any]]:
     """Yield a trial's frames from before the contact until after it."""
-    record, force = attempt.record, attempt.force
+    record, force, images = attempt.record, attempt.force, twin.images
     curve = attempt.force_curve
     if curve is None or record.reference_start_ns is None:
         return

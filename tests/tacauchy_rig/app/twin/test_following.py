@@ -24,7 +24,7 @@ def simulator() -> Twin:
 @pytest.fixture
 def twin(simulator: Twin) -> RunFollower:
     """Return a twin whose run has just shown its no-contact frames."""
-    made = RunFollower(simulator, Follows.FORCE, frame_width_px=640)
+    made = RunFollower(simulator, Follows.FORCE)
     made.note(_phase(Phase.REFERENCE))
     frame = np.full((480, 640, 3), 120, np.uint8)
     picture = bytes(cv2.imencode(".jpg", frame)[1])
@@ -99,7 +99,7 @@ def test_the_latest_force_wins_and_the_others_are_counted(twin: RunFollower) -> 
 
 def test_depth_counts_from_where_the_press_begins(simulator: Twin) -> None:
     """Before and after, the force is followed; then the way down is added to what is pressed in."""
-    twin = RunFollower(simulator, Follows.DEPTH, frame_width_px=640)
+    twin = RunFollower(simulator, Follows.DEPTH)
     twin._depth_m = 20e-6
     goals = []
     for phase, force_n, height_m in (
@@ -118,7 +118,7 @@ def test_depth_counts_from_where_the_press_begins(simulator: Twin) -> None:
 
 def test_the_picture_nearest_in_time_is_found(simulator: Twin) -> None:
     """Of the last few; without any there is none."""
-    twin = RunFollower(simulator, Follows.FORCE, frame_width_px=640)
+    twin = RunFollower(simulator, Follows.FORCE)
     assert twin.picture(1.0) is None
     for number in range(20):
         stamp = number * 40_000_000
