@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import ndimage
 
 from sim.effects.plan import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
@@ -121,12 +122,9 @@ def radial_profile(
     r = np.hypot(x, y)
     step = max(geometry.scale_x_m, geometry.scale_y_m)
     half_width = min(float(np.abs(x).max()), float(np.abs(y).max()))
-    ring = np.rint(r / step).astype(np.int64).ravel()
-    kept = ring <= int(half_width / step)
-    ring, indentation = ring[kept], (maps.rest - maps.loaded).ravel()[kept]
-    _, ring, count = np.unique(ring, return_inverse=True, return_counts=True)
-    radius = np.bincount(ring, r.ravel()[kept]) / count
-    depth = np.bincount(ring, indentation) / count
+    ring = np.rint(r / step).astype(np.int64)
+    rings = np.unique(ring[ring <= int(half_width / step)])
+    radius, depth = (ndimage.mean(each, ring, rings) for each in (r, maps.rest - maps.loaded))
     slope = -np.gradient(depth, radius)
     area = float(maps.contact.sum()) * geometry.scale_x_m * geometry.scale_y_m
     return float(np.sqrt(area / np.pi)), RadialProfile(
@@ -141,13 +139,9 @@ def _moved_outward(surface: SurfaceState, radius_m: FloatArray) -> FloatArray:
     """Return how far the gel at distances from the axis has moved away from it [m], [n]."""
     rest, now = (np.hypot(*p[:, :2].T) for p in (surface.positions_rest, surface.positions))
     edges = np.append(0.0, radius_m[1:] + 0.5 * np.diff(radius_m))
-    ring, size = np.searchsorted(edges, now), len(edges) + 1
-    count = np.bincount(ring, minlength=size)
-    filled = count > 0
-    filled[-1] = False  # beyond
-    at, moved = (
-        np.bincount(ring, values, size)[filled] / count[filled] for values in (now, now - rest)
-    )
+    ring = np.searchsorted(edges, now)
+    rings = np.unique(ring[ring < len(edges)])
+    at, moved = (ndimage.mean(each, ring, rings) for each in (now, now - rest))
     return np.asarray(np.interp(radius_m, np.append(0.0, at), np.append(0.0, moved)))
 
 

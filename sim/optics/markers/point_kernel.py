@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
 
@@ -64,14 +66,14 @@ _ROUNDS = wp.constant(4)
 
 
 @wp.func
-def _between(values: wp.array3d(dtype=wp.vec2f), env: int, x: wp.float32, y: wp.float32):
+def _between(values: wp.array2d(dtype=Any), x: wp.float32, y: wp.float32):
     """Interpolate linearly at a column and row of an array, bounded by its border."""
-    x = wp.clamp(x, wp.float32(0.0), wp.float32(values.shape[2] - 1))
-    y = wp.clamp(y, wp.float32(0.0), wp.float32(values.shape[1] - 1))
-    left, top = wp.min(int(x), values.shape[2] - 2), wp.min(int(y), values.shape[1] - 2)
+    x = wp.clamp(x, wp.float32(0.0), wp.float32(values.shape[1] - 1))
+    y = wp.clamp(y, wp.float32(0.0), wp.float32(values.shape[0] - 1))
+    left, top = wp.min(int(x), values.shape[1] - 2), wp.min(int(y), values.shape[0] - 2)
     u, v = x - wp.float32(left), y - wp.float32(top)
-    upper = values[env, top, left] * (wp.float32(1.0) - u) + values[env, top, left + 1] * u
-    lower = values[env, top + 1, left] * (wp.float32(1.0) - u) + values[env, top + 1, left + 1] * u
+    upper = values[top, left] * (wp.float32(1.0) - u) + values[top, left + 1] * u
+    lower = values[top + 1, left] * (wp.float32(1.0) - u) + values[top + 1, left + 1] * u
     return upper * (wp.float32(1.0) - v) + lower * v
 
 
@@ -105,19 +107,8 @@ def came_from(
     by = moved[env, i, j]
     for _ in range(_ROUNDS):
         if wp.isfinite(by[0] + by[1]):
-            by = _between(moved, env, x - by[0] / spacing, y - by[1] / spacing)
+            by = _between(moved[env], x - by[0] / spacing, y - by[1] / spacing)
     motion_out[env, i, j] = by
-
-
-@wp.func
-def _ink_at(ink: wp.array2d(dtype=wp.vec4f), x: wp.float32, y: wp.float32):
-    x = wp.clamp(x, wp.float32(0.0), wp.float32(ink.shape[1] - 1))
-    y = wp.clamp(y, wp.float32(0.0), wp.float32(ink.shape[0] - 1))
-    left, top = wp.min(int(x), ink.shape[1] - 2), wp.min(int(y), ink.shape[0] - 2)
-    u, v = x - wp.float32(left), y - wp.float32(top)
-    upper = ink[top, left] * (wp.float32(1.0) - u) + ink[top, left + 1] * u
-    lower = ink[top + 1, left] * (wp.float32(1.0) - u) + ink[top + 1, left + 1] * u
-    return upper * (wp.float32(1.0) - v) + lower * v
 
 
 @wp.kernel(enable_backward=False)
@@ -157,7 +148,7 @@ def print_ink(
             column = j * spacing + c
             if row < image.shape[1] and column < image.shape[2]:
                 by = left_by + along * wp.float32(c)
-                share = _ink_at(ink, wp.float32(column) - by[0], wp.float32(row) - by[1])
+                share = _between(ink, wp.float32(column) - by[0], wp.float32(row) - by[1])
                 is_bare = share == wp.vec4f(1.0, 0.0, 0.0, 0.0)
                 if not is_bare:
                     for channel in range(3):

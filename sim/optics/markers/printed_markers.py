@@ -12,6 +12,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sim.sensor.camera_geometry import CameraGeometry
@@ -108,8 +109,7 @@ def find_markers(frame: ImageArray) -> PrintedMarkers | None:
     )
     widest = _widest_px(frame)
     area, sides = stats[:, cv2.CC_STAT_AREA], stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
-    darkest = np.zeros(count)
-    np.maximum.at(darkest, np.asarray(labels, dtype=np.intp).ravel(), taken.ravel())
+    darkest = ndimage.maximum(taken, labels, np.arange(count))
     kept = (darkest > _DARK_SHARE) & (area >= _LEAST_PX) & (sides.max(axis=1) < 4 * widest)
     kept[0] = False
     if kept.sum() < _FEWEST:
@@ -124,17 +124,14 @@ def find_markers(frame: ImageArray) -> PrintedMarkers | None:
     contrast = gel - dark
     cover = np.sum((seen - dark) * contrast, axis=2) / np.maximum(np.sum(contrast**2, axis=2), 1.0)
     cover = np.where(mask > 0, np.clip(cover, 0.0, 1.0), 1.0)[..., None]
-    weights = np.where(kept[labels], taken, 0.0).ravel()
-    places = np.indices(labels.shape).reshape(2, -1)[::-1]
-    total = np.bincount(labels.ravel(), weights, count)[kept]
-    sums = [np.bincount(labels.ravel(), weights * axis, count)[kept] for axis in places]
+    centres = ndimage.center_of_mass(taken.astype(np.float64), labels, np.flatnonzero(kept))
     return PrintedMarkers(
         frame=frame,
         bare=bare,
         dark=dark.astype(np.float32),
         print=np.concatenate([cover, seen - dark - cover * contrast], axis=2).astype(np.float32),
         mask=mask > 0,
-        centres_px=np.stack([each / total for each in sums], axis=1),
+        centres_px=np.array(centres)[:, ::-1],
     )
 
 
