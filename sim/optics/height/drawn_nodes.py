@@ -1,4 +1,4 @@
-"""Tables by which a quadratic surface is drawn: circles drawn round, and steep faces cut.
+"""Tables by which a surface is drawn: circles drawn round, steep faces cut, nodes' neighbours.
 
 A revolved mesh follows a circle by straight edges. Where the surface bends sharply within the
 height of the arc over its chord, as on a punch's wall, the nodes of one circle deform to a star:
