@@ -30,8 +30,7 @@ from sim.optics.calibrate.press_scene import (
     seen_change,
 )
 from sim.optics.colour.colour_model import LINEAR, Response
-from sim.optics.colour.model_terms import ShadingTerms
-from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.photometric import PhotometricModel, ShadingTerms
 from sim.sensor.optics import ShadowCaster
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError

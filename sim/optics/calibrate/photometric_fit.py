@@ -19,14 +19,14 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from sim.optics.colour.colour_model import BRIGHTEST, LINEAR, Response
-from sim.optics.colour.model_terms import (
+from sim.optics.colour.photometric import (
     BALL_EXPONENTS,
     NearLamp,
+    PhotometricModel,
     ShadingTerms,
     monomials,
     polynomial_exponents,
 )
-from sim.optics.colour.photometric import PhotometricModel
 from tacauchy_rig.core.arrays import FloatArray, IntArray, RealArray
 from tacauchy_rig.core.errors import ConfigError
 

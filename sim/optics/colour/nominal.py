@@ -16,8 +16,12 @@ import numpy as np
 
 from sim.optics.colour.colour_kernel import grey_pixels
 from sim.optics.colour.colour_model import ColourModel, PixelColours
-from sim.optics.colour.model_terms import BALL_EXPONENTS, MOST_LAMPS, polynomial_exponents
-from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.photometric import (
+    BALL_EXPONENTS,
+    MOST_LAMPS,
+    PhotometricModel,
+    polynomial_exponents,
+)
 from sim.optics.pixels.pixel_blocks import PixelBlocks
 from sim.sensor.optics import Lamp, Renderer
 from sim.sensor.sensor import Sensor

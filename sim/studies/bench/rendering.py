@@ -17,9 +17,8 @@ from sim.effects.presets import build_model
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
-from sim.optics.colour.model_terms import BALL_EXPONENTS, NearLamp, ShadingTerms
 from sim.optics.colour.nominal import nominal_model
-from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.photometric import BALL_EXPONENTS, NearLamp, PhotometricModel, ShadingTerms
 from sim.optics.height.height_map import height_maps
 from sim.optics.render.renderer import TactileRenderer
 from sim.optics.surface_images import SurfaceImages

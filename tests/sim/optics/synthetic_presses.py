@@ -6,8 +6,7 @@ import numpy as np
 
 from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.press_scene import PressScene
-from sim.optics.colour.model_terms import polynomial_exponents
-from sim.optics.colour.photometric import PhotometricModel
+from sim.optics.colour.photometric import PhotometricModel, polynomial_exponents
 from tests.sim.optics.analytic_surface import camera
 from tests.sim.optics.exponential_skirt import ExponentialSkirt
 

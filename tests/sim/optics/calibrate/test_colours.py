@@ -18,7 +18,7 @@ from sim.optics.calibrate.photometric_fit import (
 )
 from sim.optics.calibrate.press_scene import PlacedPress, PressScene
 from sim.optics.colour.colour_model import LINEAR
-from sim.optics.colour.model_terms import BALL_EXPONENTS
+from sim.optics.colour.photometric import BALL_EXPONENTS
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.optics.synthetic_presses import EXPONENTS, press_scene, presses, true_model
 

@@ -10,7 +10,7 @@ import pytest
 
 from sim.optics.calibrate.colours import calibrate_optics
 from sim.optics.calibrate.optics_fit import SHADOWS, calibrate_with_shadows, read_shadows
-from sim.optics.render.shadows import darkening
+from sim.optics.render.renderer import darkening
 from sim.sensor.optics import Lamp, ShadowCaster
 from tests.sim.optics.synthetic_presses import press_scene, presses
 

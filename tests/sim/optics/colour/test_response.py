@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from sim.optics.calibrate.colours import calibrate_optics
 from sim.optics.calibrate.press_scene import seen_change
 from sim.optics.colour.colour_model import LINEAR, Response
-from sim.optics.colour.model_terms import BALL_EXPONENTS
+from sim.optics.colour.photometric import BALL_EXPONENTS
 from tests.sim.optics.synthetic_presses import press_scene, presses, true_model
 
 _KNEE = 150.0

@@ -14,8 +14,13 @@ from sim.optics.calibrate.photometric_fit import (
     fit_terms,
 )
 from sim.optics.colour.colour_model import Response
-from sim.optics.colour.model_terms import BALL_EXPONENTS, NearLamp, ShadingTerms
-from sim.optics.colour.photometric import PhotometricModel, load_photometric
+from sim.optics.colour.photometric import (
+    BALL_EXPONENTS,
+    NearLamp,
+    PhotometricModel,
+    ShadingTerms,
+    load_photometric,
+)
 from sim.optics.render.renderer import TactileRenderer
 from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera
 

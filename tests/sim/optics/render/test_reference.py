@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from sim.optics.colour.colour_model import LINEAR, Response
-from sim.optics.colour.model_terms import (
+from sim.optics.colour.photometric import (
     BALL_EXPONENTS,
     NearLamp,
+    PhotometricModel,
     ShadingTerms,
+    normalised_positions,
     polynomial_exponents,
 )
-from sim.optics.colour.photometric import PhotometricModel, normalised_positions
 from sim.optics.render import renderer
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.camera_geometry import CameraGeometry

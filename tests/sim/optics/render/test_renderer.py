@@ -11,9 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.optics.colour.model_terms import polynomial_exponents
 from sim.optics.colour.nominal import nominal_photometric
-from sim.optics.colour.photometric import PhotometricModel, load_photometric
+from sim.optics.colour.photometric import PhotometricModel, load_photometric, polynomial_exponents
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.optics import Lamp
 from tacauchy_rig.core.errors import ConfigError
