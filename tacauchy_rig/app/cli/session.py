@@ -175,14 +175,22 @@ def resume(
     _check_before(config, press_only=request.press_only)
     with store.lock():  # refuses a run that is busy or read-only before anybody is asked
         pass
-    trials = _trials(config, again)
+    count = len(config.protocol.force_targets)
+    for trial in again or ():
+        if not 1 <= trial <= count:
+            raise ConfigError(
+                f"--again {trial}: this run has the trials 1 to {count}",
+                remedy="protocol.force_targets lists them in order",
+            )
     recovery = recover_run(store)
     say_recovered(recovery)
     require_devices(config)
     for change in changes:
         say(f"changed: {change}")
     note_changes(store, changes)
-    _press_and_report(store, config, replace(request, again=trials, is_whole=recovery.is_whole))
+    _press_and_report(
+        store, config, replace(request, again=frozenset(again or ()), is_whole=recovery.is_whole)
+    )
 
 
 def recorded(path: Path | None, overrides: Sequence[str]) -> RunStore:
@@ -233,18 +241,6 @@ def _check_before(config: RigConfig, *, press_only: bool) -> None:
     check_gel(config)
     if not press_only:
         check_replay(config)
-
-
-def _trials(config: RigConfig, asked: Sequence[int] | None) -> frozenset[int]:
-    """Return the trials that were asked for."""
-    count = len(config.protocol.force_targets)
-    for trial in asked or ():
-        if not 1 <= trial <= count:
-            raise ConfigError(
-                f"--again {trial}: this run has the trials 1 to {count}",
-                remedy="protocol.force_targets lists them in order",
-            )
-    return frozenset(asked or ())
 
 
 def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> None:
