@@ -32,6 +32,8 @@ late repeats an older image. The spread is the scaled median of the absolute res
 limit that of Iglewicz and Hoaglin 1993."""
 MIN_EXPLAINED = 0.5
 """Part of a signal's variance; with less of it explained nothing was seen of the motion."""
+Series = tuple[FloatArray, FloatArray]
+"""Times [s] and values, each of shape [n]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,8 +57,8 @@ class Delay:
 
 
 def find_delay(
-    depth: tuple[FloatArray, FloatArray],
-    signal: tuple[FloatArray, FloatArray],
+    depth: Series,
+    signal: Series,
     *,
     name: str,
     depth_time_uncertainty_s: float = 0.0,
@@ -65,10 +67,10 @@ def find_delay(
     """Return how much later than the depth a signal is.
 
     Args:
-        depth: Times [s] and depths [m] of the arm, each of shape [n].
-        signal: Times [s] and values in any unit, each of shape [m].
+        depth: Of the arm [m].
+        signal: In any unit.
         name: Of the signal, for errors.
-        doubt_s: Standard uncertainty of the depth's own times [s].
+        depth_time_uncertainty_s: Standard uncertainty of the depth's own times [s].
         relaxation_s: Times of the branches that the gel may have [s].
 
     Raises:
@@ -93,10 +95,8 @@ def find_delay(
             f"{name}: the arm's motion explains {explained:.0%} of it, too little for a delay",
             remedy="press harder, or see whether the stream shows the contact at all",
         )
-    parts = [
-        _best(path, time_s[part], value[part])[0]
-        for part in np.array_split(np.arange(len(time_s)), BLOCKS)
-    ]
+    blocks = np.array_split(np.arange(len(time_s)), BLOCKS)
+    parts = [_best(path, time_s[block], value[block])[0] for block in blocks]
     scatter_s = float(np.std(parts, ddof=1)) / math.sqrt(BLOCKS)
     return Delay(
         delay_s=delay_s,
@@ -110,7 +110,7 @@ def find_delay(
 class _Path:
     """The depth and what the gel remembers of it, at any time."""
 
-    def __init__(self, depth: tuple[FloatArray, FloatArray], relaxation_s: Sequence[float]) -> None:
+    def __init__(self, depth: Series, relaxation_s: Sequence[float]) -> None:
         time_s, depth_m = depth
         self.start_s, self.end_s = float(time_s[0]), float(time_s[-1])
         self._grid_s = np.arange(self.start_s, self.end_s, GRID_S)
@@ -120,10 +120,11 @@ class _Path:
         remembered = [lfilter([1.0], [1.0, -math.exp(-GRID_S / T)], rise) for T in relaxation_s]
         self._columns = [even, even**2, *remembered]
 
-    def terms(self, time_s: FloatArray) -> FloatArray:
-        """Return what a signal is linear in, shape [n, terms], but for the delay."""
-        shifted = [np.interp(time_s, self._grid_s, column) for column in self._columns]
-        return np.column_stack(shifted)
+    def terms(self, time_s: FloatArray, delay_s: float) -> FloatArray:
+        """Return what a signal that is so much later is linear in, shape [n, terms]."""
+        drift = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1e-12)
+        shifted = [np.interp(time_s - delay_s, self._grid_s, each) for each in self._columns]
+        return np.column_stack([np.ones_like(drift), drift, *shifted])
 
 
 def _fresh(path: _Path, time_s: FloatArray, value: FloatArray) -> BoolArray:
@@ -131,7 +132,7 @@ def _fresh(path: _Path, time_s: FloatArray, value: FloatArray) -> BoolArray:
     fresh = np.ones(len(value), dtype=bool)
     for _ in range(STALE_PASSES):
         delay_s, _ = _best(path, time_s[fresh], value[fresh])
-        terms = _terms(path, time_s, delay_s)
+        terms = path.terms(time_s, delay_s)
         weights = np.linalg.lstsq(terms[fresh], value[fresh], rcond=None)[0]
         off = np.abs(value - terms @ weights)
         follows = off <= STALE_MADS * 1.4826 * float(np.median(off[fresh]))
@@ -141,17 +142,11 @@ def _fresh(path: _Path, time_s: FloatArray, value: FloatArray) -> BoolArray:
     return fresh
 
 
-def _terms(path: _Path, time_s: FloatArray, delay_s: float) -> FloatArray:
-    """Return what a signal that is so much later is linear in, shape [n, terms]."""
-    drift = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1e-12)
-    return np.column_stack([np.ones_like(drift), drift, path.terms(time_s - delay_s)])
-
-
 def _best(path: _Path, time_s: FloatArray, value: FloatArray) -> tuple[float, float]:
     """Return the delay [s] that leaves least unexplained, and the sum of squares that it leaves."""
 
     def left(delay_s: float) -> float:
-        terms = _terms(path, time_s, delay_s)
+        terms = path.terms(time_s, delay_s)
         weights = np.linalg.lstsq(terms, value, rcond=None)[0]
         return float(np.sum((value - terms @ weights) ** 2))
 
@@ -168,16 +163,13 @@ def even_stamps(stamp_ns: Int64Array, counter: FloatArray, *, share: float = 0.5
     median, is when a sample is stamped as a rule.
 
     Args:
-        stamp_ns: Of this host, shape [n].
-        counter: The device's own count or clock, rising, shape [n].
+        counter: The device's own count or clock, rising.
         share: Of the stamps that are earlier than what is returned; 0.5 is the median.
     """
     seconds = (stamp_ns - stamp_ns[0]) * 1e-9
     line = np.polyfit(counter - counter[0], seconds, 1)
     even = np.polyval(line, counter - counter[0])
-    return np.asarray(
-        even + np.quantile(seconds - even, share) + stamp_ns[0] * 1e-9, dtype=np.float64
-    )
+    return np.asarray(even + np.quantile(seconds - even, share) + stamp_ns[0] * 1e-9)
 
 
 RELAXATION_S = (0.3, 3.0)
@@ -224,14 +216,11 @@ def find_latency(store: RunStore) -> Latency:
     recording = Recording.open(store.paths.recording(trial, attempt))
     arm, force = recording.arm(), recording.force()
     swayed = slice(*np.searchsorted(arm.stamp_ns, (start_ns, end_ns)))
-    depth = (
-        even_stamps(arm.stamp_ns[swayed], arm.controller_time_s[swayed], share=EARLY_SHARE),
-        -arm.pose[swayed, 2],
-    )
+    arm_s = even_stamps(arm.stamp_ns[swayed], arm.controller_time_s[swayed], share=EARLY_SHARE)
+    depth = (arm_s, -arm.pose[swayed, 2])
     felt = slice(*np.searchsorted(force.stamp_ns, (start_ns, end_ns)))
-    force_s = even_stamps(
-        force.stamp_ns[felt], force.counter[felt].astype(np.float64), share=EARLY_SHARE
-    )
+    counter = force.counter[felt].astype(np.float64)
+    force_s = even_stamps(force.stamp_ns[felt], counter, share=EARLY_SHARE)
     pressing = store.config.force_sensor.compression_sign * force.wrench[felt, FZ]
     # A state is as old as the controller's cycle at most when it is sent: a uniform distribution.
     depth_time_uncertainty_s = 1.0 / store.config.robot.model.rate_hz / math.sqrt(12.0)
@@ -277,9 +266,7 @@ def _last_sway(store: RunStore) -> tuple[int, int, int, int]:
     return whole
 
 
-def _image_signal(
-    recording: Recording, start_ns: int, end_ns: int
-) -> tuple[FloatArray, FloatArray]:
+def _image_signal(recording: Recording, start_ns: int, end_ns: int) -> Series:
     """Return stamps [s] and how far the motion is seen in the frames, in grey levels.
 
     The first principal component of the frames is what changes most in them: the contact.

@@ -67,14 +67,14 @@ def judge(
     """
     from reports.comparison.judging import judge as judged
     from reports.page.judged import write_judgement
-    from tacauchy_rig.app.judging.of_run import references_of, replay_outputs, task_of, write_task
+    from tacauchy_rig.app.judging.of_run import replay_outputs, write_task
     from tacauchy_rig.app.replay.opening import open_run
     from tacauchy_rig.app.replay.report import evidence_of
 
     reading = open_run(run)
     evidence = evidence_of(reading)
     if is_task:
-        write_task(writable_folder(out), *task_of(reading, evidence), references_of(evidence))
+        write_task(writable_folder(out), reading, evidence)
         say(f"wrote what is asked of {len(evidence.trials)} presses to {out}")
         return
     written = [_write_baseline(each, reading, out) for each in dict.fromkeys(baselines or ())]
@@ -103,7 +103,7 @@ def _write_baseline(baseline: Baseline, reading: RunReading, out: Path) -> Path:
     """Write what a baseline shows of a run's presses to a new folder, and return that."""
     from tacauchy_rig.app.cli.emulation import emulated_calibration
     from tacauchy_rig.app.judging.layout import check_empty, write_outputs
-    from tacauchy_rig.app.judging.rigid import rigid_outputs
+    from tacauchy_rig.app.judging.of_run import rigid_outputs
 
     folder = out / baseline.value
     check_empty(folder)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
+from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.importing.images import ASPECT
 from tacauchy_rig.app.importing.source import MIB, Source
 from tacauchy_rig.app.importing.table import (
@@ -22,6 +22,7 @@ from tacauchy_rig.app.importing.table import (
     decoded,
     read_table,
     separator_of,
+    toml_value,
 )
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.quantities import UNITS, Dimension
@@ -32,7 +33,9 @@ CHECK = "CHECK"
 IMAGES = (".png", ".jpg", ".jpeg")
 TABLES = (".csv", ".tsv", ".txt", ".dat")
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov")
+BAGS = (".mcap", ".db3")
 _REST = re.compile(r"rest|no.?contact|unload|background|^bg|^ref|idle|blank|leer|ruhe", re.I)
+_HELD = re.compile(r"press|contact|held|hold|dwell|load", re.I)
 _ROLES: Mapping[str, tuple[Dimension | None, str]] = {
     "time": (Dimension.TIME, r"t|time|times?tamp|stamp|zeit.*|uhrzeit|datum.*|date.*"),
     "press": (None, r"press|trial|n|nr|no|number|id|versuch|press_?(id|nr|no)"),
@@ -48,6 +51,7 @@ _ROLES: Mapping[str, tuple[Dimension | None, str]] = {
     "z": (Dimension.LENGTH, r"z|pos_?z|z_?pos|height"),
 }
 """Of each role what its column measures, and how labs name it."""
+_LOG_ROLES = {"time", "force_x", "force_y", "force", "x", "y", "z"}
 _USUAL = {Dimension.FORCE: "N", Dimension.LENGTH: "mm", Dimension.TIME: "s"}
 _FORMATS = (ISO, "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S", "%m/%d/%Y %H:%M:%S.%f")
 _SHAPES = {"sphere": r"sph|ball|kugel|hemi", "cylinder": r"cyl|zyl|punch|flat|pin|stempel"}
@@ -68,67 +72,68 @@ class Guesses:
 
     def say(self, key: str, value: object, reason: str) -> None:
         """Write a key; a reason that begins with ``CHECK`` is also asked."""
-        self.lines.append(f"{key} = {_toml(value)}  # {reason}")
+        line = f"{key} = {toml_value(value)}"
+        self.lines.append(f"{line}  # {reason}")
         if reason.startswith(CHECK):
-            self.asked.append(f"{key} = {_toml(value)}: {reason.removeprefix(CHECK).lstrip(': ')}")
+            self.asked.append(f"{line}: {reason.removeprefix(CHECK).lstrip(': ')}")
 
     def head(self, table: str) -> None:
         """Begin a table."""
         self.lines.append(f"[{table}]")
 
 
-def _toml(value: object) -> str:
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items()) + " }"
-    return json.dumps(value, ensure_ascii=False)
-
-
 def write_guess(folder: Path) -> tuple[Path, Guesses]:
     """Write the ``import.toml`` of a folder.
 
     Raises:
-        RecordError: There is one already, or nothing in the folder is known.
+        RecordError: There is one already, or nothing in the folder is of a known kind.
     """
     target = folder / "import.toml"
     if target.exists():
         raise RecordError(
             f"{target}: is there already", remedy="edit it, or move it away and run --init again"
         )
-    guesses = guess(Source(folder))
+    guesses = _guess(Source(folder))
     text = "# Guessed by `tacauchy-rig import --init`: look at every line.\n"
     write_atomically(target, (text + "\n".join([*guesses.lines, ""])).encode())
     return target, guesses
 
 
-def guess(source: Source) -> Guesses:
-    """Return what a folder shows of its format and its conventions.
-
-    Raises:
-        RecordError: Nothing in it is of a known kind.
-    """
+def _guess(source: Source) -> Guesses:
+    """Return what a folder shows of its format and its conventions."""
     files = sorted(
         str(path.relative_to(source.root))
         for path in source.root.rglob("*")
         if path.is_file() and not any(part.startswith(".") for part in path.parts)
     )
-    ending = {name: Path(name).suffix.lower() for name in files}
-    of = {kind: [n for n in files if ending[n] in kind] for kind in (IMAGES, TABLES, VIDEOS)}
+    images, tables, videos, bags = (
+        [name for name in files if Path(name).suffix.lower() in kinds]
+        for kinds in (IMAGES, TABLES, VIDEOS, BAGS)
+    )
     found = Guesses()
-    stored = [name for name in files if ending[name] in (".mcap", ".db3")]
     if "meta/info.json" in files:
         _lerobot(source, found)
-    elif stored:
-        parent = str(Path(stored[0]).parent)
-        found.say("kind", "bag", f"there is {stored[0]}")
+    elif bags:
+        parent = str(Path(bags[0]).parent)
+        found.say("kind", "bag", f"there is {bags[0]}")
         found.head("data")
-        whole = (parent != "." and len(stored) > 1) or f"{parent}/metadata.yaml" in files
-        found.say("file", parent if whole else stored[0], "topics are told by their types")
-        _rig(found, files, sizes=[])
-    elif of[VIDEOS] and of[TABLES]:
-        _video(source, found, of[VIDEOS], of[TABLES])
-        _rig(found, files, sizes=[])
-    elif of[TABLES]:
-        _csv(source, found, of[TABLES], of[IMAGES])
+        whole = (parent != "." and len(bags) > 1) or f"{parent}/metadata.yaml" in files
+        found.say("file", parent if whole else bags[0], "topics are told by their types")
+        _rig(found, files)
+    elif videos and tables:
+        found.say("kind", "video", f"there are {videos[0]} and {tables[0]}")
+        found.head("data")
+        sure = "the only one" if len(videos) == 1 else f"{CHECK}: the first"
+        found.say("video", videos[0], sure)
+        table = _largest(source, tables)
+        found.say("log", table.name, "the longest table")
+        _dialect(source, found, table)
+        found.head("data.columns")
+        roles = _roles(table).items()
+        _columns(found, table, {role: column for role, column in roles if role in _LOG_ROLES})
+        _rig(found, files)
+    elif tables:
+        _csv(source, found, tables, images)
     else:
         raise RecordError(
             f"{source.root}: holds no table, bag, video with a log, or LeRobot dataset",
@@ -152,18 +157,7 @@ def _lerobot(source: Source, found: Guesses) -> None:
     if felt:
         reason = f"{CHECK}: its name; the unit is unsaid"
         found.say("force", {"feature": felt[0], "unit": "N"}, reason)
-    _rig(found, list(features), sizes=[])
-
-
-def _video(source: Source, found: Guesses, videos: list[str], tables: list[str]) -> None:
-    found.say("kind", "video", f"there are {videos[0]} and {tables[0]}")
-    found.head("data")
-    found.say("video", videos[0], "the only one" if len(videos) == 1 else f"{CHECK}: the first")
-    table = _largest(source, tables)
-    found.say("log", table.name, "the longest table")
-    _dialect(source, found, table)
-    found.head("data.columns")
-    _columns(found, table, without=("press", "state", "indenter", "depth", "contact_z"))
+    _rig(found, list(features))
 
 
 def _csv(source: Source, found: Guesses, tables: list[str], images: list[str]) -> None:
@@ -178,7 +172,7 @@ def _csv(source: Source, found: Guesses, tables: list[str], images: list[str]) -
     others = [name for name in images if name not in named]
     rest = [name for name in others if _REST.search(Path(name).stem)]
     rest = rest or others[: int(len(others) == 1)]
-    roles = dict(_roles(table, without=(column,)))
+    roles = _roles(table, without=column)
     states = _states(table, roles)
     if rest:
         why = "its name" if _REST.search(Path(rest[0]).stem) else f"{CHECK}: no row names it"
@@ -194,13 +188,18 @@ def _csv(source: Source, found: Guesses, tables: list[str], images: list[str]) -
     found.head("data.columns")
     if column:
         found.say("image", column, "its cells name images of the folder")
-    signs = _columns(found, table, roles=roles)
-    _indenters(found, table, roles.get("indenter"))
-    sizes = [_size(source, name) for name in (named[:1] or others[:1])]
-    _rig(found, [source.root.name, *images, *table.columns], sizes=sizes, terms="indenter" in roles)
-    if signs:
+    negative = _columns(found, table, roles)
+    if "indenter" in roles:
+        _indenters(found, table, roles["indenter"])
+    size = None
+    for name in (named or others)[:1]:
+        with Image.open(source.path(name, field="an image", most_bytes=64 * MIB)) as image:
+            size = image.size
+    words = [source.root.name, *images, *table.columns]
+    _rig(found, words, size=size, has_terms="indenter" in roles)
+    if negative:
         found.head("rig.force_sensor")
-        found.say("compression_sign", -1, f"{CHECK}: {signs}")
+        found.say("compression_sign", -1, f"{CHECK}: {negative}")
 
 
 def _largest(source: Source, tables: list[str]) -> Table:
@@ -224,23 +223,21 @@ def _dialect(source: Source, found: Guesses, table: Table) -> None:
     separator, _ = separator_of(text, stated=None)
     found.say("separator", separator, "parts all lines alike")
     cells = [cell.strip() for row in table.rows[:200] for cell in row]
-    commas = [cell for cell in cells if re.fullmatch(r"[+-]?\d*,\d+", cell)]
-    points = [cell for cell in cells if re.fullmatch(r"[+-]?\d*\.\d+", cell)]
-    if commas and not points:
-        found.say("decimal", ",", f"as in {commas[0]}")
-    elif points and not commas:
-        found.say("decimal", ".", f"as in {points[0]}")
-
-
-def _cells(table: Table, column: str) -> list[str]:
-    return [row[table.columns[column]].strip() for row in table.rows]
+    shown = {
+        sign: [cell for cell in cells if re.fullmatch(rf"[+-]?\d*{re.escape(sign)}\d+", cell)]
+        for sign in ",."
+    }
+    signs = [sign for sign, numbers in shown.items() if numbers]
+    if len(signs) == 1:
+        found.say("decimal", signs[0], f"as in {shown[signs[0]][0]}")
 
 
 def _image_column(table: Table, images: Sequence[str]) -> tuple[str, str, list[str]]:
     """Return the column that names images, the folder that they are in, and those named."""
+    folders = ("", *sorted({str(Path(name).parent) for name in images} - {"."}))
     for column in table.columns:
-        cells = [cell.replace("\\", "/") for cell in _cells(table, column) if cell]
-        for folder in ("", *sorted({str(Path(name).parent) for name in images} - {"."})):
+        cells = [cell.replace("\\", "/") for cell in table.cells(column) if cell]
+        for folder in folders:
             whole = [f"{folder}/{cell}" if folder else cell for cell in cells]
             named = [name for name in whole if name in images]
             if named and len(named) >= len(cells) / 2:
@@ -248,52 +245,44 @@ def _image_column(table: Table, images: Sequence[str]) -> tuple[str, str, list[s
     return "", "", []
 
 
-def _roles(table: Table, *, without: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield roles and the columns that are named like them, each column once."""
-    taken = set(without)
+def _roles(table: Table, *, without: str = "") -> dict[str, str]:
+    """Return roles and the columns that are named like them, each column once."""
+    found: dict[str, str] = {}
     for role, (_, pattern) in _ROLES.items():
         for column in table.columns:
-            name, _ = _head(column)
-            if column and column not in taken and re.fullmatch(pattern, name, re.I):
-                taken.add(column)
-                yield role, column
+            is_free = column and column != without and column not in found.values()
+            if is_free and re.fullmatch(pattern, _head(column)[0], re.I):
+                found[role] = column
                 break
+    return found
 
 
 def _head(column: str) -> tuple[str, str]:
     """Return name and unit of a head such as ``Fz [N]``, ``depth_mm`` or ``fz``."""
     match = _HEAD_UNIT.match(column.strip())
     units = {unit for each in UNITS.values() for unit in each}
-    unit = match[2].replace("\u00b5", "u") if match else ""
-    if match is None or not match[1] or unit not in units:
-        return re.sub(r"\W+", "_", column.strip()).strip("_"), ""
-    return re.sub(r"\W+", "_", match[1]).strip("_"), unit
+    name, unit = column.strip(), ""
+    if match and match[1] and match[2].replace("\u00b5", "u") in units:
+        name, unit = match[1], match[2].replace("\u00b5", "u")
+    return re.sub(r"\W+", "_", name).strip("_"), unit
 
 
 def _states(table: Table, roles: Mapping[str, str]) -> dict[str, str]:
     """Return the labels of rows at rest and pressed, as far as a column has them."""
     if "state" not in roles:
         return {}
-    values = list(dict.fromkeys(cell for cell in _cells(table, roles["state"]) if cell))
+    values = list(dict.fromkeys(cell for cell in table.cells(roles["state"]) if cell))
     rest = [each for each in values if _REST.search(each) or each in ("0", "false")]
-    held = [each for each in values if re.search(r"press|contact|held|hold|dwell|load", each, re.I)]
-    held = [each for each in held if each not in rest] or [v for v in values if v in ("1", "true")]
+    held = [each for each in values if _HELD.search(each) and each not in rest]
+    held = held or [each for each in values if each in ("1", "true")]
     return {"unloaded": rest[0], "pressed": held[0]} if rest and held else {}
 
 
-def _columns(
-    found: Guesses,
-    table: Table,
-    *,
-    roles: Mapping[str, str] | None = None,
-    without: Sequence[str] = (),
-) -> str:
+def _columns(found: Guesses, table: Table, roles: Mapping[str, str]) -> str:
     """Write the columns; return why forces are taken to be negative in compression, or nothing."""
-    signs = ""
-    for role, column in (dict(_roles(table, without=())) if roles is None else roles).items():
+    negative = ""
+    for role, column in roles.items():
         dimension = _ROLES[role][0]
-        if role in without:
-            continue
         if dimension is None:
             found.say(role, column, "its name")
             continue
@@ -301,99 +290,89 @@ def _columns(
         value: dict[str, object] = {"column": column, "unit": unit}
         middle = 0.0 if dimension is Dimension.TIME else _middle(table, column)
         if role == "force" and middle < 0.0:
-            signs = f'forces in "{column}" are negative (median {middle:.3g})'
+            negative = f'forces in "{column}" are negative (median {middle:.3g})'
         if role == "depth" and middle < 0.0:
             value["sign"] = -1
             reason = f"{CHECK}: depths are negative (median {middle:.3g}); {reason}"
         found.say(role, value, reason)
-    return signs
+    return negative
 
 
 def _unit(table: Table, column: str, dimension: Dimension) -> tuple[str, str]:
     """Return the unit of a column, and why."""
-    unit = _head(column)[1]
+    unit, usual = _head(column)[1], _USUAL[dimension]
     if dimension is Dimension.FORCE and unit in UNITS[Dimension.MASS]:
-        return (
-            unit,
-            f'{CHECK}: is "{unit}" a force? write "{unit}f" if the balance shows grams-force',
-        )
+        meant = f'is "{unit}" a force? write "{unit}f" if the balance shows grams-force'
+        return unit, f"{CHECK}: {meant}"
     if unit in UNITS[dimension]:
         return unit, "its head says so"
-    if dimension is Dimension.TIME:
-        cells = [cell for cell in _cells(table, column)[:50] if cell.lower() not in UNKNOWN]
+    cells = [cell for cell in table.cells(column)[:50] if cell.lower() not in UNKNOWN]
+    is_number = all(re.fullmatch(r"[+-]?[\d.,eE+-]+", cell) for cell in cells)
+    if dimension is Dimension.TIME and not is_number:
+        trial = Table(name="", columns={column: 0}, rows=[[c] for c in cells], places=cells)
         for form in _FORMATS:
-            asked = Column(column=column, unit=form)
-            trial = Table(name="", columns={column: 0}, rows=[[c] for c in cells], places=cells)
-            times = trial.numbers(asked, Dimension.TIME, field="")
-            if cells and not trial.problems and np.isfinite(times).all() and not _is_number(cells):
+            if np.isfinite(_tried(trial, column, form)).all():
                 return form, f"as in {cells[0]}"
-    usual = _USUAL[dimension]
     return usual, f"{CHECK}: its head says no unit, and {usual} is usual"
 
 
-def _is_number(cells: Sequence[str]) -> bool:
-    return all(re.fullmatch(r"[+-]?[\d.,eE+-]+", cell) for cell in cells)
+def _tried(table: Table, column: str, unit: str) -> np.ndarray:
+    """Return a column as times; what is wrong with it is told to nobody."""
+    trial = Table(name="", columns=table.columns, rows=table.rows, places=table.places)
+    return trial.numbers(Column(column=column, unit=unit), Dimension.TIME, field="")
 
 
 def _middle(table: Table, column: str) -> float:
     """Return the median of a column's numbers that are not about zero."""
-    trial = Table(name="", columns=table.columns, rows=table.rows, places=table.places)
-    numbers = trial.numbers(Column(column=column, unit="s"), Dimension.TIME, field="")
+    numbers = _tried(table, column, "s")
     known = numbers[np.isfinite(numbers)]
     large = known[np.abs(known) > 0.2 * np.abs(known).max(initial=0.0)]
     return float(np.median(large)) if len(large) else 0.0
 
 
-def _indenters(found: Guesses, table: Table, column: str | None) -> None:
+def _indenters(found: Guesses, table: Table, column: str) -> None:
     """Write terms for words that name indenters."""
-    words = dict.fromkeys(_cells(table, column)) if column else {}
-    words = {word: None for word in words if word and ":" not in word}
-    if not words:
-        return
-    found.head("data.indenters")
+    words = [word for word in dict.fromkeys(table.cells(column)) if word and ":" not in word]
+    if words:
+        found.head("data.indenters")
     for word in words:
         size = re.search(r"\d+([.,]\d+)?", word)
         shape = next((s for s, like in _SHAPES.items() if re.search(like, word, re.I)), "")
+        term, reason = "", f"{CHECK}: write its term, such as sphere:diameter=4mm"
         if size and shape:
             term = f"{shape}:diameter={size[0].replace(',', '.')}mm"
-            found.say(json.dumps(word), term, f"{CHECK}: a diameter or a radius?")
-        else:
-            found.say(json.dumps(word), "", f"{CHECK}: write its term, such as sphere:diameter=4mm")
-
-
-def _size(source: Source, name: str) -> tuple[int, int]:
-    with Image.open(source.path(name, field="an image", most_bytes=64 * MIB)) as image:
-        return image.size
+            reason = f"{CHECK}: a diameter or a radius?"
+        found.say(json.dumps(word), term, reason)
 
 
 def _rig(
     found: Guesses,
     words: Sequence[str],
     *,
-    sizes: Sequence[tuple[int, int]],
-    terms: bool = False,
+    size: tuple[int, int] | None = None,
+    has_terms: bool = False,
 ) -> None:
-    """Write sensor and indenter, and what the images' size says of them."""
+    """Write sensor and indenter, and what the images' size [px] says of them."""
     told = " ".join(words).lower()
     names = [n for n in ("digit", "9dtact", "gelsight-mini") if n.partition("-")[0] in told]
-    sensor = (names or ["gelsight-mini"])[0]
+    sensor, why = "gelsight-mini", f"{CHECK}: nothing names it"
+    if names:
+        sensor, why = names[0], f'a name has "{names[0].partition("-")[0]}" in it'
     found.head("rig.sensor")
-    why = (
-        f'a name has "{sensor.partition("-")[0]}" in it' if names else f"{CHECK}: nothing names it"
-    )
     found.say("name", sensor, why)
     found.head("rig.replay")
-    if not terms:
+    if not has_terms:
         found.say("indenter", "sphere:diameter=4mm", f"{CHECK}: nothing names it")
-    camera = import_module("sim.sensor.sensor").load_sensor(sensor).camera
-    for width, height in sizes:
-        want = camera.width / camera.height
-        size = f"{width} x {height} px"
-        turned = abs(want * width / height - 1.0) <= ASPECT < abs(width / height / want - 1.0)
-        left = width * (1.0 - 2.0 * camera.crop_fraction)
-        if turned or left < camera.width:
-            found.head("images")
-        if turned:
-            found.say("turn", 90, f"{CHECK}: images of {size} stand on their side; 90 or 270?")
-        if left < camera.width:
-            found.say("cropped", False, f"{CHECK}: true if images of {size} are cropped already")
+    if size is None:
+        return
+    camera, (width, height) = load_sensor(sensor).camera, size
+    want = camera.width / camera.height
+    told = f"images of {width} x {height} px"
+    turned = abs(want * width / height - 1.0) <= ASPECT < abs(width / height / want - 1.0)
+    is_small = width * (1.0 - 2.0 * camera.crop_fraction) < camera.width
+    if turned or is_small:
+        found.head("images")
+    if turned:
+        found.say("turn", 90, f"{CHECK}: {told} stand on their side; 90 or 270?")
+    if is_small:
+        found.say("cropped", False, f"{CHECK}: true if {told} are cropped already")

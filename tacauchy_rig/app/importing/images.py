@@ -6,8 +6,7 @@ import io
 import math
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -16,8 +15,7 @@ import numpy as np
 from PIL import Image
 
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.app.importing.problems import Problems
-from tacauchy_rig.app.importing.source import IMAGE_PIXELS
+from tacauchy_rig.app.importing.source import IMAGE_PIXELS, Problems
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.errors import RecordError
@@ -28,7 +26,6 @@ _MODES = ("RGB", "L")
 _ORIENTATION = 0x0112
 """EXIF's tag of how a viewer is to turn an image."""
 _AS_STORED = 1
-_SWAPPED_SIDES = (5, 6, 7, 8)
 ASPECT = 0.02
 """Relative difference of aspect ratios that is no squeezing: of cameras whose modes are rounded."""
 _TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
@@ -40,31 +37,20 @@ Size = tuple[int, int]
 
 
 class Images(Section):
-    """``[images]``: by what convention all images of the source were stored.
-
-    Attributes:
-        turn: Clockwise, to be as the sensor's camera gives them [deg].
-        colour_order: BGR where a viewer shows red as blue.
-        cropped: They show what is left after the sensor's crop, not the whole frame.
-    """
+    """``[images]``: by what convention all images of the source were stored."""
 
     turn: Literal[0, 90, 180, 270] = 0
     colour_order: ColourOrder = ColourOrder.RGB
     cropped: bool = False
 
 
-def image_size(data: bytes, *, name: str) -> Size:
-    """Return width and height [px] of a whole JPEG or PNG in colour or grey, as it is stored.
+def opened(data: bytes, *, name: str) -> tuple[Size, int]:
+    """Return width and height [px] of a JPEG or PNG as it is stored, and how EXIF turns it.
 
     Raises:
-        RecordError: It is another kind, damaged, or larger than any camera's.
+        RecordError: It is another kind, damaged, not of 8 bits, or larger than any camera's.
     """
-    return _opened(data, name)[0]
-
-
-def _opened(data: bytes, name: str) -> tuple[Size, int]:
-    """Return the size of an image, and how EXIF turns it."""
-    remedy = "replace the file, or leave its row out"
+    damage = ""
     try:
         with Image.open(io.BytesIO(data), formats=_KINDS) as image:
             width, height = image.size
@@ -81,16 +67,17 @@ def _opened(data: bytes, name: str) -> tuple[Size, int]:
                 )
             if image.format == "PNG":
                 image.load()
+            else:
+                damage = _damage(data)
             turned = int(image.getexif().get(_ORIENTATION, _AS_STORED))
-            is_jpeg = image.format == "JPEG"
+            kind = image.format
     except (Image.DecompressionBombError, OSError, ValueError, SyntaxError) as error:
         # Pillow raises a SyntaxError where a PNG is broken.
+        kind, damage = "JPEG or PNG", str(error)
+    if damage:
         raise RecordError(
-            f"image {name}: no whole JPEG or PNG ({len(data)} bytes): {error}", remedy=remedy
-        ) from error
-    if is_jpeg and (damage := _damage(data)):
-        raise RecordError(
-            f"image {name}: no whole JPEG ({len(data)} bytes): {damage}", remedy=remedy
+            f"image {name}: no whole {kind} ({len(data)} bytes): {damage}",
+            remedy="replace the file, or leave its row out",
         )
     return (width, height), turned
 
@@ -100,25 +87,17 @@ def _damage(data: bytes) -> str:
 
     It goes on behind damage, with grey or shifted blocks, and warns on standard error alone.
     """
-    with _stderr() as told:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
-    return told[0] if told else "" if image is not None else "it cannot be decoded"
-
-
-@contextmanager
-def _stderr() -> Iterator[list[str]]:
-    """Take what libraries write to standard error within; the lines are there afterwards."""
-    told: list[str] = []
-    with tempfile.TemporaryFile() as taken:
+    with tempfile.TemporaryFile() as told:
         kept = os.dup(2)
-        os.dup2(taken.fileno(), 2)
+        os.dup2(told.fileno(), 2)
         try:
-            yield told
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
         finally:
             os.dup2(kept, 2)
             os.close(kept)
-            taken.seek(0)
-            told += taken.read().decode("utf-8", "replace").splitlines()
+        told.seek(0)
+        warning = told.readline().decode("utf-8", "replace").strip()
+    return warning or ("it cannot be decoded" if image is None else "")
 
 
 @dataclass(slots=True, kw_only=True)
@@ -141,15 +120,18 @@ class Converter:
 
     def check_colours(self, problems: Problems) -> None:
         """Note images whose channels are in another order than those of the gel at rest."""
-        if not self.pairs:
-            return
-        as_stated, swapped = apart_as_stated_and_swapped(self.pairs)
-        if are_swapped(as_stated, swapped):
+        if swapped := exchanged_channels(self.pairs):
             problems.add(
-                f"images pressed are {as_stated:.1f} grey levels from those at rest; with red and "
-                f"blue exchanged {swapped:.1f}",
+                f"images pressed are {swapped[0]:.1f} grey levels from those at rest; with red and "
+                f"blue exchanged {swapped[1]:.1f}",
                 remedy="write both in one order of channels; images.colour_order is of all",
             )
+
+    def compare(self, data: bytes, rest: bytes) -> None:
+        """Keep an image of a press and its image at rest for ``check_colours``."""
+        image, still = (decode_rgb(each, reduction=8) for each in (data, rest))
+        if image is not None and still is not None:
+            self.pairs.append((image, still))
 
     def convert(self, data: bytes, *, name: str, rest: bytes | None) -> tuple[bytes, Size]:
         """Return an image's bytes, as they are where nothing has to be changed, and its size.
@@ -160,18 +142,17 @@ class Converter:
         Raises:
             RecordError: It is damaged, or of another size than the camera or the image at rest.
         """
-        stored, exif = _opened(data, name)
-        still = None if rest is None else _size_of(rest)
-        if exif == _AS_STORED and self.how == Images() and self._is_large(stored):
-            self._check(stored, name=name, rest=still)
-            return data, stored
+        size, exif = opened(data, name=name)
+        if exif == _AS_STORED and self.how == Images() and self._is_large(size):
+            self._check(size, name, rest)
+            return data, size
         image = self._fitting(data, exif, rest)
         if self.how.colour_order is ColourOrder.BGR:
             image = image[..., ::-1]
-        self._check((image.shape[1], image.shape[0]), name=name, rest=None)
+        self._check((image.shape[1], image.shape[0]), name, None)
         image = self._enlarged(image)
         size = (image.shape[1], image.shape[0])
-        self._check(size, name=name, rest=still)
+        self._check(size, name, rest)
         return encode_png(np.ascontiguousarray(image)), size
 
     def _fitting(self, data: bytes, exif: int, rest: bytes | None) -> ImageArray:
@@ -179,16 +160,16 @@ class Converter:
         upright = self._turned(data, cv2.IMREAD_COLOR)
         if exif == _AS_STORED:
             return upright
-        stored = self._turned(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if rest is None:
-            self._note("EXIF turns the image at rest, and so it was taken.")
+            self.notes["EXIF turns the image at rest, and so it was taken."] = None
             return upright
-        still = np.asarray(cv2.imdecode(np.frombuffer(rest, np.uint8), cv2.IMREAD_COLOR))[..., ::-1]
-        fits = [_apart(image, still) for image in (upright, stored)]
-        kept = stored if fits[1] < fits[0] else upright
-        did = "as stored" if kept is stored else "as EXIF turns it"
-        self._note(f"Images that EXIF turns were taken so that they fit the image at rest: {did}.")
-        return kept
+        stored = self._turned(data, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        still = np.asarray(decode_rgb(rest))
+        is_stored = _apart(stored, still) < _apart(upright, still)
+        did = "as stored" if is_stored else "as EXIF turns it"
+        note = f"Images that EXIF turns were taken so that they fit the image at rest: {did}."
+        self.notes[note] = None
+        return stored if is_stored else upright
 
     def _turned(self, data: bytes, flag: int) -> ImageArray:
         image = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), flag), np.uint8)[..., ::-1]
@@ -204,61 +185,48 @@ class Converter:
         """Return an image of which the crop leaves what is scored."""
         height, width = image.shape[:2]
         scored = (self.camera.width, self.camera.height)
-        told = f"Images of {width} x {height} px"
-        if not self.how.cropped:
-            if self._is_large((width, height)):
-                return image
-            left = 1.0 - 2.0 * self.camera.crop_fraction
-            whole = (math.ceil(scored[0] / left) + 2, math.ceil(scored[1] / left) + 2)
-            self._note(
-                f"{told} were taken as whole frames and enlarged, since fewer than the "
-                f"{scored[0]} x {scored[1]} px that are scored are left after the sensor's crop; "
-                "state images.cropped = true if they were cropped already."
-            )
-            return np.asarray(cv2.resize(image, whole, interpolation=cv2.INTER_LINEAR))
-        self._note(f"{told} were stated to be cropped; a border was put around for the crop.")
-        inner = np.asarray(cv2.resize(image, scored, interpolation=cv2.INTER_AREA))
-        across, down = (_border(side, self.camera.crop_fraction) for side in scored)
-        edge = cv2.BORDER_REPLICATE
-        return np.asarray(cv2.copyMakeBorder(inner, down, down, across, across, edge))
+        told, left = f"Images of {width} x {height} px", 1.0 - 2.0 * self.camera.crop_fraction
+        if self.how.cropped:
+            note = f"{told} were stated to be cropped; a border was put around for the crop."
+            self.notes[note] = None
+            inner = np.asarray(cv2.resize(image, scored, interpolation=cv2.INTER_AREA))
+            # The crop takes such a border off with it.
+            across, down = (int(side * self.camera.crop_fraction / left) for side in scored)
+            edge = cv2.BORDER_REPLICATE
+            return np.asarray(cv2.copyMakeBorder(inner, down, down, across, across, edge))
+        if self._is_large((width, height)):
+            return image
+        note = (
+            f"{told} were taken as whole frames and enlarged, since fewer than the "
+            f"{scored[0]} x {scored[1]} px that are scored are left after the sensor's crop; "
+            "state images.cropped = true if they were cropped already."
+        )
+        self.notes[note] = None
+        whole = (math.ceil(scored[0] / left) + 2, math.ceil(scored[1] / left) + 2)
+        return np.asarray(cv2.resize(image, whole, interpolation=cv2.INTER_LINEAR))
 
-    def compare(self, data: bytes, rest: bytes) -> None:
-        """Keep an image of a press and its image at rest for ``check_colours``."""
-        image, still = (decode_rgb(each, reduction=8) for each in (data, rest))
-        if image is not None and still is not None:
-            self.pairs.append((image, still))
-
-    def _note(self, sentence: str) -> None:
-        self.notes[sentence] = None
-
-    def _check(self, size: Size, *, name: str, rest: Size | None) -> None:
+    def _check(self, size: Size, name: str, rest: bytes | None) -> None:
         """Refuse an image of another shape than the camera's or the image at rest."""
-        width, height = size
-        told = f"image {name}: {width} x {height} px"
-        if rest is not None and rest != size:
+        told = f"image {name}: {size[0]} x {size[1]} px"
+        if rest is not None and (still := _size_of(rest)) != size:
             raise RecordError(
-                f"{told}; its image at rest has {rest[0]} x {rest[1]} px",
+                f"{told}; its image at rest has {still[0]} x {still[1]} px",
                 remedy="take both with one camera mode, and turn none of them",
             )
-        want, is_now = self.camera.width / self.camera.height, width / height
+        want, is_now = self.camera.width / self.camera.height, size[0] / size[1]
         if size in self.refused or abs(is_now / want - 1.0) <= ASPECT:
             return
         self.refused.add(size)
-        is_turned = abs(want * is_now - 1.0) <= ASPECT
-        why = ": it is turned by a quarter" if is_turned else ""
+        why, remedy = "", "cut images to the sensor's aspect ratio, or name another sensor: "
+        remedy += "squeezed they would not be to scale"
+        if abs(want * is_now - 1.0) <= ASPECT:
+            why = ": it is turned by a quarter"
+            remedy = "state images.turn = 90 or 270 if all are turned, or turn the image"
         raise RecordError(
             f"{told}, as others may be, an aspect ratio of {is_now:.3f}; the sensor's is "
             f"{want:.3f}{why}",
-            remedy="state images.turn = 90 or 270 if all are turned, or turn the image"
-            if is_turned
-            else "cut images to the sensor's aspect ratio, or name another sensor: squeezed they "
-            "would not be to scale",
+            remedy=remedy,
         )
-
-
-def _border(side: int, crop: float) -> int:
-    """Return a border that a crop takes off a side with it."""
-    return int(side * crop / (1.0 - 2.0 * crop))
 
 
 def _size_of(data: bytes) -> Size:
@@ -273,23 +241,21 @@ def _apart(image: ImageArray, still: ImageArray) -> float:
     return float(np.abs(image.astype(np.int16) - still.astype(np.int16)).mean())
 
 
-def apart_as_stated_and_swapped(
+def exchanged_channels(
     pairs: Sequence[tuple[ImageArray, ImageArray]],
-) -> tuple[float, float]:
-    """Return how far images are from those at rest, and how far with red and blue exchanged.
+) -> tuple[float, float] | None:
+    """Return how far images are from those at rest as stated, and with red and blue exchanged.
 
     Args:
         pairs: An image and its image at rest each.
 
     Returns:
-        Medians over the pairs [grey level].
+        Medians over the pairs [grey level]; None where they do not look like those at rest only
+        with channels exchanged.
     """
-    return (
-        float(np.median([_apart(image, rest) for image, rest in pairs])),
-        float(np.median([_apart(image[..., ::-1], rest) for image, rest in pairs])),
-    )
-
-
-def are_swapped(as_stated: float, swapped: float) -> bool:
-    """Return whether images look like those at rest only with channels exchanged."""
-    return swapped < SWAPPED_SHARE * as_stated and as_stated - swapped > SWAPPED_LEVELS
+    if not pairs:
+        return None
+    as_stated = float(np.median([_apart(image, rest) for image, rest in pairs]))
+    swapped = float(np.median([_apart(image[..., ::-1], rest) for image, rest in pairs]))
+    is_likelier = swapped < SWAPPED_SHARE * as_stated and as_stated - swapped > SWAPPED_LEVELS
+    return (as_stated, swapped) if is_likelier else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -16,14 +15,13 @@ from pydantic import Field, field_validator
 
 from sim.scene.indenter import Indenter
 from sim.scene.terms import parse_indenter
-from sim.sensor.sensor import Sensor, load_sensor
+from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.importing.images import Converter, Images
 from tacauchy_rig.app.importing.plausible import Keys, check_presses
 from tacauchy_rig.app.importing.presses import Recorded
-from tacauchy_rig.app.importing.problems import Problems
-from tacauchy_rig.app.importing.source import MIB, Source
-from tacauchy_rig.app.importing.table import read_section
-from tacauchy_rig.app.importing.writing import write_run
+from tacauchy_rig.app.importing.source import MIB, Problems, Source
+from tacauchy_rig.app.importing.table import as_toml, read_section
+from tacauchy_rig.app.importing.writing import check_counts, write_presses
 from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.config.load import LoadedConfig, leaves, nest, parse_override, restore_config
 from tacauchy_rig.core.config.model import IMPORTED, RigConfig
@@ -31,12 +29,19 @@ from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.imported import SAME_PLACE_M
 from tacauchy_rig.core.registry import Kind, unknown
 from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.versions import versions
 
 RIG_TABLES = ("sensor", "replay", "report", "uncertainty")
 RIG_FIELDS = ("force_sensor.to_tip", "force_sensor.compression_sign", "robot.tool_rotation")
 """What of ``rig.toml`` a source may say: the rest is of devices that it does not have."""
 PATH_FIELDS = ("sensor.name", "sensor.optics_calibration")
 """Of these, names that may be files: they are looked for in the folder."""
+SPEC_NAME = "import.toml"
+FIRST_TOUCH = "0.001 mN"
+"""Below the resolution of any cell: depth counts from first touch."""
+MESH = "mesh:"
+FILE_BYTES = 256 * MIB
+"""Of a calibration, a sensor's file or a tool's triangles."""
 
 
 class SourceKind(StrEnum):
@@ -50,16 +55,40 @@ class SourceKind(StrEnum):
     LEROBOT = "lerobot"
 
 
-class Spec(Section):
-    """All of ``import.toml``.
+READERS: Mapping[SourceKind, tuple[str, str, str]] = {
+    SourceKind.CSV: ("rows", "CsvData", "read_csv_folder"),
+    SourceKind.BAG: ("bag", "BagData", "read_bag"),
+    SourceKind.TAXIM: ("taxim", "TaximData", "read_taxim"),
+    SourceKind.VIDEO: ("video", "VideoData", "read_video"),
+    SourceKind.RECORDS: ("records", "RecordsData", "read_records"),
+    SourceKind.LEROBOT: ("lerobot", "LeRobotData", "read_lerobot"),
+}
+"""Of each format its module, its ``[data]``, and what reads it: others are not even loaded."""
+BARE = {".whl": SourceKind.TAXIM, ".npz": SourceKind.TAXIM}
+BARE |= {".mcap": SourceKind.BAG, ".db3": SourceKind.BAG}
+"""Files that can be imported without an ``import.toml``."""
+KEYS = Keys(
+    force_sign="rig.force_sensor.compression_sign = -1",
+    force="the unit of forces (data.columns.force.unit)",
+    depth_sign="data.columns.depth.sign = -1",
+    depth="the unit of depths (data.columns.depth.unit)",
+    place="data.columns.x and y, their unit or sign",
+)
+_STREAM = replace(KEYS, depth_sign="that the pose's z grows upwards, away from the gel")
+_KEYS = {
+    SourceKind.BAG: replace(
+        _STREAM, force="what publishes the force (bags are in N)", place="data.pad_centre"
+    ),
+    SourceKind.LEROBOT: replace(_STREAM, force="data.force.unit", depth="data.pose.unit"),
+    SourceKind.VIDEO: replace(
+        _STREAM, depth_sign="data.columns.z.sign = -1", depth="data.columns.z.unit"
+    ),
+}
+"""What declares conventions, by the source's format."""
 
-    Attributes:
-        name: Of the run; what the format suggests, if left out.
-        simulated: The presses are of a simulator or an emulator.
-        data: Of the source; its kind says what may stand there.
-        rig: What the run's ``rig.toml`` is to say of sensor, replay and report.
-        images: By what convention images were stored.
-    """
+
+class Spec(Section):
+    """All of ``import.toml``; docs/reference/file-formats.md explains each key."""
 
     kind: SourceKind
     name: str | None = Field(default=None, pattern=r"^[A-Za-z0-9_.-]{1,60}$")
@@ -76,37 +105,6 @@ class Spec(Section):
                 known = ", ".join((*(f"rig.{table}" for table in RIG_TABLES), *RIG_FIELDS))
                 raise ValueError(f'"{name}" says nothing of an imported run; it may say: {known}')
         return tables
-
-
-SPEC_NAME = "import.toml"
-SPEC_BYTES = MIB
-FIRST_TOUCH = "0.001 mN"
-"""Below the resolution of any cell: depth counts from first touch."""
-NO_TARGET = "0 N"
-"""An import has no target force; a configuration has to name one."""
-MESH = "mesh:"
-FILE_BYTES = 256 * MIB
-"""Of a calibration, a sensor's file or a tool's triangles."""
-
-BARE = {
-    ".whl": SourceKind.TAXIM,
-    ".npz": SourceKind.TAXIM,
-    ".mcap": SourceKind.BAG,
-    ".db3": SourceKind.BAG,
-}
-"""Files that can be imported without an ``import.toml``."""
-FILE = "data.file"
-
-
-READERS: Mapping[SourceKind, tuple[str, str, str]] = {
-    SourceKind.CSV: ("rows", "CsvData", "read_csv_folder"),
-    SourceKind.BAG: ("bag", "BagData", "read_bag"),
-    SourceKind.TAXIM: ("taxim", "TaximData", "read_taxim"),
-    SourceKind.VIDEO: ("video", "VideoData", "read_video"),
-    SourceKind.RECORDS: ("records", "RecordsData", "read_records"),
-    SourceKind.LEROBOT: ("lerobot", "LeRobotData", "read_lerobot"),
-}
-"""Of each format its module, its ``[data]``, and what reads it: others are not even loaded."""
 
 
 def import_run(
@@ -128,86 +126,112 @@ def import_run(
         RigError: Something is wrong; all that was met is told, by field, or by file and line.
     """
     source = Source(path if path.is_dir() else path.parent)
+    if not path.is_dir():
+        source.name = path.name
     overridden = {k: v for each in overrides for k, v in leaves(parse_override(each))}
     spec = _spec(source, path, overridden)
-    problems = source.problems
-    stated = problems.attempt(lambda: _stated(source, spec, trusted=overridden))
+    problems, stated = source.problems, None
+    with problems.noting():
+        stated = _within(source, dict(leaves(spec.rig)), trusted=overridden)
     recorded = _read(source, spec)
     if stated is None:
-        problems.refuse()
-        stated = {}
-    rig = _rig(spec, {**_common(recorded), **stated}, recorded)
+        raise problems.all_in_one
+    rig = _rig(spec, {**recorded.rig, **_common(recorded), **stated}, recorded)
     with problems.noting():
         check(rig.config)
-    sensor = problems.attempt(lambda: load_sensor(rig.config.sensor.name))
+    sensor = None
+    with problems.noting():
+        sensor = load_sensor(rig.config.sensor.name)
     if sensor is None:
         raise problems.all_in_one
-    indenters = _indenters(recorded, rig.config, problems)
+    young_pa = rig.config.replay.young or sensor.material.young_pa
     check_presses(
         recorded.presses,
-        indenters,
-        _with_modulus(sensor, rig.config.replay.young),
+        _indenters(recorded, rig.config, problems),
+        replace(sensor, material=replace(sensor.material, young_pa=young_pa)),
         _KEYS.get(spec.kind, KEYS),
         sign=rig.config.force_sensor.compression_sign,
         problems=problems,
     )
-    return write_run(
+    with problems.noting():
+        check_counts(recorded)
+    if not recorded.presses:
+        problems.refuse()
+    store = RunStore.create(
         parent,
         rig,
-        recorded,
-        kind=spec.kind.value,
-        source=source,
-        name=source.root.name if path.is_dir() else path.name,
-        config_text=_as_toml(rig.written),
+        config_text=f"# What was imported says of itself.\n{as_toml(rig.written)}",
         simulated=spec.simulated,
-        converter=Converter(how=spec.images, camera=sensor.camera),
+        versions=versions(),
     )
+    converter = Converter(how=spec.images, camera=sensor.camera)
+    write_presses(store, recorded, source, converter, kind=spec.kind.value)
+    return store
 
 
-KEYS = Keys(
-    force_sign="rig.force_sensor.compression_sign = -1",
-    force="the unit of forces (data.columns.force.unit)",
-    depth_sign="data.columns.depth.sign = -1",
-    depth="the unit of depths (data.columns.depth.unit)",
-    place="data.columns.x and y, their unit or sign",
-)
-_STREAM = replace(KEYS, depth_sign="that the pose's z grows upwards, away from the gel")
-_KEYS = {
-    SourceKind.BAG: replace(
-        _STREAM, force="what publishes the force (bags are in N)", place="data.pad_centre"
-    ),
-    SourceKind.LEROBOT: replace(_STREAM, force="data.force.unit", depth="data.pose.unit"),
-    SourceKind.VIDEO: replace(
-        _STREAM, depth_sign="data.columns.z.sign = -1", depth="data.columns.z.unit"
-    ),
-}
-"""What declares conventions, by the source's format."""
+def _spec(source: Source, path: Path, overridden: Mapping[str, Any]) -> Spec:
+    """Return the description, and over it what the command line says."""
+    if not path.is_dir() and (kind := BARE.get(path.suffix)):
+        values = {"kind": kind.value, "data.file": path.name}
+    else:
+        name = SPEC_NAME if path.is_dir() else path.name
+        text = source.read(name, field="import", most_bytes=MIB)
+        try:
+            values = dict(leaves(tomllib.loads(text.decode("utf-8"))))
+        except (ValueError, RecursionError) as error:
+            raise ConfigError(
+                f"{name}: not valid TOML: {error}",
+                remedy="docs/reference/file-formats.md shows what stands in import.toml",
+            ) from error
+    return read_section(Spec, {"data": {}, "rig": {}, **nest({**values, **overridden})})
+
+
+def _within(
+    source: Source, stated: Mapping[str, Any], *, trusted: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what the source says of the rig, its files within the folder.
+
+    Args:
+        trusted: Fields of the command line, whose files may lie anywhere.
+    """
+    within = dict(stated)
+    for field, value in stated.items():
+        if f"rig.{field}" in trusted or not isinstance(value, str):
+            continue
+        if field == "sensor.name" and not unknown(Kind.SENSOR, value):
+            continue
+        if field in PATH_FIELDS and value:
+            within[field] = str(source.path(value, field=f"rig.{field}", most_bytes=FILE_BYTES))
+        elif field == "replay.indenter":
+            within[field] = mesh_within(source, value, field=f"rig.{field}")
+    return within
+
+
+def mesh_within(source: Source, term: str, *, field: str) -> str:
+    """Return an indenter's term; the file of one of triangles has to lie in the folder."""
+    if not term.startswith(MESH):
+        return term
+    name, comma, rest = term.removeprefix(MESH).partition(",")
+    path = source.path(name, field=field, most_bytes=FILE_BYTES)
+    return f"{MESH}{path}{comma}{rest}"
 
 
 def _read(source: Source, spec: Spec) -> Recorded:
-    """Return what the source holds, as far as it can be read.
-
-    Raises:
-        RigError: Nothing of it can be.
-    """
+    """Return what the source holds, as far as it can be read; refuses where nothing of it can."""
     name, kind, reader = READERS[spec.kind]
     module = import_module(f"tacauchy_rig.app.importing.{name}")
-    recorded = None
+    recorded: Recorded = Recorded(presses=(), has_clock=False)
     with source.problems.noting():
-        recorded = getattr(module, reader)(
-            source, read_section(getattr(module, kind), spec.data, where="data.")
-        )
-    if recorded is None or not recorded.presses:
+        data = read_section(getattr(module, kind), spec.data, where="data.")
+        recorded = getattr(module, reader)(source, data)
+    if not recorded.presses:
         source.problems.refuse()
-        recorded = recorded or Recorded(presses=(), has_clock=False)
-    return _with_tools(source, recorded)
-
-
-def _with_modulus(sensor: Sensor, young_pa: float | None) -> Sensor:
-    """Return the sensor with a gel of the stated modulus [Pa]."""
-    if young_pa is None:
-        return sensor
-    return replace(sensor, material=replace(sensor.material, young_pa=young_pa))
+    presses = []
+    for each in recorded.presses:
+        with source.problems.noting():
+            term = mesh_within(source, each.indenter, field="the presses' indenter")
+            presses.append(replace(each, indenter=term))
+    return replace(recorded, presses=tuple(presses))
 
 
 def _indenters(recorded: Recorded, config: RigConfig, problems: Problems) -> list[Indenter | None]:
@@ -229,53 +253,6 @@ def _indenters(recorded: Recorded, config: RigConfig, problems: Problems) -> lis
     return [known[press.indenter] for press in recorded.presses]
 
 
-def _spec(source: Source, path: Path, overridden: Mapping[str, Any]) -> Spec:
-    """Return the description, and over it what the command line says."""
-    if not path.is_dir() and (kind := BARE.get(path.suffix)):
-        described = {"kind": kind.value, FILE: path.name}
-        return read_section(Spec, {"rig": {}, **nest({**described, **overridden})})
-    name = SPEC_NAME if path.is_dir() else path.name
-    text = source.read(name, field="import", most_bytes=SPEC_BYTES)
-    try:
-        tables = tomllib.loads(text.decode("utf-8"))
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise ConfigError(
-            f"{name}: not valid TOML: {error}",
-            remedy="docs/reference/file-formats.md shows what stands in import.toml",
-        ) from error
-    values = {**dict(leaves(tables)), **overridden}
-    return read_section(Spec, {"data": {}, "rig": {}, **nest(values)})
-
-
-def _stated(source: Source, spec: Spec, *, trusted: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the source says of the rig, its files within the folder.
-
-    Args:
-        trusted: Fields of the command line, whose files may lie anywhere.
-    """
-    stated = dict(leaves(spec.rig))
-    for field, value in stated.items():
-        if f"rig.{field}" in trusted or not isinstance(value, str):
-            continue
-        if field == "sensor.name" and not unknown(Kind.SENSOR, value):
-            continue
-        if field in PATH_FIELDS and value:
-            stated[field] = str(source.path(value, field=f"rig.{field}", most_bytes=FILE_BYTES))
-        elif field == "replay.indenter":
-            stated[field] = mesh_within(source, value, field=f"rig.{field}")
-    return stated
-
-
-def _with_tools(source: Source, recorded: Recorded) -> Recorded:
-    """Return the presses with indenters of triangles found in the folder."""
-    presses = []
-    for each in recorded.presses:
-        with source.problems.noting():
-            term = mesh_within(source, each.indenter, field="the presses' indenter")
-            presses.append(replace(each, indenter=term))
-    return replace(recorded, presses=tuple(presses))
-
-
 def _common(recorded: Recorded) -> dict[str, Any]:
     """Return indenter and place where all presses had the same: the replay's, unless stated."""
     common: dict[str, Any] = {}
@@ -288,36 +265,19 @@ def _common(recorded: Recorded) -> dict[str, Any]:
     return common
 
 
-def mesh_within(source: Source, term: str, *, field: str) -> str:
-    """Return an indenter's term; the file of one of triangles has to lie in the folder."""
-    if not term.startswith(MESH):
-        return term
-    name, comma, rest = term.removeprefix(MESH).partition(",")
-    path = source.path(name, field=field, most_bytes=FILE_BYTES)
-    return f"{MESH}{path}{comma}{rest}"
-
-
-def _rig(spec: Spec, stated: Mapping[str, Any], recorded: Recorded) -> LoadedConfig:
+def _rig(spec: Spec, stated: dict[str, Any], recorded: Recorded) -> LoadedConfig:
     """Return the run's configuration: what the source says, over the built-in replay and report."""
     contact = recorded.contact_force_n
-    force = FIRST_TOUCH if contact is None else f"{contact:.9g} N"
     ours = {
         "run.name": spec.name or recorded.name,
         "run.sync_mode": recorded.sync_mode,
         **{f"{device}.driver": IMPORTED for device in ("robot", "force_sensor", "camera")},
-        "protocol.force_targets": [NO_TARGET],
-        "protocol.contact_force": force,
+        "protocol.force_targets": ["0 N"],  # an import has none; a configuration has to name one
+        "protocol.contact_force": FIRST_TOUCH if contact is None else f"{contact:.9g} N",
     }
-    said = {**recorded.rig, **stated}
-    written = {**said, **ours}
+    written = {**stated, **ours}
     return LoadedConfig(
         config=restore_config(written),
         written=written,
-        sources={**dict.fromkeys(said, SPEC_NAME), **dict.fromkeys(ours, "import")},
+        sources={**dict.fromkeys(stated, SPEC_NAME), **dict.fromkeys(ours, "import")},
     )
-
-
-def _as_toml(written: Mapping[str, Any]) -> str:
-    """Return dotted fields as TOML; JSON writes text, numbers and lists alike."""
-    lines = (f"{field} = {json.dumps(value)}" for field, value in written.items())
-    return "\n".join(["# What was imported says of itself.", *lines, ""])

@@ -8,30 +8,28 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import correlate, correlation_lags, lfilter
 
-from tacauchy_rig.app.importing.presses import PressSpan, S, Samples
-from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.app.importing.presses import PressSpan, S, Samples, zero_of
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.imported import CameraClock
 from tacauchy_rig.core.run import FZ
 
 FINER = 4
 """Steps of the search in an interval of the coarser signal."""
 AROUND_S = 1.0
 """Before and after a press that its own offset is looked for in."""
-NEAR_S = 0.3
-"""Beside the offset of the whole: so far that of a press is looked for."""
-FAR_S = 2.0
-"""Where that is not far enough: one clock runs faster."""
+NEAR_S, FAR_S = 0.3, 2.0
+"""Beside the offset of the whole: so far that of a press is looked for, and where that is not far
+enough, since one clock runs faster."""
 NEAR_STEP_S = 0.002
 BINS = 40
 """Of the first signal's values: so few that each has values of coming down and of letting go."""
 LIKE = 0.6
 """Correlation of two signals of the same presses; less is of different ones."""
-ALONE = 0.97
-"""Of the best correlation: another offset, a press apart, has to have less."""
-APART_S = 1.0
+ALONE, APART_S = 0.97, 1.0
+"""Of the best correlation: another offset, so far apart, has to have less."""
 RATED = 3
 """Presses that tell whether one clock runs faster: two offsets always lie on a line."""
 MEMORY_SHARE, MEMORY_S = 0.13, 0.2
@@ -39,6 +37,8 @@ MEMORY_SHARE, MEMORY_S = 0.13, 0.2
 are taken to, so that the truth lies between this and none."""
 UNIFORM = 1.0 / math.sqrt(12.0)
 """Standard deviation of a uniform distribution of width 1."""
+SMALL = (32, 24)
+"""To which frames are scaled down to see when something changes [px]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,95 +53,58 @@ class Signal:
         return np.interp(time_s, self.time_s, self.value)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Offset:
-    """What is to be added to times of the second clock for those of the first.
+def offset_to_force(
+    force: Samples, seen: Signal, found: Sequence[PressSpan], *, height: Signal | None = None
+) -> CameraClock:
+    """Find what is to be added to times of images for those of the force.
 
-    Attributes:
-        seconds: The offset [s].
-        uncertainty_s: Standard uncertainty: scatter between presses, the coarser interval, and how
-            far apart what the second may follow lies [s].
-        correlation: Of both signals, with it [1].
-    """
-
-    seconds: float
-    uncertainty_s: float
-    correlation: float
-
-
-def find_offset(
-    first: Signal,
-    second: Signal,
-    presses_s: Sequence[tuple[float, float]],
-    *,
-    followed: Sequence[Signal] = (),
-) -> Offset:
-    """Find the offset with which two signals of the same presses fit best.
+    Its standard uncertainty is of the scatter between presses, the coarser interval, and how far
+    apart what an image may follow lies.
 
     Args:
-        first: Of the clock that is kept; rises and falls as the second does.
-        second: Of the clock that is to be moved.
-        presses_s: Start and end of each press in the first clock [s].
-        followed: What the second is a function of, in the first clock: one, or two that bound it;
-            left out, it is ``first``.
+        seen: How far the images changed, in the camera's clock.
+        height: Of the tip, which images follow; without, they follow a force between one that a
+            gel's memory is taken off and one that it is not.
 
     Raises:
         RecordError: They do not show the same presses, or fit with several offsets.
     """
-    interval_s = float(np.median(np.diff(second.time_s)))
-    coarse_s = _coarse(first, second, interval_s / FINER)
+    felt = felt_over_rests(force, found)
+    followed = [felt, without_memory(felt)]
+    if height is not None:
+        followed = [Signal(time_s=height.time_s, value=-height.value)]
+    presses_s = [(start / S, end / S) for start, end in (each.pressed for each in found)]
+    interval_s = float(np.median(np.diff(seen.time_s)))
+    coarse_s = _coarse(root_of(felt), seen, interval_s / FINER)
     for within_s in (NEAR_S, FAR_S):
-        found = np.array(
-            [
-                [_near(each, second, press, coarse_s, within_s) for press in presses_s]
-                for each in followed or (first,)
-            ]
+        offsets_s = np.array(
+            [[_near(f, seen, press, coarse_s, within_s) for press in presses_s] for f in followed]
         )
-        if np.abs(found - coarse_s).max() < 0.9 * within_s:
+        if np.abs(offsets_s - coarse_s).max() < 0.9 * within_s:
             break
-    _check_rate(found.mean(axis=0), presses_s, interval_s)
-    bounds_s = np.median(found, axis=1)
-    count = found.shape[1]
-    scatter_s = float(found.std(axis=1, ddof=1).max()) / math.sqrt(count) if count > 1 else 0.0
+    _check_rate(offsets_s.mean(axis=0), presses_s, interval_s)
+    bounds_s, count = np.median(offsets_s, axis=1), len(presses_s)
+    scatter_s = float(offsets_s.std(axis=1, ddof=1).max()) / math.sqrt(count) if count > 1 else 0.0
     single_s = interval_s if count == 1 else 0.0  # one press shows no scatter
     apart_s = UNIFORM * float(np.ptp(bounds_s))
-    return Offset(
-        seconds=float(bounds_s.mean()),
+    return CameraClock(
+        offset_s=float(bounds_s.mean()),
         uncertainty_s=math.hypot(scatter_s, single_s, UNIFORM * interval_s, apart_s),
-        correlation=likeness(first, second, float(bounds_s.mean())),
+        correlation=likeness(root_of(felt), seen, float(bounds_s.mean())),
     )
 
 
-def _check_rate(
-    offsets_s: FloatArray, presses_s: Sequence[tuple[float, float]], interval_s: float
-) -> None:
-    """Refuse clocks of which one runs faster.
-
-    Raises:
-        RecordError: The offsets of the presses grow by more than two intervals, and than their
-            scatter explains.
-    """
-    middle_s = np.mean(presses_s, axis=1)
-    if len(middle_s) < RATED or not np.ptp(middle_s):
-        return
-    rate, offset_s = np.polyfit(middle_s, offsets_s, 1)
-    left_s = float(np.std(offsets_s - offset_s - rate * middle_s))
-    grown_s = float(rate) * float(np.ptp(middle_s))
-    if abs(grown_s) > max(2.0 * interval_s, 3.0 * left_s):
-        raise RecordError(
-            f"the offset of the clocks grows by {grown_s:+.3f} s from the first press to the last: "
-            f"the camera's advances by {1.0 - float(rate):.4f} s a second of the log's",
-            remedy="frames were dropped, or their rate is wrong: on average there are "
-            f"{(1.0 - float(rate)) / interval_s:.3f} a second; state that as data.frame_rate",
-        )
+def felt_over_rests(force: Samples, found: Sequence[PressSpan]) -> Signal:
+    """Return how much is felt [N] over a zero that goes evenly from rest to rest."""
+    rests = [each.rest for each in found]
+    middles = [sum(rest) / 2.0 for rest in rests]
+    zero = np.interp(force.stamp_ns, middles, [zero_of(force, rest) for rest in rests])
+    return Signal(time_s=force.stamp_ns / S, value=np.abs(force.value[:, FZ] - zero))
 
 
-def likeness(first: Signal, second: Signal, offset_s: float) -> float:
-    """Return the correlation of two signals where both are, with an offset."""
-    time_s = second.time_s + offset_s
-    inside = (time_s >= first.time_s[0]) & (time_s <= first.time_s[-1])
-    one, other = _standard(first.at(time_s[inside])), _standard(second.value[inside])
-    return float(np.mean(one * other)) if inside.any() else 0.0
+def root_of(felt: Signal) -> Signal:
+    """Return the root of a force: an image changes about as it does."""
+    return Signal(time_s=felt.time_s, value=np.sqrt(felt.value))
 
 
 def without_memory(force: Signal) -> Signal:
@@ -159,17 +122,66 @@ def without_memory(force: Signal) -> Signal:
     return Signal(time_s=time_s, value=np.asarray(left))
 
 
+def image_change(frames: Iterable[ImageArray], time_s: FloatArray) -> FloatArray:
+    """Return how far each frame is from those of the first second [grey level].
+
+    Args:
+        time_s: Of each frame [s]; those that come late in a stream may be more than there are.
+    """
+    small = [
+        cv2.resize(frame, SMALL, interpolation=cv2.INTER_AREA).astype(np.float64)
+        for frame in frames
+    ]
+    if not small:
+        return np.empty(0)
+    stacked, times = np.stack(small), np.asarray(time_s)[: len(small)]
+    rest = np.median(stacked[times <= times[0] + 1.0], axis=0)
+    return np.asarray(np.sqrt(np.mean((stacked - rest) ** 2, axis=(1, 2, 3))))
+
+
+def likeness(first: Signal, second: Signal, offset_s: float) -> float:
+    """Return the correlation of two signals where both are, with an offset."""
+    time_s = second.time_s + offset_s
+    inside = (time_s >= first.time_s[0]) & (time_s <= first.time_s[-1])
+    one, other = _standard(first.at(time_s[inside])), _standard(second.value[inside])
+    return float(np.mean(one * other)) if inside.any() else 0.0
+
+
+def _standard(values: FloatArray) -> FloatArray:
+    return np.asarray((values - values.mean()) / (float(values.std()) or 1.0))
+
+
+def _check_rate(
+    offsets_s: FloatArray, presses_s: Sequence[tuple[float, float]], interval_s: float
+) -> None:
+    """Refuse clocks whose offset grows by more than two intervals, and than its scatter explains.
+
+    Raises:
+        RecordError: One runs faster.
+    """
+    middle_s = np.mean(presses_s, axis=1)
+    if len(middle_s) < RATED or not np.ptp(middle_s):
+        return
+    rate, offset_s = np.polyfit(middle_s, offsets_s, 1)
+    left_s = float(np.std(offsets_s - offset_s - rate * middle_s))
+    grown_s = float(rate) * float(np.ptp(middle_s))
+    if abs(grown_s) > max(2.0 * interval_s, 3.0 * left_s):
+        raise RecordError(
+            f"the offset of the clocks grows by {grown_s:+.3f} s from the first press to the last: "
+            f"the camera's advances by {1.0 - float(rate):.4f} s a second of the log's",
+            remedy="frames were dropped, or their rate is wrong: on average there are "
+            f"{(1.0 - float(rate)) / interval_s:.3f} a second; state that as data.frame_rate",
+        )
+
+
 def _coarse(first: Signal, second: Signal, step_s: float) -> float:
     """Return the offset of the largest correlation [s]."""
     grids = [np.arange(s.time_s[0], s.time_s[-1], step_s) for s in (first, second)]
-    one, other = (
-        _standard(signal.at(grid)) for signal, grid in zip((first, second), grids, strict=True)
-    )
+    one, other = _standard(first.at(grids[0])), _standard(second.at(grids[1]))
     both = correlate(one, other, mode="full", method="fft") / min(len(one), len(other))
     lag_s = correlation_lags(len(one), len(other)) * step_s + grids[0][0] - grids[1][0]
     best = int(np.argmax(both))
-    apart = np.abs(lag_s - lag_s[best]) > APART_S
-    rival = float(both[apart].max(initial=0.0))
+    rival = float(both[np.abs(lag_s - lag_s[best]) > APART_S].max(initial=0.0))
     like = likeness(first, second, float(lag_s[best]))
     if like < LIKE or rival > ALONE * both[best]:
         raise RecordError(
@@ -182,11 +194,7 @@ def _coarse(first: Signal, second: Signal, step_s: float) -> float:
 
 
 def _near(
-    first: Signal,
-    second: Signal,
-    press_s: tuple[float, float],
-    about_s: float,
-    within_s: float,
+    first: Signal, second: Signal, press_s: tuple[float, float], about_s: float, within_s: float
 ) -> float:
     """Return the offset of one press alone [s].
 
@@ -206,61 +214,3 @@ def _scatter(values: FloatArray) -> float:
     counts = np.diff(begins, append=len(values))
     total, squares = (np.add.reduceat(each, begins) for each in (values, values**2))
     return float((squares - total**2 / counts).sum())
-
-
-def _standard(values: FloatArray) -> FloatArray:
-    scatter = float(values.std())
-    return np.asarray((values - values.mean()) / (scatter or 1.0))
-
-
-SMALL = (32, 24)
-"""To which frames are scaled down to see when something changes [px]."""
-
-
-def offset_to_force(
-    force: Samples, seen: Signal, found: Sequence[PressSpan], *, height: Signal | None = None
-) -> Offset:
-    """Find what is to be added to times of images for those of the force."""
-    felt = _over_rests(force, found)
-    log = felt_over_rests(force, found)
-    spans_s = [(start / S, end / S) for start, end in (each.pressed for each in found)]
-    return find_offset(log, seen, spans_s, followed=followed(felt, height))
-
-
-def felt_over_rests(force: Samples, found: Sequence[PressSpan]) -> Signal:
-    """Return how far contact is felt: the root of the force, about as an image changes with it."""
-    felt = _over_rests(force, found)
-    return Signal(time_s=felt.time_s, value=np.sqrt(felt.value))
-
-
-def _over_rests(force: Samples, found: Sequence[PressSpan]) -> Signal:
-    """Return how much is felt [N] over a zero that goes evenly from rest to rest."""
-    rests = [each.rest for each in found]
-    zeros = [float(np.median(force.within(rest).value[:, FZ])) for rest in rests]
-    middles = [sum(rest) / 2.0 for rest in rests]
-    zero = np.interp(force.stamp_ns, middles, zeros)
-    return Signal(time_s=force.stamp_ns / S, value=np.abs(force.value[:, FZ] - zero))
-
-
-def followed(felt: Signal, height: Signal | None) -> tuple[Signal, ...]:
-    """Return what an image follows: how deep the tip is, or forces that bound a gel's memory."""
-    if height is None:
-        return felt, without_memory(felt)
-    return (Signal(time_s=height.time_s, value=-height.value),)
-
-
-def image_change(frames: Iterable[NDArray[np.uint8]], time_s: FloatArray) -> FloatArray:
-    """Return how far each frame is from those of the first second [grey level].
-
-    Args:
-        time_s: Of each frame [s]; those that come late in a stream may be more than there are.
-    """
-    small = [
-        cv2.resize(frame, SMALL, interpolation=cv2.INTER_AREA).astype(np.float64)
-        for frame in frames
-    ]
-    if not small:
-        return np.empty(0)
-    stacked, times = np.stack(small), np.asarray(time_s)[: len(small)]
-    rest = np.median(stacked[times <= times[0] + 1.0], axis=0)
-    return np.asarray(np.sqrt(np.mean((stacked - rest) ** 2, axis=(1, 2, 3))))

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from pydantic import Field
+from scipy.ndimage import median_filter
 
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, Int64Array
 from tacauchy_rig.core.config.fields import Force, Section
@@ -23,6 +24,8 @@ Window = tuple[int, int]
 """First and last stamp [ns], both included."""
 ORDER_NS = 1_000_000
 """Between the stamps of what has no time: they give the order only."""
+S = 1_000_000_000
+"""Nanoseconds of a second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,8 +43,11 @@ class Samples:
 
     def within(self, window: Window) -> Samples:
         """Return the samples of a window."""
-        inside = (self.stamp_ns >= window[0]) & (self.stamp_ns <= window[1])
-        return Samples(stamp_ns=self.stamp_ns[inside], value=self.value[inside])
+        return self.where((self.stamp_ns >= window[0]) & (self.stamp_ns <= window[1]))
+
+    def where(self, kept: BoolArray) -> Samples:
+        """Return some of the samples."""
+        return Samples(stamp_ns=self.stamp_ns[kept], value=self.value[kept])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,10 +103,8 @@ class Press:
     @property
     def held(self) -> FloatArray | None:
         """Wrenches over the dwell above the press's zero, shape [n, 6]; None where none are."""
-        if self.force is None:
-            return None
-        value = self.force.within(self.dwell).value
-        if not len(value):
+        value = None if self.force is None else self.force.within(self.dwell).value
+        if self.force is None or value is None or not len(value):
             return None
         zero = 0.0 if self.tare is None else self.force.within(self.tare).value.mean(axis=0)
         return np.asarray(value - zero)
@@ -140,16 +144,13 @@ class Recorded:
     clock: CameraClock | None = None
 
 
-S = 1_000_000_000
-"""Nanoseconds of a second."""
 REST_NS = S
 """Of a rest: long enough to average noise, too short for a cell's drift."""
 APART_NS = S // 5
 """Between a rest and the press after it, so that no approach is taken for rest."""
 SHORTEST_NS = 3 * S // 10
 """Of a press: what is shorter is a knock."""
-HALF = 4
-SMOOTHED = 2 * HALF + 1
+SMOOTHED = 9
 """Samples of force whose median decides where it is held: one that jumps does not."""
 RELEASED = 0.5
 """Of the force that begins a press: below it the press is over, so noise makes no second one."""
@@ -170,32 +171,11 @@ def _text(quantity: str) -> Any:
 
 
 class PressFinding(Section):
-    """How presses are found in a recording.
-
-    Attributes:
-        press_force: More than this is a press; the recording begins with less.
-        contact_force: Depth counts from here.
-        held_share: Of a press's largest force: as long as there is more, it is held.
-    """
+    """``[data.presses]``: how presses are found in a recording, which begins with less force."""
 
     press_force: Force = _text("0.2 N")
     contact_force: Force = _text("0.05 N")
     held_share: float = Field(default=0.99, gt=0.0, lt=1.0)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Streams:
-    """All of a recording, in one clock.
-
-    Attributes:
-        force: Raw wrenches.
-        frames: In order of time.
-        pose: Of the tip; None where nobody recorded it.
-    """
-
-    force: Samples
-    frames: Sequence[Frame]
-    pose: Samples | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -230,16 +210,18 @@ def find_presses(force: Samples, finding: PressFinding) -> list[PressSpan]:
             f"the recording has {len(force.stamp_ns)} samples of force, too few to find a press",
             remedy="check the name of the force's topic or column",
         )
-    spans = _loaded_windows(force, finding)
-    if not 0 < len(spans) < MAX_PRESSES:
+    begin_ns = int(force.stamp_ns[0])
+    windows = _loaded_windows(force, finding)
+    if not 0 < len(windows) < MAX_PRESSES:
+        largest_n = _axial_force(force, (begin_ns, begin_ns + REST_NS)).max()
         raise RecordError(
             f"the force is above data.presses.press_force ({finding.press_force:g} N) in "
-            f"{len(spans)} stretches; the largest is {axial_force(force).max():.3g} N",
+            f"{len(windows)} stretches; the largest is {largest_n:.3g} N",
             remedy="set data.presses.press_force between the noise and the weakest press",
         )
-    found, free_ns = [], int(force.stamp_ns[0])
-    for number, pressed in enumerate(spans, start=1):
-        name = f"press {number}, {(pressed[0] - int(force.stamp_ns[0])) / S:.2f} s from the start"
+    found, free_ns = [], begin_ns
+    for number, pressed in enumerate(windows, start=1):
+        name = f"press {number}, {(pressed[0] - begin_ns) / S:.2f} s from the start"
         rest = _rest(force, (free_ns, pressed[0] - APART_NS), finding, name)
         found.append(_span(name, force, rest, pressed, finding))
         free_ns = pressed[1] + APART_NS
@@ -251,11 +233,21 @@ def find_presses(force: Samples, finding: PressFinding) -> list[PressSpan]:
     return [replace(span, drift_n_s=rate) for span, rate in zip(found, rates, strict=True)]
 
 
+def zero_of(force: Samples, rest: Window) -> float:
+    """Return the force along the axis at rest [N]."""
+    return float(np.median(force.within(rest).value[:, FZ]))
+
+
+def _axial_force(force: Samples, rest: Window) -> FloatArray:
+    """Return how much is felt along the axis above a rest [N]."""
+    return np.asarray(np.abs(force.value[:, FZ] - zero_of(force, rest)))
+
+
 def _drift(force: Samples, span: PressSpan, later: Window, finding: PressFinding) -> float:
     """Return how fast the zero drifts from a press's rest to a later one [N/s]; 0 if hardly."""
-    zeros = [np.median(force.within(rest).value[:, FZ]) for rest in (span.rest, later)]
     apart_s = (sum(later) - sum(span.rest)) / 2.0 / S
-    rate = float(zeros[1] - zeros[0]) / apart_s if apart_s > 0.0 else 0.0
+    change_n = zero_of(force, later) - zero_of(force, span.rest)
+    rate = change_n / apart_s if apart_s > 0.0 else 0.0
     during = abs(rate) * (span.held[1] - span.rest[0]) / S
     return rate if during > DRIFT_TOLD * finding.contact_force else 0.0
 
@@ -277,15 +269,6 @@ def needed(stamp_ns: Int64Array, found: Sequence[PressSpan]) -> BoolArray:
     return np.asarray(np.logical_or.reduce(inside, axis=0))
 
 
-def cut(streams: Streams, found: Sequence[PressSpan]) -> tuple[Press, ...]:
-    """Return the presses of a recording, each with its rest before it.
-
-    Raises:
-        RecordError: One has no image of the gel at rest.
-    """
-    return tuple(_press(streams, each) for each in found)
-
-
 def _loaded_windows(force: Samples, finding: PressFinding) -> list[Window]:
     """Return when a force is above a level, over a zero that is followed from rest to rest.
 
@@ -295,7 +278,8 @@ def _loaded_windows(force: Samples, finding: PressFinding) -> list[Window]:
     """
     stamp_ns, axis = _blocks(force)
     zero = float(np.median(axis[stamp_ns <= stamp_ns[0] + REST_NS]))
-    rest, settling = _Recent(REST_NS), _Recent(SHORTEST_NS)
+    rest = settling = deque[tuple[int, float]]()
+    rest_ns = REST_NS
     windows: list[Window] = []
     start = ended = None
     peak, least = 0.0, RELEASED * finding.press_force
@@ -305,45 +289,30 @@ def _loaded_windows(force: Samples, finding: PressFinding) -> list[Window]:
             if felt > finding.press_force:
                 start, peak = now, felt
             elif felt < least:
-                rest.add(now, value)
-                zero = rest.median
+                zero = statistics.median(_newest(rest, now, value, rest_ns))
         elif ended is None:
             peak = max(peak, felt)
             if felt < max(least, RELEASED_SHARE * peak):
-                ended, settling = now, _Recent(SHORTEST_NS)
+                ended, settling = now, deque()
         else:
-            settling.add(now, value)
+            settled = _newest(settling, now, value, SHORTEST_NS)
             if felt > max(finding.press_force, 2.0 * RELEASED_SHARE * peak):
                 ended = None  # no rest between: one stretch, of which _check_one thinks its own
-            elif now - ended >= APART_NS and settling.range < least:
+            elif now - ended >= APART_NS and max(settled) - min(settled) < least:
                 windows.append((start, ended))
                 start = ended = None
-                zero, rest = settling.median, settling
+                zero, rest, rest_ns = statistics.median(settled), settling, SHORTEST_NS
     if start is not None:
         windows.append((start, ended or int(stamp_ns[-1])))
     return [window for window in windows if window[1] - window[0] >= SHORTEST_NS]
 
 
-class _Recent:
-    """Values of the newest stretch of time [ns]."""
-
-    def __init__(self, length_ns: int) -> None:
-        self._length_ns = length_ns
-        self._held: deque[tuple[int, float]] = deque()
-
-    def add(self, now: int, value: float) -> None:
-        self._held.append((now, value))
-        while self._held[0][0] < now - self._length_ns:
-            self._held.popleft()
-
-    @property
-    def median(self) -> float:
-        return statistics.median(value for _, value in self._held)
-
-    @property
-    def range(self) -> float:
-        values = [value for _, value in self._held]
-        return max(values) - min(values)
+def _newest(held: deque[tuple[int, float]], now: int, value: float, length_ns: int) -> list[float]:
+    """Take a value, and return those of the newest stretch of time."""
+    held.append((now, value))
+    while held[0][0] < now - length_ns:
+        held.popleft()
+    return [each for _, each in held]
 
 
 def _blocks(force: Samples) -> tuple[Int64Array, FloatArray]:
@@ -354,11 +323,19 @@ def _blocks(force: Samples) -> tuple[Int64Array, FloatArray]:
     return force.stamp_ns[begins], np.array([float(np.median(part)) for part in parts])
 
 
-def axial_force(force: Samples, rest: Window | None = None) -> FloatArray:
-    """Return how much is felt along the axis [N]; zero is that of a rest, or of the start."""
-    axis, start_ns = force.value[:, FZ], force.stamp_ns[0]
-    zero = rest or (start_ns, start_ns + REST_NS)
-    return np.asarray(np.abs(axis - np.median(force.within(zero).value[:, FZ])))
+def _stretches(stamp_ns: Int64Array, inside: BoolArray) -> list[Window]:
+    """Return the windows of neighbouring samples that are all inside."""
+    kept = np.flatnonzero(inside)
+    pieces = np.split(kept, np.flatnonzero(np.diff(kept) > 1) + 1)
+    return [(int(stamp_ns[piece[0]]), int(stamp_ns[piece[-1]])) for piece in pieces if len(piece)]
+
+
+def _longest(windows: Sequence[Window]) -> Window:
+    return max(windows, key=lambda window: window[1] - window[0])
+
+
+def _smooth(values: FloatArray) -> FloatArray:
+    return np.asarray(median_filter(values, SMOOTHED, mode="nearest"))
 
 
 def _rest(force: Samples, free: Window, finding: PressFinding, name: str) -> Window:
@@ -374,98 +351,100 @@ def _rest(force: Samples, free: Window, finding: PressFinding, name: str) -> Win
             remedy="record at least a second without contact before each press",
         )
     axis = _smooth(gap.value[:, FZ])
-    quiet = np.flatnonzero(np.abs(axis - np.median(axis)) < 0.5 * finding.contact_force)
-    pieces = np.split(quiet, np.flatnonzero(np.diff(quiet) > 1) + 1)
-    ends = [gap.stamp_ns[piece[[0, -1]]].tolist() for piece in pieces if len(piece)]
-    long = [(end - REST_NS, end) for start, end in ends if end - start >= REST_NS]
-    start, end = long[-1] if long else max(ends, key=lambda pair: pair[1] - pair[0])
-    return int(start), int(end)
+    is_quiet = np.abs(axis - np.median(axis)) < 0.5 * finding.contact_force
+    quiet = _stretches(gap.stamp_ns, np.asarray(is_quiet))
+    long = [(end - REST_NS, end) for start, end in quiet if end - start >= REST_NS]
+    return long[-1] if long else _longest(quiet)
 
 
 def _span(
     name: str, force: Samples, rest: Window, pressed: Window, finding: PressFinding
 ) -> PressSpan:
-    stamp_ns, force_n = force.stamp_ns, axial_force(force, rest)
-    _check_one(name, stamp_ns, force_n, pressed)
+    stamp_ns, force_n = force.stamp_ns, _axial_force(force, rest)
+    inside = (stamp_ns >= pressed[0]) & (stamp_ns <= pressed[1])
+    own_ns, smooth = stamp_ns[inside], _smooth(force_n[inside])
+    _check_one(name, (own_ns - pressed[0]) / S, smooth)
+    before = (stamp_ns >= rest[1]) & (stamp_ns <= pressed[0])
+    below = np.flatnonzero(before & (force_n < finding.contact_force))
     return PressSpan(
         name=name,
         rest=rest,
         pressed=pressed,
-        held=_held(stamp_ns, force_n, pressed, finding.held_share),
-        touched_ns=_touched(stamp_ns, force_n, pressed, rest[1], finding.contact_force),
+        held=_longest(_stretches(own_ns, smooth >= finding.held_share * smooth.max())),
+        touched_ns=int(stamp_ns[below[-1]]) if len(below) else pressed[0],
     )
 
 
-def _check_one(name: str, stamp_ns: Int64Array, force_n: FloatArray, pressed: Window) -> None:
-    """Refuse a stretch in which the force falls deeply between two peaks.
-
-    Raises:
-        RecordError: It does: these are several presses without a rest between them.
-    """
-    inside = (stamp_ns >= pressed[0]) & (stamp_ns <= pressed[1])
-    smooth = _smooth(force_n[inside])
-    before = np.maximum.accumulate(smooth)
-    after = np.maximum.accumulate(smooth[::-1])[::-1]
-    low = np.flatnonzero(smooth < VALLEY * np.minimum(before, after))
+def _check_one(name: str, time_s: FloatArray, force_n: FloatArray) -> None:
+    """Refuse a stretch in which the force falls deeply between two peaks: it is two presses."""
+    before = np.maximum.accumulate(force_n)
+    after = np.maximum.accumulate(force_n[::-1])[::-1]
+    low = np.flatnonzero(force_n < VALLEY * np.minimum(before, after))
     if len(low):
-        k = low[np.argmin(smooth[low])]
+        k = low[np.argmin(force_n[low])]
         raise RecordError(
-            f"{name}: the force falls from {before[k]:.3g} N to {smooth[k]:.3g} N and rises to "
-            f"{after[k]:.3g} N again, {(stamp_ns[inside][k] - pressed[0]) / S:.1f} s after it "
+            f"{name}: the force falls from {before[k]:.3g} N to {force_n[k]:.3g} N and rises to "
+            f"{after[k]:.3g} N again, {time_s[k]:.1f} s after it "
             "began: several presses without a rest between them",
             remedy="record a second without contact between presses, or cut the recording there",
         )
 
 
-def _press(streams: Streams, found: PressSpan) -> Press:
+def cut(
+    found: Sequence[PressSpan],
+    force: Samples,
+    frames: Sequence[Frame],
+    pose: Samples | None = None,
+    *,
+    pad_centre: tuple[float, float] | None = None,
+) -> tuple[Press, ...]:
+    """Return the presses of a recording in one clock, each with its rest before it.
+
+    Args:
+        frames: In order of time.
+        pose: Of the tip; None where nobody recorded it.
+        pad_centre: Where the tip's x and y are above the pad's centre [m]; None is not known.
+
+    Raises:
+        RecordError: One has no image of the gel at rest.
+    """
+    return tuple(_press(each, force, frames, pose, pad_centre) for each in found)
+
+
+def _press(
+    found: PressSpan,
+    force: Samples,
+    frames: Sequence[Frame],
+    pose: Samples | None,
+    pad_centre: tuple[float, float] | None,
+) -> Press:
     rest, whole = found.rest, (found.rest[0], found.pressed[1])
-    frames = tuple(f for f in streams.frames if whole[0] <= f.stamp_ns <= whole[1])
-    unloaded = [f.stamp_ns for f in frames if f.stamp_ns <= rest[1]]
+    own = tuple(each for each in frames if whole[0] <= each.stamp_ns <= whole[1])
+    unloaded = [each.stamp_ns for each in own if each.stamp_ns <= rest[1]]
     if not unloaded:
         raise RecordError(
             f"{found.name}: no image of the gel at rest before it",
             remedy="record images for at least a second without contact before each press",
         )
-    pose = None if streams.pose is None else streams.pose.within(whole)
-    force = streams.force.within(whole)
-    since_s = (force.stamp_ns - sum(rest) / 2.0) / S
-    force.value[:, FZ] -= found.drift_n_s * since_s
+    force = force.within(whole)
+    force.value[:, FZ] -= found.drift_n_s * (force.stamp_ns - sum(rest) / 2.0) / S
+    pose = None if pose is None else pose.within(whole)
+    held = np.empty((0, 6)) if pose is None else pose.within(found.held).value
+    place = None
+    if pad_centre is not None and len(held):
+        x, y = (held[:, :2].mean(axis=0) - pad_centre).tolist()
+        place = (x, y)
     return Press(
         name=found.name,
-        frames=frames,
+        frames=own,
         reference=(unloaded[0], unloaded[-1]),
         dwell=found.held,
         force=force,
         pose=pose if pose is not None and len(pose.stamp_ns) else None,
         tare=rest,
         contact_z_m=_height(pose, found.touched_ns),
+        place_m=place,
     )
-
-
-def _held(stamp_ns: np.ndarray, force_n: FloatArray, pressed: Window, share: float) -> Window:
-    """Return the longest stretch of a press with nearly its largest force."""
-    inside = np.flatnonzero((stamp_ns >= pressed[0]) & (stamp_ns <= pressed[1]))
-    smooth = _smooth(force_n[inside])
-    high = np.flatnonzero(smooth >= share * smooth.max())
-    pieces = np.split(high, np.flatnonzero(np.diff(high) > 1) + 1)
-    longest = max(
-        pieces, key=lambda piece: stamp_ns[inside[piece[-1]]] - stamp_ns[inside[piece[0]]]
-    )
-    return int(stamp_ns[inside[longest[0]]]), int(stamp_ns[inside[longest[-1]]])
-
-
-def _smooth(values: FloatArray) -> FloatArray:
-    padded = np.pad(values, HALF, mode="edge")
-    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, SMOOTHED), axis=1))
-
-
-def _touched(
-    stamp_ns: np.ndarray, force_n: FloatArray, pressed: Window, after_ns: int, contact_n: float
-) -> int:
-    """Return when the force passed that of contact for good, before it was a press."""
-    before = (stamp_ns >= after_ns) & (stamp_ns <= pressed[0])
-    below = np.flatnonzero(before & (force_n < contact_n))
-    return int(stamp_ns[below[-1]]) if len(below) else pressed[0]
 
 
 def _height(pose: Samples | None, at_ns: int) -> float | None:

@@ -10,10 +10,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import PurePath
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacauchy_rig.app.importing.presses import Recorded
 from tacauchy_rig.app.importing.rows import RowsData, image_files, presses_of
@@ -21,15 +19,16 @@ from tacauchy_rig.app.importing.source import (
     IMAGE_PIXELS,
     MIB,
     Source,
-    members,
-    read_member,
+    array_names,
     read_npy,
+    read_npz,
 )
-from tacauchy_rig.app.importing.table import Table
+from tacauchy_rig.app.importing.table import Column, Table
+from tacauchy_rig.core.arrays import AnyArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import ColourOrder, encode_png
 
-Record = Mapping[str, NDArray[Any]]
+Record = Mapping[str, AnyArray]
 NPY, NPZ = ".npy", ".npz"
 RECORD_BYTES = 256 * MIB
 """Of a record: an image and some maps of forces are a few."""
@@ -37,22 +36,10 @@ RECORDS_MOST = 10_000
 """Of a folder, of which a run takes a few."""
 _PRESS, _INDENTER = "(record)", "(indenter)"
 """Columns that no key of a record makes; no key is written so."""
-_NUMBERS, _TEXT = "fiu", "U"
-"""Kinds of NumPy's."""
 
 
 class RecordsData(RowsData):
-    """``[data]`` of a folder of records; a column is a key of each record.
-
-    Attributes:
-        records: Their folder.
-        colour_order: Of the images' channels.
-        starts: Beginning of the names of records to take; left out, all.
-        still: Keys of ways aside and turns: records in which one is not zero are left out, since a
-            replay presses straight.
-        indenters: As for every table, but by a part of the record's name.
-        no_contact: A PNG or JPEG, or an ``.npy``.
-    """
+    """``[data]`` of a folder of records; a column is a key of each record."""
 
     colour_order: ColourOrder
     records: str = "."
@@ -67,12 +54,10 @@ def read_records(source: Source, data: RecordsData) -> Recorded:
         RecordError: A record is damaged, of Python objects, or lacks a key.
         ConfigError: A unit is not of what it is to measure.
     """
-    names = _names(source, data)
-    found = {}
+    names, rows = _names(source, data), []
     for name in names:
         with source.problems.noting():
-            found[name] = _row(_read(source, name), name, data)
-    rows = [row for row in found.values() if row is not None]
+            rows += _rows(_read(source, name), name, data)
     source.problems.refuse()
     if not rows:
         raise RecordError(
@@ -92,7 +77,7 @@ def read_records(source: Source, data: RecordsData) -> Recorded:
     recorded = presses_of(
         table,
         data.model_copy(update={"columns": data.columns.model_copy(update=own_columns)}),
-        image=lambda name, field: _image(source, name, field, data),
+        image=lambda name, field: partial(_image, source, name, field, data),
         at_rest=lambda name, field: _at_rest(source, name, field, data),
     )
     left_out = len(names) - len(rows)
@@ -102,20 +87,15 @@ def read_records(source: Source, data: RecordsData) -> Recorded:
 
 def _names(source: Source, data: RecordsData) -> list[str]:
     """Return the records' files; an ``.npy`` beside an ``.npz`` of its name is its origin."""
-    folder = source.folder(data.records, field="data.records").relative_to(source.root)
-    inside = "" if str(folder) == "." else f"{folder}/"
+    inside = source.prefix(data.records, field="data.records")
     there = {
         path.name
-        for path in (source.root / folder).iterdir()
+        for path in (source.root / inside).iterdir()
         if path.suffix in (NPY, NPZ) and path.name.startswith(data.starts)
         if not path.name.startswith(".")
     }
-    kept = sorted(
-        name
-        for name in there
-        if not (name.endswith(NPY) and f"{name.removesuffix(NPY)}{NPZ}" in there)
-        and f"{inside}{name}" != data.no_contact
-    )
+    there -= {f"{PurePath(name).stem}{NPY}" for name in there if name.endswith(NPZ)}
+    kept = [name for name in sorted(there) if f"{inside}{name}" != data.no_contact]
     if not 0 < len(kept) <= RECORDS_MOST:
         raise RecordError(
             f"data.records: {data.records!r} has {len(kept)} files {NPY} or {NPZ}; 1 to "
@@ -129,23 +109,9 @@ def _read(source: Source, name: str) -> Record:
     """Return a record's arrays by name."""
     data = source.read(name, field="a record", most_bytes=RECORD_BYTES)
     if name.endswith(NPZ):
-        keys = [each.removesuffix(NPY) for each in members(data, name=name)]
-        return {
-            key: read_npy(read_member(data, f"{key}{NPY}", name=name), name=f"{name}: {key}")
-            for key in keys
-        }
-    found = _unpickled(data, name)
-    if found.dtype.names is None or found.size != 1:
-        raise RecordError(
-            f"{name}: holds {list(found.shape)} of {found.dtype}, no record with named fields",
-            remedy="docs/reference/file-formats.md shows how a record is saved with numpy.savez",
-        )
-    return {key: found.reshape(())[key] for key in found.dtype.names}
-
-
-def _unpickled(data: bytes, name: str) -> NDArray[Any]:
+        return read_npz(data, array_names(data, name=name), name=name)
     try:
-        return read_npy(data, name=name)
+        found = read_npy(data, name=name)
     except RecordError as error:
         if "pickle" not in error.message:
             raise
@@ -154,21 +120,27 @@ def _unpickled(data: bytes, name: str) -> NDArray[Any]:
             remedy="if you trust who made it, save its arrays by name with numpy.savez: "
             "docs/reference/file-formats.md has the lines",
         ) from error
+    if found.dtype.names is None or found.size != 1:
+        raise RecordError(
+            f"{name}: holds {list(found.shape)} of {found.dtype}, no record with named fields",
+            remedy="docs/reference/file-formats.md shows how a record is saved with numpy.savez",
+        )
+    return {key: found.reshape(())[key] for key in found.dtype.names}
 
 
-def _row(record: Record, name: str, data: RecordsData) -> dict[str, str] | None:
-    """Return a record's numbers and words as cells; None for one that does not press straight."""
-    cells = {key: text for key, each in record.items() if (text := _cell(each)) is not None}
+def _rows(record: Record, name: str, data: RecordsData) -> list[dict[str, str]]:
+    """Return a record's numbers and words as cells of a row; none if it does not press straight."""
+    keys = f"its keys: {', '.join(list(record)[:40])[:300] or 'none'}"
+    cells = {key: _cell(each) for key, each in record.items() if each.size == 1}
     for key in data.still:
-        if key not in cells:
-            raise RecordError(f"data.still: {name} has no number {key!r}", remedy=_keys(record))
+        if not cells.get(key):
+            raise RecordError(f"data.still: {name} has no number {key!r}", remedy=keys)
         if float(cells[key]) != 0.0:
-            return None
+            return []
     image = data.columns.image or ""
-    wanted = [each.column for each in dict(data.columns).values() if hasattr(each, "column")]
-    for key in (*wanted, image):
-        if key not in record:
-            raise RecordError(f"data.columns: {name} has no {key!r}", remedy=_keys(record))
+    wanted = [each.column for _, each in data.columns if isinstance(each, Column)]
+    if missing := [key for key in (*wanted, image) if key not in record]:
+        raise RecordError(f"data.columns: {name} has no {missing[0]!r}", remedy=keys)
     terms = [term for part, term in data.indenters.items() if part in PurePath(name).stem]
     if data.indenters and len(terms) != 1:
         raise RecordError(
@@ -176,28 +148,20 @@ def _row(record: Record, name: str, data: RecordsData) -> dict[str, str] | None:
             remedy="write for each indenter a part of the records' names that no other has",
         )
     own = {_PRESS: PurePath(name).stem, image: name}
-    return {**cells, **own, **({_INDENTER: terms[0]} if terms else {})}
+    return [{**cells, **own, **({_INDENTER: terms[0]} if terms else {})}]
 
 
-def _cell(array: NDArray[Any]) -> str | None:
-    """Return a single number or word as text; None for an array."""
-    if array.size != 1 or array.dtype.kind not in _NUMBERS + _TEXT:
-        return None
+def _cell(array: AnyArray) -> str:
+    """Return a single number or word as text; nothing of other kinds."""
     value = array.reshape(-1)[0]
-    return str(value) if array.dtype.kind == _TEXT else repr(float(value))
+    if array.dtype.kind == "U":
+        return str(value)
+    return repr(float(value)) if array.dtype.kind in "fiu" else ""
 
 
-def _keys(record: Record) -> str:
-    return f"its keys: {', '.join(list(record)[:40])[:300] or 'none'}"
-
-
-def _image(source: Source, name: str, field: str, data: RecordsData) -> Callable[[], bytes]:
+def _image(source: Source, name: str, field: str, data: RecordsData) -> bytes:
     key = data.columns.image or ""
-
-    def read() -> bytes:
-        return _png(_read(source, name)[key], f"{field}: {name}: {key}", data.colour_order)
-
-    return read
+    return _png(_read(source, name)[key], f"{field}: {name}: {key}", data.colour_order)
 
 
 def _at_rest(source: Source, name: str, field: str, data: RecordsData) -> Callable[[], bytes]:
@@ -207,14 +171,10 @@ def _at_rest(source: Source, name: str, field: str, data: RecordsData) -> Callab
     return partial(_png, found, f"{field}: {name}", data.colour_order)
 
 
-def _png(image: NDArray[Any], where: str, order: ColourOrder) -> bytes:
+def _png(image: AnyArray, where: str, order: ColourOrder) -> bytes:
     """Return an image [height, width, 3] of 8 bits as PNG."""
-    if (
-        image.dtype != np.uint8
-        or image.ndim != 3
-        or image.shape[2] != 3
-        or not 0 < image.shape[0] * image.shape[1] <= IMAGE_PIXELS
-    ):
+    is_image = image.dtype == np.uint8 and image.ndim == 3 and image.shape[2] == 3
+    if not is_image or not 0 < image.shape[0] * image.shape[1] <= IMAGE_PIXELS:
         raise RecordError(
             f"{where}: is {list(image.shape)} of {image.dtype}; images are [height, width, 3] of "
             "uint8",

@@ -9,17 +9,10 @@ from functools import partial
 import numpy as np
 from pydantic import Field
 
-from tacauchy_rig.app.importing.presses import (
-    ORDER_NS,
-    Frame,
-    Press,
-    Recorded,
-    Samples,
-    Window,
-)
+from tacauchy_rig.app.importing.presses import ORDER_NS, Frame, Press, Recorded, Samples, Window
 from tacauchy_rig.app.importing.source import IMAGE_BYTES, Source
 from tacauchy_rig.app.importing.table import Column, Dialect, Table, read_table
-from tacauchy_rig.core.arrays import BoolArray, FloatArray, Int64Array
+from tacauchy_rig.core.arrays import AnyArray, FloatArray, IndexArray, Int64Array
 from tacauchy_rig.core.config.fields import Force, Section
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.quantities import Dimension
@@ -36,13 +29,7 @@ _DIMENSIONS = {"force": Dimension.FORCE, "moment": Dimension.TORQUE, "time": Dim
 
 
 class SampleColumns(Section):
-    """Which columns hold forces, moments and the tip's position, and in which unit.
-
-    Attributes:
-        force: Along the sensor's axis; the others of the wrench as they are known.
-        x: Of the tip relative to the pad's centre.
-        z: Of the tip, upwards.
-    """
+    """Which columns hold the wrench (``force`` along the sensor's axis) and the tip's position."""
 
     force: Column | None = None
     force_x: Column | None = None
@@ -69,16 +56,7 @@ def read_columns(table: Table, columns: SampleColumns, *names: str) -> FloatArra
 
 
 class Columns(SampleColumns):
-    """Which column holds what.
-
-    Attributes:
-        image: File of the row's image, within ``images``; left out, there are no images.
-        press: Name of the press that a row belongs to; without, each row is a press.
-        state: Whether a row is unloaded or pressed; anything else is neither. Without, every row
-            is pressed.
-        depth: Below first touch.
-        indenter: As ``press --indenter`` has it, or a key of ``data.indenters``.
-    """
+    """Which column holds what: of words by its name, of numbers with their unit."""
 
     image: str | None = None
     press: str | None = None
@@ -90,16 +68,7 @@ class Columns(SampleColumns):
 
 
 class RowsData(Dialect):
-    """``[data]`` of every kind of table.
-
-    Attributes:
-        no_contact: Image of the gel at rest, for presses without an unloaded row.
-        is_tared: Forces are zero without contact: unloaded rows define no zero.
-        contact_force: At which depth counts from; left out, depth counts from first touch.
-        unloaded: What the state of a row at rest says.
-        pressed: What that of a row pressed says.
-        indenters: Terms as ``press --indenter`` has them, by what the column of indenters says.
-    """
+    """``[data]`` of every kind of table."""
 
     columns: Columns
     no_contact: str | None = None
@@ -111,12 +80,7 @@ class RowsData(Dialect):
 
 
 class CsvData(RowsData):
-    """``[data]`` of a folder with a CSV.
-
-    Attributes:
-        table: The CSV.
-        images: Folder of the images.
-    """
+    """``[data]`` of a folder with a CSV."""
 
     table: str = "presses.csv"
     images: str = "."
@@ -129,8 +93,7 @@ def read_csv_folder(source: Source, data: CsvData) -> Recorded:
         RecordError: The table cannot be read, or its times tell rest and press apart nowhere.
     """
     table = read_table(source, data.table, field="data.table", dialect=data)
-    images = source.folder(data.images, field="data.images").relative_to(source.root)
-    prefix = "" if str(images) == "." else f"{images}/"
+    prefix = source.prefix(data.images, field="data.images")
     return presses_of(table, data, image=image_files(source, prefix), at_rest=image_files(source))
 
 
@@ -152,25 +115,14 @@ def presses_of(table: Table, data: RowsData, *, image: Image, at_rest: Image) ->
         at_rest: Of ``no_contact``.
     """
     rows = _Rows(table, data)
-    problems, presses = table.problems, []
-    rest = None
+    problems, presses, rest = table.problems, [], None
     if data.no_contact is not None:
         with problems.noting():
             rest = at_rest(data.no_contact, "data.no_contact")
-    for name in dict.fromkeys(rows.press.tolist()):
+    for own in rows.by_press():
         with problems.noting():
-            own = np.flatnonzero(rows.press == name)
-            presses.append(_press(data, rows, own, image=image, rest=rest))
-    return Recorded(
-        presses=tuple(presses),
-        has_clock=rows.has_clock,
-        contact_force_n=data.contact_force,
-        unknown=tuple(_unknown(data.columns, data)),
-        notes=tuple(rows.notes),
-    )
-
-
-def _unknown(columns: Columns, data: RowsData) -> list[str]:
+            presses.append(rows.press_of(own, image, rest))
+    columns = data.columns
     has_zero = columns.force is None or data.is_tared or columns.state is not None
     lacks = {
         "What ties force and image of a row together in time": True,
@@ -180,7 +132,13 @@ def _unknown(columns: Columns, data: RowsData) -> list[str]:
         "Where on the pad was pressed": columns.x is None or columns.y is None,
         "How the indenter leans": columns.moment_x is None,
     }
-    return [f"{what} is not known." for what, is_lacking in lacks.items() if is_lacking]
+    return Recorded(
+        presses=tuple(presses),
+        has_clock=rows.has_clock,
+        contact_force_n=data.contact_force,
+        unknown=tuple(f"{what} is not known." for what, is_lacking in lacks.items() if is_lacking),
+        notes=tuple(rows.notes),
+    )
 
 
 class _Rows:
@@ -189,177 +147,160 @@ class _Rows:
     def __init__(self, table: Table, data: RowsData) -> None:
         columns, count = data.columns, len(table.rows)
 
-        def text(column: str | None, name: str, otherwise: list[str]) -> np.ndarray:
+        def text(name: str, otherwise: list[str]) -> AnyArray:
+            column = getattr(columns, name)
             cells = table.text(column, field=f"data.columns.{name}") if column else otherwise
             return np.array(cells, dtype=object)
 
-        self.table = table
-        self.notes = ["Stamps of this run count rows; no time was stated."]
-        self.has_clock = columns.time is not None
-        self.press = text(columns.press, "press", [str(k) for k in range(1, count + 1)])
-        self.state = text(columns.state, "state", [data.pressed] * count)
-        self.image = text(columns.image, "image", [""] * count)
-        self.indenter = text(columns.indenter, "indenter", [""] * count)
+        self.table, self.data = table, data
+        self.press = text("press", [str(k) for k in range(1, count + 1)])
+        state = text("state", [data.pressed] * count)
+        self.at_rest, self.pressed = state == data.unloaded, state == data.pressed
+        self.image = text("image", [""] * count)
+        self.indenter = text("indenter", [""] * count)
         self.wrench = read_columns(table, columns, *WRENCH)
         self.place = read_columns(table, columns, *POSE)
         self.depth, self.contact_z = read_columns(table, columns, "depth", "contact_z").T
+        self.notes = ["Stamps of this run count rows; no time was stated."]
+        self.has_clock = columns.time is not None
         self.stamp_ns: Int64Array = ORDER_NS * np.arange(1, count + 1)
         if columns.time is not None:
-            self._take_times(read_columns(table, columns, "time")[:, 0], columns.time, data)
+            self._take_times(read_columns(table, columns, "time")[:, 0], columns.time.column)
 
-    def _take_times(self, time_s: FloatArray, column: Column, data: RowsData) -> None:
+    def by_press(self) -> list[IndexArray]:
+        """Return the rows of each press."""
+        return [np.flatnonzero(self.press == name) for name in dict.fromkeys(self.press.tolist())]
+
+    def _take_times(self, time_s: FloatArray, column: str) -> None:
         """Take times as stamps that begin a second after zero, unless labels contradict them."""
         missing = np.flatnonzero(np.isnan(time_s)).tolist()
         if missing:
             self.table.problems.add(
-                f"{self.table.where(missing[0], column.column)}: has no time; "
+                f"{self.table.where(missing[0], column)}: has no time; "
                 f"{len(missing)} rows have none",
                 remedy="every row needs one, or leave data.columns.time out",
             )
             return
         stamps = np.asarray(np.rint((time_s - time_s.min() + 1.0) * 1e9), dtype=np.int64)
-        self.notes = list(_told_times(stamps, self.press, column.column))
-        contradicted = self._contradicted(stamps, data)
+        step = np.diff(stamps)[self.press[1:] == self.press[:-1]]
+        back, still = int((step < 0).sum()), int((step == 0).sum())
+        told = f'Times of the column "{column}" go back {back} times; rows were sorted by them.'
+        alike = f'{still} rows have the time of the row before (column "{column}").'
+        self.notes = [told] * bool(back) + [alike] * bool(still)
+        contradicted = self._contradicted(stamps)
         if contradicted is None:
             self.stamp_ns = stamps
             return
         self.has_clock = False
         self.notes.append(
-            f'Times of the column "{column.column}" were left out: those of press '
+            f'Times of the column "{column}" were left out: those of press '
             f"{self.press[contradicted]} do not tell its rows at rest from its rows pressed "
             f"({self.table.where(contradicted)}), which are labelled. Stamps of this run count "
             "rows."
         )
 
-    def _contradicted(self, stamps: Int64Array, data: RowsData) -> int | None:
+    def _among(self, rest: IndexArray, held: IndexArray, stamps: Int64Array) -> IndexArray:
+        """Return the rows at rest that stamps put among the rows pressed."""
+        first, last = int(stamps[held].min()), int(stamps[held].max())
+        return rest[(stamps[rest] >= first) & (stamps[rest] <= last)]
+
+    def _contradicted(self, stamps: Int64Array) -> int | None:
         """Return a row at rest that its stamp puts among the rows pressed; None where none is."""
-        for name in dict.fromkeys(self.press.tolist()):
-            own = np.flatnonzero(self.press == name)
-            rest, held = own[self.state[own] == data.unloaded], own[self.state[own] == data.pressed]
-            if not len(held):
-                continue
-            first, last = stamps[held].min(), stamps[held].max()
-            inside = rest[(stamps[rest] >= first) & (stamps[rest] <= last)]
-            if len(inside):
-                return int(inside[0])
+        for own in self.by_press():
+            rest, held = own[self.at_rest[own]], own[self.pressed[own]]
+            if len(held) and len(among := self._among(rest, held, stamps)):
+                return int(among[0])
         return None
 
-    def window(self, own: np.ndarray) -> Window | None:
+    def _window(self, own: IndexArray) -> Window | None:
         """Return first and last stamp of some rows; None of none."""
         stamps = self.stamp_ns[own]
         return (int(stamps.min()), int(stamps.max())) if len(own) else None
 
-    def samples(self, own: np.ndarray, values: FloatArray) -> Samples | None:
+    def _rest_window(self, rest: IndexArray, held: IndexArray) -> Window | None:
+        """Return when rows at rest were before a press, or after it, where none are before.
+
+        Raises:
+            RecordError: Some lie between rows pressed: these are several presses.
+        """
+        if len(among := self._among(rest, held, self.stamp_ns)):
+            raise RecordError(
+                f"{self.table.where(int(among[0]))}: press {self.press[held[0]]} is at rest "
+                "between rows in which it is pressed",
+                remedy="give each press a name of its own in the column of data.columns.press",
+            )
+        before = rest[self.stamp_ns[rest] < self.stamp_ns[held].min()]
+        return self._window(before if len(before) else rest)
+
+    def _samples(self, own: IndexArray, values: FloatArray) -> Samples | None:
         """Return the values of some rows as a stream; None of none."""
         return Samples(stamp_ns=self.stamp_ns[own], value=values[own]) if len(own) else None
 
-
-def _told_times(stamps: Int64Array, press: np.ndarray, column: str) -> list[str]:
-    """Return what is odd about the order of times within presses."""
-    step = np.diff(stamps)[press[1:] == press[:-1]]
-    back, still = int((step < 0).sum()), int((step == 0).sum())
-    told = [f'Times of the column "{column}" go back {back} times; rows were sorted by them.']
-    alike = f'{still} rows have the time of the row before (column "{column}").'
-    return told * bool(back) + [alike] * bool(still)
-
-
-def _at_one_side(rows: _Rows, rest: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """Return the rows at rest before a press; those after it, where none are before.
-
-    Raises:
-        RecordError: Some lie between rows pressed: these are several presses.
-    """
-    stamps, first, last = rows.stamp_ns, rows.stamp_ns[held].min(), rows.stamp_ns[held].max()
-    between = rest[(stamps[rest] > first) & (stamps[rest] < last)]
-    if len(between):
-        raise RecordError(
-            f"{rows.table.where(int(between[0]))}: press {rows.press[held[0]]} is at rest between "
-            "rows in which it is pressed",
-            remedy="give each press a name of its own in the column of data.columns.press",
+    def press_of(
+        self, own: IndexArray, image: Image, no_contact: Callable[[], bytes] | None
+    ) -> Press:
+        """Return the press that some rows hold; raises a RecordError where it lacks something."""
+        name, table, data = self.press[own[0]], self.table, self.data
+        own = own[np.argsort(self.stamp_ns[own], kind="stable")]
+        unloaded, pressed = own[self.at_rest[own]], own[self.pressed[own]]
+        if not len(pressed):
+            raise RecordError(
+                f'{table.name}: press {name} has no row whose state is "{data.pressed}"',
+                remedy="say what the column of data.columns.state says: data.unloaded, "
+                "data.pressed",
+            )
+        frames = self._frames(own, image)
+        reference = self._rest_window(unloaded[self.image[unloaded] != ""], pressed)
+        if reference is None and data.no_contact is not None and frames:
+            stamp = int(self.stamp_ns[own[0]]) - ORDER_NS
+            if no_contact is not None:
+                frames.insert(0, Frame(stamp_ns=stamp, name=data.no_contact, read=no_contact))
+            reference = (stamp, stamp)
+        if reference is None and frames:
+            raise RecordError(
+                f"{table.name}: press {name} has no image of the gel at rest",
+                remedy=f'name one as data.no_contact, or add rows whose state is "{data.unloaded}"',
+            )
+        has_force = ~np.isnan(self.wrench[:, FZ])
+        has_place = np.asarray(~np.isnan(self.place).any(axis=1))
+        tare = None
+        if not data.is_tared:
+            tare = self._rest_window(unloaded[has_force[unloaded]], pressed)
+        dwell = self._window(pressed) or (0, 0)
+        x, y = (_mean(self.place[pressed, axis]) for axis in (0, 1))
+        named = next((k for k in pressed.tolist() if self.indenter[k]), None)
+        term = "" if named is None else self.indenter[named]
+        return Press(
+            name=name,
+            frames=tuple(frames),
+            reference=reference or dwell,
+            dwell=dwell,
+            force=self._samples(own[has_force[own]], self.wrench),
+            pose=self._samples(
+                own[has_place[own]],
+                np.pad(self.place, ((0, 0), (0, 3)), constant_values=math.nan),
+            ),
+            tare=tare,
+            contact_z_m=_mean(self.contact_z[own]),
+            depth_m=_mean(self.depth[pressed]),
+            place_m=None if x is None or y is None else (x, y),
+            indenter=data.indenters.get(term, term),
+            where=table.where(int(pressed[0])),
+            indenter_at="" if named is None else table.where(named, data.columns.indenter or ""),
         )
-    before = rest[stamps[rest] < first]
-    return before if len(before) else rest
+
+    def _frames(self, own: IndexArray, image: Image) -> list[Frame]:
+        """Return the images of rows; those that are not there are noted."""
+        frames = []
+        for k in own.tolist():
+            if name := self.image[k]:
+                with self.table.problems.noting():
+                    read = image(name, self.table.where(k, self.data.columns.image or ""))
+                    frames.append(Frame(stamp_ns=int(self.stamp_ns[k]), name=name, read=read))
+        return frames
 
 
-def _press(
-    data: RowsData,
-    rows: _Rows,
-    own: np.ndarray,
-    *,
-    image: Image,
-    rest: Callable[[], bytes] | None,
-) -> Press:
-    name, table = rows.press[own[0]], rows.table
-    own = own[np.argsort(rows.stamp_ns[own], kind="stable")]
-    unloaded, pressed = own[rows.state[own] == data.unloaded], own[rows.state[own] == data.pressed]
-    if not len(pressed):
-        raise RecordError(
-            f'{table.name}: press {name} has no row whose state is "{data.pressed}"',
-            remedy="say what the column of data.columns.state says: data.unloaded, data.pressed",
-        )
-    frames = _frames(rows, own, image, data)
-    reference = rows.window(_at_one_side(rows, unloaded[rows.image[unloaded] != ""], pressed))
-    if reference is None and data.no_contact is not None and frames:
-        stamp = int(rows.stamp_ns[own[0]]) - ORDER_NS
-        if rest is not None:
-            frames.insert(0, Frame(stamp_ns=stamp, name=data.no_contact, read=rest))
-        reference = (stamp, stamp)
-    if reference is None and frames:
-        raise RecordError(
-            f"{table.name}: press {name} has no image of the gel at rest",
-            remedy=f'name one as data.no_contact, or add rows whose state is "{data.unloaded}"',
-        )
-    has_force: BoolArray = np.asarray(~np.isnan(rows.wrench[:, FZ]))
-    has_place: BoolArray = np.asarray(~np.isnan(rows.place).any(axis=1))
-    pose = np.pad(rows.place, ((0, 0), (0, 3)), constant_values=math.nan)
-    x, y, _ = _mean(rows.place[pressed])
-    dwell = rows.window(pressed) or (0, 0)
-    term, term_at = _indenter(data, rows, pressed)
-    return Press(
-        name=name,
-        frames=tuple(frames),
-        reference=reference or dwell,
-        dwell=dwell,
-        force=rows.samples(own[has_force[own]], rows.wrench),
-        pose=rows.samples(own[has_place[own]], pose),
-        tare=None
-        if data.is_tared
-        else rows.window(_at_one_side(rows, unloaded[has_force[unloaded]], pressed)),
-        contact_z_m=_known(_mean(rows.contact_z[own])),
-        depth_m=_known(_mean(rows.depth[pressed])),
-        place_m=None if math.isnan(x) or math.isnan(y) else (float(x), float(y)),
-        indenter=term,
-        where=table.where(int(pressed[0])),
-        indenter_at=term_at,
-    )
-
-
-def _frames(rows: _Rows, own: np.ndarray, image: Image, data: RowsData) -> list[Frame]:
-    """Return the images of rows; those that are not there are noted."""
-    frames = []
-    for k in own.tolist():
-        if rows.image[k]:
-            where = rows.table.where(k, data.columns.image or "")
-            with rows.table.problems.noting():
-                read = image(rows.image[k], where)
-                frames.append(Frame(stamp_ns=int(rows.stamp_ns[k]), name=rows.image[k], read=read))
-    return frames
-
-
-def _indenter(data: RowsData, rows: _Rows, pressed: np.ndarray) -> tuple[str, str]:
-    """Return a press's indenter and where it stands."""
-    for k in pressed.tolist():
-        if cell := rows.indenter[k]:
-            return data.indenters.get(cell, cell), rows.table.where(k, data.columns.indenter or "")
-    return "", ""
-
-
-def _known(value: FloatArray) -> float | None:
-    return None if math.isnan(value) else float(value)
-
-
-def _mean(values: FloatArray) -> FloatArray:
-    """Return the mean over rows of what is known; NaN where nothing is."""
-    known = ~np.isnan(values)
-    total = np.where(known, values, 0.0).sum(axis=0)
-    return np.asarray(np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), np.nan))
+def _mean(values: FloatArray) -> float | None:
+    """Return the mean of what is known; None where nothing is."""
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if len(known) else None

@@ -7,17 +7,16 @@ import math
 import os
 import stat
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import groupby
 from pathlib import Path
-from typing import IO, Any
 
 import numpy as np
 from numpy.lib import format as npy
-from numpy.typing import NDArray
 
-from tacauchy_rig.app.importing.problems import Problems
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.arrays import AnyArray
+from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.store.run_files import file_sha256, read_error
 
 MIB = 2**20
@@ -29,6 +28,59 @@ TABLE_BYTES = 256 * MIB
 """Of a table or a log: a kilohertz for half an hour, seven numbers a line."""
 LARGE_BYTES = 8192 * MIB
 """Of a bag, a video or an archive, which is read piece by piece."""
+ARRAY_BYTES = 1024 * MIB
+"""Of an array in memory: a thousand frames of 640 x 480 px in colour."""
+MEMBERS_MOST = 10_000
+"""Of an archive; a wheel has some dozens."""
+SHOWN = 20
+"""Lines that are told of one kind of problem; the rest is counted."""
+
+
+class Problems:
+    """Errors that were met while reading went on, each once; all are told at the end."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, RigError] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._found)
+
+    def add(self, message: str, *, remedy: str) -> None:
+        """Note a problem."""
+        with self.noting():
+            raise RecordError(message, remedy=remedy)
+
+    @contextmanager
+    def noting(self) -> Iterator[None]:
+        """Note an error of what is done within, and go on after it."""
+        try:
+            yield
+        except RigError as error:
+            self._found.setdefault(str(error), error)
+
+    def refuse(self) -> None:
+        """Raise what was noted, if anything was."""
+        if self._found:
+            raise self.all_in_one
+
+    @property
+    def all_in_one(self) -> RigError:
+        """The only problem as it was, or one that lists all, those of one remedy together."""
+        errors = list(self._found.values())
+        if len(errors) == 1:
+            return errors[0]
+        told = [
+            f"{shown([each.message for each in same])}\n  -> {remedy}"
+            for remedy, same in groupby(errors, key=lambda each: each.remedy)
+        ]
+        message, _, remedy = "\n".join([f"{len(errors)} problems", *told]).rpartition("\n  -> ")
+        return RecordError(message, remedy=remedy)
+
+
+def shown(lines: Sequence[str]) -> str:
+    """Return lines as one text, and how many more there are."""
+    more = [f"and {len(lines) - SHOWN} more"] if len(lines) > SHOWN else []
+    return "\n".join([*lines[:SHOWN], *more])
 
 
 class Source:
@@ -36,6 +88,7 @@ class Source:
 
     Attributes:
         root: Where it lies, links resolved.
+        name: Of what is imported: the folder, or one file of it.
         hashes: SHA-256 of what was read of it, by name.
         problems: What is wrong with it, as far as it was looked at.
         notes: What was made of it, a sentence each.
@@ -47,6 +100,7 @@ class Source:
                 f"{root}: no such folder to import", remedy="give the folder that import.toml is in"
             )
         self.root = root.resolve()
+        self.name = self.root.name
         self.hashes: dict[str, str] = {}
         self.problems = Problems()
         self.notes: list[str] = []
@@ -82,11 +136,7 @@ class Source:
         return path
 
     def folder(self, name: str, *, field: str) -> Path:
-        """Return where a folder of the source lies, itself included.
-
-        Raises:
-            RecordError: It leads out of the source, or is no folder.
-        """
+        """Return where a folder lies, the source's own included; raises as ``path``."""
         path = self._inside(name, field)
         if not path.is_dir():
             raise RecordError(
@@ -94,8 +144,13 @@ class Source:
             )
         return path
 
+    def prefix(self, name: str, *, field: str) -> str:
+        """Return what the names of a folder's files begin with; raises as ``path``."""
+        folder = self.folder(name, field=field)
+        return "" if folder == self.root else f"{folder.relative_to(self.root)}/"
+
     def read(self, name: str, *, field: str, most_bytes: int) -> bytes:
-        """Return a file's bytes; what is raised is as for ``path``."""
+        """Return a file's bytes; raises as ``path``."""
         path = self.path(name, field=field, most_bytes=most_bytes)
         try:
             return path.read_bytes()
@@ -115,28 +170,43 @@ class Source:
         return path
 
 
-ARRAY_BYTES = 1024 * MIB
-"""Of an array in memory: a thousand frames of 640 x 480 px in colour."""
-MEMBERS_MOST = 10_000
-"""Of an archive; a wheel has some dozens."""
-_BROKEN = (zipfile.BadZipFile, OSError, NotImplementedError, RuntimeError, ValueError, EOFError)
+@contextmanager
+def _archive(data: bytes, name: str) -> Iterator[zipfile.ZipFile]:
+    """Open a zip archive of at most ``MEMBERS_MOST`` files; damage ends in a RecordError."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as found:
+            if (count := len(found.filelist)) > MEMBERS_MOST:
+                raise RecordError(
+                    f"{name}: an archive of {count} files; at most {MEMBERS_MOST} are read",
+                    remedy="unpack what is needed",
+                )
+            yield found
+    except RigError:
+        raise
+    except Exception as error:
+        raise RecordError(
+            f"{name}: no whole zip archive: {str(error)[:200]}",
+            remedy="copy it anew from its source",
+        ) from error
 
 
-def read_member(archive: bytes | IO[bytes], member: str, *, name: str) -> bytes:
+def members(data: bytes, *, name: str) -> list[str]:
+    """Return the names of the files in an archive of that name."""
+    with _archive(data, name) as found:
+        return found.namelist()
+
+
+def read_member(data: bytes, member: str, *, name: str) -> bytes:
     """Return one file of a zip archive, no larger than an array may be.
-
-    Args:
-        archive: Its bytes or its open file.
-        member: The file wanted.
-        name: Of the archive, for messages.
 
     Raises:
         RecordError: It is no archive, lacks the file, or the file is damaged or too large.
     """
-    with _archive(archive, name) as found:
+    with _archive(data, name) as found:
         if member not in found.namelist():
             raise RecordError(
-                f"{name}: has no {member}", remedy="look at the archive: it is another than is said"
+                f"{name}: has no {member}",
+                remedy=f"it holds: {', '.join(found.namelist())[:200] or 'nothing'}",
             )
         info = found.getinfo(member)
         if info.file_size > ARRAY_BYTES:
@@ -149,55 +219,20 @@ def read_member(archive: bytes | IO[bytes], member: str, *, name: str) -> bytes:
             return file.read(info.file_size)
 
 
-def members(archive: bytes | IO[bytes], *, name: str) -> list[str]:
-    """Return the names of an archive's files; raises as ``read_member``."""
-    with _archive(archive, name) as found:
-        return found.namelist()
+def array_names(data: bytes, *, name: str) -> list[str]:
+    """Return the names of an ``.npz``'s arrays."""
+    return [each.removesuffix(".npy") for each in members(data, name=name)]
 
 
-@contextmanager
-def _archive(archive: bytes | IO[bytes], name: str) -> Iterator[zipfile.ZipFile]:
-    """Open an archive of at most ``MEMBERS_MOST`` files; damage within ends in a RecordError."""
-    stream = io.BytesIO(archive) if isinstance(archive, bytes) else archive
-    try:
-        with zipfile.ZipFile(stream) as found:
-            if (count := len(found.filelist)) > MEMBERS_MOST:
-                raise RecordError(
-                    f"{name}: an archive of {count} files; at most {MEMBERS_MOST} are read",
-                    remedy="unpack what is needed",
-                )
-            yield found
-    except _BROKEN as error:
-        raise RecordError(
-            f"{name}: no whole zip archive: {str(error)[:200]}",
-            remedy="copy it anew from its source",
-        ) from error
-
-
-def read_npz(data: bytes, wanted: Mapping[str, str], *, name: str) -> dict[str, NDArray[Any]]:
-    """Return arrays of an ``.npz``.
-
-    Args:
-        wanted: What each array is that is needed, by its name.
-        name: Of the file, for messages.
-
-    Raises:
-        RecordError: It is no such archive; an array is missing, damaged, too large or of objects.
-    """
-    there = members(data, name=name)
-    for array, what in wanted.items():
-        if f"{array}.npy" not in there:
-            raise RecordError(
-                f"{name}: has no array {array} ({what})",
-                remedy=f"it holds: {', '.join(there)[:200] or 'nothing'}",
-            )
+def read_npz(data: bytes, arrays: Iterable[str], *, name: str) -> dict[str, AnyArray]:
+    """Return arrays of an ``.npz`` of a name; raises as ``read_member`` and ``read_npy``."""
     return {
         array: read_npy(read_member(data, f"{array}.npy", name=name), name=f"{name}: {array}")
-        for array in wanted
+        for array in arrays
     }
 
 
-def read_npy(data: bytes, *, name: str) -> NDArray[Any]:
+def read_npy(data: bytes, *, name: str) -> AnyArray:
     """Return the array of an ``.npy``'s bytes.
 
     Its head is read first: an array of objects is a pickle, which is never loaded, and one that
@@ -211,7 +246,7 @@ def read_npy(data: bytes, *, name: str) -> NDArray[Any]:
         version = npy.read_magic(stream)
         read_head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
         shape, _, dtype = read_head(stream)
-    except (ValueError, EOFError, SyntaxError, TypeError, MemoryError, RecursionError) as error:
+    except Exception as error:
         raise RecordError(
             f"{name}: no array of NumPy's ({len(data)} bytes): {str(error)[:200]}",
             remedy="save it anew with numpy.save",

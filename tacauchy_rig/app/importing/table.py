@@ -12,7 +12,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Literal, TypeVar
@@ -20,9 +20,8 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from pydantic import ValidationError
 
-from tacauchy_rig.app.importing.problems import Problems, shown
-from tacauchy_rig.app.importing.source import TABLE_BYTES, Source
-from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.app.importing.source import TABLE_BYTES, Problems, Source, shown
+from tacauchy_rig.core.arrays import BoolArray, FloatArray
 from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.quantities import UNITS, Dimension
@@ -45,19 +44,15 @@ _POINT_ONLY = re.compile(r"[0-9eE+\-. \t\x1f]*")
 _BLANKS = str.maketrans("\u2212", "-", "\u00a0\u202f\u2009 '")
 _COMMA = re.compile(r"[+-]?(\d{1,3}(\.\d{3})+|\d*),\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
-
-
-T = TypeVar("T", bound=Section)
 _LINES_MOST = 40  # of a message: what one may mend before looking again
 _VALUE_MOST = 120  # characters of a value in a message
+T = TypeVar("T", bound=Section)
 
 
 def read_section(kind: type[T], tables: Any, *, where: str = "") -> T:
     """Return a table of ``import.toml`` as what it is to be.
 
     Args:
-        kind: Of the table.
-        tables: As it was written.
         where: Its name, with a dot; for messages.
 
     Raises:
@@ -77,22 +72,16 @@ def _line(problem: Any, kind: type[Section]) -> str:
     name = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "missing":
         return f"{name}: missing"
-    if problem["type"] == "extra_forbidden" and len(problem["loc"]) == 1:
-        return f"{name}: unknown key; known here: {', '.join(kind.model_fields)}"
     if problem["type"] == "extra_forbidden":
-        return f"{name}: unknown key"
+        is_outer = len(problem["loc"]) == 1
+        known = f"; known here: {', '.join(kind.model_fields)}" if is_outer else ""
+        return f"{name}: unknown key{known}"
     value = json.dumps(problem["input"], ensure_ascii=False, default=str)[:_VALUE_MOST]
     return f"{name}: {value}: {problem['msg'].removeprefix('Value error, ')}"
 
 
 class Column(Section):
-    """A column with numbers.
-
-    Attributes:
-        column: Its name.
-        unit: Of what stands in it; of times also ``iso`` or a format of ``strptime``.
-        sign: -1 where the numbers count the other way.
-    """
+    """A column with numbers: its name, their unit, and -1 where they count the other way."""
 
     column: str
     unit: str
@@ -102,19 +91,9 @@ class Column(Section):
         """Return what its numbers are multiplied by to be SI; refuses as ``unit_factor``."""
         return self.sign * unit_factor(self.unit, dimension, field=f"{field}.unit")
 
-    @property
-    def is_text(self) -> bool:
-        """Its times are dates as text, not numbers."""
-        return self.unit == ISO or "%" in self.unit
-
 
 class Dialect(Section):
-    """How a table is written; what is left out is found.
-
-    Attributes:
-        separator: Between cells.
-        decimal: Sign of decimals.
-    """
+    """How a table is written; what is left out is found."""
 
     separator: str | None = None
     decimal: Literal[".", ","] | None = None
@@ -163,35 +142,42 @@ class Table:
         line = f"{self.name} line {place}" if isinstance(place, int) else place
         return f'{line}, column "{column}"' if column else line
 
-    def text(self, column: str, *, field: str) -> list[str]:
-        """Return a column's cells, blanks at their ends taken off; empty ones without a column."""
-        if column not in self.columns:
-            self.problems.add(
-                f'{field}: {self.name} has no column "{column}"',
-                remedy=f"its columns: {', '.join(self.columns)}",
-            )
-            return [""] * len(self.rows)
+    def cells(self, column: str) -> list[str]:
+        """Return a column's cells, blanks at their ends taken off."""
         place = self.columns[column]
         return [row[place].strip() for row in self.rows]
+
+    def text(self, column: str, *, field: str) -> list[str]:
+        """Return a column's cells; empty ones, and a problem, where there is no such column."""
+        if column in self.columns:
+            return self.cells(column)
+        self.problems.add(
+            f'{field}: {self.name} has no column "{column}"',
+            remedy=f"its columns: {', '.join(self.columns)}",
+        )
+        return [""] * len(self.rows)
 
     def numbers(self, column: Column | None, dimension: Dimension, *, field: str) -> FloatArray:
         """Return a column in SI; NaN where nothing is known, and where a cell is no number."""
         if column is None:
             return np.full(len(self.rows), np.nan)
         cells = self.text(column.column, field=field)
-        if dimension is Dimension.TIME and column.is_text:
-            return self._instants(cells, column)
+        if dimension is Dimension.TIME and (column.unit == ISO or "%" in column.unit):
+            return self._known(
+                column,
+                cells,
+                np.array([_instant(cell, column.unit) for cell in cells]),
+                "is no time of the stated form",
+                remedy=f'"{ISO}" is such as 2026-11-27T10:00:00.250; else a format such as '
+                '"%d.%m.%Y %H:%M:%S.%f"',
+            )
         factor = math.nan
         with self.problems.noting():
             factor = column.factor(dimension, field=field)
         values = factor * self._plain(cells, column)
         too_large = np.abs(values) > MOST.get(dimension, math.inf)
-        self._tell(
-            column,
-            "more than any press of a gel has",
-            np.flatnonzero(too_large),
-            remedy=f"correct the value, or {field}.unit",
-        )
+        what, remedy = "more than any press of a gel has", f"correct the value, or {field}.unit"
+        self._tell(column, cells, too_large, what, remedy=remedy)
         return np.where(too_large, np.nan, values)
 
     def _plain(self, cells: Sequence[str], column: Column) -> FloatArray:
@@ -202,15 +188,13 @@ class Table:
             except ValueError:
                 pass  # told below, with its line
         comma = self._has_commas(cells, column)
-        values = np.array([_number(cell, comma=comma) for cell in cells])
-        known = np.array([cell.lower() not in UNKNOWN for cell in cells], dtype=bool)
-        self._tell(
+        return self._known(
             column,
+            cells,
+            np.array([_number(cell, comma=comma) for cell in cells]),
             f"is no finite number of {column.unit}",
-            np.flatnonzero(known & ~np.isfinite(values)),
             remedy="write plain numbers without a unit; leave the cell empty if nobody knows",
         )
-        return np.where(known & np.isfinite(values), values, np.nan)
 
     def _has_commas(self, cells: Sequence[str], column: Column) -> bool:
         """Return whether a column's decimals follow a comma."""
@@ -218,58 +202,53 @@ class Table:
             return self.decimal == ","
         plain = [cell.translate(_BLANKS) for cell in cells]
         found = [cell for cell in plain if _COMMA.fullmatch(cell)]
-        if found and all(_THOUSANDS.fullmatch(cell) for cell in found):
-            with_point = any("." in cell for cell in plain)
-            if not with_point:
-                self.problems.add(
-                    f'{self.name}, column "{column.column}": {found[0]!r} may be a decimal comma '
-                    "or one of thousands",
-                    remedy='state it: data.decimal = "," or "."',
-                )
-            return not with_point
-        return bool(found)
+        if not found or not all(_THOUSANDS.fullmatch(cell) for cell in found):
+            return bool(found)
+        with_point = any("." in cell for cell in plain)
+        if not with_point:
+            self.problems.add(
+                f'{self.name}, column "{column.column}": {found[0]!r} may be a decimal comma '
+                "or one of thousands",
+                remedy='state it: data.decimal = "," or "."',
+            )
+        return not with_point
 
-    def _instants(self, cells: Sequence[str], column: Column) -> FloatArray:
-        """Return dates and times [s]; those without a zone count as UTC."""
-        values = np.array([_instant(cell, column.unit) for cell in cells])
+    def _known(
+        self, column: Column, cells: Sequence[str], values: FloatArray, what: str, *, remedy: str
+    ) -> FloatArray:
+        """Return finite values; cells that are none, and do not say that they are unknown, told."""
         known = np.array([cell.lower() not in UNKNOWN for cell in cells], dtype=bool)
-        self._tell(
-            column,
-            "is no time of the stated form",
-            np.flatnonzero(known & np.isnan(values)),
-            remedy=f'"{ISO}" is such as 2026-11-27T10:00:00.250; else a format such as '
-            '"%d.%m.%Y %H:%M:%S.%f"',
-        )
-        return values
+        finite = np.isfinite(values)
+        self._tell(column, cells, known & ~finite, what, remedy=remedy)
+        return np.where(known & finite, values, np.nan)
 
-    def _tell(self, column: Column, what: str, rows: np.ndarray, *, remedy: str) -> None:
-        place = self.columns.get(column.column, 0)
+    def _tell(
+        self, column: Column, cells: Sequence[str], wrong: BoolArray, what: str, *, remedy: str
+    ) -> None:
         lines = [
-            f"{self.where(k, column.column)}: {self.rows[k][place].strip()[:40]!r} {what}"
-            for k in rows.tolist()
+            f"{self.where(k, column.column)}: {cells[k][:40]!r} {what}"
+            for k in np.flatnonzero(wrong).tolist()
         ]
         if lines:
             self.problems.add(shown(lines), remedy=remedy)
 
 
 def _number(cell: str, *, comma: bool) -> float:
-    """Return a cell's number; NaN where it is none."""
+    """Return a cell's number; NaN where it is none, or has another sign of decimals."""
     plain = cell.translate(_BLANKS)
     if not comma:
-        plain = _without_thousands(plain)
+        whole, point, rest = plain.partition(".")
+        if _THOUSANDS.fullmatch(whole):
+            plain = f"{whole.replace(',', '')}{point}{rest}"
     elif _COMMA.fullmatch(plain):
         plain = plain.replace(".", "").replace(",", ".")
     elif "." in plain:
-        return math.nan  # of another sign of decimals than the column's
+        return math.nan
     return float(plain) if _NUMBER.fullmatch(plain) else math.nan
 
 
-def _without_thousands(plain: str) -> str:
-    whole, point, rest = plain.partition(".")
-    return f"{whole.replace(',', '')}{point}{rest}" if _THOUSANDS.fullmatch(whole) else plain
-
-
 def _instant(cell: str, unit: str) -> float:
+    """Return a date and time [s]; one without a zone counts as UTC."""
     try:
         found = datetime.fromisoformat(cell) if unit == ISO else datetime.strptime(cell, unit)
     except ValueError:
@@ -296,9 +275,8 @@ def read_table(source: Source, name: str, *, field: str, dialect: Dialect | None
     _check_size(name, head, len(found))
     rows, places, odd = [], [], []
     for line, cells in found:
-        row = cells if not any(cell.strip() for cell in cells[len(head) :]) else []
-        if len(row) >= len(head):
-            rows.append(row)
+        if len(cells) >= len(head) and not any(cell.strip() for cell in cells[len(head) :]):
+            rows.append(cells)
             places.append(line)
         else:
             odd.append(f"{name} line {line}: {len(cells)} cells, the head line has {len(head)}")
@@ -389,3 +367,23 @@ def _cells(text: str, separator: str) -> list[tuple[int, list[str]]]:
             rows.append((before + 1, cells))
         before = reader.line_num
     return rows
+
+
+def as_csv(rows: Iterable[Iterable[object]]) -> bytes:
+    """Return rows as CSV; what is not known is empty."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()
+
+
+def toml_value(value: object) -> str:
+    """Return a value as TOML: a string, number or list is in it what it is in JSON."""
+    if isinstance(value, Mapping):
+        pairs = (f"{key} = {toml_value(each)}" for key, each in value.items())
+        return f"{{ {', '.join(pairs)} }}"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def as_toml(values: Mapping[str, object]) -> str:
+    """Return keys and values as lines of TOML."""
+    return "".join(f"{key} = {toml_value(each)}\n" for key, each in values.items())

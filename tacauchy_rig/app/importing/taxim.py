@@ -1,7 +1,8 @@
 """Ball presses of Taxim's calibration sets: ``dataPack.npz``, alone or within the ``taxim`` wheel.
 
-Taxim: Si and Yuan, RA-L 2022. Each set is a no-contact frame, images of a pressed ball and a circle
-that was drawn into each. It states neither force nor depth, place, time or ball.
+Taxim: Si and Yuan, RA-L 2022. Each set is a no-contact frame (``f0``), images of a pressed ball
+(``imgs``) and a circle that was drawn into each (``touch_center``: column and row of the contact's
+middle, ``touch_radius``: of its edge [px]). It states neither force nor depth, place, time or ball.
 """
 
 from __future__ import annotations
@@ -9,10 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 from functools import partial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tacauchy_rig.app.importing.presses import ORDER_NS, Frame, Press, Recorded
 from tacauchy_rig.app.importing.source import (
@@ -23,17 +22,12 @@ from tacauchy_rig.app.importing.source import (
     read_member,
     read_npz,
 )
+from tacauchy_rig.core.arrays import AnyArray, ImageArray
 from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import encode_png
 
-WHEEL = ".whl"
-_WANTED = {
-    "f0": "the no-contact frame",
-    "imgs": "the images",
-    "touch_center": "column and row of each contact's middle [px]",
-    "touch_radius": "radius of each contact's edge [px]",
-}
+_WANTED = ("f0", "imgs", "touch_center", "touch_radius")
 _UNKNOWN = (
     "What ball was pressed is not known, nor by which scale it was seen.",
     "The force is not known.",
@@ -76,13 +70,7 @@ ASSUMED: Mapping[TaximSet, Mapping[str, str]] = {
 
 
 class TaximData(Section):
-    """``[data]`` of Taxim's presses.
-
-    Attributes:
-        file: ``dataPack.npz``, or the wheel.
-        set: Which of the wheel's.
-        circles: Take those that were drawn; if not, contacts are found in the images.
-    """
+    """``[data]`` of Taxim's presses; without ``circles`` contacts are found in the images."""
 
     file: str
     set: TaximSet | None = None
@@ -95,10 +83,10 @@ def read_taxim(source: Source, data: TaximData) -> Recorded:
     Raises:
         RecordError: It is no such file, or its arrays do not belong together.
     """
-    packed = source.read(data.file, field="data.file", most_bytes=ARRAY_BYTES)
-    name = data.file
-    if name.endswith(WHEEL):
-        name, packed = _of_wheel(packed, data)
+    packed, name = source.read(data.file, field="data.file", most_bytes=ARRAY_BYTES), data.file
+    if name.endswith(".whl"):
+        member = _member(packed, data)
+        packed, name = read_member(packed, member, name=name), f"{name}: {member}"
     found = read_npz(packed, _WANTED, name=name)
     frame, images = found["f0"], found["imgs"]
     if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2:] != (3,):
@@ -109,7 +97,7 @@ def read_taxim(source: Source, data: TaximData) -> Recorded:
         )
     if not 0 < frame.shape[0] * frame.shape[1] <= IMAGE_PIXELS:
         raise _inconsistent(f"{name}: f0 is {frame.shape[1]} x {frame.shape[0]} px")
-    drawn = _circles(found, len(images), frame.shape, name)
+    drawn = _circles(found, name)
     taken = data.set is not TaximSet.GELSIGHT_MINI if data.circles is None else data.circles
     return Recorded(
         presses=tuple(
@@ -123,10 +111,11 @@ def read_taxim(source: Source, data: TaximData) -> Recorded:
     )
 
 
-def _of_wheel(wheel: bytes, data: TaximData) -> tuple[str, bytes]:
-    """Return name and bytes of a set within the wheel."""
-    there = [name for name in members(wheel, name=data.file) if name.endswith("/dataPack.npz")]
-    known = [each for each in TaximSet if f"taxim/calib/{each}/dataPack.npz" in there]
+def _member(wheel: bytes, data: TaximData) -> str:
+    """Return where in the wheel a set is."""
+    there = members(wheel, name=data.file)
+    known = {each: f"taxim/calib/{each}/dataPack.npz" for each in TaximSet}
+    known = {each: member for each, member in known.items() if member in there}
     if data.set not in known:
         raise RecordError(
             f"data.set: {data.set!s} is no set of {data.file}",
@@ -134,22 +123,19 @@ def _of_wheel(wheel: bytes, data: TaximData) -> tuple[str, bytes]:
             if known
             else "it is not the wheel of `pip download taxim --no-deps`",
         )
-    member = f"taxim/calib/{data.set}/dataPack.npz"
-    return f"{data.file}: {member}", read_member(wheel, member, name=data.file)
+    return known[data.set]
 
 
-def _circles(
-    found: Mapping[str, NDArray[Any]], count: int, shape: tuple[int, ...], name: str
-) -> list[tuple[float, float, float]]:
+def _circles(found: Mapping[str, AnyArray], name: str) -> list[tuple[float, float, float]]:
     """Return column, row and radius of each contact's edge [px]."""
     centres, radii = found["touch_center"], found["touch_radius"]
+    count, height, width, _ = found["imgs"].shape
     if centres.shape != (count, 2) or radii.shape != (count,):
         raise _inconsistent(f"{name}: {centres.shape} and {radii.shape} circles for {count} images")
     try:
         circles = np.column_stack([centres, radii]).astype(np.float64)
     except (TypeError, ValueError) as error:
         raise _inconsistent(f"{name}: circles of {centres.dtype} and {radii.dtype}") from error
-    height, width = shape[:2]
     inside = (circles >= 0.0) & (circles <= [width, height, width])
     for k in np.flatnonzero(~inside.all(axis=1) | ~(circles[:, 2] > 0.0)):
         raise _inconsistent(f"{name}: press {k + 1} has its circle at {circles[k].tolist()} px")
@@ -157,27 +143,23 @@ def _circles(
 
 
 def _press(
-    index: int,
-    frame: NDArray[np.uint8],
-    image: NDArray[np.uint8],
-    circle: tuple[float, float, float] | None,
+    index: int, frame: ImageArray, image: ImageArray, circle: tuple[float, float, float] | None
 ) -> Press:
-    stamps = {"no contact": ORDER_NS, "pressed": 2 * ORDER_NS}
-    frames = tuple(
-        Frame(stamp_ns=stamp, name=f"imgs[{index}], {what}", read=partial(_png, pixels))
-        for (what, stamp), pixels in zip(stamps.items(), (frame, image), strict=True)
-    )
-    unloaded, pressed = stamps.values()
+    unloaded, pressed = ORDER_NS, 2 * ORDER_NS
+    name = f"imgs[{index}]"
     return Press(
-        name=f"imgs[{index}]",
-        frames=frames,
+        name=name,
+        frames=(
+            Frame(stamp_ns=unloaded, name=f"{name}, no contact", read=partial(_png, frame)),
+            Frame(stamp_ns=pressed, name=f"{name}, pressed", read=partial(_png, image)),
+        ),
         reference=(unloaded, unloaded),
         dwell=(pressed, pressed),
         contact_px=circle,
     )
 
 
-def _png(bgr: NDArray[np.uint8]) -> bytes:
+def _png(bgr: ImageArray) -> bytes:
     """Return an image as PNG; OpenCV, which read it for them, has blue first."""
     return encode_png(np.ascontiguousarray(bgr[..., ::-1]))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -10,7 +11,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from tacauchy_rig.app.importing.offset import Signal, image_change, offset_to_force
@@ -20,7 +20,6 @@ from tacauchy_rig.app.importing.presses import (
     Recorded,
     S,
     Samples,
-    Streams,
     cut,
     drift_note,
     find_presses,
@@ -29,10 +28,9 @@ from tacauchy_rig.app.importing.presses import (
 from tacauchy_rig.app.importing.rows import POSE, WRENCH, SampleColumns, read_columns
 from tacauchy_rig.app.importing.source import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
 from tacauchy_rig.app.importing.table import Column, Dialect, Table, read_table
-from tacauchy_rig.core.arrays import FloatArray, Int64Array
+from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.config.fields import Frequency
 from tacauchy_rig.core.errors import ConfigError, RecordError
-from tacauchy_rig.core.imported import CameraClock
 from tacauchy_rig.core.rgb import encode_png
 
 FRAMES_MOST = 108_000
@@ -44,6 +42,8 @@ EVEN_SHARE = 0.5
 """Of a video's interval: frames that are further from even times are of a clock of their own."""
 WRAPS_S = tuple(2.0**bits * unit for bits in (16, 24, 31, 32) for unit in (1.0, 1e-3, 1e-6, 1e-9))
 """After which counters of that many bits and that unit begin anew [s]."""
+Frames = Iterator[tuple[float, ImageArray]]
+"""The time of each frame as the file states it [s], and the frame, blue first."""
 
 
 class LogColumns(SampleColumns):
@@ -54,13 +54,7 @@ class LogColumns(SampleColumns):
 
 
 class VideoData(Dialect):
-    """``[data]`` of a video with a force log.
-
-    Attributes:
-        video: As ffmpeg reads it.
-        log: A CSV.
-        frame_rate: Of a video whose own times are even; left out, its own times count.
-    """
+    """``[data]`` of a video with a force log."""
 
     video: str
     log: str
@@ -83,45 +77,37 @@ def read_video(source: Source, data: VideoData) -> Recorded:
     pose = None if data.columns.z is None else _samples(table, data.columns, POSE, stamp_ns)
     source.problems.refuse()
     found = find_presses(force, data.presses)
-    seen, seen_note = _seen(path, data)
+    seen, gaps = _seen(path, data)
     height = None if pose is None else Signal(time_s=pose.stamp_ns / S, value=pose.value[:, Z])
-    offset = offset_to_force(force, seen, found, height=height)
-    frame_ns = np.asarray(np.rint((seen.time_s + offset.seconds) * S), dtype=np.int64)
+    clock = offset_to_force(force, seen, found, height=height)
+    frame_ns = np.asarray(np.rint((seen.time_s + clock.offset_s) * S), dtype=np.int64)
     wanted = np.flatnonzero(needed(frame_ns, found)).tolist()
     frames = png_frames(path, data.video, {number: int(frame_ns[number]) for number in wanted})
-    presses = cut(Streams(force=force, frames=frames, pose=pose), found)
-    clock = CameraClock(
-        offset_s=offset.seconds - 1.0 + begin_s,
-        uncertainty_s=offset.uncertainty_s,
-        correlation=offset.correlation,
-    )
-    return Recorded(
-        presses=presses,
-        has_clock=True,
-        sync_mode="contact_onset",
-        unknown=tuple(_unknown(data.columns, len(presses))),
-        notes=(_offset_note(clock, len(presses)), *seen_note, *notes, *drift_note(found)),
-        contact_force_n=data.presses.contact_force,
-        name="video",
-        clock=clock,
-    )
-
-
-def _unknown(columns: LogColumns, count: int) -> Iterator[str]:
-    if columns.z is None:
-        yield "The depth is not known."
-    yield "Where on the pad was pressed is not known."
-    if count < 3:
-        yield f"Whether one of the clocks runs faster is not known: {count} presses do not tell."
-
-
-def _offset_note(clock: CameraClock, count: int) -> str:
-    return (
+    presses = cut(found, force, frames, pose)
+    count = len(presses)
+    clock = replace(clock, offset_s=clock.offset_s - 1.0 + begin_s)
+    offset = (
         f"The video's clock is {clock.offset_s:+.4f} s from the log's, found by when contact "
         f"shows in both ({count} presses, correlation {clock.correlation:.2f}); standard "
         f"uncertainty {clock.uncertainty_s * 1e3:.0f} ms, from the scatter between presses, the "
         "interval of the frames and, where the tip's height is not known, what a gel remembers. "
         "How late a frame shows the gel is part of it."
+    )
+    unknown = ["The depth is not known."] * (pose is None)
+    unknown.append("Where on the pad was pressed is not known.")
+    if count < 3:
+        unknown.append(
+            f"Whether one of the clocks runs faster is not known: {count} presses do not tell."
+        )
+    return Recorded(
+        presses=presses,
+        has_clock=True,
+        sync_mode="contact_onset",
+        unknown=tuple(unknown),
+        notes=(offset, *gaps, *notes, *drift_note(found)),
+        contact_force_n=data.presses.contact_force,
+        name="video",
+        clock=clock,
     )
 
 
@@ -138,9 +124,12 @@ def _times(table: Table, columns: LogColumns) -> tuple[float, FloatArray, list[s
         return 0.0, np.arange(len(time_s), dtype=np.float64), []
     step_s = np.diff(time_s)
     for k in np.flatnonzero(step_s < 0.0).tolist():
+        # A counter that begins anew steps back by its range, less a step.
+        range_s = float(np.median(step_s)) - float(step_s[k])
+        wraps = [each for each in WRAPS_S if abs(range_s - each) < 1e-3 * each][:1]
+        told = [f", as a counter does that begins anew after {each:.6g} s" for each in wraps]
         table.problems.add(
-            f"{table.where(k + 1, name)}: its time goes back by {-step_s[k]:.6g} s"
-            + _wrapped(-float(step_s[k]), float(np.median(step_s))),
+            f"{table.where(k + 1, name)}: its time goes back by {-step_s[k]:.6g} s{''.join(told)}",
             remedy="times have to ascend: sort the rows, or add a counter's range after it began "
             "anew",
         )
@@ -155,29 +144,17 @@ def _times(table: Table, columns: LogColumns) -> tuple[float, FloatArray, list[s
     return float(time_s[0]), np.asarray(time_s - time_s[0]), [note] * bool(alike)
 
 
-def _wrapped(back_s: float, step_s: float) -> str:
-    """Return what is told of a step back that is a counter's range."""
-    near = [range_s for range_s in WRAPS_S if abs(back_s + step_s - range_s) < 1e-3 * range_s]
-    return f", as a counter does that begins anew after {near[0]:.6g} s" if near else ""
-
-
 def _samples(
     table: Table, columns: LogColumns, names: Sequence[str], stamp_ns: Int64Array
 ) -> Samples:
     """Return the rows in which the third of the named columns is known."""
     value = np.full((len(stamp_ns), 6), np.nan)
     value[:, : len(names)] = read_columns(table, columns, *names)
-    known = ~np.isnan(value[:, 2])
-    return Samples(stamp_ns=stamp_ns[known], value=value[known])
+    return Samples(stamp_ns=stamp_ns, value=value).where(~np.isnan(value[:, Z]))
 
 
-def video_frames(path: Path, name: str) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-    """Yield the time of each frame as the file states it [s], and the frame, blue first.
-
-    Raises:
-        RecordError: They are too large, or too many.
-        ConfigError: They are of a codec that OpenCV cannot decode, and PyAV is not there.
-    """
+def _video_frames(path: Path, name: str) -> Frames:
+    """Yield frames that are neither too large nor too many; raises as ``png_frames``."""
     for number, (time_s, frame) in enumerate(_decoded(path, name)):
         if number >= FRAMES_MOST:
             raise RecordError(f"{name}: more than {FRAMES_MOST} frames", remedy="cut it into parts")
@@ -186,7 +163,7 @@ def video_frames(path: Path, name: str) -> Iterator[tuple[float, NDArray[np.uint
         yield time_s, frame
 
 
-def _decoded(path: Path, name: str) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+def _decoded(path: Path, name: str) -> Frames:
     """Yield frames by OpenCV; those of AV1, which it has no decoder for, by PyAV."""
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     try:
@@ -203,7 +180,7 @@ def _decoded(path: Path, name: str) -> Iterator[tuple[float, NDArray[np.uint8]]]
         video.release()
 
 
-def _decoded_by_av(path: Path, name: str) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+def _decoded_by_av(path: Path, name: str) -> Frames:
     try:
         av: Any = import_module("av")
     except ImportError as error:
@@ -223,26 +200,22 @@ def _decoded_by_av(path: Path, name: str) -> Iterator[tuple[float, NDArray[np.ui
 
 
 def _seen(path: Path, data: VideoData) -> tuple[Signal, list[str]]:
-    """Return how far each frame is from those of the first second, and what tells their times.
+    """Return how far each frame is from those of the first second, and what tells their times."""
+    times, kept = [], []
+    for time_s, frame in _video_frames(path, data.video):
+        times.append(time_s)
+        small = cv2.resize(frame, (160, 120), interpolation=cv2.INTER_AREA)
+        kept.append(np.asarray(small, np.uint8))
+    shown_s, note = _frame_times(np.array(times), data)
+    return Signal(time_s=shown_s, value=image_change(kept, shown_s)), note
+
+
+def _frame_times(own_s: FloatArray, data: VideoData) -> tuple[FloatArray, list[str]]:
+    """Return times of frames [s] by the file, or by the stated rate where those are even.
 
     Raises:
         RecordError: There is no video; or a rate is stated, and its own times are uneven.
     """
-    times: list[float] = []
-
-    def frames() -> Iterator[NDArray[np.uint8]]:
-        for time_s, frame in video_frames(path, data.video):
-            times.append(time_s)
-            small = cv2.resize(frame, (160, 120), interpolation=cv2.INTER_AREA)
-            yield np.asarray(small, np.uint8)
-
-    kept = list(frames())
-    time_s, note = _frame_times(np.array(times), data)
-    return Signal(time_s=time_s, value=image_change(kept, time_s)), note
-
-
-def _frame_times(own_s: FloatArray, data: VideoData) -> tuple[FloatArray, list[str]]:
-    """Return times of frames [s] by the file, or by the stated rate where those are even."""
     step_s = np.diff(own_s)
     if len(own_s) < 3 or (not own_s[-1] > own_s[0] and data.frame_rate is None):
         raise RecordError(
@@ -270,7 +243,7 @@ def _frame_times(own_s: FloatArray, data: VideoData) -> tuple[FloatArray, list[s
     return own_s, [told] if len(gaps) else []
 
 
-def png_frames(path: Path, name: str, stamps: Mapping[int, int]) -> tuple[Frame, ...]:
+def png_frames(path: Path, name: str, stamps: Mapping[int, int]) -> list[Frame]:
     """Return some frames of a video as PNG: they cannot be kept as they are.
 
     Args:
@@ -278,17 +251,18 @@ def png_frames(path: Path, name: str, stamps: Mapping[int, int]) -> tuple[Frame,
 
     Raises:
         RecordError: The frames are too large or too many.
+        ConfigError: They are of a codec that OpenCV cannot decode, and PyAV is not there.
     """
-    found, size, last = [], 0, max(stamps, default=-1)
-    for number, (_, frame) in enumerate(video_frames(path, name)):
+    found: list[Frame] = []
+    size, last = 0, max(stamps, default=-1)
+    for number, (_, frame) in enumerate(_video_frames(path, name)):
         if number > last:
             break
-        if number not in stamps:
-            continue
-        png = encode_png(np.ascontiguousarray(frame[..., ::-1]))
-        size += len(png)
-        if size > KEPT_BYTES:
-            raise RecordError(f"{name}: too many frames at rest", remedy="cut it into parts")
-        read = partial(bytes, png)
-        found.append(Frame(stamp_ns=stamps[number], name=f"{name} frame {number}", read=read))
-    return tuple(found)
+        if number in stamps:
+            png = encode_png(np.ascontiguousarray(frame[..., ::-1]))
+            size += len(png)
+            if size > KEPT_BYTES:
+                raise RecordError(f"{name}: too many frames at rest", remedy="cut it into parts")
+            title, read = f"{name} frame {number}", partial(bytes, png)
+            found.append(Frame(stamp_ns=stamps[number], name=title, read=read))
+    return found

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from itertools import count
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tacauchy_rig.app.importing.images import Converter
-from tacauchy_rig.app.importing.presses import Press, Recorded, Samples
+from tacauchy_rig.app.importing.presses import Press, Recorded
 from tacauchy_rig.app.importing.source import Source
-from tacauchy_rig.core.config.load import LoadedConfig
 from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.imported import Imported, ImportedTrial
 from tacauchy_rig.core.run import (
@@ -25,13 +22,10 @@ from tacauchy_rig.core.run import (
     Pose,
     Tare,
     TrialRecord,
-    Vector6,
     vector6,
 )
-from tacauchy_rig.core.store.recording.messages import Recorded as Message
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
-from tacauchy_rig.core.versions import versions
 
 PRESSES_MOST = 200
 """Of a run: each image is scored against each simulated one, so 200 make 40,000 scores."""
@@ -41,43 +35,16 @@ CHUNK_BYTES = 4 * 2**20
 """Of a recording that nothing can cut off: it can be made again."""
 UNKNOWN_STATE = -1
 """Of an arm that nobody here knows: no state of RTDE's."""
-UNKNOWN_VELOCITY: Vector6 = (np.nan,) * 6
 
 
-def write_run(
-    parent: Path,
-    loaded: LoadedConfig,
-    recorded: Recorded,
-    *,
-    kind: str,
-    source: Source,
-    name: str,
-    config_text: str,
-    simulated: bool,
-    converter: Converter,
-) -> RunStore:
-    """Write presses as a new run folder in ``parent``; what fails leaves none behind.
-
-    Args:
-        loaded: The run's configuration.
-        recorded: What was read.
-        kind: Of the source.
-        source: Its files; what is wrong with images is noted there, and refused at the end.
-        name: Of the source.
-        config_text: What ``rig.toml`` is to say.
-        simulated: The source says that its presses are of a simulator or an emulator.
-        converter: Of its images.
+def write_presses(
+    store: RunStore, recorded: Recorded, source: Source, converter: Converter, *, kind: str
+) -> None:
+    """Write presses into a new run folder; what fails leaves none behind.
 
     Raises:
-        RecordError: Something is wrong with the source, or the disk is full.
+        RecordError: Something is wrong with the source, its images included, or the disk is full.
     """
-    with source.problems.noting():
-        _check_counts(recorded)
-    if source.problems and not recorded.presses:
-        source.problems.refuse()
-    store = RunStore.create(
-        parent, loaded, config_text=config_text, simulated=simulated, versions=versions()
-    )
     try:
         trials = []
         for index, press in enumerate(recorded.presses[:PRESSES_MOST], start=1):
@@ -88,7 +55,7 @@ def write_run(
         store.imported.save(
             Imported(
                 kind=kind,
-                source=name,
+                source=source.name,
                 has_clock=recorded.has_clock,
                 unknown=recorded.unknown,
                 notes=(*recorded.notes, *source.notes, *converter.notes),
@@ -100,10 +67,10 @@ def write_run(
     except (RigError, OSError):
         shutil.rmtree(store.paths.root, ignore_errors=True)
         raise
-    return store
 
 
-def _check_counts(recorded: Recorded) -> None:
+def check_counts(recorded: Recorded) -> None:
+    """Refuse no press or too many, and presses with too many frames or without those that count."""
     presses = recorded.presses
     if not 1 <= len(presses) <= PRESSES_MOST:
         raise RecordError(
@@ -153,24 +120,58 @@ def _write_press(
     path = store.paths.recording(index, 1)
     path.parent.mkdir(parents=True)
     with RecordingWriter(path, metadata=metadata, chunk_size=CHUNK_BYTES) as writer:
-        writer.write(_force(press.force))
-        writer.write(_arm(press.pose))
+        for samples, message in ((press.force, _force), (press.pose, _arm)):
+            if samples is not None:
+                rows = zip(samples.stamp_ns.tolist(), samples.value.tolist(), strict=True)
+                writer.write(message(number, *row) for number, row in enumerate(rows))
         for image in _images(press, converter, source):
             writer.write([image])
         writer.close()
         sha256 = writer.sha256
-    store.save_result(_result(store, index, press, sha256))
+    store.save_result(
+        TrialRecord(
+            index=index,
+            attempt=1,
+            outcome=Outcome.IMPORTED,
+            force_target_n=np.nan,
+            reason=f"imported: {press.name}",
+            contact_z_m=press.contact_z_m,
+            depth_measured_m=press.measured_depth_m,
+            dwell_start_ns=press.dwell[0],
+            dwell_end_ns=press.dwell[1],
+            reference_start_ns=press.reference[0],
+            reference_end_ns=press.reference[1],
+            recording_sha256=sha256,
+            **_forces(press, store.config.force_sensor.compression_sign),
+        )
+    )
+
+
+def _force(number: int, stamp_ns: int, wrench: list[float]) -> ForceSample:
+    return ForceSample(stamp_ns=stamp_ns, counter=number, wrench=vector6(wrench))
+
+
+def _arm(_: int, stamp_ns: int, pose: list[float]) -> ArmSample:
+    return ArmSample(
+        stamp_ns=stamp_ns,
+        controller_time_s=np.nan,
+        pose=Pose.of(pose),
+        velocity=vector6([np.nan] * 6),
+        runtime_state=UNKNOWN_STATE,
+        safety_bits=UNKNOWN_STATE,
+        robot_mode=UNKNOWN_STATE,
+    )
 
 
 def _images(press: Press, converter: Converter, source: Source) -> Iterator[ImageFrame]:
     """Yield the images of a press; those that are damaged or unlike the rest are noted."""
-    rest, same, compared = None, [], False
+    rest, same, is_compared = None, [], False
     for number, frame in enumerate(press.frames):
         is_rest = press.reference[0] <= frame.stamp_ns <= press.reference[1]
         with source.problems.noting():
             data, (width, height) = converter.convert(frame.read(), name=frame.name, rest=rest)
-            if rest is not None and not is_rest and not compared:
-                compared = True
+            if rest is not None and not is_rest and not is_compared:
+                is_compared = True
                 converter.compare(data, rest)
             rest = rest or (data if is_rest else None)
             same += [frame.name] * (data == rest and not is_rest)
@@ -182,79 +183,30 @@ def _images(press: Press, converter: Converter, source: Source) -> Iterator[Imag
                 height=height,
                 jpeg=data,
             )
-    if same and len(same) == len([f for f in press.frames if f.stamp_ns > press.reference[1]]):
+    if same and len(same) == sum(f.stamp_ns > press.reference[1] for f in press.frames):
         source.problems.add(
             f"press {press.name}: {same[0]} is the image of the gel at rest, byte for byte",
             remedy="name another image at rest, or correct this press's image",
         )
 
 
-def _force(samples: Samples | None) -> Iterator[Message]:
-    if samples is None:
-        return
-    for number, stamp_ns, wrench in zip(count(), samples.stamp_ns, samples.value, strict=False):
-        yield ForceSample(stamp_ns=int(stamp_ns), counter=number, wrench=vector6(wrench.tolist()))
-
-
-def _arm(samples: Samples | None) -> Iterator[Message]:
-    if samples is None:
-        return
-    for stamp_ns, pose in zip(samples.stamp_ns, samples.value, strict=True):
-        yield ArmSample(
-            stamp_ns=int(stamp_ns),
-            controller_time_s=np.nan,
-            pose=Pose.of(pose.tolist()),
-            velocity=UNKNOWN_VELOCITY,
-            runtime_state=UNKNOWN_STATE,
-            safety_bits=UNKNOWN_STATE,
-            robot_mode=UNKNOWN_STATE,
-        )
-
-
-def _result(store: RunStore, index: int, press: Press, sha256: str | None) -> TrialRecord:
-    return TrialRecord(
-        index=index,
-        attempt=1,
-        outcome=Outcome.IMPORTED,
-        force_target_n=np.nan,
-        reason=f"imported: {press.name}",
-        contact_z_m=press.contact_z_m,
-        depth_measured_m=press.measured_depth_m,
-        dwell_start_ns=press.dwell[0],
-        dwell_end_ns=press.dwell[1],
-        reference_start_ns=press.reference[0],
-        reference_end_ns=press.reference[1],
-        recording_sha256=sha256,
-        **_forces(press, store.config.force_sensor.compression_sign),
-    )
-
-
 def _forces(press: Press, sign: int) -> dict[str, Any]:
     """Return the mean force over the dwell, its scatter and its zero, as far as they are known."""
-    if press.force is None:
+    held = press.held
+    if held is None or press.force is None:
         return {}
-    held = press.force.within(press.dwell).value[:, FZ]
-    if not len(held):
-        return {}
-    tare = None if press.tare is None else _tare(press.force.within(press.tare), press.tare)
-    measured = float(held.mean()) - (0.0 if tare is None else tare.mean[FZ])
+    tare = None
+    if press.tare is not None:
+        value = press.force.within(press.tare).value
+        tare = Tare(
+            start_ns=press.tare[0],
+            end_ns=press.tare[1],
+            mean=vector6(value.mean(axis=0).tolist()),
+            deviation=vector6(value.std(axis=0, ddof=min(1, len(value) - 1)).tolist()),
+            sample_count=len(value),
+        )
     return {
         "tare_before": tare,
-        "force_measured_n": sign * measured,
-        "force_deviation_n": float(held.std(ddof=1)) if len(held) > 1 else None,
+        "force_measured_n": sign * float(held[:, FZ].mean()),
+        "force_deviation_n": float(held[:, FZ].std(ddof=1)) if len(held) > 1 else None,
     }
-
-
-def _tare(samples: Samples, window: tuple[int, int]) -> Tare | None:
-    count = len(samples.stamp_ns)
-    if not count:
-        return None
-    mean = samples.value.mean(axis=0)
-    deviation = samples.value.std(axis=0, ddof=1) if count > 1 else np.zeros(6)
-    return Tare(
-        start_ns=window[0],
-        end_ns=window[1],
-        mean=vector6(mean.tolist()),
-        deviation=vector6(deviation.tolist()),
-        sample_count=count,
-    )

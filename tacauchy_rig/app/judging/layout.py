@@ -6,17 +6,17 @@ Other people write it and ``judge`` reads it; docs/reference/file-formats.md des
 from __future__ import annotations
 
 import io
-import json
 import tomllib
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from tacauchy_rig.app.importing.source import MIB, Source
-from tacauchy_rig.app.importing.table import Column, read_section
+from tacauchy_rig.app.importing.table import Column, as_csv, as_toml, read_section
+from tacauchy_rig.core.arrays import AnyArray
 from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.quantities import UNITS, Dimension
@@ -28,17 +28,16 @@ DESCRIPTION = "simulator.toml"
 FORCES = "forces.csv"
 IMAGE, HEIGHT, FIELDS = "image.png", "height.npy", "fields.npz"
 PRESSURE, SHEAR = "pressure", ("shear_x", "shear_y")
+DIMENSIONS = {
+    "force": Dimension.FORCE,
+    "depth": Dimension.LENGTH,
+    "height": Dimension.LENGTH,
+    PRESSURE: Dimension.PRESSURE,
+}
 
 
 class Signs(Section):
-    """``[signs]``: -1 where numbers count the other way.
-
-    Attributes:
-        force: Positive in compression.
-        depth: Positive into the gel.
-        height: Negative where the gel is pressed in.
-        pressure: Positive in compression.
-    """
+    """``[signs]``: -1 where numbers count the other way."""
 
     force: Literal[1, -1] = 1
     depth: Literal[1, -1] = 1
@@ -47,51 +46,16 @@ class Signs(Section):
 
 
 class Units(Section):
-    """``[units]``: of what stands in files without one.
-
-    Attributes:
-        force: Of ``forces.csv``; so is ``depth``.
-        height: Of ``height.npy``.
-        pressure: Of ``fields.npz``, shear too.
-    """
+    """``[units]``: of what stands in files without one; that of pressure is of shear, too."""
 
     force: str | None = None
     depth: str | None = None
     height: str | None = None
     pressure: str | None = None
 
-    def column(self, name: str, *, file: str, signs: Signs) -> Column:
-        """Return a column of numbers with its unit and sign; ``name`` is a unit's here.
-
-        Raises:
-            ConfigError: The unit is not stated, or is of something else.
-        """
-        unit, dimension = getattr(self, name), DIMENSIONS[name]
-        if unit is None:
-            raise ConfigError(
-                f"{DESCRIPTION}: units.{name} is not stated, and {file} has numbers of it",
-                remedy=f"write {name} under [units]: one of {', '.join(UNITS[dimension])}",
-            )
-        column = Column(column=name, unit=unit, sign=getattr(signs, name))
-        column.factor(dimension, field=f"{DESCRIPTION}: units.{name}")
-        return column
-
-
-DIMENSIONS = {
-    "force": Dimension.FORCE,
-    "depth": Dimension.LENGTH,
-    "height": Dimension.LENGTH,
-    "pressure": Dimension.PRESSURE,
-}
-
 
 class Description(Section):
-    """All of ``simulator.toml``; the rest is as in ``Simulator``.
-
-    Attributes:
-        colour_order: Of ``image.png``; required if there is one.
-        left_out: Presses that were not simulated, by their numbers.
-    """
+    """All of ``simulator.toml``; the rest is as in ``Simulator``."""
 
     name: str = Field(pattern=r"^[^\x00-\x1f<>]{1,60}$")
     version: str = Field(pattern=r"^[^\x00-\x1f<>]{1,40}$")
@@ -110,6 +74,26 @@ class Description(Section):
         """The simulator that it describes."""
         return Simulator(**{each.name: getattr(self, each.name) for each in fields(Simulator)})
 
+    def column(self, name: str, *, file: str) -> Column:
+        """Return a column of a name of ``DIMENSIONS`` with its unit and sign.
+
+        Raises:
+            ConfigError: The unit is not stated, or is of something else.
+        """
+        unit, dimension = getattr(self.units, name), DIMENSIONS[name]
+        if unit is None:
+            raise ConfigError(
+                f"{DESCRIPTION}: units.{name} is not stated, and {file} has numbers of it",
+                remedy=f"write {name} under [units]: one of {', '.join(UNITS[dimension])}",
+            )
+        column = Column(column=name, unit=unit, sign=getattr(self.signs, name))
+        column.factor(dimension, field=f"{DESCRIPTION}: units.{name}")
+        return column
+
+    def factor(self, name: str, *, file: str) -> float:
+        """Return what numbers of a file are multiplied by to be SI; raises as ``column``."""
+        return self.column(name, file=file).factor(DIMENSIONS[name], field=DESCRIPTION)
+
 
 def read_description(source: Source) -> Description:
     """Read the description of a folder.
@@ -119,22 +103,14 @@ def read_description(source: Source) -> Description:
         ConfigError: It is damaged, or has a value that is not allowed.
     """
     data = source.read(DESCRIPTION, field="the simulator's description", most_bytes=MIB)
+    remedy = "docs/reference/file-formats.md shows one"
     try:
         tables = tomllib.loads(data.decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise ConfigError(
-            f"{source.root / DESCRIPTION}: no TOML: {error}",
-            remedy="docs/reference/file-formats.md shows one",
+            f"{source.root / DESCRIPTION}: no TOML: {error}", remedy=remedy
         ) from error
-    try:
-        return read_section(Description, tables, where=f"{DESCRIPTION}: ")
-    except ConfigError as error:
-        raise ConfigError(
-            error.message, remedy="docs/reference/file-formats.md shows one"
-        ) from error
-
-
-WRITTEN_UNITS = {"force": "N", "depth": "m", "height": "m", "pressure": "Pa"}
+    return read_section(Description, tables, where=f"{DESCRIPTION}: ")
 
 
 def check_empty(folder: Path) -> None:
@@ -157,60 +133,31 @@ def write_outputs(folder: Path, outputs: Outputs) -> None:
         RecordError: It is not empty, or cannot be written.
     """
     check_empty(folder)
-    write_atomically(folder / DESCRIPTION, _description(outputs).encode())
-    if lines := _forces(outputs):
-        write_atomically(folder / FORCES, "\n".join([*lines, ""]).encode())
+    about = {
+        **asdict(outputs.simulator),
+        "colour_order": ColourOrder.RGB.value,
+        "left_out": list(outputs.left_out),
+    }
+    known = {key: value for key, value in about.items() if value is not None}
+    units = {"force": "N", "depth": "m", "height": "m", PRESSURE: "Pa"}
+    write_atomically(folder / DESCRIPTION, f"{as_toml(known)}\n[units]\n{as_toml(units)}".encode())
+    pairs = [(trial, press.force_n, press.depth_m) for trial, press in outputs.presses.items()]
+    if rows := [row for row in pairs if row[1:] != (None, None)]:
+        write_atomically(folder / FORCES, as_csv([("press", "force", "depth"), *rows]))
     for trial, press in outputs.presses.items():
         place = folder / f"{trial:02d}"
         if press.image is not None:
             write_atomically(place / IMAGE, encode_png(press.image))
         if press.height_m is not None:
-            write_atomically(place / HEIGHT, _saved(press.height_m))
-        arrays = {} if press.pressure_pa is None else {PRESSURE: press.pressure_pa}
+            buffer = io.BytesIO()
+            np.save(buffer, press.height_m.astype(np.float32), allow_pickle=False)
+            write_atomically(place / HEIGHT, buffer.getvalue())
+        arrays: dict[str, AnyArray] = {}
+        if press.pressure_pa is not None:
+            arrays[PRESSURE] = press.pressure_pa
         if press.shear_pa is not None:
             arrays |= dict(zip(SHEAR, np.moveaxis(press.shear_pa, -1, 0), strict=True))
         if arrays:
-            write_atomically(place / FIELDS, _saved(**arrays))
-
-
-def _description(outputs: Outputs) -> str:
-    """Return ``simulator.toml``; a string, number or list is in TOML what it is in JSON."""
-    keys: dict[str, Any] = {
-        **asdict(outputs.simulator),
-        "colour_order": ColourOrder.RGB.value,
-        "left_out": list(outputs.left_out),
-    }
-    lines = [f"{key} = {_toml(value)}" for key, value in keys.items() if value is not None]
-    units = [f"{key} = {_toml(value)}" for key, value in WRITTEN_UNITS.items()]
-    return "\n".join([*lines, "", "[units]", *units, ""])
-
-
-def _toml(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False)
-
-
-def _forces(outputs: Outputs) -> list[str]:
-    known = {
-        trial: press
-        for trial, press in outputs.presses.items()
-        if press.force_n is not None or press.depth_m is not None
-    }
-    rows = [
-        f"{trial},{_cell(press.force_n)},{_cell(press.depth_m)}" for trial, press in known.items()
-    ]
-    return ["press,force,depth", *rows] if rows else []
-
-
-def _cell(value: float | None) -> str:
-    return "" if value is None else repr(value)
-
-
-def _saved(array: np.ndarray | None = None, **arrays: np.ndarray) -> bytes:
-    buffer = io.BytesIO()
-    if array is not None:
-        np.save(buffer, array.astype(np.float32), allow_pickle=False)
-    else:
-        np.savez_compressed(
-            buffer, allow_pickle=False, **{k: v.astype(np.float32) for k, v in arrays.items()}
-        )
-    return buffer.getvalue()
+            buffer, single = io.BytesIO(), {k: v.astype(np.float32) for k, v in arrays.items()}
+            np.savez_compressed(buffer, allow_pickle=False, **single)
+            write_atomically(place / FIELDS, buffer.getvalue())

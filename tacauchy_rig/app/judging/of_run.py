@@ -1,22 +1,34 @@
-"""What a run asks of simulators, and what its own replay answers as the first of them."""
+"""What a run asks of simulators, what its own replay answers, and a baseline without mechanics.
+
+The baseline cuts the indenter's own shape into the gel, as simple simulators draw: nothing bends
+next to the indenter, and nothing gives below it.
+"""
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+import time
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from reports.evidence.attempt import RunReading, readable
 from reports.evidence.evidence import RunEvidence
 from reports.evidence.replayed import pressure_at, shear_at
 from reports.scores.force_agreement import predict
-from sim.scene.indenter import describe
+from sim.scene.indenter import Indenter, describe
+from sim.scene.pad import Pad
+from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig import __version__
+from tacauchy_rig.app.importing.table import as_csv, as_toml
 from tacauchy_rig.app.replay.inputs import inputs_of, sensor_of
-from tacauchy_rig.core.arrays import ImageArray
+from tacauchy_rig.app.replay.optics import Calibrate, optics_of
+from tacauchy_rig.app.replay.parts import parts_of
+from tacauchy_rig.app.replay.rendering import SAMPLES, drawn_image
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
+from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import encode_png
 from tacauchy_rig.core.simulated import (
     IMAGE_S,
@@ -27,54 +39,15 @@ from tacauchy_rig.core.simulated import (
     Replay,
     ReplayTrial,
     Simulator,
+    model_of,
 )
 from tacauchy_rig.core.store.durable import write_atomically
 from tacauchy_rig.core.versions import machine
 
 OURS = "tacauchy_rig"
 TASK, PRESSES, NO_CONTACT = "task.toml", "presses.csv", "no_contact.png"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AskedPress:
-    """One press; None is not known.
-
-    Attributes:
-        depth_m: Below the height at which F_z was ``Task.contact_force_n`` [m].
-        place_x_m: Of the tip, in the pad's frame [m].
-        indenter: As ``press --indenter`` has it.
-    """
-
-    press: int
-    force_n: float | None
-    depth_m: float | None
-    place_x_m: float | None
-    place_y_m: float | None
-    indenter: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
-    """All presses of a run, and what they share.
-
-    Attributes:
-        sensor: Name of its file.
-        friction: Coulomb coefficient.
-        centre_x_px: Column of the scored image that sees the pad's centre.
-        rows_grow_with_y: Rows of the image grow with the pad's y where columns grow with x.
-    """
-
-    run: str
-    sensor: str
-    friction: float
-    contact_force_n: float
-    width_px: int
-    height_px: int
-    scale_x_m_px: float
-    scale_y_m_px: float
-    centre_x_px: float
-    centre_y_px: float
-    rows_grow_with_y: bool
+_COLUMNS = ("press", "force_n", "depth_m", "place_x_m", "place_y_m", "indenter")
+"""Of ``presses.csv``; the place is the tip's in the pad's frame."""
 
 
 def references_of(evidence: RunEvidence) -> dict[int, ImageArray]:
@@ -82,40 +55,47 @@ def references_of(evidence: RunEvidence) -> dict[int, ImageArray]:
     return {t.index: t.images.reference for t in evidence.trials if t.images is not None}
 
 
-def task_of(run: RunReading, evidence: RunEvidence) -> tuple[Task, list[AskedPress]]:
-    """Return what a simulator has to know of a run to press its presses."""
+def write_task(folder: Path, run: RunReading, evidence: RunEvidence) -> None:
+    """Write what a simulator has to know of a run to press its presses.
+
+    All is SI, with units in the names; docs/reference/file-formats.md explains each. Depths are
+    below the height at which F_z was ``contact_force_n``, and what is not known is empty.
+
+    Raises:
+        RecordError: The folder cannot be written.
+    """
     config = run.store.config
-    view, inputs = sensor_of(config).camera, inputs_of(config)
-    imported = evidence.imported
+    view = sensor_of(config).camera
+    task = {
+        "run": str(evidence.provenance.get("name", "")),
+        "sensor": config.sensor.name,
+        "friction": config.replay.friction,
+        "contact_force_n": evidence.contact_force_n,
+        "width_px": view.width,
+        "height_px": view.height,
+        "scale_x_m_px": view.scale_x_m,
+        "scale_y_m_px": view.scale_y_m,
+        "centre_x_px": view.centre_x_px,
+        "centre_y_px": view.centre_y_px,
+        "rows_grow_with_y": not view.mirrored,
+    }
+    write_atomically(folder / TASK, as_toml(task).encode())
+    write_atomically(folder / PRESSES, as_csv([_COLUMNS, *_asked(run, evidence)]))
+    for trial, image in references_of(evidence).items():
+        write_atomically(folder / f"{trial:02d}" / NO_CONTACT, encode_png(image))
+
+
+def _asked(run: RunReading, evidence: RunEvidence) -> Iterator[tuple[object, ...]]:
+    """Yield what each press was, in the order of ``_COLUMNS``."""
+    inputs, imported = inputs_of(run.store.config), evidence.imported
     others = {} if imported is None else {trial.index: trial for trial in imported.trials}
-    presses = []
     for trial in evidence.trials:
         record, other = trial.record, others.get(trial.index)
+        force_n = None if record is None else record.force_measured_n
+        depth_m = None if record is None else record.depth_measured_m
         place = inputs.offset_m if other is None else other.place_m
-        presses.append(
-            AskedPress(
-                press=trial.index,
-                force_n=None if record is None else record.force_measured_n,
-                depth_m=None if record is None else record.depth_measured_m,
-                place_x_m=None if place is None else place[0],
-                place_y_m=None if place is None else place[1],
-                indenter=(other.indenter if other is not None else "") or describe(inputs.indenter),
-            )
-        )
-    task = Task(
-        run=str(evidence.provenance.get("name", "")),
-        sensor=config.sensor.name,
-        friction=config.replay.friction,
-        contact_force_n=evidence.contact_force_n,
-        width_px=view.width,
-        height_px=view.height,
-        scale_x_m_px=view.scale_x_m,
-        scale_y_m_px=view.scale_y_m,
-        centre_x_px=view.centre_x_px,
-        centre_y_px=view.centre_y_px,
-        rows_grow_with_y=not view.mirrored,
-    )
-    return task, presses
+        term = (other.indenter if other else "") or describe(inputs.indenter)
+        yield trial.index, force_n, depth_m, *(place or (None, None)), term
 
 
 def replay_outputs(run: RunReading, evidence: RunEvidence) -> Outputs | None:
@@ -169,30 +149,82 @@ def _milliseconds(trials: tuple[ReplayTrial, ...]) -> float | None:
     return 1e3 * total / len(known) if known and math.isfinite(total) else None
 
 
-def write_task(
-    folder: Path,
-    task: Task,
-    presses: list[AskedPress],
-    references: Mapping[int, ImageArray],
-) -> None:
-    """Write what a simulator needs to know; SI, units in the names.
+def rigid_outputs(
+    run: RunReading, *, calibrate: Calibrate | None, on_progress: Callable[[str], None]
+) -> Outputs:
+    """Return what a simulator without mechanics shows of a run's presses.
 
     Args:
-        references: No-contact frames by press, of the scored size.
+        calibrate: As for ``optics_of``.
+        on_progress: Told what goes on, and which presses are left out.
 
     Raises:
-        RecordError: The folder cannot be written.
+        RecordError: No press has a measured depth and a no-contact frame.
     """
-    lines = [f"{key} = {json.dumps(value)}" for key, value in asdict(task).items()]
-    write_atomically(folder / TASK, "\n".join([*lines, ""]).encode())
-    head = [each.name for each in fields(AskedPress)]
-    rows = [",".join(map(_cell, asdict(press).values())) for press in presses]
-    write_atomically(folder / PRESSES, "\n".join([",".join(head), *rows, ""]).encode())
-    for trial, image in references.items():
-        write_atomically(folder / f"{trial:02d}" / NO_CONTACT, encode_png(image))
+    replay = run.store.load_replay(REPLAY_NAME) if REPLAY_NAME in run.store.replays() else None
+    inputs_by_trial = {n: part.inputs for part in parts_of(run) for n in part.trials}
+    sensor = next(iter(inputs_by_trial.values())).sensor
+    optics = optics_of(
+        run.store.config.sensor.optics_calibration,
+        sensor,
+        calibrate=calibrate,
+        on_progress=on_progress,
+    )
+    presses, spent_s = {}, 0.0
+    for trial, record in run.records.items():
+        attempt = run.attempt(trial)
+        unloaded = None if attempt is None else attempt.reference
+        if record is None or record.depth_measured_m is None or unloaded is None:
+            on_progress(f"press {trial}: no depth or no no-contact frame: left out")
+            continue
+        started, place_m = time.perf_counter(), inputs_by_trial[trial].offset_m
+        if replay is not None:  # it may have found where the tip came down
+            model = model_of(replay.models, trial)
+            place_m = (model.centre_x_m, model.centre_y_m)
+        cut = partial(
+            rigid_heights,
+            sensor.pad,
+            inputs_by_trial[trial].indenter,
+            depth_m=record.depth_measured_m,
+            place_m=place_m,
+        )
+        image = drawn_image(*cut(optics.geometry.refined(SAMPLES)), optics, unloaded=unloaded)
+        spent_s += time.perf_counter() - started
+        rest, loaded = cut(optics.geometry)
+        presses[trial] = PressOutput(image=image, height_m=loaded - rest)
+    if not presses:
+        raise RecordError(
+            f"{run.store.paths.root}: no press of it has a measured depth",
+            remedy="a rigid indenter goes as deep as the run measured: record or import depths",
+        )
+    simulator = Simulator(
+        name="rigid penetration",
+        version=__version__,
+        milliseconds_an_image=1e3 * spent_s / len(presses),
+        machine=f"cpu, {machine()}",
+        note="No mechanics: the indenter's shape cut into the gel at the measured depth, through "
+        "our optics.",
+    )
+    missing = tuple(trial for trial in run.records if trial not in presses)
+    return Outputs(simulator=simulator, presses=presses, left_out=missing)
 
 
-def _cell(value: object) -> str:
-    if value is None:
-        return ""
-    return f'"{value}"' if isinstance(value, str) else str(value)
+def rigid_heights(
+    pad: Pad,
+    indenter: Indenter,
+    geometry: CameraGeometry,
+    *,
+    depth_m: float,
+    place_m: tuple[float, float] = (0.0, 0.0),
+) -> tuple[FloatArray, FloatArray]:
+    """Return z of the surface at rest and cut by an upright indenter [m], each [height, width].
+
+    Args:
+        depth_m: Of the tip below the pad's top at its place [m].
+        place_m: Where the tip comes down, in the pad's frame [m].
+    """
+    x, y = geometry.pad_grid()
+    rest = np.asarray(pad.height_at(x, y), dtype=np.float64)
+    top = float(pad.height_at(np.array([place_m[0]]), np.array([place_m[1]]))[0])
+    underside = top - depth_m + indenter.lower_surface(x - place_m[0], y - place_m[1])
+    return rest, np.asarray(np.minimum(rest, underside))

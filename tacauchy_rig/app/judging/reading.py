@@ -1,29 +1,31 @@
-"""Read a simulator's folder; what is missing, odd or hostile is refused by name."""
+"""Read a simulator's folder; what is missing, odd or hostile is refused by name.
+
+A convention is no defeat: no simulator is wrong by a factor of a thousand in each press, or pulls
+where all others press. Such outputs are refused by the key that declares their sign or unit.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.app.importing.images import (
-    apart_as_stated_and_swapped,
-    are_swapped,
-    image_size,
-)
+from tacauchy_rig.app.importing.images import exchanged_channels, opened
+from tacauchy_rig.app.importing.plausible import UNLIKE, force_unit_meant
 from tacauchy_rig.app.importing.source import (
     ARRAY_BYTES,
     IMAGE_BYTES,
+    Problems,
     Source,
-    members,
-    read_member,
+    array_names,
     read_npy,
+    read_npz,
 )
 from tacauchy_rig.app.importing.table import read_table
-from tacauchy_rig.app.judging.conventions import check_conventions
 from tacauchy_rig.app.judging.layout import (
     DESCRIPTION,
     DIMENSIONS,
@@ -41,7 +43,8 @@ from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
 from tacauchy_rig.core.rgb import ColourOrder, decode_rgb
 from tacauchy_rig.core.simulated import Outputs, PressOutput
 
-NPY = ".npy"
+Measured = tuple[float | None, float | None]
+"""Force [N] and depth [m] of a press; None is not known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,14 +55,14 @@ class Asked:
         trials: Their numbers, which are its folders' names.
         size_px: Width and height of the scored images [px].
         references: No-contact frames by trial, as far as they can be read.
-        measured: Force [N] and depth [m] by trial; None is not known.
+        measured: By trial.
         pixel_m2: Area of the gel that a pixel sees [m^2]; 0 is not known.
     """
 
     trials: tuple[int, ...]
     size_px: tuple[int, int]
     references: Mapping[int, ImageArray]
-    measured: Mapping[int, tuple[float | None, float | None]] = field(default_factory=dict)
+    measured: Mapping[int, Measured] = field(default_factory=dict)
     pixel_m2: float = 0.0
 
 
@@ -101,13 +104,17 @@ def _read(source: Source, asked: Asked) -> Outputs:
     )
 
 
+def _number(name: str) -> int:
+    """Return the trial that a name is the number of; -1 where it is none."""
+    return int(name[:9]) if name.isascii() and name.isdecimal() else -1
+
+
 def _folders(source: Source, asked: Asked, about: Description) -> dict[int, str]:
     """Return the folders of presses by trial; files and other folders are no business of ours."""
     found: dict[int, str] = {}
     for path in sorted(source.root.iterdir()):
-        if not (path.name.isascii() and path.name.isdecimal()):
+        if (trial := _number(path.name)) < 0:
             continue
-        trial = int(path.name[:9])
         if trial in found or trial not in asked.trials or not path.is_dir():
             raise RecordError(
                 f"{path.name}: the run has no such press, or has it already"
@@ -123,10 +130,8 @@ def _folders(source: Source, asked: Asked, about: Description) -> dict[int, str]
     return found
 
 
-def _forces(
-    source: Source, asked: Asked, about: Description
-) -> dict[int, tuple[float | None, float | None]]:
-    """Return force [N] and depth [m] by trial, as ``forces.csv`` has them."""
+def _forces(source: Source, asked: Asked, about: Description) -> dict[int, Measured]:
+    """Return force and depth by trial, as ``forces.csv`` has them."""
     if not (source.root / FORCES).exists():
         return {}
     table = read_table(source, FORCES, field="the forces")
@@ -136,54 +141,50 @@ def _forces(
             remedy='write driven_by = "depth" (its forces are at the measured depths) or "force" '
             "(its depths are at the measured forces)",
         )
-    columns = {}
+    values = []
     for name in ("force", "depth"):
-        there = name in table.columns
-        column = about.units.column(name, file=FORCES, signs=about.signs) if there else None
-        columns[name] = table.numbers(column, DIMENSIONS[name], field=FORCES)
-    found: dict[int, tuple[float | None, float | None]] = {}
+        column = about.column(name, file=FORCES) if name in table.columns else None
+        numbers = table.numbers(column, DIMENSIONS[name], field=FORCES).tolist()
+        values.append([None if np.isnan(each) else each for each in numbers])
     names = table.text("press", field=FORCES)
     source.problems.refuse()
-    for row, (name, force, depth) in enumerate(
-        zip(names, columns["force"].tolist(), columns["depth"].tolist(), strict=True)
-    ):
-        is_number = name.isascii() and name.isdecimal()
-        trial = int(name[:9]) if is_number else -1
+    found: dict[int, Measured] = {}
+    for row, (name, force, depth) in enumerate(zip(names, *values, strict=True)):
+        trial = _number(name)
         if trial not in asked.trials or trial in found or trial in about.left_out:
             raise RecordError(
                 f'{table.where(row)}: press "{name[:40]}" is none of the run, stands twice, or '
                 "was left out",
                 remedy=f"one line a press, {asked.trials[0]} to {asked.trials[-1]}",
             )
-        found[trial] = (None if np.isnan(force) else force, None if np.isnan(depth) else depth)
+        found[trial] = (force, depth)
     return found
 
 
 def _shown(source: Source, folder: str, asked: Asked, about: Description) -> dict[str, Any]:
     """Return image, heights, pressure and shear of a press, as far as they are there."""
     found: dict[str, Any] = {}
-    width, height = asked.size_px
-    root = source.root / folder
-    if (root / IMAGE).exists():
+    there = {path.name for path in (source.root / folder).iterdir()}
+    if IMAGE in there:
         found["image"] = _image(source, f"{folder}/{IMAGE}", asked, about)
-    if (root / HEIGHT).exists():
+    if HEIGHT in there:
         name = f"{folder}/{HEIGHT}"
-        unit = about.units.column("height", file=name, signs=about.signs)
-        factor = unit.factor(DIMENSIONS["height"], field=DESCRIPTION)
-        found["height_m"] = factor * _read_pixels(source, name, (height, width))
-    if (root / FIELDS).exists():
+        factor = about.factor("height", file=name)
+        data = source.read(name, field="an array", most_bytes=ARRAY_BYTES)
+        found["height_m"] = factor * _pixels(read_npy(data, name=name), asked, where=name)
+    if FIELDS in there:
         name = f"{folder}/{FIELDS}"
-        unit = about.units.column(PRESSURE, file=name, signs=about.signs)
-        factor = unit.factor(DIMENSIONS[PRESSURE], field=DESCRIPTION)
-        arrays = _read_fields(source, name, (height, width), known=(PRESSURE, *SHEAR))
+        factor = about.factor(PRESSURE, file=name)
+        arrays = _fields(source, name, asked)
         if PRESSURE in arrays:
             found["pressure_pa"] = factor * arrays[PRESSURE]
-        if along := [arrays[key] for key in SHEAR if key in arrays]:
-            if len(along) < len(SHEAR):
-                raise RecordError(
-                    f"{name}: holds one of {' and '.join(SHEAR)} without the other",
-                    remedy="give the shear on the gel along the pad's x and along its y",
-                )
+        along = [arrays[key] for key in SHEAR if key in arrays]
+        if len(along) == 1:
+            raise RecordError(
+                f"{name}: holds one of {' and '.join(SHEAR)} without the other",
+                remedy="give the shear on the gel along the pad's x and along its y",
+            )
+        if along:
             found["shear_pa"] = abs(factor) * np.stack(along, axis=-1)
     if not found:
         raise RecordError(
@@ -195,7 +196,7 @@ def _shown(source: Source, folder: str, asked: Asked, about: Description) -> dic
 
 def _image(source: Source, name: str, asked: Asked, about: Description) -> ImageArray:
     data = source.read(name, field="an image", most_bytes=IMAGE_BYTES)
-    size = image_size(data, name=name)
+    size, _ = opened(data, name=name)
     if size != asked.size_px:
         raise RecordError(
             f"{name}: is {size[0]} x {size[1]} px; the run's images are scored at "
@@ -213,6 +214,44 @@ def _image(source: Source, name: str, asked: Asked, about: Description) -> Image
     return np.ascontiguousarray(
         image[..., ::-1] if about.colour_order is ColourOrder.BGR else image
     )
+
+
+def _fields(source: Source, name: str, asked: Asked) -> dict[str, FloatArray]:
+    """Return the arrays of an archive, which may hold those that are judged and no others."""
+    data = source.read(name, field="an archive", most_bytes=ARRAY_BYTES)
+    there = sorted(array_names(data, name=name))
+    if not there or not set(there) <= {PRESSURE, *SHEAR}:
+        raise RecordError(
+            f"{name}: holds {', '.join(there)[:200] or 'nothing'}",
+            remedy=f"what is judged: {', '.join((PRESSURE, *SHEAR))}",
+        )
+    arrays = read_npz(data, there, name=name)
+    return {key: _pixels(each, asked, where=f"{name}, {key}") for key, each in arrays.items()}
+
+
+def _pixels(array: AnyArray, asked: Asked, *, where: str) -> FloatArray:
+    """Return an array of finite numbers, one a pixel; raises a RecordError where it is none."""
+    shape = asked.size_px[::-1]
+    if array.dtype.kind not in "fiu":
+        raise RecordError(
+            f"{where}: is of type {array.dtype}, not of numbers",
+            remedy="save it as float64 or float32",
+        )
+    if array.shape != shape:
+        raise RecordError(
+            f"{where}: has the shape {list(array.shape)}; the scored image is {list(shape)} "
+            "[height, width]",
+            remedy="give one value a pixel of the scored image",
+        )
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        row, column = bad[0].tolist()
+        raise RecordError(
+            f"{where}: {len(bad)} of its values are no finite numbers, the first "
+            f"{array[row, column]} in row {row}, column {column}",
+            remedy="give every pixel a number: gel that is not touched has height 0, pressure 0",
+        )
+    return array.astype(np.float64)
 
 
 def _check_all_or_none(presses: Mapping[int, PressOutput]) -> None:
@@ -242,72 +281,124 @@ def _check_colours(presses: Mapping[int, PressOutput], asked: Asked, about: Desc
         for trial, press in presses.items()
         if press.image is not None and trial in asked.references
     ]
-    if not pairs or about.colour_order is None:
-        return
-    as_stated, swapped = apart_as_stated_and_swapped(pairs)
-    if are_swapped(as_stated, swapped):
+    if (levels := exchanged_channels(pairs)) and about.colour_order is not None:
         other = ColourOrder.RGB if about.colour_order is ColourOrder.BGR else ColourOrder.BGR
         raise RecordError(
-            f'colour_order = "{about.colour_order.value}": so read, images are {as_stated:.1f} '
-            f"grey levels from the no-contact frames; with red and blue exchanged {swapped:.1f}",
+            f'colour_order = "{about.colour_order.value}": so read, images are {levels[0]:.1f} '
+            f"grey levels from the no-contact frames; with red and blue exchanged {levels[1]:.1f}",
             remedy=f'write colour_order = "{other.value}", or exchange the channels',
         )
 
 
-def _read_pixels(source: Source, name: str, shape: tuple[int, int]) -> FloatArray:
-    """Read an array of finite numbers, one a pixel.
-
-    Raises:
-        RecordError: It is none, or of another shape.
-    """
-    data = source.read(name, field="an array", most_bytes=ARRAY_BYTES)
-    return _pixels(read_npy(data, name=name), shape, where=name)
+SHALLOW, DEEP = 0.01, 10.0
+"""Times the measured depth that no surface is pressed in."""
 
 
-def _read_fields(
-    source: Source, name: str, shape: tuple[int, int], *, known: Collection[str]
-) -> dict[str, FloatArray]:
-    """Read the arrays of an archive, each as by ``_read_pixels``.
+def check_conventions(
+    presses: Mapping[int, PressOutput],
+    measured: Mapping[int, tuple[float | None, float | None]],
+    pixel_m2: float,
+    problems: Problems,
+) -> None:
+    """Note outputs whose sign or unit is wrong in all presses.
 
     Args:
-        known: Names that may be in it, and no others.
-
-    Raises:
-        RecordError: It is no archive of such arrays.
+        measured: Force [N] and depth [m] by press.
+        pixel_m2: Area of the gel that a pixel of the scored image sees [m^2]; 0 is not known.
     """
-    data = source.read(name, field="an archive", most_bytes=ARRAY_BYTES)
-    there = sorted(each.removesuffix(NPY) for each in members(data, name=name))
-    if not there or not set(there) <= set(known):
-        raise RecordError(
-            f"{name}: holds {', '.join(there)[:200] or 'nothing'}",
-            remedy=f"what is judged: {', '.join(known)}",
+    outputs = list(presses.values())
+    known = np.array([measured.get(trial, (None, None)) for trial in presses], dtype=np.float64)
+    # What is not known, or zero, is compared with nothing.
+    forces, depths = np.where(known == 0.0, np.nan, known).reshape(-1, 2).T
+    for what, unit, ours, theirs in (
+        ("force", "N", _numbers(each.force_n for each in outputs), forces),
+        ("depth", "m", _numbers(each.depth_m for each in outputs), depths),
+    ):
+        ratios = _known(ours / theirs)
+        if (ratios < 0.0).all() and len(ratios):
+            problems.add(
+                f"{FORCES}: all {len(ratios)} {what}s are negative, such as "
+                f"{_known(ours)[0]:.4g} {unit}, where the measured are positive",
+                remedy=f"{what}s are positive in compression: write signs.{what} = -1 into "
+                f"{DESCRIPTION}",
+            )
+        _check_size(f"{FORCES}: {what}s are {{}} times the measured ones", ratios, what, problems)
+    _check_heights(outputs, depths, problems)
+    if pixel_m2 > 0.0:
+        sums = _numbers(
+            None if each.pressure_pa is None else float(each.pressure_pa.sum()) * pixel_m2
+            for each in outputs
         )
-    found: dict[str, FloatArray] = {}
-    for key in there:
-        where = f"{name}, {key}"
-        member = read_member(data, f"{key}{NPY}", name=name)
-        found[key] = _pixels(read_npy(member, name=where), shape, where=where)
-    return found
+        ratios = _known(np.where(sums == 0.0, np.nan, sums) / forces)
+        if (ratios < 0.0).all() and len(ratios):
+            problems.add(
+                "pressures add up to a negative force in all presses",
+                remedy="pressure is positive in compression: write signs.pressure = -1 into "
+                f"{DESCRIPTION}",
+            )
+        told = "pressures add up to {} times the measured forces"
+        _check_size(told, ratios, "pressure", problems)
 
 
-def _pixels(array: AnyArray, shape: tuple[int, int], *, where: str) -> FloatArray:
-    if array.dtype.kind not in "fiu":
-        raise RecordError(
-            f"{where}: is of type {array.dtype}, not of numbers",
-            remedy="save it as float64 or float32",
+def _numbers(values: Iterable[float | None]) -> FloatArray:
+    return np.array(list(values), dtype=np.float64)
+
+
+def _known(values: FloatArray) -> FloatArray:
+    return values[~np.isnan(values)]
+
+
+def _check_size(
+    told: str,
+    ratios: FloatArray,
+    what: str,
+    problems: Problems,
+    *,
+    low: float = 1.0 / UNLIKE,
+    high: float = UNLIKE,
+) -> None:
+    """Note what is in the median so many times too large or small that its unit is another."""
+    middle = float(np.median(np.abs(ratios))) if len(ratios) else math.nan
+    if low < middle < high or math.isnan(middle):
+        return
+    meant = force_unit_meant(middle) if what == "force" else _length_meant(middle)
+    problems.add(
+        f"{told.format(f'{middle:.3g}')} (median of {len(ratios)} presses)",
+        remedy=f"correct units.{what} of {DESCRIPTION}"
+        + (": Pa, kPa or MPa" if what == "pressure" else meant),
+    )
+
+
+def _length_meant(times: float) -> str:
+    """Return what is told of the unit with which lengths would fit."""
+    steps = round(math.log10(times) / 3.0) if times > 0.0 else 0
+    names = {3: "um where m", 2: "um where m", 1: "um where mm, or mm where m"}
+    names |= {-1: "m where mm, or mm where um", -2: "m where um"}
+    return f": the numbers look like {names[steps]} is stated" if steps in names else ""
+
+
+def _check_heights(outputs: list[PressOutput], depths: FloatArray, problems: Problems) -> None:
+    """Note surfaces that rise where they are pressed, and that are as deep as no press is."""
+    ends = [
+        (None, None) if p.height_m is None else (-p.height_m.min(), p.height_m.max())
+        for p in outputs
+    ]
+    deepest, highest = np.array(ends, dtype=np.float64).reshape(-1, 2).T
+    rises = highest > 3.0 * np.maximum(deepest, 0.0)
+    if rises.any() and rises.sum() == len(_known(highest)):
+        problems.add(
+            f"heights rise by up to {1e3 * np.nanmax(highest):.4g} mm, and fall by "
+            "less than a third of that, in all presses",
+            remedy="heights are negative where the gel is pressed in: write signs.height = -1 into "
+            f"{DESCRIPTION}",
         )
-    if array.shape != shape:
-        raise RecordError(
-            f"{where}: has the shape {list(array.shape)}; the scored image is {list(shape)} "
-            "[height, width]",
-            remedy="give one value a pixel of the scored image",
-        )
-    bad = np.argwhere(~np.isfinite(array))
-    if len(bad):
-        row, column = bad[0].tolist()
-        raise RecordError(
-            f"{where}: {len(bad)} of its values are no finite numbers, the first "
-            f"{array[row, column]} in row {row}, column {column}",
-            remedy="give every pixel a number: gel that is not touched has height 0, pressure 0",
-        )
-    return array.astype(np.float64)
+        deepest = highest
+    ratios = _known(deepest / depths)
+    _check_size(
+        "surfaces are pressed in {} times as deep as was measured",
+        ratios[ratios > 0.0],
+        "height",
+        problems,
+        low=SHALLOW,
+        high=DEEP,
+    )

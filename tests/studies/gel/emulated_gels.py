@@ -14,8 +14,13 @@ import numpy as np
 from reports.evidence.loading import stated_of_run
 from sim.scene.scene import Preset
 from sim.sensitivity import forces_at
-from tacauchy_rig.app.calibration.material.fit import Response, fit_gel, gel_of
-from tacauchy_rig.app.calibration.material.prediction import held_count, predict_held_out
+from tacauchy_rig.app.calibration.material.fit import (
+    Response,
+    fit_gel,
+    gel_of,
+    held_count,
+    predict_held_out,
+)
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.uncertainty import variations

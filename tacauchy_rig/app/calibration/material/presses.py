@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import csv
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reports.evidence.attempt import readable
 from sim.scene.indenter import Cylinder, Sphere, describe
+from tacauchy_rig.app.importing.source import Source
+from tacauchy_rig.app.importing.table import Column, read_table
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.app.replay.parts import Part, parts_of
-from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, IndexArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.quantities import Dimension
 from tacauchy_rig.core.simulated import REPLAY_NAME, FoundValue, Replay, model_of
 
 COLUMNS = ("indenter", "depth_mm", "force_n")
@@ -44,7 +44,7 @@ class IndenterPresses:
     config: RigConfig
     inputs: ReplayInputs
     contact_force_n: float
-    press: NDArray[np.int64]
+    press: IndexArray
     depth_m: FloatArray
     force_n: FloatArray
     noise_n: FloatArray
@@ -56,11 +56,15 @@ class IndenterPresses:
         """The indenter as the command line writes it."""
         return describe(self.inputs.indenter)
 
-    def only(self, kept: NDArray[np.bool_]) -> IndenterPresses:
+    def only(self, kept: BoolArray) -> IndenterPresses:
         """Return some of the points."""
-        arrays = ("press", "depth_m", "force_n", "noise_n")
-        kept_arrays: dict[str, Any] = {name: getattr(self, name)[kept] for name in arrays}
-        return replace(self, **kept_arrays)
+        return replace(
+            self,
+            press=self.press[kept],
+            depth_m=self.depth_m[kept],
+            force_n=self.force_n[kept],
+            noise_n=self.noise_n[kept],
+        )
 
 
 def read_presses(
@@ -78,16 +82,12 @@ def read_presses(
         RecordError: A folder is no run's, a table cannot be read, or too little is in them.
         ConfigError: They are of several sensors, of triangles, or a gel has layers.
     """
+    of_table = partial(
+        _of_table, overrides=overrides, noise_n=noise_n, contact_force_n=contact_force_n
+    )
     found: dict[str, IndenterPresses] = {}
     for path in paths:
-        read = (
-            _of_run(path)
-            if path.is_dir()
-            else _of_table(
-                path, overrides=overrides, noise_n=noise_n, contact_force_n=contact_force_n
-            )
-        )
-        for each in read:
+        for each in _of_run(path) if path.is_dir() else of_table(path):
             known = found.get(each.name)
             found[each.name] = each if known is None else _together(known, each)
     groups = list(found.values())
@@ -127,12 +127,13 @@ def _together(first: IndenterPresses, second: IndenterPresses) -> IndenterPresse
             f"{second.contact_force_n:g} N",
             remedy="calibrate from one of them, or give --contact-force for the tables",
         )
-    press = np.concatenate([first.press, second.press + first.press.max() + 1])
-    arrays = ("depth_m", "force_n", "noise_n")
-    joined: dict[str, Any] = {
-        a: np.concatenate([getattr(first, a), getattr(second, a)]) for a in arrays
-    }
-    return replace(first, press=press, **joined)
+    return replace(
+        first,
+        press=np.concatenate([first.press, second.press + first.press.max() + 1]),
+        depth_m=np.concatenate([first.depth_m, second.depth_m]),
+        force_n=np.concatenate([first.force_n, second.force_n]),
+        noise_n=np.concatenate([first.noise_n, second.noise_n]),
+    )
 
 
 def _of_run(folder: Path) -> list[IndenterPresses]:
@@ -171,49 +172,41 @@ def _of_part(part: Part, replay: Replay | None, *, simulated: bool) -> IndenterP
 def _of_table(
     path: Path, *, overrides: Sequence[str], noise_n: float, contact_force_n: float
 ) -> Iterator[IndenterPresses]:
-    rows = _rows(path)
-    for indenter in dict.fromkeys(row[0] for row in rows):
-        own = [row for row in rows if row[0] == indenter]
-        config = load_config(overrides=(*overrides, f'replay.indenter="{indenter}"')).config
-        presses = list(dict.fromkeys(row[1] for row in own))
+    source, whole = Source(path.resolve().parent), path.resolve().name
+    table, field = read_table(source, whole, field=str(path)), str(path)
+    indenter, depth_name, force_name = COLUMNS
+    names = np.array(table.text(indenter, field=field))
+    depth_m, force_n = (
+        table.numbers(Column(column=name, unit=unit), dimension, field=field)
+        for name, unit, dimension in (
+            (depth_name, "mm", Dimension.LENGTH),
+            (force_name, "N", Dimension.FORCE),
+        )
+    )
+    source.problems.refuse()
+    if len(wrong := np.flatnonzero(~((depth_m > 0.0) & (force_n > 0.0)))):
+        k = int(wrong[0])
+        cells = [table.cells(name)[k] for name in COLUMNS[1:]]
+        raise RecordError(
+            f"{table.where(k)}: {depth_name} {cells[0]!r} and {force_name} {cells[1]!r} are not "
+            "both above 0",
+            remedy="leave out points without contact; depths are positive into the gel",
+        )
+    # Without a column press each line counts as one: its depth has an error of its own.
+    lines = [str(place) for place in table.places]
+    named = table.cells("press") if "press" in table.columns else lines
+    presses = [name or line for name, line in zip(named, lines, strict=True)]
+    for term in dict.fromkeys(names.tolist()):
+        own = names == term
+        rows = np.flatnonzero(own).tolist()
+        order = list(dict.fromkeys(presses[k] for k in rows))
+        config = load_config(overrides=(*overrides, f'replay.indenter="{term}"')).config
         yield IndenterPresses(
             config=config,
             inputs=inputs_of(config),
             contact_force_n=contact_force_n,
-            press=np.array([presses.index(row[1]) for row in own]),
-            depth_m=np.array([row[2] for row in own]),
-            force_n=np.array([row[3] for row in own]),
-            noise_n=np.full(len(own), noise_n),
+            press=np.array([order.index(presses[k]) for k in rows]),
+            depth_m=depth_m[own],
+            force_n=force_n[own],
+            noise_n=np.full(len(rows), noise_n),
         )
-
-
-def _rows(path: Path) -> list[tuple[str, str, float, float]]:
-    """Return indenter, press, depth [m] and force [N] of each line."""
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            missing = [name for name in COLUMNS if name not in (reader.fieldnames or ())]
-            lines = [] if missing else list(reader)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise RecordError(f"{path}: no table: {error}", remedy="give a CSV file") from error
-    if missing:
-        raise RecordError(
-            f"{path}: no column {', '.join(missing)}",
-            remedy="the first line names indenter,depth_mm,force_n and perhaps press",
-        )
-    return [_row(path, number, line) for number, line in enumerate(lines, start=2)]
-
-
-def _row(path: Path, number: int, line: dict[str, str]) -> tuple[str, str, float, float]:
-    try:
-        depth_mm, force_n = (float(line[name]) for name in COLUMNS[1:])
-    except (TypeError, ValueError):
-        depth_mm = force_n = math.nan
-    if not (0.0 < depth_mm < math.inf and 0.0 < force_n < math.inf):
-        raise RecordError(
-            f"{path}, line {number}: depth_mm {line['depth_mm']!r} and force_n "
-            f"{line['force_n']!r} are not both above 0",
-            remedy="leave out points without contact; depths are positive into the gel",
-        )
-    # Without a column press each line counts as one: its depth has an error of its own.
-    return line["indenter"], line.get("press") or str(number), depth_mm * 1e-3, force_n

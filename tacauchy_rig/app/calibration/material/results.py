@@ -106,7 +106,7 @@ def relaxation_of(folder: Path) -> DwellTerm | None:
         RecordError: It is no run's folder, or a recording is damaged.
     """
     run = open_run(folder)
-    times, shares = [np.zeros(0)], [np.zeros(0)]
+    parts = [np.zeros((2, 0))]
     for record in run.records.values():
         attempt = None if record is None else run.read(record)
         if attempt is None or attempt.force_curve is None or attempt.dwell_s is None:
@@ -114,9 +114,9 @@ def relaxation_of(folder: Path) -> DwellTerm | None:
         curve, (start_s, end_s) = attempt.force_curve, attempt.dwell_s
         held = (curve.time_s >= start_s) & (curve.time_s <= end_s)
         if held.any():
-            times.append(curve.time_s[held])
-            shares.append(curve.value[held] / curve.value[held].mean())
-    return fit_term(np.concatenate(times), np.concatenate(shares))
+            share = curve.value[held] / curve.value[held].mean()
+            parts.append(np.stack([curve.time_s[held], share]))
+    return fit_term(*np.concatenate(parts, axis=1))
 
 
 def fit_term(time_s: FloatArray, force: FloatArray) -> DwellTerm | None:
@@ -150,14 +150,13 @@ def _held(time_s: FloatArray, level: float, share: float, tau: float) -> FloatAr
 
 _FIGURE_HEIGHT_IN, _TOP = 2.3, 12.0
 _LEVELS = tuple(float(chi2.ppf(p, 2)) for p in (0.68, 0.95, 0.997))
-_PA_PER_KPA = 1e3
+_SHADES = ("#0072B2", "#6BAED6", "#C6DBEF")
 
 
 def draw_valley(fit: GelFit, stem: Path, *, simulated: bool, stated: tuple[float, float]) -> None:
     """Write ``stem`` as PDF and PNG.
 
     Args:
-        fit: The fitted gel.
         stem: Without a suffix.
         simulated: Whether the presses are emulated.
         stated: Modulus [Pa] and Poisson's ratio of the sensor's file.
@@ -166,16 +165,14 @@ def draw_valley(fit: GelFit, stem: Path, *, simulated: bool, stated: tuple[float
         RecordError: It cannot be written.
     """
     with mpl.rc_context(STYLE):
-        figure = new_figure(
-            PAGE_IN, _FIGURE_HEIGHT_IN, marks=(SIMULATED_MARK,) if simulated else ()
-        )
+        marks = (SIMULATED_MARK,) if simulated else ()
+        figure = new_figure(PAGE_IN, _FIGURE_HEIGHT_IN, marks=marks)
         valley, nu, mu = figure.subplots(1, 3)
         _draw_map(valley, fit, stated)
         _draw_profile(nu, NU, fit.misfit.min(axis=1), fit.poisson)
         _draw_profile(mu, MU, fit.misfit.min(axis=0), fit.friction)
-        nu.set_xlabel("Poisson's ratio $\\nu$")
-        mu.set_xlabel("Friction coefficient $\\mu$")
-        nu.set_ylabel("$\\chi^2$ above its least")
+        nu.set(xlabel="Poisson's ratio $\\nu$", ylabel="$\\chi^2$ above its least")
+        mu.set(xlabel="Friction coefficient $\\mu$")
         for axes, name in ((valley, "(a)"), (nu, "(b)"), (mu, "(c)")):
             letter(axes, name)
         save_figure(figure, stem.parent, stem.name)
@@ -184,18 +181,13 @@ def draw_valley(fit: GelFit, stem: Path, *, simulated: bool, stated: tuple[float
 def _draw_map(axes: Axes, fit: GelFit, stated: tuple[float, float]) -> None:
     young = fit.young_values
     above = fit.valley(young) - fit.misfit.min()
-    inside = young[(above < _LEVELS[-1]).any(axis=1)] / _PA_PER_KPA
-    axes.contourf(NU, young / _PA_PER_KPA, above, levels=[0.0, *_LEVELS], colors=_SHADES)
+    inside = young[(above < _LEVELS[-1]).any(axis=1)] / 1e3
+    axes.contourf(NU, young / 1e3, above, levels=[0.0, *_LEVELS], colors=_SHADES)
     nu, mu = fit.best
-    axes.plot(NU[nu], fit.young_pa[nu, mu] / _PA_PER_KPA, "o", color=ORANGE, markersize=4)
-    axes.plot(stated[1], stated[0] / _PA_PER_KPA, "x", color=GREY, markersize=5)
-    axes.set_ylim(0.97 * inside.min(), 1.03 * inside.max())
-    axes.set_xlim(NU[0], NU[-1])
-    axes.set_xlabel("Poisson's ratio $\\nu$")
-    axes.set_ylabel("Modulus $E$ (kPa)")
-
-
-_SHADES = ("#0072B2", "#6BAED6", "#C6DBEF")
+    axes.plot(NU[nu], fit.young_pa[nu, mu] / 1e3, "o", color=ORANGE, markersize=4)
+    axes.plot(stated[1], stated[0] / 1e3, "x", color=GREY, markersize=5)
+    axes.set(xlabel="Poisson's ratio $\\nu$", ylabel="Modulus $E$ (kPa)")
+    axes.set(xlim=(NU[0], NU[-1]), ylim=(0.97 * inside.min(), 1.03 * inside.max()))
 
 
 def _draw_profile(axes: Axes, values: FloatArray, profile: FloatArray, found: Interval) -> None:
@@ -204,5 +196,4 @@ def _draw_profile(axes: Axes, values: FloatArray, profile: FloatArray, found: In
     low = values[0] if found.low is None else found.low
     high = values[-1] if found.high is None else found.high
     axes.axvspan(low, high, color="#D9D9D9", linewidth=0, zorder=0)
-    axes.set_ylim(0.0, _TOP)
-    axes.set_xlim(values[0], values[-1])
+    axes.set(xlim=(values[0], values[-1]), ylim=(0.0, _TOP))

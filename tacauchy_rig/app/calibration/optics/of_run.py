@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
 import shutil
@@ -19,6 +17,7 @@ from sim.scene.indenter import Sphere
 from sim.scene.terms import parse_indenter
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.calibration.optics.run import OpticsRequest, OpticsResult
+from tacauchy_rig.app.importing.table import as_csv
 from tacauchy_rig.app.replay.inputs import indenter_of, sensor_of
 from tacauchy_rig.app.replay.optics import CIRCLES, NO_CONTACT
 from tacauchy_rig.core.calibrated import CalibratedOptics, HeldOutPress, ImageAgreement
@@ -53,31 +52,29 @@ def request_of(
         ConfigError: A folder of images lacks something, or a run's presses are of no ball.
         RecordError: No press of the run has an image.
     """
+    trials: dict[str, int] = {}
     if run is not None:
         own = sensor_of(run.store.config) if sensor is None else load_sensor(sensor)
         ball_diameter_m, presses = _ball_presses(run, ball_diameter_m)
-        return OpticsRequest(
-            background=background or Path(NO_CONTACT),
-            ball_diameter_m=ball_diameter_m,
-            scale_px_m=scale_px_m or (1.0 / own.camera.scale_x_m, 1.0 / own.camera.scale_y_m),
-            out=out or run.store.paths.calibration,
-            sensor=own,
-            trials=_write_presses(run, presses),
-            folder=_presses_folder(run),
-            **further,
-        )
-    if background is None or ball_diameter_m is None or scale_px_m is None or out is None:
+        folder, trials = _presses_folder(run), _write_presses(run, presses)
+        background = background or Path(NO_CONTACT)
+        scale_px_m = scale_px_m or (1.0 / own.camera.scale_x_m, 1.0 / own.camera.scale_y_m)
+        out = out or run.store.paths.calibration
+    elif background is None or ball_diameter_m is None or scale_px_m is None or out is None:
         raise ConfigError(
             f"{folder} is no run's folder, which would know ball and scale",
             remedy="give --background, --ball-diameter, --scale and --out",
         )
+    else:
+        own = load_sensor(sensor or DEFAULT_SENSOR)
     return OpticsRequest(
         folder=folder,
         background=background,
         ball_diameter_m=ball_diameter_m,
         scale_px_m=scale_px_m,
         out=out,
-        sensor=load_sensor(sensor or DEFAULT_SENSOR),
+        sensor=own,
+        trials=trials,
         **further,
     )
 
@@ -129,11 +126,8 @@ def _ball_presses(
             others.append(index)
     if not balls and ball_diameter_m is not None:
         balls = {ball_diameter_m: others}
-    chosen = [
-        diameter
-        for diameter in balls
-        if ball_diameter_m is None or math.isclose(diameter, ball_diameter_m, rel_tol=_SAME_BALL)
-    ]
+    wanted = ball_diameter_m
+    chosen = [d for d in balls if wanted is None or math.isclose(d, wanted, rel_tol=_SAME_BALL)]
     if not chosen:
         there = ", ".join(f"{each * 1e3:g} mm" for each in sorted(balls)) or "none"
         raise ConfigError(
@@ -160,18 +154,17 @@ def _write_presses(run: RunReading, presses: Mapping[int, AttemptReading]) -> di
     folder = _presses_folder(run)
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    names, rows = _image_names(run, presses), []
+    names, rows = _image_names(run, presses), [CIRCLE_COLUMNS]
     for index, attempt in presses.items():
         if attempt.images is not None:
             write_atomically(folder / names[index], encode_png(attempt.images.real))
         if (circle := _circle(attempt)) is not None:
-            rows.append((names[index], *(f"{value:.3f}" for value in circle)))
+            column, row, radius = (f"{value:.3f}" for value in circle)
+            rows.append((names[index], column, row, radius))
     unloaded = [each.reference for each in presses.values() if each.reference is not None]
     write_atomically(folder / NO_CONTACT, encode_png(median_image(unloaded)))
-    if len(rows) == len(presses):
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows([CIRCLE_COLUMNS, *rows])
-        write_atomically(folder / CIRCLES, text.getvalue().encode())
+    if len(rows) == 1 + len(presses):
+        write_atomically(folder / CIRCLES, as_csv(rows))
     return {name: index for index, name in names.items()}
 
 

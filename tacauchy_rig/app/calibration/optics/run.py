@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle as Outline
 
 from sim.optics.calibrate.ball_press import (
     BallPress,
@@ -24,10 +28,12 @@ from sim.optics.calibrate.cross_validation import (
     CheckScores,
     RenderedPress,
     SlopeCoverage,
+    as_seen,
     check_after,
     check_before,
     check_coverage,
     check_scores,
+    crop_window,
     cross_validate,
     held_out_errors,
     render_presses,
@@ -40,17 +46,12 @@ from sim.scene.scene import Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from tacauchy_rig import __version__
-from tacauchy_rig.app.calibration.optics.figures import (
-    draw_coverage,
-    draw_presses,
-    write_renderings,
-)
-from tacauchy_rig.app.replay.optics import CAMERA_DISTANCE, HEIGHT, SCALE_X, SCALE_Y, WIDTH
+from tacauchy_rig.app.replay.optics import CAMERA_DISTANCE, CIRCLES, HEIGHT, SCALE_X, SCALE_Y, WIDTH
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.long_task import Remaining
+from tacauchy_rig.core.rgb import encode_png
 
-_CIRCLES = "circles.csv"
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
@@ -83,19 +84,10 @@ class OpticsRequest:
     trials: dict[str, int] = field(default_factory=dict)
 
     @property
-    def slopes(self) -> Path:
-        """Where the map of the slopes that were seen is drawn."""
-        return self.out.with_name(f"{self.out.stem}_slopes.png")
-
-    @property
-    def held_out(self) -> Path:
-        """Where the presses held out are drawn."""
-        return self.out.with_name(f"{self.out.stem}_held_out.png")
-
-    @property
-    def renderings(self) -> Path:
-        """Folder of the presses held out as they were rendered, each by its own name."""
-        return self.out.with_name(f"{self.out.stem}_held_out")
+    def figures(self) -> tuple[Path, Path]:
+        """Where the slopes that were seen, and the presses held out, are drawn."""
+        stem = self.out.stem
+        return self.out.with_name(f"{stem}_slopes.png"), self.out.with_name(f"{stem}_held_out.png")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,8 +124,8 @@ def read_input(request: OpticsRequest) -> OpticsInput:
     scale_x_m, scale_y_m = (1.0 / scale for scale in request.scale_px_m)
     geometry = CameraGeometry.centred(width, height, scale_x_m=scale_x_m, scale_y_m=scale_y_m)
     table = _in_folder_or_as_given(request.circles, request.folder) if request.circles else None
-    if table is None and (request.folder / _CIRCLES).exists():
-        table = request.folder / _CIRCLES
+    if table is None and (request.folder / CIRCLES).exists():
+        table = request.folder / CIRCLES
     labelled = read_ball_presses(request.folder, table) if table else []
     check_presses_fit(labelled, background)
     images = _images(request, background) if table is None else {}
@@ -146,8 +138,8 @@ def read_input(request: OpticsRequest) -> OpticsInput:
         check_before(labelled, geometry, ball_radius_m=0.5 * request.ball_diameter_m)
     check = []
     if request.check is not None:
-        other = request.check / (request.circles or Path(_CIRCLES)).name
-        table = other if other.exists() else request.check / _CIRCLES
+        other = request.check / (request.circles or Path(CIRCLES)).name
+        table = other if other.exists() else request.check / CIRCLES
         check = read_ball_presses(request.check, table)
         check_presses_fit(check, background)
     return OpticsInput(
@@ -200,11 +192,7 @@ def _in_folder_or_as_given(path: Path, folder: Path) -> Path:
 
 def _images(request: OpticsRequest, background: ImageArray) -> dict[str, ImageArray]:
     """Return the images of the folder but those that are no presses, by name."""
-    own = (
-        _in_folder_or_as_given(request.background, request.folder),
-        request.slopes,
-        request.held_out,
-    )
+    own = (_in_folder_or_as_given(request.background, request.folder), *request.figures)
     others = {path.resolve() for path in own}
     images = {
         path.name: read_rgb(path)
@@ -220,8 +208,6 @@ def _images(request: OpticsRequest, background: ImageArray) -> dict[str, ImageAr
     return images
 
 
-OnStep = Callable[[str, int, int, str], None]
-"""Told what was done, as which step of how many, and how long the others may take."""
 # Processor seconds of the simulated presses, of finding a contact, and, a press, of a fit with
 # shadows and without.
 _PRESSES_S, _FIND_S, _FIT_S = 8.0, 0.3, {True: 0.9, False: 0.15}
@@ -246,17 +232,16 @@ class OpticsResult:
 
 
 def calibrate_and_check(
-    request: OpticsRequest,
-    *,
-    on_step: OnStep = lambda *_: None,
-    on_held_out: Callable[[Mapping[int, RenderedPress]], None] = lambda _: None,
-) -> OpticsResult:
+    request: OpticsRequest, *, on_step: Callable[[str, int, int, str], None] = lambda *_: None
+) -> tuple[OpticsResult, dict[int, RenderedPress]]:
     """Read, refuse or warn, cross-validate, fit, check, and write the calibration and its figures.
 
     Args:
-        on_step: Told of each step.
-        on_held_out: Given every press as a model that had not seen it renders it where it was
-            labelled or found, by its place in their table, from 1.
+        on_step: Told what was done, as which step of how many, and how long the others may take.
+
+    Returns:
+        What came out, and every press as a model that had not seen it renders it where it was
+        labelled or found, by its place in their table, from 1.
 
     Raises:
         ConfigError: A file is missing or damaged, or the presses cannot be calibrated from.
@@ -264,30 +249,27 @@ def calibrate_and_check(
         RecordError: A result cannot be written.
     """
     read = read_input(request)
-    count = len(read.labelled or read.images)
+    radius_m, shadows = 0.5 * request.ball_diameter_m, request.sensor.optics.shadows
+    count, depths = len(read.labelled or read.images), len(DEPTHS_M)
     folds = min(request.folds, count)
-    depths = len(DEPTHS_M)
-    total = depths + folds + 1
-    fit_s = count * _FIT_S[request.sensor.optics.shadows is not None]
-    find_s = _FIND_S * len(read.images)
+    fit_s, find_s = count * _FIT_S[shadows is not None], _FIND_S * len(read.images)
     alone = Remaining(_PRESSES_S + find_s)
     fits = Remaining((folds + 1) * fit_s, jobs=min(request.jobs, folds))
 
-    def left() -> str:
+    def tell(what: str, done: int) -> None:
         seconds = alone.seconds() + fits.seconds()
-        return f"about {seconds:.0f} s left" if seconds else ""
+        on_step(what, done, depths + folds + 1, f"about {seconds:.0f} s left" if seconds else "")
 
     def pressed(done: int) -> None:
-        depth_mm = DEPTHS_M[done - 1] * 1e3
         alone.spend(_PRESSES_S / depths)
-        on_step(f"ball pressed {depth_mm:.2f} mm deep in the simulator", done, total, left())
+        tell(f"ball pressed {DEPTHS_M[done - 1] * 1e3:.2f} mm deep in the simulator", done)
 
     def fitted(fold: int) -> None:
-        what = f"fit without fold {fold + 1} of {folds}" if fold < folds else "fit to all presses"
         fits.spend(fit_s)
-        on_step(what, depths + fold + 1, total, left())
+        what = f"fit without fold {fold + 1} of {folds}" if fold < folds else "fit to all presses"
+        tell(what, depths + fold + 1)
 
-    on_step("pressing the ball in the simulator", 0, total, left())
+    tell("pressing the ball in the simulator", 0)
     scene = pressed_scene(
         request.sensor,
         read.background,
@@ -296,33 +278,41 @@ def calibrate_and_check(
         preset=request.preset,
         on_press=pressed,
     )
-    presses, warnings = find_presses(read, scene, ball_radius_m=0.5 * request.ball_diameter_m)
+    presses, warnings = find_presses(read, scene, ball_radius_m=radius_m)
     alone.spend(find_s)
     fits.begin()
-    fit = partial(calibrate_presses, scene=scene, shadows=request.sensor.optics.shadows)
+    fit = partial(calibrate_presses, scene=scene, shadows=shadows)
     scores, labelled, held_out, calibration = cross_validate(
         presses, scene, fit=fit, folds=folds, jobs=request.jobs, on_fold=fitted
     )
-    names = [press.name for press in read.labelled or presses]
-    on_held_out({names.index(item.press.name) + 1: item for item in labelled})
     coverage = slope_coverage(calibration.circles, calibration.scene)
     warnings += check_after(scores, held_out, scene) + check_coverage(coverage)
-    checked, wrong = rightly_labelled(
-        read.check, scene, ball_radius_m=0.5 * request.ball_diameter_m
-    )
+    checked, wrong = rightly_labelled(read.check, scene, ball_radius_m=radius_m)
     warnings += wrong
     others = render_presses(checked, calibration)
     provenance = _provenance(request, presses, scores, calibration)
     files = _write_files(request, calibration, coverage, held_out, scene, provenance)
-    return OpticsResult(
+    names = [item.press.name for item in held_out]
+    errors = dict(zip(names, held_out_errors(held_out, scene), strict=True))
+    result = OpticsResult(
         cross_validation=scores,
         check=check_scores(*others, scene) if checked else None,
         coverage=coverage,
         warnings=warnings,
-        presses=_press_rows(presses, calibration.circles, held_out, scene),
+        presses=[
+            {
+                "image": press.name,
+                "labelled": asdict(press.circle),
+                "nudged": asdict(circle),
+                "held_out_mae_levels": errors[press.name],
+            }
+            for press, circle in zip(presses, calibration.circles, strict=True)
+        ],
         provenance=provenance,
         files=files,
     )
+    order = [press.name for press in read.labelled or presses]
+    return result, {order.index(item.press.name) + 1: item for item in labelled}
 
 
 def _provenance(
@@ -363,34 +353,83 @@ def _write_files(
     provenance: dict[str, Any],
 ) -> list[Path]:
     model, out = calibration.model, request.out
+    slopes, drawn = request.figures
+    renderings = drawn.with_suffix("")  # the presses held out, each by its own name
     ordered = sorted(held_out, key=lambda item: item.press.name)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         replace(model, provenance={**model.provenance, **provenance}).save(out)
-        draw_coverage(coverage, calibration.circles, calibration.scene, request.slopes)
-        draw_presses(ordered, scene, request.held_out)
-        write_renderings(ordered, scene, request.renderings)
+        draw_coverage(coverage, calibration.circles, calibration.scene, slopes)
+        draw_presses(ordered, scene, drawn)
+        write_renderings(ordered, scene, renderings)
     except OSError as error:
         raise RecordError(
             f"{out}: cannot be written: {error.strerror}", remedy="give --out another path"
         ) from error
-    return [out, request.slopes, request.held_out, request.renderings]
+    return [out, slopes, drawn, renderings]
 
 
-def _press_rows(
-    presses: Sequence[BallPress],
-    nudged: Sequence[Circle],
-    held_out: Sequence[RenderedPress],
-    scene: PressScene,
-) -> list[dict[str, Any]]:
-    names = [item.press.name for item in held_out]
-    errors = dict(zip(names, held_out_errors(held_out, scene), strict=True))
-    return [
-        {
-            "image": press.name,
-            "labelled": asdict(press.circle),
-            "nudged": asdict(circle),
-            "held_out_mae_levels": errors[press.name],
-        }
-        for press, circle in zip(presses, nudged, strict=True)
-    ]
+_DPI = 150
+_SETS_A_ROW = 4
+_DIFFERENCE_GAIN = 4.0
+
+
+def draw_coverage(
+    coverage: SlopeCoverage, circles: Sequence[Circle], scene: PressScene, path: Path
+) -> None:
+    """Draw which tilts were seen by how many presses, and where the contacts lay, as PNG."""
+    figure = Figure(figsize=(7.2, 3.0), layout="constrained")
+    slopes, places = figure.subplots(1, 2, width_ratios=(1.0, 1.1))
+    shown = np.ma.masked_equal(coverage.presses_seen, 0)
+    steepest_deg = math.degrees(math.asin(min(coverage.tilt_limit, 1.0)))
+    mesh = slopes.pcolormesh(
+        coverage.tilt_edges, coverage.tilt_edges, shown, cmap="viridis", vmin=0
+    )
+    slopes.add_patch(Outline((0, 0), coverage.tilt_limit, fill=False, color="#777777"))
+    slopes.set(
+        aspect="equal",
+        xlabel="tilt along columns",
+        ylabel="tilt along rows",
+        title=f"{coverage.slopes_seen_share:.0%} of slopes to {steepest_deg:.0f} deg",
+    )
+    slopes.invert_yaxis()
+    figure.colorbar(mesh, ax=slopes, label="presses that show it")
+    places.imshow(np.clip(scene.frame / 255.0, 0.0, 1.0))
+    for circle in circles:
+        places.add_patch(
+            Outline((circle.x_px, circle.y_px), circle.radius_px, fill=False, lw=0.8, color="#222")
+        )
+    places.set(
+        xlabel="column [px]",
+        ylabel="row [px]",
+        title=f"{len(circles)} contacts, {coverage.image_share:.0%} of the image",
+    )
+    figure.savefig(path, dpi=_DPI)
+
+
+def draw_presses(held_out: Sequence[RenderedPress], scene: PressScene, path: Path) -> None:
+    """Draw each press's crop: real, rendered in its light, and four times their difference."""
+    rows = math.ceil(len(held_out) / _SETS_A_ROW)
+    figure = Figure(figsize=(3.0 * _SETS_A_ROW, 1.2 * rows + 0.3), layout="constrained")
+    axes = figure.subplots(rows, _SETS_A_ROW, squeeze=False).ravel()
+    for axis in axes:
+        axis.set_axis_off()
+    for axis, item in zip(axes, held_out, strict=False):
+        real = item.press.image.astype(np.float64)
+        rendered = as_seen(item.rendered, item.light, scene)
+        difference = 127.0 + _DIFFERENCE_GAIN * (rendered - real)
+        window = crop_window(item.press.circle, *real.shape[:2])
+        crops = [part[window] for part in (real, rendered, difference)]
+        axis.imshow(np.clip(np.concatenate(crops, axis=1) / 255.0, 0.0, 1.0))
+        axis.set_title(item.press.name, fontsize=7)
+    figure.suptitle(f"real | rendered | grey + {_DIFFERENCE_GAIN:g} x (rendered - real)", size=8)
+    figure.savefig(path, dpi=_DPI)
+
+
+def write_renderings(held_out: Sequence[RenderedPress], scene: PressScene, folder: Path) -> None:
+    """Write each press as rendered in its frame's light by a model that had not seen it, as PNG."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for item in held_out:
+        image = as_seen(item.rendered, item.light, scene).astype(np.uint8)
+        name = Path(item.press.name).with_suffix(".png").name
+        (folder / name).write_bytes(encode_png(image))

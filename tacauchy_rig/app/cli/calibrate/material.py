@@ -48,11 +48,12 @@ def material(
 
     Example: tacauchy-rig calibrate material runs/ball runs/punch --out my-sensor.toml
     """
-    from tacauchy_rig.app.calibration.material.fit import fit_gel, respond
-    from tacauchy_rig.app.calibration.material.prediction import (
+    from tacauchy_rig.app.calibration.material.fit import (
+        fit_gel,
         held_count,
         next_presses,
         predict_held_out,
+        respond,
     )
     from tacauchy_rig.app.calibration.material.presses import read_presses
     from tacauchy_rig.app.calibration.material.results import relaxation_of

@@ -108,13 +108,9 @@ def optics(
     if outputs is not None:
         check_empty(outputs)
     with Steps() as steps:
-        result = calibrate_and_check(
-            request,
-            on_step=steps,
-            on_held_out=lambda images: _write_outputs(
-                outputs, images, folds=folds, trials=request.trials
-            ),
-        )
+        result, held_out = calibrate_and_check(request, on_step=steps)
+    if outputs is not None:
+        _write_outputs(outputs, held_out, folds=folds, trials=request.trials)
     for warning in result.warnings:
         complain(f"warning: {warning}")
     _show(result)
@@ -125,7 +121,7 @@ def optics(
 
 
 def _write_outputs(
-    folder: Path | None,
+    folder: Path,
     images: Mapping[int, RenderedPress],
     *,
     folds: int,
@@ -140,8 +136,6 @@ def _write_outputs(
     from tacauchy_rig.core.simulated import Outputs, PressOutput, Simulator
     from tacauchy_rig.core.versions import machine
 
-    if folder is None:
-        return
     simulator = Simulator(
         name="tacauchy_rig's optics",
         version=__version__,

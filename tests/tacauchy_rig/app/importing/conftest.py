@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -39,10 +38,8 @@ def image(level: int) -> bytes:
     return bytes(cv2.imencode(".png", np.full((480, 640, 3), level, np.uint8))[1])
 
 
-@pytest.fixture
-def small(tmp_path: Path) -> Path:
-    """A folder of one press that imports as it is."""
-    folder = tmp_path / "small"
+def make_small(folder: Path) -> Path:
+    """Write a folder of one press that imports as it is."""
     folder.mkdir()
     (folder / "import.toml").write_text(SPEC)
     (folder / "presses.csv").write_text("image,fz,depth\npress.png,1.5,0.25\n")
@@ -52,13 +49,6 @@ def small(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def changed(small: Path) -> Callable[[str, str], None]:
-    """Return what replaces a text in the folder's import.toml."""
-
-    def change(old: str, new: str) -> None:
-        path = small / "import.toml"
-        text = path.read_text()
-        assert old in text
-        path.write_text(text.replace(old, new))
-
-    return change
+def small(tmp_path: Path) -> Path:
+    """A folder of one press."""
+    return make_small(tmp_path / "small")

@@ -11,8 +11,8 @@ import pytest
 from tacauchy_rig.app.importing.guess import write_guess
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.core.errors import RecordError
-from tests.tacauchy_rig.app.importing.kinds import comma, image
 from tests.tacauchy_rig.app.importing.sources import counting
+from tests.tacauchy_rig.app.importing.test_kinds import comma, image
 
 GF = 9.80665e-3
 TOOLS = ("Kugel 6 mm", "Kugel 8 mm", "Zylinder 5mm")

@@ -17,6 +17,7 @@ import pytest
 
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.core.errors import RigError
+from tests.tacauchy_rig.app.importing.conftest import make_small
 from tests.tacauchy_rig.app.importing.made import make_lerobot, make_records, record
 
 ROWS = "image,fz,depth\npress.png,{},0.25\n"
@@ -233,37 +234,24 @@ LEROBOT_CASES: dict[str, Harm] = {
     "a video that is not there": (_info('"dtype": "image"', '"dtype": "video"'), "file-000.mp4"),
 }
 ALL: dict[str, tuple[Callable[[Path], Path], Harm]] = {
+    **{name: (make_small, case) for name, case in CASES.items()},
     **{name: (make_records, case) for name, case in RECORD_CASES.items()},
     **{name: (make_lerobot, case) for name, case in LEROBOT_CASES.items()},
 }
 
 
-def _refused(folder: Path, case: Harm, runs: Path) -> None:
-    """The message names field or file, there is a word on what to do, and no run is left."""
-    harm, told = case
+@pytest.mark.parametrize("name", ALL)
+def test_is_refused_by_name(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The message names field or file and what to do; nothing is executed, no run is left."""
+    monkeypatch.chdir(tmp_path)
+    make, (harm, told) = ALL[name]
+    folder, runs = make(tmp_path / "source"), tmp_path / "runs"
     harm(folder)
     with pytest.raises(RigError) as refused:
         import_run(folder, parent=runs)
     assert told in refused.value.message
     assert refused.value.remedy or "TOML" in told
     assert not list(runs.glob("*"))
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_is_refused_by_name(name: str, small: Path, tmp_path: Path) -> None:
-    """A folder with a CSV."""
-    _refused(small, CASES[name], tmp_path / "runs")
-    assert not (small / "x").exists()
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_others_are_refused_by_name(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """NumPy records and LeRobot datasets; nothing of them is executed."""
-    monkeypatch.chdir(tmp_path)
-    make, case = ALL[name]
-    _refused(make(tmp_path / "source"), case, tmp_path / "runs")
     assert not (tmp_path / "x").exists()
 
 

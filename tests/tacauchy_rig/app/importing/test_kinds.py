@@ -1,19 +1,381 @@
-"""Each kind of recording ends with the right forces, or is refused in the table's own terms."""
+"""Recordings as labs write them: each kind ends with the right forces, or is refused by name."""
 
 from __future__ import annotations
 
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
+from PIL import Image
 
-from tests.tacauchy_rig.app.importing.kinds import KINDS, failure
+from tacauchy_rig.app.importing.importer import import_run
+from tacauchy_rig.core.errors import RigError
+from tests.tacauchy_rig.app.importing.sources import counting
 
 SEED = 20261127
+SIZE = (480, 360)  # of an image [px]
+BALL = "sphere:diameter=8mm"
+SPEC = """
+kind = "csv"
+{top}
+[data]
+table = "presses.csv"
+no_contact = "rest.png"
+is_tared = {tared}
+{data}
+[data.columns]
+image = "file"
+force = {{ column = "fz", unit = "{force}"{force_sign} }}
+depth = {{ column = "d", unit = "{depth}" }}
+{columns}
+[rig.sensor]
+name = "gelsight-mini"
+[rig.replay]
+indenter = "sphere:diameter=8mm"
+"""
+
+
+@dataclass(slots=True)
+class Folder:
+    """A folder of presses before it is written.
+
+    Attributes:
+        force_n: Of each press.
+        depth_mm: That this gel has at those forces, roughly.
+        rows: Head line and cells.
+        told: What a refusal has to say, each of it; empty where forces have to come out.
+    """
+
+    root: Path
+    random: np.random.Generator
+    force_n: np.ndarray
+    depth_mm: np.ndarray
+    rows: list[list[str]] = field(default_factory=list)
+    separator: str = ","
+    spec: dict[str, str] = field(default_factory=dict)
+    told: Sequence[str] = ()
+    prefix: bytes = b""
+    tolerance_n: float = 1e-9
+
+    def write(self) -> None:
+        """Write all of it."""
+        known = {"top": "", "tared": "true", "data": "", "force": "N", "depth": "mm", "columns": ""}
+        spec = SPEC.format(**{**known, "force_sign": "", **self.spec})
+        (self.root / "import.toml").write_text(spec)
+        text = "\n".join(self.separator.join(row) for row in self.rows) + "\n"
+        (self.root / "presses.csv").write_bytes(self.prefix + text.encode())
+
+
+def drawn(root: Path) -> Folder:
+    """Return presses of a ball with images, not yet written."""
+    random = np.random.default_rng([SEED, 0])
+    force = np.round(random.uniform(0.5, 4.0, random.integers(3, 6)), 3)
+    depth = np.round(0.27 * force ** (2 / 3) * random.uniform(0.8, 1.2), 4)
+    folder = Folder(root=root, random=random, force_n=force, depth_mm=depth)
+    (root / "rest.png").write_bytes(image(random, 0.0))
+    folder.rows.append(["file", "fz", "d"])
+    for k, (f, d) in enumerate(zip(force.tolist(), depth.tolist(), strict=True), start=1):
+        (root / f"p{k}.png").write_bytes(image(random, d))
+        folder.rows.append([f"p{k}.png", f"{f}", f"{d}"])
+    return folder
+
+
+def image(
+    random: np.random.Generator,
+    depth_mm: float,
+    *,
+    kind: str = ".png",
+    size: tuple[int, int] = SIZE,
+) -> bytes:
+    """Return an image with a gradient of light, noise, and something pressed in its middle."""
+    y, x = np.mgrid[0 : size[1], 0 : size[0]] / max(size)
+    inside = np.hypot(x - 0.5, y - 0.5 * size[1] / size[0]) < 0.1 * depth_mm**0.5
+    level = 80.0 + 60.0 * x + 30.0 * y + 40.0 * inside + random.normal(0.0, 2.0, x.shape)
+    colour = np.clip(np.stack([level, 0.8 * level, 0.6 * level], axis=-1), 0, 255)
+    return bytes(cv2.imencode(kind, colour.astype(np.uint8))[1])
+
+
+def _cells(folder: Folder, column: int, of: Callable[[float], str]) -> None:
+    for row in folder.rows[1:]:
+        row[column] = of(float(row[column]))
+
+
+def comma(value: float, digits: int = 4) -> str:
+    """Return a number with a decimal comma."""
+    return f"{value:.{digits}f}".replace(".", ",")
+
+
+def spreadsheet(folder: Folder) -> None:
+    """Semicolons, decimal commas and a byte order mark."""
+    folder.separator = ";"
+    folder.prefix = b"\xef\xbb\xbf" if folder.random.random() < 0.7 else b""
+    for column in (1, 2):
+        _cells(folder, column, comma)
+
+
+def tabs(folder: Folder) -> None:
+    """Tabs, with a comma or a point for decimals."""
+    folder.separator = "\t"
+    if folder.random.random() < 0.5:
+        _cells(folder, 1, comma)
+
+
+def quoted(folder: Folder) -> None:
+    """Every cell in quotation marks, decimal commas between commas."""
+    for column in (1, 2):
+        _cells(folder, column, lambda v: comma(v, 2))
+    folder.rows = [[f'"{cell}"' for cell in row] for row in folder.rows]
+    folder.tolerance_n = 0.0051
+
+
+def gram_force(folder: Folder) -> None:
+    """Grams-force, kilograms-force or pounds-force."""
+    unit, newton = (("gf", 9.80665e-3), ("kgf", 9.80665), ("lbf", 4.4482216152605))[
+        folder.random.integers(3)
+    ]
+    folder.spec["force"] = unit
+    _cells(folder, 1, lambda v: repr(v / newton))
+
+
+def grams(folder: Folder) -> None:
+    """Grams are a mass: it is asked."""
+    folder.spec["force"] = "g"
+    _cells(folder, 1, lambda v: repr(v / 9.80665e-3))
+    folder.told = ("data.columns.force.unit", "gf")
+
+
+def iso_times(folder: Folder) -> None:
+    """Times as ISO 8601 writes them."""
+    begin = datetime(2026, 11, 27, 10, tzinfo=UTC)
+    folder.rows[0].append("t")
+    for k, row in enumerate(folder.rows[1:]):
+        row.append((begin + timedelta(seconds=3.25 * k)).isoformat())
+    folder.spec["columns"] = 'time = { column = "t", unit = "iso" }'
+
+
+def blank_lines(folder: Folder) -> None:
+    """Blank lines and a word: the line that is told is that of the file."""
+    bad = int(folder.random.integers(2, len(folder.rows)))
+    folder.rows[bad][1] = "oops"
+    blank = int(folder.random.integers(1, 5))
+    folder.rows[2:2] = [[""]] * blank
+    folder.told = (f"line {bad + 1 + blank}", '"fz"', "'oops'")
+
+
+def several(folder: Folder) -> None:
+    """Several things are wrong, and all are told."""
+    folder.rows[1][1], folder.rows[2][2], folder.rows[3][0] = "1_5", "deep", "no.png"
+    folder.told = ("'1_5'", "'deep'", "no.png", "line 2", "line 3", "line 4")
+
+
+def backslashes(folder: Folder) -> None:
+    """Names of another system, in a folder; files of another system beside them."""
+    (folder.root / "images").mkdir()
+    for row in folder.rows[1:]:
+        (folder.root / row[0]).rename(folder.root / "images" / row[0])
+        (folder.root / "images" / f"._{row[0]}").write_bytes(b"\0\5\x16\7")
+        row[0] = f"images\\{row[0]}"
+
+
+def unknown_first(folder: Folder) -> None:
+    """The first depth is not known."""
+    folder.rows[1][2] = ("nan", "NaN", "", "N/A")[folder.random.integers(4)]
+
+
+def negative_force(folder: Folder) -> None:
+    """Compression is negative: the key that declares it is named."""
+    _cells(folder, 1, lambda v: repr(-v))
+    folder.told = ("all", "forces are negative", "compression_sign = -1")
+
+
+def negative_declared(folder: Folder) -> None:
+    """Compression is negative, and it is said."""
+    _cells(folder, 1, lambda v: repr(-v))
+    folder.spec["force_sign"] = ", sign = -1"
+
+
+def negative_depth(folder: Folder) -> None:
+    """Depths are negative."""
+    _cells(folder, 2, lambda v: repr(-v))
+    folder.told = ("depths are negative", "data.columns.depth.sign = -1")
+
+
+def one_negative(folder: Folder) -> None:
+    """One press pulls: it is named, not the convention."""
+    k = int(folder.random.integers(1, len(folder.rows)))
+    folder.rows[k][1] = "-" + folder.rows[k][1]
+    folder.told = (f"line {k + 1}", "correct these presses")
+
+
+def millinewtons(folder: Folder) -> None:
+    """Millinewtons or grams where newtons are stated."""
+    unit, factor = (("mN", 1e3), ("gf", 1 / 9.80665e-3))[folder.random.integers(2)]
+    _cells(folder, 1, lambda v: repr(v * factor))
+    folder.told = ("the numbers look like", unit, "where N is", "data.columns.force.unit")
+
+
+def metres(folder: Folder) -> None:
+    """Depths in metres where millimetres are stated."""
+    _cells(folder, 2, lambda v: repr(v / 1e3))
+    folder.told = ("um deep", "m where mm", "data.columns.depth.unit")
+
+
+def micrometres(folder: Folder) -> None:
+    """Depths in micrometres where millimetres are stated."""
+    _cells(folder, 2, lambda v: repr(v * 1e3))
+    folder.told = ("the gel is 4 mm high", "um where mm", "data.columns.depth.unit")
+
+
+def beyond(folder: Folder) -> None:
+    """A force that a number can have and a gel cannot."""
+    folder.rows[1][1] = ("1e308", "1e9", "5e6")[folder.random.integers(3)]
+    folder.told = ("line 2", "more than any press of a gel has")
+
+
+def labelled_coarse(folder: Folder) -> None:
+    """Rows at rest and pressed with times too coarse to part them: labels count."""
+    _labelled(folder, lambda k: f"{1790000000 + 128 * (k // 12)}.0")
+
+
+def labelled(folder: Folder) -> None:
+    """Rows at rest and pressed with fine times, rows at rest after the press too."""
+    _labelled(folder, lambda k: f"{k * 0.04:.3f}", after=True)
+
+
+def _labelled(folder: Folder, time: Callable[[int], str], *, after: bool = False) -> None:
+    zero = folder.random.uniform(-0.5, 0.5)
+    rows, old = [["file", "fz", "d", "t", "n", "s"]], folder.rows[1:]
+    for n, (name, f, d) in enumerate(old, start=1):
+        states = ["rest"] * 3 + ["press"] * 3 + ["rest"] * (2 if after else 0)
+        for state in states:
+            held = state == "press"
+            felt = repr(zero + (float(f) if held else 0.0))
+            told = [time(len(rows) - 1), str(n), state]
+            rows.append([name if held else "rest.png", felt, d if held else "", *told])
+    folder.rows = rows
+    folder.tolerance_n = 1e-6
+    folder.spec["tared"] = "false"
+    folder.spec["data"] = 'unloaded = "rest"\npressed = "press"'
+    folder.spec["columns"] = 'time = { column = "t", unit = "s" }\npress = "n"\nstate = "s"\n'
+
+
+def exif(folder: Folder) -> None:
+    """Presses with a tag of a telephone's turn, and an image at rest without."""
+    for row in folder.rows[1:]:
+        path, tag = folder.root / row[0], Image.Exif()
+        tag[0x0112] = int(folder.random.choice([3, 6, 8]))
+        buffer = io.BytesIO()
+        Image.open(path).save(buffer, "JPEG", exif=tag, quality=95)
+        row[0] = row[0].replace(".png", ".jpg")
+        (folder.root / row[0]).write_bytes(buffer.getvalue())
+
+
+def portrait(folder: Folder) -> None:
+    """All images stand on their side."""
+    _again(folder, (360, 480))
+    folder.told = ("turned by a quarter", "images.turn")
+
+
+def squeezed(folder: Folder) -> None:
+    """Images of another aspect ratio."""
+    _again(folder, (640, 360))
+    folder.told = ("aspect ratio", "1.778")
+
+
+def small_images(folder: Folder) -> None:
+    """Images of 320 x 240 px are taken, as whole frames or as cropped."""
+    _again(folder, (320, 240))
+    folder.spec["data"] = ""
+    if folder.random.random() < 0.5:
+        folder.spec["top"] = "images = { cropped = true }"
+
+
+def _again(folder: Folder, size: tuple[int, int]) -> None:
+    for name in ("rest.png", *(row[0] for row in folder.rows[1:])):
+        (folder.root / name).write_bytes(image(folder.random, 0.4, size=size))
+
+
+def damaged(folder: Folder) -> None:
+    """A JPEG with bytes lost in its middle, or without its end."""
+    name = f"p{folder.random.integers(1, len(folder.rows))}"
+    data = bytearray(image(folder.random, 0.4, kind=".jpg"))
+    at = int(folder.random.integers(len(data) // 3, 2 * len(data) // 3))
+    if folder.random.random() < 0.5:
+        del data[at:]
+    else:
+        data[at : at + 200] = bytes(200)
+    (folder.root / f"{name}.jpg").write_bytes(bytes(data))
+    folder.rows[int(name[1:])][0] = f"{name}.jpg"
+    folder.told = (f"{name}.jpg", "no whole JPEG")
+
+
+def rest_is_press(folder: Folder) -> None:
+    """The image at rest is that of a press."""
+    (folder.root / "rest.png").write_bytes((folder.root / "p2.png").read_bytes())
+    folder.told = ("p2.png", "byte for byte")
+
+
+def own_words(folder: Folder) -> None:
+    """Indenters by words of the lab; one has no term."""
+    folder.rows[0].append("tool")
+    for k, row in enumerate(folder.rows[1:]):
+        row.append("zyl5" if k == 1 else "ball8")
+    folder.spec["columns"] = 'indenter = "tool"\n[data.indenters]\nball8 = "sphere:diameter=8mm"'
+    folder.told = ("line 3", '"tool"', "'zyl5'", "[data.indenters]")
+
+
+KINDS: dict[str, Callable[[Folder], None]] = {
+    each.__name__: each
+    for each in (
+        spreadsheet,
+        tabs,
+        quoted,
+        gram_force,
+        grams,
+        iso_times,
+        blank_lines,
+        several,
+        backslashes,
+        unknown_first,
+        negative_force,
+        negative_declared,
+        negative_depth,
+        one_negative,
+        millinewtons,
+        metres,
+        micrometres,
+        beyond,
+        labelled_coarse,
+        labelled,
+        exif,
+        portrait,
+        squeezed,
+        small_images,
+        damaged,
+        rest_is_press,
+        own_words,
+    )
+}
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_kind_ends_as_it_has_to(kind: str, tmp_path: Path) -> None:
-    """One draw; ``python -m tests.tacauchy_rig.app.importing.kinds`` makes many."""
+    """With the forces that were written, or refused in the table's own terms."""
     root = tmp_path / "source"
     root.mkdir()
-    assert not failure(kind, root, seed=SEED)
+    folder = drawn(root)
+    KINDS[kind](folder)
+    folder.write()
+    if folder.told:
+        with pytest.raises(RigError) as refused:
+            import_run(root, parent=tmp_path / "runs")
+        assert not [each for each in folder.told if each not in str(refused.value)]
+        return
+    found = counting(import_run(root, parent=tmp_path / "runs"))
+    forces = [each.force_measured_n for each in found]
+    assert forces == pytest.approx(folder.force_n.tolist(), abs=folder.tolerance_n)

@@ -11,7 +11,6 @@ from tacauchy_rig.app.importing.presses import (
     PressFinding,
     S,
     Samples,
-    Streams,
     cut,
     find_presses,
 )
@@ -53,7 +52,7 @@ def test_a_zero_that_drifts_is_followed(seed: int, sign: float) -> None:
     force = samples(time_s, sign * force_n + drift + noise)
     found = find_presses(force, PressFinding())
     frames = [Frame(stamp_ns=t, name="", read=bytes) for t in force.stamp_ns[::10].tolist()]
-    presses = cut(Streams(force=force, frames=frames), found)
+    presses = cut(found, force, frames)
     told = [press.held for press in presses]
     forces = [sign * float(each[:, FZ].mean()) for each in told if each is not None]
     assert forces == pytest.approx(held.tolist(), abs=0.02)
@@ -86,7 +85,7 @@ def test_frames_with_gaps_and_times_of_their_own_are_aligned(seed: int) -> None:
     shown_s = shown_s[(shown_s < 0.4 * time_s[-1]) | (shown_s > 0.4 * time_s[-1] + 1.0)]
     own = Signal(time_s=shown_s - 0.37, value=seen_of(random, time_s, force_n, shown_s))
     offset = offset_to_force(force, own, find_presses(force, PressFinding()))
-    assert offset.seconds == pytest.approx(1.37, abs=0.04)
+    assert offset.offset_s == pytest.approx(1.37, abs=0.04)
     assert 0.6 < offset.correlation <= 1.0
 
 
@@ -106,5 +105,5 @@ def test_dropped_frames_are_refused_with_their_mean_rate(seed: int) -> None:
     offset = offset_to_force(
         force, Signal(time_s=rate_s * np.arange(len(shown_s)), value=seen), found
     )
-    assert offset.seconds == pytest.approx(1.0, abs=0.04)
+    assert offset.offset_s == pytest.approx(1.0, abs=0.04)
     assert refused.value.remedy

@@ -137,7 +137,7 @@ def test_the_report_has_the_scores_beside_no_contact(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
-        ({"imgs": None}, "no array imgs"),
+        ({"imgs": None}, "has no imgs.npy"),
         ({"imgs": np.array([{"a": 1}], dtype=object)}, "pickles are never loaded"),
         ({"imgs": ARRAYS["imgs"].astype(np.float32)}, "imgs is"),
         ({"f0": ARRAYS["f0"][::2]}, "imgs is"),

@@ -112,6 +112,10 @@ def test_forces_alone_will_do(tmp_path: Path) -> None:
     assert found.presses[2].image is None
 
 
+Damage = Callable[[Path], object]
+TOML = "simulator.toml"
+
+
 def _replace(path: Path, old: str, new: str) -> None:
     text = path.read_text()
     assert old in text
@@ -139,79 +143,59 @@ class _Evil:
         return os.mkdir, ("executed",)
 
 
+def _put(name: str, data: bytes) -> Damage:
+    return lambda folder: (folder / name).write_bytes(data)
+
+
+def _toml(old: str, new: str) -> Damage:
+    return lambda folder: _replace(folder / TOML, old, new)
+
+
+def _csv(old: str, new: str) -> Damage:
+    return lambda folder: _replace(folder / "forces.csv", old, new)
+
+
 PLAIN = np.zeros((HEIGHT, WIDTH))
 NAN = np.where(np.arange(WIDTH) == 5, np.nan, PLAIN)
-Damage = Callable[[Path], object]
-TOML = "simulator.toml"
 DAMAGES: dict[str, tuple[Damage, str]] = {
     "no description": (lambda f: (f / TOML).unlink(), "simulator.toml"),
     "no TOML": (lambda f: (f / TOML).write_text("name = "), "no TOML"),
     "not text": (lambda f: (f / TOML).write_bytes(b"\xff\xfe"), "no TOML"),
-    "no version": (lambda f: _replace(f / TOML, 'version = "0.1"', ""), "version: missing"),
-    "markup": (lambda f: _replace(f / TOML, "Other é", "<b>"), "name"),
-    "unknown key": (lambda f: _replace(f / TOML, "note", "notes"), "unknown key"),
-    "no time": (lambda f: _replace(f / TOML, "12.5", "-1"), "milliseconds_an_image"),
-    "not a time": (lambda f: _replace(f / TOML, "12.5", "nan"), "milliseconds_an_image"),
-    "no unit of heights": (lambda f: _replace(f / TOML, 'height = "m"', ""), "units.height"),
-    "no unit of forces": (lambda f: _replace(f / TOML, 'force = "N"', ""), "units.force"),
-    "wrong unit": (lambda f: _replace(f / TOML, '"Pa"', '"psi"'), "psi"),
-    "what was told": (lambda f: _replace(f / TOML, 'driven_by = "depth"', ""), "driven_by"),
-    "no colour order": (
-        lambda f: _replace(f / TOML, 'colour_order = "RGB"', ""),
-        "colour_order is not stated",
-    ),
+    "no version": (_toml('version = "0.1"', ""), "version: missing"),
+    "markup": (_toml("Other é", "<b>"), "name"),
+    "unknown key": (_toml("note", "notes"), "unknown key"),
+    "no time": (_toml("12.5", "-1"), "milliseconds_an_image"),
+    "not a time": (_toml("12.5", "nan"), "milliseconds_an_image"),
+    "no unit of heights": (_toml('height = "m"', ""), "units.height"),
+    "no unit of forces": (_toml('force = "N"', ""), "units.force"),
+    "wrong unit": (_toml('"Pa"', '"psi"'), "psi"),
+    "what was told": (_toml('driven_by = "depth"', ""), "driven_by"),
+    "no colour order": (_toml('colour_order = "RGB"', ""), "colour_order is not stated"),
     "channels exchanged": (
-        lambda f: _replace(f / TOML, 'colour_order = "RGB"', 'colour_order = "BGR"'),
+        _toml('colour_order = "RGB"', 'colour_order = "BGR"'),
         "red and blue exchanged",
     ),
-    "a press is missing": (lambda f: _replace(f / TOML, "[2]", "[]"), "press 2 is missing"),
+    "a press is missing": (_toml("[2]", "[]"), "press 2 is missing"),
     "a press of no run": (lambda f: (f / "04").mkdir(), "no such press"),
     "a press twice": (lambda f: (f / "1").mkdir(), "has it already"),
     "left out and there": (lambda f: (f / "02").mkdir(), "left out"),
-    "an empty press": (
-        lambda f: [path.unlink() for path in (f / "03").iterdir()],
-        "holds none of",
-    ),
+    "an empty press": (lambda f: [path.unlink() for path in (f / "03").iterdir()], "holds none of"),
     "one image less": (lambda f: (f / "01/image.png").unlink(), "presses 1 have no image.png"),
-    "wrong size": (
-        lambda f: (f / "01/image.png").write_bytes(_png((HEIGHT, WIDTH + 1, 3))),
-        "25 x 16 px",
-    ),
-    "no image": (lambda f: (f / "01/image.png").write_bytes(b"no"), "no whole JPEG or PNG"),
-    "cut image": (
-        lambda f: (f / "01/image.png").write_bytes(_png((HEIGHT, WIDTH, 3))[:60]),
-        "01/image.png",
-    ),
-    "with alpha": (
-        lambda f: (f / "01/image.png").write_bytes(_png((HEIGHT, WIDTH, 4))),
-        "RGBA",
-    ),
-    "pickle": (
-        lambda f: (f / "01/height.npy").write_bytes(_npy(np.array([_Evil()], dtype=object))),
-        "never loaded",
-    ),
+    "wrong size": (_put("01/image.png", _png((HEIGHT, WIDTH + 1, 3))), "25 x 16 px"),
+    "no image": (_put("01/image.png", b"no"), "no whole JPEG or PNG"),
+    "cut image": (_put("01/image.png", _png((HEIGHT, WIDTH, 3))[:60]), "01/image.png"),
+    "with alpha": (_put("01/image.png", _png((HEIGHT, WIDTH, 4))), "RGBA"),
+    "pickle": (_put("01/height.npy", _npy(np.array([_Evil()], dtype=object))), "never loaded"),
     "pickle in an archive": (
         lambda f: _archive(f, pressure=_npy(np.array([_Evil()], dtype=object))),
         "never loaded",
     ),
-    "words": (
-        lambda f: (f / "01/height.npy").write_bytes(_npy(np.full((HEIGHT, WIDTH), "a"))),
-        "not of numbers",
-    ),
-    "other shape": (
-        lambda f: (f / "01/height.npy").write_bytes(_npy(PLAIN.T)),
-        r"\[24, 16\]",
-    ),
-    "NaN": (
-        lambda f: (f / "01/height.npy").write_bytes(_npy(NAN)),
-        "row 0, column 5",
-    ),
-    "cut array": (
-        lambda f: (f / "01/height.npy").write_bytes(_npy(PLAIN)[:-9]),
-        "says that it is",
-    ),
-    "no array": (lambda f: (f / "01/height.npy").write_bytes(b"no"), "no array of NumPy"),
-    "no archive": (lambda f: (f / "01/fields.npz").write_bytes(b"no"), "no whole zip archive"),
+    "words": (_put("01/height.npy", _npy(np.full((HEIGHT, WIDTH), "a"))), "not of numbers"),
+    "other shape": (_put("01/height.npy", _npy(PLAIN.T)), r"\[24, 16\]"),
+    "NaN": (_put("01/height.npy", _npy(NAN)), "row 0, column 5"),
+    "cut array": (_put("01/height.npy", _npy(PLAIN)[:-9]), "says that it is"),
+    "no array": (_put("01/height.npy", b"no"), "no array of NumPy"),
+    "no archive": (_put("01/fields.npz", b"no"), "no whole zip archive"),
     "other fields": (lambda f: _archive(f, stress=_npy(PLAIN)), "stress"),
     "half a shear": (lambda f: _archive(f, shear_y=_npy(PLAIN)), "without the other"),
     "an empty archive": (_archive, "holds nothing"),
@@ -219,15 +203,12 @@ DAMAGES: dict[str, tuple[Damage, str]] = {
         lambda f: [(f / "01/image.png").unlink(), (f / "01/image.png").symlink_to("/dev/zero")],
         "leads out",
     ),
-    "no number": (lambda f: _replace(f / "forces.csv", "0.5", "much"), "line 2"),
-    "a force that is NaN": (
-        lambda f: _replace(f / "forces.csv", "0.5", "nan"),
-        "presses 1 have no",
-    ),
-    "a press of no run's force": (lambda f: _replace(f / "forces.csv", "3,", "7,"), 'press "7"'),
-    "a force twice": (lambda f: _replace(f / "forces.csv", "3,", "1,"), "stands twice"),
-    "no column": (lambda f: _replace(f / "forces.csv", "press", "trial"), "no column"),
-    "one force less": (lambda f: _replace(f / "forces.csv", "1,0.5,", "1,,"), "presses 1 have no"),
+    "no number": (_csv("0.5", "much"), "line 2"),
+    "a force that is NaN": (_csv("0.5", "nan"), "presses 1 have no"),
+    "a press of no run's force": (_csv("3,", "7,"), 'press "7"'),
+    "a force twice": (_csv("3,", "1,"), "stands twice"),
+    "no column": (_csv("press", "trial"), "no column"),
+    "one force less": (_csv("1,0.5,", "1,,"), "presses 1 have no"),
 }
 
 

@@ -8,7 +8,7 @@ import pytest
 from sim.scene.indenter import Sphere
 from sim.scene.pad import BoxPad
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.app.judging.rigid import rigid_heights
+from tacauchy_rig.app.judging.of_run import rigid_heights
 
 DEPTH_M, PLACE_M, DIAMETER_M = 0.5e-3, (1e-3, -0.5e-3), 8e-3
 

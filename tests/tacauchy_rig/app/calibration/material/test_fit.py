@@ -7,8 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tacauchy_rig.app.calibration.material.fit import NU, Data, fit_gel, interval
-from tacauchy_rig.app.calibration.material.prediction import held_count, predict_held_out
+from tacauchy_rig.app.calibration.material.fit import (
+    NU,
+    Data,
+    fit_gel,
+    held_count,
+    interval,
+    predict_held_out,
+)
 from tests.tacauchy_rig.app.calibration.material.made_up import made_presses, made_response
 
 GEL = {"young_pa": 5e5, "poisson": 0.465, "friction": 0.4}

@@ -48,7 +48,7 @@ def test_two_tables_of_one_indenter_are_one_group(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("depth,force\n1,2\n", "no column indenter, depth_mm, force_n"),
+        ("depth,force\n1,2\n", 'no column "indenter"'),
         (TABLE.replace("0.25", "-0.25"), "line 3: depth_mm '0.3' and force_n '-0.25'"),
         (TABLE.replace("0.25", "soft"), "line 3"),
         (TABLE.replace("0.25", "nan"), "line 3"),

@@ -23,7 +23,7 @@ def test_one_ball_from_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         lambda *_, **__: made_response(**BALL),
     )
     candidates = ("sphere:diameter=6mm", "sphere:diameter=10mm")
-    monkeypatch.setattr("tacauchy_rig.app.calibration.material.prediction.CANDIDATES", candidates)
+    monkeypatch.setattr("tacauchy_rig.app.calibration.material.fit.CANDIDATES", candidates)
     presses = made_presses("sphere:diameter=6mm", **GEL, **BALL)
     table = tmp_path / "presses.csv"
     rows = zip(presses.depth_m, presses.force_n, strict=True)

@@ -8,8 +8,16 @@ import numpy as np
 import pytest
 
 from protocols.steps.press import FREQUENCIES_HZ
-from tacauchy_rig.app.calibration.latency import even_stamps, find_delay
+from tacauchy_rig.app.calibration.latency import (
+    Delay,
+    even_stamps,
+    find_delay,
+    find_latency,
+    trigger_missed,
+)
+from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.store.run_store import RunStore
 
 RELAXATION_S = (0.3, 3.0)
 ARM_S = np.arange(0.0, 12.0, 0.008)
@@ -79,20 +87,14 @@ def test_a_stated_doubt_of_the_arm_counts():
     assert found.uncertainty_s >= 2e-3
 
 
-def test_noise_alone_tells_no_delay():
-    """A stream without the motion is refused, with what to do."""
-    time_s = np.arange(0.0, 12.0, 0.04)
+@pytest.mark.parametrize(("end_s", "told"), [(12.0, "explains"), (2.0, "too few")])
+def test_noise_alone_and_too_short_a_motion_are_refused(end_s, told):
+    """With what to do."""
+    time_s = np.arange(0.0, end_s, 0.04)
     noise = np.random.default_rng(1).normal(0.0, 1.0, len(time_s))
-    with pytest.raises(RecordError, match="explains") as caught:
+    with pytest.raises(RecordError, match=told) as caught:
         find_delay((ARM_S, _depth(ARM_S)), (time_s, noise), name="image")
     assert caught.value.remedy
-
-
-def test_too_short_a_motion_is_refused():
-    """Two seconds of frames are too few."""
-    time_s = np.arange(0.0, 2.0, 0.04)
-    with pytest.raises(RecordError, match="too few"):
-        find_delay((ARM_S, _depth(ARM_S)), (time_s, _depth(time_s)), name="image")
 
 
 def test_late_reads_do_not_move_even_stamps():
@@ -101,3 +103,36 @@ def test_late_reads_do_not_move_even_stamps():
     late_s = np.where(counter % 5 == 0, np.random.default_rng(2).uniform(0.0, 0.03, 1000), 0.0)
     stamps = (1e9 * (7.0 + 0.01 * counter + late_s)).astype(np.int64)
     assert np.abs(even_stamps(stamps, counter) - (7.0 + 0.01 * counter)).max() < 1e-3
+
+
+def _delay(delay_s):
+    return Delay(delay_s=delay_s, uncertainty_s=5e-4, explained=0.99, sample_count=300)
+
+
+def _config(mode):
+    return load_config(overrides=[f'run.sync_mode="{mode}"']).config
+
+
+@pytest.mark.parametrize(
+    ("mode", "image_s", "told"),
+    [
+        ("external_trigger", 0.009, ""),  # within a quarter of a frame
+        ("external_trigger", 0.034, "+30.0 ms"),
+        ("host_clock", 0.034, ""),  # promises nothing
+    ],
+)
+def test_a_declared_trigger_is_believed_where_it_keeps_its_word(mode, image_s, told):
+    """Image and force of one moment are stamped together, or the delay between them is named."""
+    missed = trigger_missed(_config(mode), _delay(0.004), _delay(image_s))
+    assert (told in missed) if told else not missed
+
+
+def test_a_run_that_did_not_sway_is_refused(tmp_path):
+    """The remedy names the command that makes one."""
+    store = RunStore.create(
+        tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
+    )
+    store.paths.journal.write_bytes(b"")
+    with pytest.raises(RecordError, match="swayed") as caught:
+        find_latency(store)
+    assert "calibrate latency" in caught.value.remedy

@@ -1,6 +1,7 @@
 """Emulated presses seen by a video and felt by a log, whose offset is known: how well it is found.
 
-``python -m tests.tacauchy_rig.app.importing.offsets`` writes a table of docs/results/importing.md.
+``python -m tests.tacauchy_rig.app.importing.test_offsets`` writes a table of
+docs/results/importing.md.
 """
 
 from __future__ import annotations
@@ -12,20 +13,24 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from drivers.emulators.camera.frames import DEPTH_STEP_M, FrameFactory, PressKey
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
 from tacauchy_rig.app.importing.offset import (
+    MEMORY_S,
+    MEMORY_SHARE,
     SMALL,
-    Offset,
     Signal,
     image_change,
     offset_to_force,
+    without_memory,
 )
 from tacauchy_rig.app.importing.presses import PressFinding, S, Samples, find_presses
 from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.imported import CameraClock
 from tacauchy_rig.core.run import FZ, Pose
 
 SEEDS = range(10)
@@ -124,7 +129,7 @@ def _seen(plant: Plant, heights_m: FloatArray, random: np.random.Generator) -> I
         yield known[key] + noise * random.standard_normal(known[key].shape)
 
 
-def offset_of(world: Recorded, *, with_height: bool) -> Offset:
+def offset_of(world: Recorded, *, with_height: bool) -> CameraClock:
     """Find the offset as an import does."""
     seen = Signal(time_s=world.frame_s, value=image_change(world.frames, world.frame_s))
     found = find_presses(world.force, PressFinding())
@@ -132,9 +137,27 @@ def offset_of(world: Recorded, *, with_height: bool) -> Offset:
     return offset_to_force(world.force, seen, found, height=height)
 
 
+@pytest.mark.parametrize("with_height", [True, False])
+def test_a_gel_that_remembers_is_within_what_is_stated(with_height: bool) -> None:
+    """Let go as slowly as it was pressed, its force falls before its shape does."""
+    world = recorded(1, release_m_s=SLOW_M_S)
+    offset = offset_of(world, with_height=with_height)
+    assert offset.offset_s == pytest.approx(world.true_s, abs=2.0 * offset.uncertainty_s)
+    assert 0.005 < offset.uncertainty_s < 0.03
+
+
+def test_what_a_gel_remembers_is_taken_off() -> None:
+    """A force that fades as the gel does is left as it ends."""
+    time_s = np.arange(0.0, 3.0, 0.001)
+    pressed = time_s >= 1.0
+    fades = MEMORY_SHARE * np.exp(-(time_s - 1.0) / MEMORY_S)
+    left = without_memory(Signal(time_s=time_s, value=np.where(pressed, 1.0 + fades, 0.0)))
+    assert left.at(np.array([0.5, 1.01, 1.2, 2.5])) == pytest.approx([0, 1, 1, 1], abs=1e-3)
+
+
 def _row(release_m_s: float, worlds: list[Recorded], *, with_height: bool) -> str:
     found = [(world, offset_of(world, with_height=with_height)) for world in worlds]
-    errors_s = np.array([offset.seconds - world.true_s for world, offset in found])
+    errors_s = np.array([offset.offset_s - world.true_s for world, offset in found])
     doubts_s = np.array([offset.uncertainty_s for _, offset in found])
     ratios = errors_s / doubts_s
     told = "height of the tip" if with_height else "force alone"

@@ -1,12 +1,13 @@
-"""A sensor's file gets the gel that was told, and nothing else."""
+"""A sensor's file gets the gel that was told; a dwell that relaxes is told from one that not."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from sim.sensor.sensor import parse_sensor
 from tacauchy_rig.app.calibration.material.fit import Interval
-from tacauchy_rig.app.calibration.material.results import sensor_text, with_gel
+from tacauchy_rig.app.calibration.material.results import fit_term, sensor_text, with_gel
 from tacauchy_rig.core.errors import ConfigError
 
 YOUNG = Interval(best=4.1e5, low=3.9e5, high=4.3e5)
@@ -33,3 +34,23 @@ def test_a_file_without_such_a_line_is_refused() -> None:
     """A gel of layers, or one that is written otherwise."""
     with pytest.raises(ConfigError, match="0 lines"):
         with_gel("[material]\n", young=YOUNG, poisson=YOUNG, source="made up")
+
+
+TIME_S = np.tile(np.linspace(0.0, 2.0, 200), 6)
+NOISE = 0.002 * np.random.default_rng(3).standard_normal(len(TIME_S))
+
+
+def test_share_and_time_are_found() -> None:
+    """3 % in 0.4 s, under noise of 0.2 %."""
+    found = fit_term(TIME_S, 1.0 + 0.03 * np.exp(-TIME_S / 0.4) + NOISE)
+    assert found is not None
+    assert found.share == pytest.approx(0.03, abs=3.0 * found.share_error)
+    assert found.time_s == pytest.approx(0.4, abs=3.0 * found.time_error_s)
+    assert found.share_error < 0.002
+
+
+@pytest.mark.parametrize("rising", [0.0, 0.005])
+def test_noise_and_a_rising_force_tell_none(rising: float) -> None:
+    """A servo that still pushes is no relaxation."""
+    assert fit_term(TIME_S, 1.0 + rising * TIME_S + NOISE) is None
+    assert fit_term(TIME_S[:5], np.ones(5)) is None
