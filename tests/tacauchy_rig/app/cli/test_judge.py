@@ -112,8 +112,12 @@ def test_no_folder_and_one_twice_are_refused(run: Path, task: Path, tmp_path: Pa
         judge(run=run, out=tmp_path / "judged", folders=[theirs, theirs])
 
 
-def test_a_baseline_is_written_and_judged(run: Path, tmp_path: Path) -> None:
+def test_a_baseline_is_written_and_judged(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The indenter's shape, cut into the gel: its files are written, then judged as others are."""
+    # Nominal optics: calibrating those of the emulated camera takes most of a minute.
+    monkeypatch.setattr("tacauchy_rig.app.cli.emulation.emulated_calibration", lambda _: None)
     judge(run=run, out=tmp_path, baselines=[Baseline.RIGID], json_file=tmp_path / "found.json")
     (rigid,) = json.loads((tmp_path / "found.json").read_text())["simulators"]
     assert rigid["name"] == "rigid penetration"
