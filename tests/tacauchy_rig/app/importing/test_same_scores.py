@@ -78,7 +78,9 @@ LOST_SSIM = dict(zip(FORMATS, (1e-6, 2e-3, 2e-3), strict=True))
 def _no_uncertainties() -> Iterator[None]:
     """Leave out the coarse presses that no score depends on."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(replay, "_uncertainties", lambda parts, *_: ([() for _ in parts], None))
+        patched.setattr(
+            replay, "_uncertainties", lambda _run, parts, *_: ([() for _ in parts], None)
+        )
         yield
 
 
