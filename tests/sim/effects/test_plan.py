@@ -81,9 +81,9 @@ BIG = load_sensor("gelsight-mini").scene(
 )
 
 
-@pytest.mark.parametrize(("depth_m", "least"), [(1e-3, 0.09), (1.5e-3, 0.19), (2e-3, 0.28)])
+@pytest.mark.parametrize(("depth_m", "least"), [(1e-3, 0.09), (2e-3, 0.28)])
 def test_a_large_ball_keeps_its_friction(depth_m: float, least: float) -> None:
-    """Friction 1.0 is worth 9, 19 and 28 % of F_z, and the plan says no less."""
+    """Friction 1.0 is worth 9 and 28 % of F_z, and the plan says no less."""
     plan = plan_effects(replace(BIG, target=Target(depth_m=depth_m)))
     row = plan.rows[Effect.FRICTION]
     assert row.on
