@@ -18,12 +18,15 @@ from itertools import groupby
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Event
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from tacauchy_rig.core.errors import ConfigError, RigError
-from tacauchy_rig.core.page import criteria_page
+from tacauchy_rig.core.page import criteria_page, page
 from tacauchy_rig.core.parallel import IsolatedWorker
 from tacauchy_rig.core.tables import Table, table_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 DAY_S = 86_400.0
 
@@ -97,6 +100,8 @@ class Study:
         is_together: Cases go on from one another and stay in this process: no ``--jobs``, no
             ``--limit``.
         is_resumable: Results are plain values, so that ``--resume`` can take them from JSON.
+        is_framed: The figures are maps and images, with a frame all around.
+        template: Of the page, in the study's package; empty for that of all studies.
     """
 
     name: ClassVar[str]
@@ -105,6 +110,8 @@ class Study:
     page_file: ClassVar[Path | None] = None
     is_together: ClassVar[bool] = False
     is_resumable: ClassVar[bool] = True
+    is_framed: ClassVar[bool] = False
+    template: ClassVar[str] = ""
 
     def cases(self) -> Sequence[Case]:
         """Return all cases, in the order of the page."""
@@ -126,19 +133,20 @@ class Study:
         """Return what the JSON holds beside the results themselves."""
         return {"tables": self.tables(results)}
 
-    def draw(self, results: Sequence[Result], folder: Path, page_folder: Path) -> list[Path]:
-        """Draw figures as PDF and PNG into a folder, and smaller PNGs for the page.
-
-        Raises:
-            RecordError: A file cannot be written.
-        """
-        del results, folder, page_folder
-        return []
+    def figures(self, results: Sequence[Result]) -> Mapping[str, Figure]:
+        """Return the figures by name; they are drawn, saved and shown on the page."""
+        del results
+        return {}
 
     def note(self, results: Sequence[Result]) -> str:
         """Return what a reader has to know before all tables."""
         del results
         return ""
+
+    def page_facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
+        """Return what the study's own template is told, beside tables and command."""
+        del results
+        return {}
 
     def page(self, results: Sequence[Result], about: About, images: Sequence[str]) -> str:
         """Return the page.
@@ -148,6 +156,10 @@ class Study:
             about: How the page is made.
             images: Files of the figures, beside the page.
         """
+        if self.template:
+            facts = {"command": about.command, "tables": self.tables(results)}
+            package = type(self).__module__.rpartition(".")[0]
+            return page(package, self.template, facts | dict(self.page_facts(results)))
         notes = [self.note(results)]
         if about.commit:
             notes.append(f"Commit {about.commit}.")

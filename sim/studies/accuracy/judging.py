@@ -1,80 +1,258 @@
-"""Errors of many configurations against one reference whose own error is shown."""
+"""One press simulated in many ways, each judged by a reference whose own error is shown."""
 
 from __future__ import annotations
 
+import time
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from importlib import resources
+from typing import NamedTuple
 
 import numpy as np
+from pydantic import TypeAdapter
 
+from sim.correction import correction
+from sim.effects.effect_plan import EffectPlan
+from sim.effects.end_state import EndState, end_state
+from sim.effects.outputs import outputs_of
+from sim.effects.plan import plan_effects
+from sim.effects.scene_path import path_for
+from sim.fields.contact_traction import surface_traction
+from sim.fields.press_fields import surface_state
 from sim.mesh.elements import ElementOrder
-from sim.optics.height.height_map import HeightMaps
-from sim.scene.scene import Preset, Scene
+from sim.optics.height.height_map import HeightMaps, height_maps
+from sim.press import contact_measures
+from sim.scene.scene import Effect, Preset, Scene
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.studies.accuracy.press import (
-    COARSENING,
-    Configuration,
-    Observation,
-    Row,
-    coarser,
-    height_error,
-    observe,
-)
-from tacauchy_rig.core.arrays import ImageArray
+from sim.solve.equilibrium import SolverOptions
+from sim.solve.loading_path import LoadingPath
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RigError
 
+COARSENING = 1.5
 QUANTITIES = ("force", "depth", "pressure", "radius", "height", "image")
-_ORDER_LOW = 1.0
+_TOUCHING_M = 6e-6
+_ORDER_LOW, ORDER_SHARP, ORDER_SMOOTH = 1.0, 1.0, 2.0
 EDGE_SHIFT = 0.07
 # What finer meshes, on which nothing was measured, may have of an error for their chance.
 _SHARE_MIN, _SHARE_MAX = 0.25, 1.0
-
-Errors = Mapping[str, float]
-
-Render = Callable[[HeightMaps], ImageArray]
-Similarity = Callable[[ImageArray, ImageArray, HeightMaps], tuple[float, float]]
-ORDER_SHARP, ORDER_SMOOTH = 1.0, 2.0
+# Of what was extrapolated.
 _DOUBT_SHARE = 0.5
 
-
-def error_order(scene: Scene) -> float:
-    """Return the order at which F_z is taken to converge; stress is singular at a sharp rim."""
-    return ORDER_SHARP if scene.has_sharp_rim else ORDER_SMOOTH
+Errors = Mapping[str, float]
+Render = Callable[[HeightMaps], ImageArray]
+Similarity = Callable[[ImageArray, ImageArray, HeightMaps], tuple[float, float]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ForceLimit:
-    """The limit of F_z at one depth.
+class Configuration:
+    """One way to simulate a press."""
+
+    name: str  # short, for the figure and the table
+    preset: Preset  # whose mesh is taken
+    element: ElementOrder = ElementOrder.P2
+    finite_strain: bool = True  # hyperelastic; else Hooke's law on the undeformed pad
+    barrier_m: float | None = None  # d_hat; None is the scene's choice
+    residual_relative: float = SolverOptions().residual_relative
+    refinement: float = 1.0  # every edge this many times shorter than the preset's
+    path_refinement: float | None = None  # the same of the mesh of the way, where that is another
+    is_corrected: bool = False  # the bias of such a mesh is taken off force and depth
+
+    @property
+    def is_preset(self) -> bool:
+        """The settings are exactly those that a user gets by the preset's name."""
+        element = ElementOrder.P1 if self.preset is Preset.PAPER else ElementOrder.P2
+        return self == Configuration(name=self.name, preset=self.preset, element=element)
+
+    def applied(self, scene: Scene) -> Scene:
+        """Return the scene with these settings."""
+        effects = (
+            (Effect.LOCKING_FREE_ELEMENT, self.element is ElementOrder.P2),
+            (Effect.FINITE_STRAIN, self.finite_strain),
+        )
+        return replace(
+            scene,
+            preset=self.preset,
+            barrier_m=self.barrier_m,
+            effects=(*scene.effects, *effects),
+        )
+
+    def on_its_way(self, scene: Scene) -> Scene:
+        """Return a scene whose end is on another mesh than its way."""
+        return replace(scene, refinement=self.refinement, path_refinement=self.path_refinement)
+
+    def refined(self, factor: float) -> Configuration:
+        """Return the same settings with every edge so many times shorter."""
+        return replace(self, refinement=self.refinement * factor)
+
+
+_FILE = resources.files("sim.studies.accuracy").joinpath("configurations.toml")
+SHORT, _LONG = (
+    TypeAdapter(tuple[Configuration, ...]).validate_python(rows)
+    for rows in tomllib.loads(_FILE.read_text("utf-8")).values()
+)
+FULL = (*SHORT, *_LONG)
+REFERENCE = Configuration(name="reference", preset=Preset.REFERENCE)
+# What is pressed on two more meshes; the finer ones would take longer than all of these.
+SHIFTED = tuple(
+    each
+    for each in SHORT
+    if (each.element is ElementOrder.P1 and each.preset is not Preset.PAPER)
+    or each.name in ("fast / 4", "fast / 2", "fast")
+)
+
+
+def reseeded(configuration: Configuration, seed: int) -> Configuration:
+    """Return the same settings on another mesh: edges shorter or longer by up to 7 %.
+
+    The meshes of the presets are built, not drawn, so that a seed can only mean another size. The
+    paper's mesh is the one that ships: fTetWild does not give the same one twice.
+    """
+    if seed == 0 or configuration.preset is Preset.PAPER:
+        return configuration
+    shift = ((0.618034 * seed) % 1.0 - 0.5) * 0.14
+    return configuration.refined(1.0 + shift)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """A configuration's errors and cost.
 
     Attributes:
-        force_n: The limit [N].
-        doubt: Relative error that it may have: half of what was extrapolated.
+        errors: By quantity: relative errors, with their sign, of F_z at the reference's depth, and
+            of depth, largest pressure and contact radius at the force; RMS error of the height over
+            the deepest indentation; 1 - SSIM of the image.
+        chances: By quantity: how far its error may be off for what its mesh happens to cut; empty
+            where that was not measured.
     """
 
-    force_n: float
+    configuration: Configuration
+    errors: dict[str, float] = field(default_factory=dict)
+    chances: dict[str, float] = field(default_factory=dict)
+    zncc_contact: float = np.nan  # correlation with the reference's image inside the contact
+    setup_s: float = np.nan  # meshing, upload and symbolic factorisation
+    solve_s: float = np.nan  # from the unloaded gel to the force
+    cpu_s: float = np.nan  # processor time of both
+    steps: int = 0  # increments on the way
+    newton_iterations: int = 0
+    tet_count: int = 0
+    node_count: int = 0
+    on_front: bool = False  # no configuration that is at least as fast is closer in F_z
+
+    @property
+    def wall_s(self) -> float:
+        """Set-up and solve [s]."""
+        return self.setup_s + self.solve_s
+
+    @property
+    def time_s(self) -> float:
+        """Set-up and solve, without what they waited for a processor that others used [s]."""
+        return min(self.wall_s, self.cpu_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """A press to a force."""
+
+    row: Row  # settings and cost; errors are not known yet
+    force_n: float  # the force that was asked for
+    depth_m: float  # where it is reached, corrected if that was asked for
+    pressure_max_pa: float
+    contact_radius_m: float  # of the disc of the contact's area
+    maps: HeightMaps
+    path: LoadingPath
+    bias: float = 0.0  # what is taken off the forces of the path, relative
+
+    def force_at(self, depth_m: float) -> float:
+        """Press on, or back, to a depth [m] and return F_z there [N]."""
+        return float(self.path.advance(depth_m).force_n[2]) / (1.0 + self.bias)
+
+
+def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry) -> Observation:
+    """Press a scene to its force with one configuration; the kernels should be warm."""
+    scene = configuration.applied(scene)
+    started, spent = time.perf_counter(), time.process_time()
+    plan = plan_effects(scene)
+    end = _end(scene, plan, configuration)
+    pressed, spent = time.perf_counter() - started, time.process_time() - spent
+    path, point, model = end.path, end.point, end.path.model
+    corrected = None
+    if configuration.is_corrected:
+        way = configuration.on_its_way(scene)
+        corrected = correction(way, plan, outputs_of(path, point), end.way)
+    # A large d_hat holds the gel off the indenter: what touches is what the barrier reaches.
+    wide = model.contact_options.is_wide
+    touching = _TOUCHING_M if wide else max(_TOUCHING_M, scene.contact_distance_m)
+    row = Row(
+        configuration=configuration,
+        setup_s=pressed - path.counts.wall_s,
+        solve_s=path.counts.wall_s,
+        cpu_s=spent,
+        steps=path.counts.increments,
+        newton_iterations=path.counts.newton_iterations,
+        tet_count=len(model.elements),
+        node_count=len(model.nodes),
+    )
+    return Observation(
+        row=row,
+        force_n=scene.target.force_n or 0.0,
+        depth_m=point.depth_m if corrected is None else corrected.depth_m,
+        bias=0.0 if corrected is None else corrected.bias_relative,
+        pressure_max_pa=float(surface_traction(model, point).pressure_pa.max()),
+        contact_radius_m=float(np.sqrt(contact_measures(path, point).area_seen_m2 / np.pi)),
+        maps=height_maps(surface_state(path, point), geometry, contact_gap_m=touching),
+        path=path,
+    )
+
+
+def _end(scene: Scene, plan: EffectPlan, configuration: Configuration) -> EndState:
+    """Press to a scene's force, on one mesh or on two."""
+    options = SolverOptions(residual_relative=configuration.residual_relative)
+    if configuration.path_refinement is not None:
+        return end_state(configuration.on_its_way(scene), plan, options=options)
+    path = path_for(scene, plan, refinement=configuration.refinement)
+    path.options = options
+    return EndState(path=path, point=path.push(scene.target.force_n or 0.0))
+
+
+def height_error(found: HeightMaps, reference: HeightMaps) -> float:
+    """Return the RMS error of the height where the gel moves, over the deepest indentation.
+
+    Only pixels count where the reference moves by more than 2 % of its deepest indentation.
+    """
+    moved: FloatArray = reference.rest - reference.loaded
+    deepest = float(moved.max())
+    error = ((found.loaded - found.rest) + moved)[np.abs(moved) > 0.02 * deepest]
+    return float(np.sqrt(np.mean(error**2))) / deepest
+
+
+class Limit(NamedTuple):
+    """What F_z, or a depth, tends to, and the relative error that this may have."""
+
+    value: float
     doubt: float
 
-    def error(self, force_n: float) -> float:
-        """Return the relative error of a force [N], with its sign."""
-        return force_n / self.force_n - 1.0
 
+def extrapolated(value: float, coarser: float, *, scene: Scene) -> Limit:
+    """Return the limit beyond a value and one on edges 1.5 times as long (Richardson 1911).
 
-def extrapolated(force_n: float, coarser_n: float, *, order: float) -> ForceLimit:
-    """Return the limit beyond a force and one on edges 1.5 times as long (Richardson 1911)."""
-    share = 1.0 / (COARSENING**order - 1.0)
-    limit = force_n + share * (force_n - coarser_n)
-    return ForceLimit(force_n=limit, doubt=_DOUBT_SHARE * abs(force_n / limit - 1.0))
+    Both are taken to converge at order 2, or 1 under a sharp rim, where stress is singular.
+    """
+    order = ORDER_SHARP if scene.has_sharp_rim else ORDER_SMOOTH
+    limit = value + (value - coarser) / (COARSENING**order - 1.0)
+    return Limit(limit, _DOUBT_SHARE * abs(value / limit - 1.0))
 
 
 class Judge:
     """Compares presses with a reference.
 
     F_z and depth are compared with the limit that the reference and the same on edges 1.5 times as
-    long tend to (Richardson, at order 2, or 1 under a sharp rim), half of what was extrapolated
-    being its bar. Everything else is compared with the reference itself, whose bar is what order 1
-    would leave, which is too much where the contact is smooth: the larger of what that reference
-    and the same on edges 2.25 times as long tell, since two meshes may agree by chance.
+    long tend to, half of what was extrapolated being its bar. Everything else is compared with the
+    reference itself, whose bar is what order 1 would leave, which is too much where the contact is
+    smooth: the larger of what that reference and the same on edges 2.25 times as long tell, since
+    two meshes may agree by chance.
 
     Attributes:
         bars: By quantity: how far what is compared with may be from the truth.
@@ -82,12 +260,8 @@ class Judge:
 
     Args:
         scene: A press to a force.
-        reference: What is most exact.
         render: Turns height maps into the tactile image.
         similarity: SSIM of two images, and their correlation inside the contact.
-
-    Raises:
-        ConvergenceError: The reference cannot be pressed.
     """
 
     def __init__(
@@ -102,18 +276,18 @@ class Judge:
         self._scene, self._geometry = scene, geometry
         self._render, self._similarity = render, similarity
         self._warm_up()
+        coarser = reference.refined(1.0 / COARSENING)
         exact, coarse, coarsest = (
             observe(scene, each, geometry)
-            for each in (reference, coarser(reference), coarser(coarser(reference)))
+            for each in (reference, coarser, coarser.refined(1.0 / COARSENING))
         )
         self._exact, self._image = exact, render(exact.maps)
         self._force, self._depth = exact.force_n, exact.depth_m
         drift, further = self._errors(coarse)[0], self._errors(coarsest)[0]
         first, second = (1.0 / (COARSENING ** (k * _ORDER_LOW) - 1.0) for k in (1, 2))
-        order = error_order(scene)
-        force = extrapolated(self._force, (1.0 + drift["force"]) * self._force, order=order)
-        depth = extrapolated(self._depth, coarse.depth_m, order=order)
-        self._force, self._depth = force.force_n, depth.force_n
+        force = extrapolated(self._force, (1.0 + drift["force"]) * self._force, scene=scene)
+        depth = extrapolated(self._depth, coarse.depth_m, scene=scene)
+        self._force, self._depth = force.value, depth.value
         self.bars = {
             name: max(first * abs(error), second * abs(further[name]))
             for name, error in drift.items()
@@ -127,9 +301,6 @@ class Judge:
         Args:
             shifted: Press on edges longer and shorter by as much as a seed may make them too, for
                 what a mesh happens to cut.
-
-        Raises:
-            RigError: The scene cannot be meshed or pressed so.
         """
         if configuration == self.reference.configuration:
             return self.reference
@@ -140,7 +311,11 @@ class Judge:
                     self._errors(observe(self._scene, other, self._geometry))[0]
                     for other in map(configuration.refined, (1.0 - EDGE_SHIFT, 1.0 + EDGE_SHIFT))
                 ]
-                return replace(row, chances=chance_of(row.errors, others))
+                chance = {
+                    name: max(abs(other[name] - error) for other in others)
+                    for name, error in row.errors.items()
+                }
+                return replace(row, chances=chance)
         return row
 
     def _row(self, found: Observation) -> Row:
@@ -179,11 +354,6 @@ def finished(rows: Sequence[Row]) -> list[Row]:
     return [replace(row, on_front=on) for row, on in zip(rows, front, strict=True)]
 
 
-def chance_of(own: Errors, others: Sequence[Errors]) -> dict[str, float]:
-    """Return by quantity the largest difference of an error from its own on other meshes."""
-    return {name: max(abs(other[name] - error) for other in others) for name, error in own.items()}
-
-
 def chances(
     configuration: Configuration, errors: Errors, measured: Sequence[Row]
 ) -> dict[str, float]:
@@ -199,16 +369,11 @@ def chances(
     if configuration.preset is Preset.PAPER:
         return dict.fromkeys(errors, 0.0)
     alike = [row for row in measured if row.configuration.element is configuration.element]
-    same = next((row for row in alike if _has_mesh_of(row.configuration, configuration)), None)
-    near = same or max(alike, key=lambda row: row.tet_count, default=None)
+    mesh = (configuration.preset, configuration.refinement)
+    own = [row for row in alike if (row.configuration.preset, row.configuration.refinement) == mesh]
+    near = own[0] if own else max(alike, key=lambda row: row.tet_count, default=None)
     scaled = {name: _share(near, name) * abs(error) for name, error in errors.items()}
-    if same is None:
-        return scaled
-    return {name: max(same.chances[name], scaled[name]) for name in errors}
-
-
-def _has_mesh_of(one: Configuration, other: Configuration) -> bool:
-    return (one.preset, one.refinement) == (other.preset, other.refinement)
+    return {name: max(own[0].chances[name], scaled[name]) for name in errors} if own else scaled
 
 
 def _share(near: Row | None, name: str) -> float:
@@ -228,10 +393,5 @@ def front_of(points: Sequence[tuple[float, float]]) -> list[bool]:
 
 
 def error_bar(reference_bar: float, error: float, chance: float) -> float:
-    """Return how far an error may be off: the reference's own part, and what its mesh may cut.
-
-    Args:
-        reference_bar: Of what it is relative to.
-        chance: How much the error differs on other meshes of about its size.
-    """
+    """Return how far an error may be off: the reference's own part, and what its mesh may cut."""
     return (1.0 + abs(error)) * reference_bar + chance

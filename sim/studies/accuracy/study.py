@@ -3,36 +3,153 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import cache, partial
-from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from pydantic import TypeAdapter
 
+from sim.mesh.elements import ElementOrder
 from sim.optics.render.renderer import nominal_renderer
 from sim.press_command import scene_of
 from sim.scene.scene import Preset, SceneTerms
 from sim.sensor.sensor import load_sensor
-from sim.studies.accuracy.figure import draw_rows
 from sim.studies.accuracy.judging import (
     EDGE_SHIFT,
+    FULL,
     QUANTITIES,
+    REFERENCE,
+    SHIFTED,
+    SHORT,
+    Configuration,
     Judge,
+    Row,
     Similarity,
     error_bar,
     finished,
+    reseeded,
 )
-from sim.studies.accuracy.press import FULL, REFERENCE, SHIFTED, SHORT, Configuration, Row, reseeded
 from sim.studies.accuracy.tolerance import (
     HELD_OUT,
     SEEN_BEFORE,
     check_tolerance,
     tolerance_table,
 )
+from tacauchy_rig.core.figure_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN
 from tacauchy_rig.core.page import table_prose
 from tacauchy_rig.core.study import Case, Result, Study, failures_table
 from tacauchy_rig.core.tables import Table, table_of
+
+_FLOOR = 1e-5
+# Room for labels at the left and right ends, as factors of the time.
+_LEFT, _RIGHT = 6.0, 2.5
+# A gain on the front by a tenth can be seen.
+_SEEN = 0.9
+_LARGE = "force"
+_TITLES = {
+    _LARGE: "$F_z$ at equal depth",
+    "depth": "Depth at equal $F_z$",
+    "pressure": "Largest pressure",
+    "height": "Height map (RMS)",
+    "image": "Image (1 \N{MINUS SIGN} SSIM)",
+}
+
+
+def accuracy_figure(rows: Sequence[Row], bars: Mapping[str, float]) -> Figure:
+    """Draw error against time, that of F_z large; bars are how far the reference may be off."""
+    figure = Figure(figsize=(PAGE_IN, 4.6), layout="constrained")
+    grid = figure.add_gridspec(2, 3, width_ratios=(2.4, 1.0, 1.0))
+    for number, quantity in enumerate(_TITLES):
+        small = divmod(number - 1, 2)
+        place = grid[:, 0] if quantity == _LARGE else grid[small[0], 1 + small[1]]
+        _draw_panel(figure.add_subplot(place), rows, bars[quantity], quantity)
+    return figure
+
+
+def _draw_panel(axes: Axes, rows: Sequence[Row], bar: float, quantity: str) -> None:
+    """Draw a quantity's errors; below ``bar``, the reference's own error, nothing is known."""
+    large = quantity == _LARGE
+    # The reference has no error against itself, and no place on a log axis.
+    known = [row for row in rows if abs(row.errors[quantity]) > 0.0]
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_title(_TITLES[quantity], loc="left")
+    axes.grid(visible=True, which="major")
+    if not known:
+        return
+    sizes = {row.configuration.name: max(abs(row.errors[quantity]), _FLOOR) for row in known}
+    for kind, marker, colour, text in (
+        ((ElementOrder.P2, False), "o", BLUE, "quadratic (P2)"),
+        ((ElementOrder.P1, False), "s", ORANGE, "linear (P1)"),
+        ((ElementOrder.P2, True), "D", GREEN, "quadratic, corrected"),
+    ):
+        chosen = [
+            row
+            for row in known
+            if (row.configuration.element, row.configuration.is_corrected) == kind
+        ]
+        if not chosen:
+            continue
+        tall = [sizes[row.configuration.name] for row in chosen]
+        bars = [error_bar(bar, row.errors[quantity], row.chances[quantity]) for row in chosen]
+        axes.errorbar(
+            [row.time_s for row in chosen],
+            tall,
+            yerr=np.transpose([bar_ends(*pair) for pair in zip(tall, bars, strict=True)]),
+            fmt=marker,
+            markersize=4.5 if large else 3.0,
+            color=colour,
+            elinewidth=0.5,
+            label=text,
+        )
+    if large:
+        front = sorted((row.time_s, sizes[row.configuration.name]) for row in known if row.on_front)
+        axes.plot(*zip(*front, strict=True), color=INK, lw=0.8, label="Pareto front", zorder=1)
+        _write_labels(axes, rows, sizes)
+        left, right = axes.get_xlim()
+        axes.set_xlim(left / _LEFT, right * _RIGHT)
+        axes.set_xlabel("Set-up and solve (s)")
+        axes.set_ylabel("Relative error")
+    lowest = min(sizes.values())
+    if bar > 0.0:
+        axes.axhspan(0.2 * min(bar, lowest), bar, color=GREY, alpha=0.15, linewidth=0.0)
+        label = "below the reference's own error" if large else None
+        axes.axhline(bar, color=GREY, linewidth=0.5, linestyle=":", label=label)
+    axes.set_ylim(bottom=0.5 * min(bar or np.inf, lowest))
+    if large:
+        axes.legend(loc="upper right")
+
+
+def bar_ends(size: float, bar: float) -> tuple[float, float]:
+    """Return how far an error bar goes down and up; on a log axis it cannot reach zero."""
+    return min(bar, 0.9 * size), bar
+
+
+def _write_labels(axes: Axes, rows: Sequence[Row], sizes: dict[str, float]) -> None:
+    """Name presets above their points, in bold, and below them what gains on the front."""
+    least = np.inf
+    for row in sorted(rows, key=lambda row: row.time_s):
+        name, is_preset = row.configuration.name, row.configuration.is_preset
+        error = abs(row.errors[_LARGE])
+        gains = row.on_front and error < _SEEN * least
+        least = min(least, error) if row.on_front else least
+        if name not in sizes or not (gains or is_preset):
+            continue
+        axes.annotate(
+            name.replace("d_hat", r"$\hat{d}$"),
+            (row.time_s, sizes[name]),
+            xytext=(4, 4) if is_preset else (-5, -4),
+            ha="left" if is_preset else "right",
+            va="bottom" if is_preset else "top",
+            textcoords="offset points",
+            fontsize=6.5,
+            fontweight="bold" if is_preset else "normal",
+            color=INK if row.on_front else GREY,
+        )
+
 
 ROWS_WANTED, FRONT_WANTED = 12, 4
 # Two runs are compared, and either may be off by its bar.
@@ -42,68 +159,59 @@ _prose = partial(table_prose, "sim.studies.accuracy", "tables.md.jinja")
 _row: Callable[[Any], Row] = TypeAdapter(Row).validate_python
 
 
+@dataclass
 class Accuracy(Study):
     """A press with many settings against a reference, on meshes of one seed or more.
 
-    Args:
-        terms: A press of a sensor to a force.
-        similarity: As for ``Judge``.
-        full: Measure many more settings.
+    Attributes:
         seeds: Of the meshes; the first one is shown whole, others are compared with it.
-        tolerances: Judge what a tolerance keeps, too.
     """
+
+    terms: SceneTerms  # a press of a sensor to a force
+    similarity: Similarity  # as for ``Judge``
+    full: bool = False  # measure many more settings
+    seeds: Sequence[int] = (0,)
+    tolerances: bool = False  # judge what a tolerance keeps, too
 
     name, title, kind = "accuracy", "What accuracy costs in time", "configuration"
     is_together = True
 
-    def __init__(
-        self,
-        terms: SceneTerms,
-        similarity: Similarity,
-        *,
-        full: bool = False,
-        seeds: Sequence[int] = (0,),
-        tolerances: bool = False,
-    ) -> None:
-        self._terms, self._similarity, self._seeds = terms, similarity, tuple(seeds)
-        self._configurations = FULL if full else SHORT
-        self._tolerances = tolerances
-
     def cases(self) -> Sequence[Case]:
         """Return every configuration on meshes of every seed, and the tolerances' scenes."""
         found = []
-        for seed in self._seeds:
+        for seed in self.seeds:
             judge = cache(partial(self._judge, seed))
             found += [
-                Case(
-                    name=_named(each, seed, self._seeds),
-                    shows=self._text,
-                    measure=partial(_measured, judge, each, seed),
-                )
-                for each in self._configurations
+                Case(name=name, shows=self._text, measure=partial(_measured, judge, each, seed))
+                for name, each in self._named(seed).items()
             ]
         return found + [
             Case(
                 name=f"{_TOLERANCE}{each.name}",
                 shows=f"within {each.tolerance}",
                 measure=partial(check_tolerance, each),
-                on_request=not self._tolerances,
+                on_request=not self.tolerances,
             )
             for each in (*HELD_OUT, *SEEN_BEFORE)
         ]
 
+    def _named(self, seed: int) -> dict[str, Configuration]:
+        """Return the configurations by the names of a seed's cases."""
+        before = "" if seed == self.seeds[0] else f"seed {seed}: "
+        return {f"{before}{each.name}": each for each in (FULL if self.full else SHORT)}
+
     @property
     def _text(self) -> str:
-        return f"{self._terms.indenter} into {self._terms.sensor} at {self._terms.force}"
+        return f"{self.terms.indenter} into {self.terms.sensor} at {self.terms.force}"
 
     def _judge(self, seed: int) -> Judge:
-        gel = load_sensor(self._terms.sensor or "")
+        gel = load_sensor(self.terms.sensor or "")
         return Judge(
-            scene_of(self._terms),
+            scene_of(self.terms),
             gel.camera,
             reseeded(REFERENCE, seed),
             render=nominal_renderer(gel),
-            similarity=self._similarity,
+            similarity=self.similarity,
         )
 
     def line(self, result: Result) -> str:
@@ -117,19 +225,20 @@ class Accuracy(Study):
 
     def rows(self, results: Sequence[Result], seed: int) -> tuple[list[Row], dict[str, float]]:
         """Return the rows of a seed, and how far its reference may be off, by quantity."""
-        names = {_named(each, seed, self._seeds) for each in self._configurations}
+        names = self._named(seed)
         found = [each.found for each in results if each.name in names and not each.failure]
         bars = found[0]["bars"] if found else {}
         return finished([_row(each["row"]) for each in found]), bars
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return the first seed's study, the others beside it, and the tolerances."""
-        rows, bars = self.rows(results, self._seeds[0])
+        rows, bars = self.rows(results, self.seeds[0])
         tables = []
         if rows:
-            reference = next(r.found["reference"] for r in results if r.found and "row" in r.found)
-            tables.append(study_table(rows, bars, scene=self._text, reference=reference["name"]))
-        for seed in self._seeds[1:]:
+            found = next(each.found for each in results if each.found and "row" in each.found)
+            reference = found["reference"]["name"]
+            tables.append(study_table(rows, bars, scene=self._text, reference=reference))
+        for seed in self.seeds[1:]:
             if others := self.rows(results, seed)[0]:
                 tables.append(seed_table(rows, others, bars, seed=seed))
         known = {each.name: each.found for each in results if not each.failure}
@@ -148,7 +257,7 @@ class Accuracy(Study):
 
     def facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
         """Return the reference and the configurations of the first seed, and the tolerances."""
-        rows, bars = self.rows(results, self._seeds[0])
+        rows, bars = self.rows(results, self.seeds[0])
         return {
             "scene": self._text,
             "reference": {"error_bars": bars},
@@ -164,10 +273,10 @@ class Accuracy(Study):
             ],
         }
 
-    def draw(self, results: Sequence[Result], folder: Path, page_folder: Path) -> list[Path]:
+    def figures(self, results: Sequence[Result]) -> Mapping[str, Figure]:
         """Draw error against time."""
-        rows, bars = self.rows(results, self._seeds[0])
-        return draw_rows(rows, bars, folder, page_folder=page_folder) if rows else []
+        rows, bars = self.rows(results, self.seeds[0])
+        return {"accuracy": accuracy_figure(rows, bars)} if rows else {}
 
     def note(self, results: Sequence[Result]) -> str:
         """Return what a tolerance is."""
@@ -176,10 +285,6 @@ class Accuracy(Study):
             "`press`, `plan`, `replay` and `replay.tolerance` in a configuration take a tolerance "
             "such as 0.02N or 1% and choose the cheapest preset that is believed to keep it."
         )
-
-
-def _named(configuration: Configuration, seed: int, seeds: Sequence[int]) -> str:
-    return configuration.name if seed == seeds[0] else f"seed {seed}: {configuration.name}"
 
 
 def _measured(judge: Callable[[], Judge], each: Configuration, seed: int) -> dict[str, Any]:
@@ -236,13 +341,7 @@ def study_table(
 def seed_table(
     rows: Sequence[Row], others: Sequence[Row], bars: Mapping[str, float], *, seed: int
 ) -> Table:
-    """Return whether errors come out alike on other meshes.
-
-    Args:
-        rows: Of the first run, whose bars decide.
-        others: Of meshes of another seed.
-        bars: How far the first run's reference may be off, by quantity.
-    """
+    """Return whether errors come out alike on other meshes, within the first run's bars."""
     second = {row.configuration.name: row.errors for row in others}
     first = {r.configuration.name: r for r in rows if r.configuration.name in second}
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 import time
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from importlib import resources
-from typing import Any
+from typing import Any, NamedTuple
 
 from sim.correction import Corrected, Setting, correction
 from sim.effects.end_state import end_state
@@ -29,11 +29,8 @@ from sim.error import (
     setting_of,
 )
 from sim.press_command import scene_from
-from sim.scene.indenter import Cylinder, Sphere
-from sim.scene.pad import BoxPad, DiscPad
 from sim.scene.scene import Preset, Scene, Target
-from sim.studies.accuracy.judging import ForceLimit, error_order, extrapolated
-from sim.studies.accuracy.press import COARSENING
+from sim.studies.accuracy.judging import COARSENING, Limit, extrapolated
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.page import table_prose
 from tacauchy_rig.core.tables import Table, table_of_rows
@@ -41,53 +38,33 @@ from tacauchy_rig.core.tables import Table, table_of_rows
 COST_WANTED, KEPT_WANTED = 2.0, 0.9
 CHEAPEST, COST = "cheapest that would have kept it", "time over its time"
 CHOICE = "of it for choosing"
-COLUMNS: tuple[str, ...] = (
-    "scene",
-    "tolerance",
-    "F_z [N]",
-    "allowed [%]",
-    "settings chosen",
-    "error believed [%]",
+COLUMNS = (
+    *("scene", "tolerance", "F_z [N]", "allowed [%]", "settings chosen", "error believed [%]"),
+    *("true error [%]", "doubt of it [%]", "kept", CHEAPEST, COST, CHOICE),
 )
-COLUMNS += ("true error [%]", "doubt of it [%]", "kept", CHEAPEST, COST, CHOICE)
 Row = dict[str, Any]
 _EVERYTHING_ON = 2e-4
 
 
-@dataclass(frozen=True, slots=True)
-class HeldOut:
+class HeldOut(NamedTuple):
     """A scene that had no part in making the rule, and how well its F_z must be known."""
 
+    name: str
     scene: Scene
     tolerance: Tolerance
 
-    @property
-    def name(self) -> str:
-        """Indenter, pad unless it is a sensor's, Poisson's ratio and target, for a table."""
-        body, pad, target = self.scene.indenter, self.scene.pad, self.scene.target
-        words = [f"{body.diameter_m * 1e3:g} mm ball"] if isinstance(body, Sphere) else []
-        if isinstance(body, Cylinder):
-            words += [f"{body.diameter_m * 1e3:g} mm punch", f"{body.fillet_m * 1e3:g} mm fillet"]
-        if isinstance(pad, BoxPad | DiscPad) and not self.scene.sensor:
-            kind = "box" if isinstance(pad, BoxPad) else "disc"
-            words.append(f"{kind} {pad.height_m * 1e3:g} mm")
-        words.append(f"nu {self.scene.material.poisson:g}")
-        if target.depth_m is not None:
-            words.append(f"{target.depth_m * 1e3:g} mm deep")
-        else:
-            words.append(f"to {target.force_n:g} N")
-        return ", ".join(words)
-
-
-def _held_out(press: str, tolerance: str) -> HeldOut:
-    return HeldOut(scene_from(press), parse_tolerance(tolerance, field="tolerance"))
-
 
 _FILE = resources.files("sim.studies.accuracy").joinpath("scenes.toml")
-_STATED = tomllib.loads(_FILE.read_text("utf-8"))
-
 SEEN_BEFORE, HELD_OUT = (
-    tuple(_held_out(**each) for each in _STATED[name]) for name in ("seen_before", "held_out")
+    [
+        HeldOut(
+            each["name"],
+            scene_from(each["press"]),
+            parse_tolerance(each["tolerance"], field="tolerance"),
+        )
+        for each in scenes
+    ]
+    for scenes in tomllib.loads(_FILE.read_text("utf-8")).values()
 )
 
 
@@ -95,9 +72,6 @@ def pressed(scene: Scene, depth_m: float) -> tuple[float, float]:
     """Mesh a scene and press to a depth; return F_z [N] and the processor time [s].
 
     F_z is corrected on two meshes; not a number where nothing is known of their bias.
-
-    Raises:
-        RigError: It cannot be meshed or solved.
     """
     started = time.process_time()
     plan = plan_effects(scene)
@@ -117,19 +91,16 @@ def corrected_at(scene: Scene, depth_m: float) -> Corrected | None:
     return correction(held, plan, outputs_of(end.path, end.point), end.way)
 
 
-def force_limit(scene: Scene, depth_m: float) -> ForceLimit:
+def force_limit(scene: Scene, depth_m: float) -> Limit:
     """Return the limit that preset reference and edges 1.5 times as long tend to.
 
     A 5 mm punch 0.45 mm deep: 2.5882 N from preset reference, 2.5883 N from accurate at an
     eighth of the time, and twice the doubt.
-
-    Raises:
-        RigError: A mesh cannot be made or solved.
     """
     fine = replace(scene, preset=Preset.REFERENCE, refinement=1.0)
     coarse = replace(fine, refinement=1.0 / COARSENING)
     forces = [pressed(each, depth_m)[0] for each in (fine, coarse)]
-    return extrapolated(*forces, order=error_order(scene))
+    return extrapolated(*forces, scene=scene)
 
 
 @cache
@@ -149,9 +120,6 @@ def check_tolerance(asked: HeldOut) -> Row:
         A row of the table: errors are relative to the limit of finer meshes, and times are the
         processor's, of the choice and of the chosen setting over that of the cheapest setting
         that would have kept the tolerance.
-
-    Raises:
-        RigError: A press does not go through.
     """
     warm_up()
     row: Row = dict.fromkeys(COLUMNS)
@@ -165,7 +133,7 @@ def check_tolerance(asked: HeldOut) -> Row:
     depth = judged_depth(asked.scene)
     # The limit is that of the mesh that the scene's own target asks for.
     limit = force_limit(replace(_everything_on(scene), path_refinement=None), depth)
-    allowed = asked.tolerance.of(limit.force_n)
+    allowed = asked.tolerance.of(limit.value)
 
     @cache
     def trial(setting: Setting) -> tuple[Setting, float, float]:
@@ -173,7 +141,7 @@ def check_tolerance(asked: HeldOut) -> Row:
         own = setting == setting_of(scene)
         tried = scene if own else _everything_on(setting.applied(scene))
         force, spent = pressed(tried, depth)
-        return setting, limit.error(force), spent
+        return setting, force / limit.value - 1.0, spent
 
     setting, error, spent = trial(setting_of(scene))
     # Preset paper is left out: its error is 70 % or more.
@@ -186,7 +154,7 @@ def check_tolerance(asked: HeldOut) -> Row:
             CHOICE: choosing / cheapest[2],
         }
     return row | {
-        "F_z [N]": limit.force_n,
+        "F_z [N]": limit.value,
         "allowed [%]": 1e2 * allowed,
         "settings chosen": str(setting),
         "error believed [%]": 1e2 * _believed(scene, depth),
@@ -197,11 +165,7 @@ def check_tolerance(asked: HeldOut) -> Row:
 
 
 def tolerance_table(rows: Sequence[Row], *, title: str, note: str = "") -> Table:
-    """Return what a tolerance chose for each scene, and how near that came.
-
-    Args:
-        note: What else is to be said of the scenes.
-    """
+    """Return what a tolerance chose for each scene, and how near that came."""
     kept = sum(row["kept"] == "yes" for row in rows)
     costs = [(row[COST], row[CHOICE]) for row in rows if row[COST] is not None]
     thrifty = sum(cost <= COST_WANTED for cost, _ in costs)

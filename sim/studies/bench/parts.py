@@ -12,12 +12,10 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
-from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
@@ -33,7 +31,7 @@ from sim.solve.linear_solver import linear_solver
 from sim.studies.bench.rendering import SAMPLES
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.figure_style import BLUE, GREY, INK, PAGE_IN, STYLE, save_figure
+from tacauchy_rig.core.figure_style import BLUE, GREY, INK, PAGE_IN
 from tacauchy_rig.core.page import table_prose
 from tacauchy_rig.core.tables import Table, table_of_rows
 
@@ -86,19 +84,11 @@ def measure_replay(
 ) -> Row:
     """Replay forces [N] on a scene's sensor and indenter: mesh, presses, fields and images.
 
-    Args:
-        scene: Its preset counts where there is no tolerance.
-        image_of: Makes the image of a pressed surface, from its height maps on.
-        tolerance: Of F_z; the cheapest settings that state it are taken, and choosing them is in
-            the time.
-
-    Raises:
-        ConfigError: No settings keep the tolerance.
-        ConvergenceError: A force cannot be reached.
+    With a tolerance of F_z the cheapest settings that state it are taken in place of the scene's
+    preset, and choosing them is in the time.
     """
     started = time.perf_counter()
-    sensor = load_sensor(scene.sensor)
-    asked = replay_scene(sensor, scene.indenter, forces_n, preset=scene.preset)
+    asked = replay_scene(load_sensor(scene.sensor), scene.indenter, forces_n, preset=scene.preset)
     if tolerance is not None:
         asked = keeping(asked, tolerance)
     found, fields = replay_forces(asked, forces_n)
@@ -122,14 +112,15 @@ def measure_replay(
 
 def replay_table(rows: Sequence[Row]) -> Table:
     """Return the replays; one that is within 2 % has to be quick and small."""
-    within = [row for row in rows if row[BELIEVED] is not None]
-    within = [row for row in within if row[BELIEVED] <= 1e2 * FORCE_ERROR_MAX]
     limits = {"time_max_s": TIME_MAX_S, "memory_max_mib": MEMORY_MAX_MIB}
     return table_of_rows(
         rows,
         passed=any(
-            row["together [s]"] < TIME_MAX_S and row["peak memory [MiB]"] < MEMORY_MAX_MIB
-            for row in within
+            row[BELIEVED] is not None
+            and row[BELIEVED] <= 1e2 * FORCE_ERROR_MAX
+            and row["together [s]"] < TIME_MAX_S
+            and row["peak memory [MiB]"] < MEMORY_MAX_MIB
+            for row in rows
         ),
         **_prose("replays", error_max=FORCE_ERROR_MAX, samples=SAMPLES, **limits),
     )
@@ -137,28 +128,20 @@ def replay_table(rows: Sequence[Row]) -> Table:
 
 def measure_growth(
     scene: Scene, *, depth_m: float, refinements: Sequence[float] = REFINEMENTS
-) -> list[Row]:
-    """Press a scene on finer and finer meshes of its preset, all other settings the same.
-
-    Raises:
-        ConvergenceError: The gel cannot be pressed that far.
-    """
-    rows = []
+) -> Iterator[Row]:
+    """Press a scene on finer and finer meshes of its preset, all other settings the same."""
     for refinement in refinements:
         wall, cpu = time.perf_counter(), time.process_time()
         path = path_for(scene, plan_effects(scene), refinement=refinement)
         path.advance(depth_m)
-        rows.append(
-            {
-                "edges shorter by": refinement,
-                "tetrahedra": len(path.model.elements),
-                "nodes": len(path.model.nodes),
-                "iterations": path.counts.newton_iterations,
-                "processor time [s]": time.process_time() - cpu,
-                "time [s]": time.perf_counter() - wall,
-            }
-        )
-    return rows
+        yield {
+            "edges shorter by": refinement,
+            "tetrahedra": len(path.model.elements),
+            "nodes": len(path.model.nodes),
+            "iterations": path.counts.newton_iterations,
+            "processor time [s]": time.process_time() - cpu,
+            "time [s]": time.perf_counter() - wall,
+        }
 
 
 def growth_table(rows: Sequence[Row]) -> Table:
@@ -190,57 +173,44 @@ def local_exponents(sizes: Sequence[float], times: Sequence[float]) -> list[floa
     return [float(step) for step in np.diff(np.log(times)) / np.diff(np.log(sizes))]
 
 
-def draw_growth(
-    rows: Sequence[Row], folder: Path, *, page_folder: Path | None = None
-) -> list[Path]:
-    """Draw how presses grow with their elements, and write ``bench`` as PDF and PNG.
-
-    Raises:
-        RecordError: The files cannot be written.
-    """
+def growth_figure(rows: Sequence[Row]) -> Figure:
+    """Draw how presses grow with their elements."""
     sizes, times = _grown(rows)
     fitted = exponent(sizes, times)
     middle = np.exp(np.log(sizes).mean()), np.exp(np.log(times).mean())
-    with rc_context(STYLE):
-        figure = Figure(figsize=(0.6 * PAGE_IN, 2.6), layout="constrained")
-        axes = figure.add_subplot()
-        axes.loglog(sizes, times, "o", color=BLUE, markersize=4)
-        for power, style, colour, text in (
-            (fitted, "-", INK, f"$n^{{{fitted:.2f}}}$, fitted"),
-            (EXPONENT_WANTED, ":", GREY, f"$n^{{{EXPONENT_WANTED:g}}}$"),
-        ):
-            line = middle[1] * (np.array(sizes) / middle[0]) ** power
-            axes.loglog(sizes, line, style, color=colour, label=text)
-        # The measured places of the axis are labelled, and no others.
-        axes.set_xticks(sizes, [f"{place:.0f}" for place in sizes])
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.set(xlabel="Tetrahedra $n$", ylabel="Processor time of a press (s)")
-        axes.set_title("Growth with elements", loc="left")
-        axes.legend()
-        return save_figure(figure, folder, "bench", page_folder=page_folder)
+    figure = Figure(figsize=(0.6 * PAGE_IN, 2.6), layout="constrained")
+    axes = figure.add_subplot()
+    axes.loglog(sizes, times, "o", color=BLUE, markersize=4)
+    for power, style, colour, text in (
+        (fitted, "-", INK, f"$n^{{{fitted:.2f}}}$, fitted"),
+        (EXPONENT_WANTED, ":", GREY, f"$n^{{{EXPONENT_WANTED:g}}}$"),
+    ):
+        line = middle[1] * (np.array(sizes) / middle[0]) ** power
+        axes.loglog(sizes, line, style, color=colour, label=text)
+    # The measured places of the axis are labelled, and no others.
+    axes.set_xticks(sizes, [f"{place:.0f}" for place in sizes])
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set(xlabel="Tetrahedra $n$", ylabel="Processor time of a press (s)")
+    axes.set_title("Growth with elements", loc="left")
+    axes.legend()
+    return figure
 
 
-def measure_start() -> list[Row]:
-    """Measure the start of commands and of a press, the kernels compiled, then not.
-
-    Raises:
-        RigError: One of them fails.
-    """
-    rows = []
+def measure_start() -> Iterator[Row]:
+    """Measure the start of commands and of a press, the kernels compiled, then not."""
     for words in _HELP:
         command = [sys.executable, "-m", "tacauchy_rig.app.cli.app", *words]
         spent = min(process_spent(command)[:2] for _ in range(_REPEATS))
-        rows.append(_start_row(" ".join(words), spent, HELP_MAX_S))
+        yield _start_row(" ".join(words), *spent, HELP_MAX_S)
     warm = min(_until_a_press() for _ in range(_REPEATS))
-    rows.append(_start_row("until a press", warm, PRESS_MAX_S))
+    yield _start_row("until a press", *warm, PRESS_MAX_S)
     with TemporaryDirectory() as empty:
         cold = _until_a_press({_CACHE: empty})
-    compiling = (cold[0] - warm[0], cold[1] - warm[1])
-    return [*rows, _start_row("compiling kernels once", compiling, None)]
+    yield _start_row("compiling kernels once", cold[0] - warm[0], cold[1] - warm[1], None)
 
 
-def _start_row(what: str, spent_s: tuple[float, float], limit_s: float | None) -> Row:
-    spent = {"processor time [s]": spent_s[0], "time [s]": spent_s[1]}
+def _start_row(what: str, cpu_s: float, wall_s: float, limit_s: float | None) -> Row:
+    spent = {"processor time [s]": cpu_s, "time [s]": wall_s}
     return {"what": what, **spent, "at most [s]": limit_s}
 
 
@@ -262,31 +232,21 @@ def _until_a_press(environment: dict[str, str] | None = None) -> tuple[float, fl
 def process_spent(
     command: Sequence[str], environment: dict[str, str] | None = None
 ) -> tuple[float, float, str]:
-    """Return processor time and time of a process [s], and what it printed.
+    """Return processor time and time of a process [s], and what it printed."""
 
-    Raises:
-        RigError: It fails.
-    """
-    before, begun = _children_s(), time.perf_counter()
-    done = subprocess.run(
-        command,
-        env=os.environ | (environment or {}),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    def children_s() -> float:
+        used = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return used.ru_utime + used.ru_stime
+
+    before, begun = children_s(), time.perf_counter()
+    own = os.environ | (environment or {})
+    done = subprocess.run(command, env=own, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RigError(
             f"{' '.join(command)} ended with {done.returncode}: {done.stderr.strip()}",
             remedy="run it by itself",
         )
-    return _children_s() - before, time.perf_counter() - begun, done.stdout
-
-
-def _children_s() -> float:
-    """Return the processor time of all processes that this one has waited for [s]."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+    return children_s() - before, time.perf_counter() - begun, done.stdout
 
 
 def measure_threads(

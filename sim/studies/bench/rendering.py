@@ -56,38 +56,34 @@ def measure_rendering(
 ) -> Iterator[Row]:
     """Render an indenter in sensors with coloured lamps, from its height map to bytes.
 
+    ``one by one`` is what a replay uses, ``batch`` many images in each launch, and ``from nodes``
+    that with their height maps and markers.
+
     Args:
         scene: Its indenter is pressed 0.5 mm deep with preset ``fast``; a batch has that dent at
             as many depths as images.
         budget_s: For each row, about [s].
-
-    Raises:
-        ConvergenceError: The gel cannot be pressed that far.
     """
-    for name in sensors:
-        yield from _on_sensor(scene, name, budget_s)
-
-
-def _on_sensor(scene: Scene, name: str, budget_s: float) -> Iterator[Row]:
     device = batch_device()
-    sensor, target = load_sensor(name), Target(depth_m=_DEPTH_M)
-    pressed = sensor.scene(scene.indenter, target, preset=Preset.FAST)
-    path = path_for(pressed, plan_effects(pressed))
-    point = path.advance(_DEPTH_M)
-    surface = surface_state(path, point)
     many = BATCH if device != "cpu" else _BATCH_ON_CPU
-    for samples, count in ((1, 1), (SAMPLES, many)):
-        renderer, rest_m, dents_m = _look(sensor, surface, samples=samples, count=count)
-        row = partial(_row, sensor, samples)
-        # The deepest dent's image, rendered by itself as a replay does.
-        alone = partial(renderer().render, rest_m - dents_m[-1])
-        yield row("one by one", "cpu", 1, times_of(alone, budget_s=budget_s))
-    dents, batch = renderer(device=device).prepared(len(dents_m))
-    dents.assign(dents_m.astype(np.float32))
-    single = renderer()
-    expected = np.stack([single.render(rest_m - dent) for dent in dents_m])
-    yield row(*_judged("batch", batch, expected, budget_s))
-    yield row(*_from_nodes(pressed, sensor, point, count=many, budget_s=budget_s))
+    for name in sensors:
+        sensor = load_sensor(name)
+        pressed = sensor.scene(scene.indenter, Target(depth_m=_DEPTH_M), preset=Preset.FAST)
+        path = path_for(pressed, plan_effects(pressed))
+        point = path.advance(_DEPTH_M)
+        surface = surface_state(path, point)
+        for samples, count in ((1, 1), (SAMPLES, many)):
+            renderer, rest_m, dents_m = _look(sensor, surface, samples=samples, count=count)
+            row = partial(_row, sensor, samples)
+            # The deepest dent's image, rendered by itself as a replay does.
+            alone = partial(renderer().render, rest_m - dents_m[-1])
+            yield row("one by one", "cpu", 1, times_of(alone, budget_s=budget_s))
+        dents, batch = renderer(device=device).prepared(len(dents_m))
+        dents.assign(dents_m.astype(np.float32))
+        single = renderer()
+        expected = np.stack([single.render(rest_m - dent) for dent in dents_m])
+        yield row(*_judged("batch", batch, expected, budget_s))
+        yield row(*_from_nodes(pressed, sensor, point, count=many, budget_s=budget_s))
 
 
 def _row(
@@ -99,11 +95,7 @@ def _row(
     times_s: Sequence[float],
     apart: tuple[int, float] = (0, 0.0),
 ) -> Row:
-    """Return a row; ``apart`` is the largest difference from images rendered alone, and its share.
-
-    ``one by one`` is what a replay uses, ``batch`` many images in each launch, and ``from nodes``
-    that with their height maps and markers.
-    """
+    """Return a row; ``apart`` is the largest difference from images drawn alone, and its share."""
     shadows = sensor.optics.shadows
     return {
         "sensor": sensor.title,
@@ -204,27 +196,26 @@ def _judged(
 def _look(
     sensor: Sensor, surface: SurfaceState, *, samples: int, count: int
 ) -> tuple[Callable[..., TactileRenderer], FloatArray, FloatArray]:
-    """Return what makes a renderer, and heights at rest and dents for it [m].
-
-    Heights have shape [height, width], dents [count, height, width].
-    """
+    """Return what makes a renderer, heights at rest and dents, shape [count, height, width] [m]."""
     geometry = sensor.camera
     maps = height_maps(surface, geometry.refined(samples), pad=sensor.pad)
     grey = np.full((geometry.height, geometry.width, 3), _GREY, dtype=np.uint8)
-    look: dict[str, Any] = {"samples": samples, "blur_px": BLUR_PX}
-    look["shadows"] = sensor.optics.shadows
-    model = _as_wide_as_fitted(sensor)
-    renderer = partial(TactileRenderer, grey, maps.rest, model, geometry, **look)
+    renderer = partial(
+        TactileRenderer,
+        grey,
+        maps.rest,
+        _as_wide_as_fitted(sensor),
+        geometry,
+        samples=samples,
+        blur_px=BLUR_PX,
+        shadows=sensor.optics.shadows,
+    )
     depths = np.arange(1, count + 1) / count
     return renderer, maps.rest, depths[:, None, None] * (maps.rest - maps.loaded)
 
 
 def _as_wide_as_fitted(sensor: Sensor) -> PhotometricModel:
-    """Return nominal colours with all the terms that a calibration fits to ball presses.
-
-    Raises:
-        ConfigError: The sensor has no coloured lamps.
-    """
+    """Return nominal colours with all the terms that a calibration fits to ball presses."""
     model = nominal_model(sensor)
     if not isinstance(model, PhotometricModel):
         raise ConfigError(
@@ -256,23 +247,14 @@ def _as_wide_as_fitted(sensor: Sensor) -> PhotometricModel:
     )
 
 
-def times_of(
-    act: Callable[[], object],
-    *,
-    most: int = _REPEATS,
-    least: int = _REPEATS_LEAST,
-    budget_s: float,
-) -> list[float]:
+def times_of(act: Callable[[], object], *, budget_s: float) -> list[float]:
     """Repeat something after once to warm up, and return how long each time took [s].
 
-    Args:
-        most: Repeats.
-        least: Repeats that are made however long they take.
-        budget_s: Begin no more once so much was spent [s].
+    No repeat begins once the budget was spent, but for the least number of them.
     """
     act()
     times: list[float] = []
-    while len(times) < most and (len(times) < least or sum(times) < budget_s):
+    while len(times) < _REPEATS and (len(times) < _REPEATS_LEAST or sum(times) < budget_s):
         started = time.perf_counter()
         act()
         times.append(time.perf_counter() - started)

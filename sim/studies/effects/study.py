@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import statistics
 import time
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from importlib import resources
-from typing import Any
-
-from pydantic import TypeAdapter
+from typing import Any, NamedTuple
 
 from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.outputs import PressOutputs, outputs_of
@@ -23,8 +20,7 @@ from sim.press_command import scene_from
 from sim.scene.material import RelaxationTerm
 from sim.scene.scene import Effect, Output, Scene, Target
 from sim.studies.effects.drawn import described, drawn_scene
-from tacauchy_rig.core.page import page
-from tacauchy_rig.core.study import About, Case, Result, Study, founds
+from tacauchy_rig.core.study import Case, Result, Study, founds
 from tacauchy_rig.core.tables import Cell, Table, table_of
 
 _TOUCH_M = 5e-6
@@ -40,8 +36,7 @@ _FINER = 1.5
 _NOTHING = 1e-300
 
 
-@dataclass(frozen=True, slots=True)
-class EffectCase:
+class EffectCase(NamedTuple):
     """A scene and what sets it apart."""
 
     name: str
@@ -67,64 +62,38 @@ def _case(
 _FILE = resources.files("sim.studies.effects").joinpath("cases.toml")
 EFFECT_CASES = tuple(_case(**each) for each in tomllib.loads(_FILE.read_text("utf-8"))["case"])
 
+Check = dict[str, Any]
+"""A scene under its plan and with everything on; what is of an output is by its name.
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EffectCheck:
-    """A scene under its plan and with everything on.
-
-    Attributes:
-        name: Of the scene; ``shows`` says what sets it apart.
-        added: What was off and is on in the full press.
-        tolerances: Of each output that is asked for.
-        expected: What the plan said that each of them changes by.
-        differences: What each changed by.
-        errors: Of each output what the press states, and what finer meshes tell; empty where
-            that was not asked.
-        planned_s: Processor time of planning, meshing, pressing and estimating errors [s].
-        tried_s: What of it went into trying effects [s].
-        full_s: The same with everything on and nothing planned [s].
-    """
-
-    name: str
-    shows: str
-    added: tuple[Effect, ...]
-    tolerances: dict[Output, float]
-    expected: dict[Output, float]
-    differences: dict[Output, float]
-    errors: dict[Output, tuple[float, float]]
-    planned_s: float
-    tried_s: float
-    full_s: float
-
-    @property
-    def shares(self) -> dict[Output, float]:
-        """Difference over tolerance of each output that is asked for; above 1 is a miss."""
-        return {each: found / self.tolerances[each] for each, found in self.differences.items()}
-
-    @property
-    def worst(self) -> tuple[Output, float]:
-        """The output that came nearest to its tolerance or went furthest beyond, and its share."""
-        return max(self.shares.items(), key=lambda item: item[1])
-
-    @property
-    def passed(self) -> bool:
-        """Every output is within its tolerance."""
-        return self.worst[1] <= 1.0
-
-    @property
-    def time_ratio(self) -> float:
-        """Processor time of everything on over that of the plan."""
-        return self.full_s / self.planned_s
+``name`` and ``shows``: Of the scene. ``added``: What was off and is on in the full press.
+``tolerances``, ``expected``, ``differences``: Of each output that is asked for, what it may differ
+by, what the plan said, and what was found. ``errors``: What the press states, and what finer meshes
+tell; empty where that was not asked. ``planned_s``: Processor time of planning, meshing, pressing
+and estimating errors, of which ``tried_s`` went into trying effects; ``full_s``: the same with
+everything on and nothing planned [s]. ``passed``: Every output is within its tolerance.
+"""
 
 
-def check_effects(case: EffectCase, *, errors: bool = False) -> EffectCheck:
+def shares(check: Check) -> dict[str, float]:
+    """Return difference over tolerance of each output that is asked for; above 1 is a miss."""
+    return {name: found / check["tolerances"][name] for name, found in check["differences"].items()}
+
+
+def worst(check: Check) -> tuple[str, float]:
+    """Return the output that came nearest to its tolerance or went furthest beyond; its share."""
+    return max(shares(check).items(), key=lambda item: item[1])
+
+
+def time_ratio(check: Check) -> float:
+    """Return the processor time of everything on over that of the plan."""
+    return float(check["full_s"] / check["planned_s"])
+
+
+def check_effects(case: EffectCase, *, errors: bool = False) -> Check:
     """Press a scene under its plan and with everything on.
 
     Args:
         errors: Judge the stated errors too, by a press on a finer mesh.
-
-    Raises:
-        ConvergenceError: A press has no equilibrium.
     """
     scene = case.scene
     every_effect = full_plan(scene)
@@ -151,18 +120,19 @@ def check_effects(case: EffectCase, *, errors: bool = False) -> EffectCheck:
             scene, refinement=_FINER * scene.refinement, effects=(*scene.effects, inertia)
         )
         true = _true_errors(planned, full, _pressed(shorter, full_plan(shorter)))
-    return EffectCheck(
-        name=case.name,
-        shows=case.shows,
-        added=tuple(e for e, on in every_effect.switches if on and not plan.is_on(e)),
-        tolerances=dict(plan.tolerances),
-        expected={output: plan.left_out(output) for output in plan.tolerances},
-        differences={output: found[output] for output in plan.tolerances},
-        errors={each: (stated[each], true[each]) for each in stated if each in true},
-        planned_s=planned_s,
-        tried_s=plan.tried_s,
-        full_s=full_s,
-    )
+    check: Check = {
+        "name": case.name,
+        "shows": case.shows,
+        "added": [e.value for e, on in every_effect.switches if on and not plan.is_on(e)],
+        "tolerances": {output.value: allowed for output, allowed in plan.tolerances.items()},
+        "expected": {output.value: plan.left_out(output) for output in plan.tolerances},
+        "differences": {output.value: found[output] for output in plan.tolerances},
+        "errors": {each.value: (stated[each], true[each]) for each in stated if each in true},
+        "planned_s": planned_s,
+        "tried_s": plan.tried_s,
+        "full_s": full_s,
+    }
+    return check | {"passed": worst(check)[1] <= 1.0}
 
 
 def _true_errors(
@@ -203,7 +173,6 @@ def _touch(scene: Scene, switches: tuple[tuple[Effect, bool], ...]) -> None:
 
 
 LIMIT_S = 60.0
-_read: Callable[[Any], EffectCheck] = TypeAdapter(EffectCheck).validate_python
 
 
 class Effects(Study):
@@ -216,6 +185,7 @@ class Effects(Study):
     """
 
     name, title, kind = "effects", "Effects: plans against everything on", "scene"
+    template = "page.md.jinja"
 
     def __init__(self, *, count: int = 0, seed: int = 0, errors: bool = False) -> None:
         self._cases: Sequence[EffectCase] = EFFECT_CASES
@@ -230,7 +200,7 @@ class Effects(Study):
             Case(
                 name=each.name,
                 shows=each.shows,
-                measure=partial(_measured, each, errors=self._errors),
+                measure=partial(check_effects, each, errors=self._errors),
                 limit_s=LIMIT_S,
                 is_isolated=True,
             )
@@ -241,60 +211,62 @@ class Effects(Study):
         """Return the output that came nearest to its tolerance."""
         if result.failure:
             return f"not pressed: {result.failure}"
-        check = _read(result.found)
-        output, share = check.worst
+        check = result.found
+        output, share = worst(check)
         return (
-            f"{'ok' if check.passed else 'MISSED'}, {output.value} "
-            f"{check.differences[output]:.2e}, {share:.0%} of what is allowed, "
-            f"{check.time_ratio:.1f} times the time with {_names(check.added)} on"
+            f"{'ok' if check['passed'] else 'MISSED'}, {output} "
+            f"{check['differences'][output]:.2e}, {share:.0%} of what is allowed, "
+            f"{time_ratio(check):.1f} times the time with {_names(check)} on"
         )
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return what was kept and what errors were as stated, by output; then every scene."""
-        checks = list(map(_read, founds(results)))
+        checks = founds(results)
         if not checks:
             return []
-        errors = errors_by_output(checks)
-        tables = [
-            table_of(
-                kept_by_output(checks).items(),
-                {
-                    "output": lambda row: row[0].value,
-                    "kept": lambda row: row[1][0],
-                    "of": lambda row: row[1][1],
-                    "at worst, over the tolerance": lambda row: percent(row[1][2]),
+        kept = table_of(
+            kept_by_output(checks).items(),
+            {
+                "output": lambda row: row[0],
+                "kept": lambda row: row[1][0],
+                "of": lambda row: row[1][1],
+                "at worst, over the tolerance": lambda row: percent(row[1][2]),
+            },
+            title="Outputs kept",
+            criterion="an output differs by no more than its tolerance",
+            passed=all(check["passed"] for check in checks),
+        )
+        errors = table_of(
+            errors_by_output(checks).items(),
+            {
+                "output": lambda row: row[0],
+                "errs as stated": lambda row: row[1][0],
+                "of": lambda row: row[1][1],
+                "stated over found, median": lambda row: f"{row[1][2]:.1f}",
+            },
+            title="Stated errors",
+        )
+        scenes = table_of(
+            checks,
+            {
+                "scene": lambda check: check["name"],
+                "left out": _names,
+                "nearest output": lambda check: worst(check)[0],
+                **{
+                    heading: partial(_of_worst, name=name)
+                    for heading, name in (
+                        ("tolerance", "tolerances"),
+                        ("expected", "expected"),
+                        ("found", "differences"),
+                    )
                 },
-                title="Outputs kept",
-                criterion="an output differs by no more than its tolerance",
-                passed=all(check.passed for check in checks),
-            ),
-            table_of(
-                errors.items(),
-                {
-                    "output": lambda row: row[0].value,
-                    "errs as stated": lambda row: row[1][0],
-                    "of": lambda row: row[1][1],
-                    "stated over found, median": lambda row: f"{row[1][2]:.1f}",
-                },
-                title="Stated errors",
-            ),
-            table_of(
-                checks,
-                {
-                    "scene": lambda check: check.name,
-                    "left out": lambda check: _names(check.added),
-                    "nearest output": lambda check: check.worst[0].value,
-                    "tolerance": partial(_of_worst, name="tolerances"),
-                    "expected": partial(_of_worst, name="expected"),
-                    "found": partial(_of_worst, name="differences"),
-                    "time": lambda check: f"{check.time_ratio:.1f} x",
-                    "": lambda check: "kept" if check.passed else "**missed**",
-                },
-                title="Scenes",
-                note=f"{percent(time_saved(checks))} of the time saved, geometric mean",
-            ),
-        ]
-        return tables if errors else [tables[0], tables[2]]
+                "time": lambda check: f"{time_ratio(check):.1f} x",
+                "": lambda check: "kept" if check["passed"] else "**missed**",
+            },
+            title="Scenes",
+            note=f"{percent(time_saved(checks))} of the time saved, geometric mean",
+        )
+        return [kept, errors, scenes] if errors.rows else [kept, scenes]
 
     def facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
         """Return the scenes, and why some were not pressed."""
@@ -303,44 +275,32 @@ class Effects(Study):
             "not_pressed": {r.name: f"{r.failure} ({r.shows})" for r in results if r.failure},
         }
 
-    def page(self, results: Sequence[Result], about: About, images: Sequence[str]) -> str:
-        """Return the page."""
-        del images
-        checks = list(map(_read, founds(results)))
-        tables = self.tables(results)
-        facts = {
-            "command": about.command,
+    def page_facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
+        """Return the scenes, and what was saved."""
+        checks = founds(results)
+        return {
             "checks": checks,
             "failed": [result for result in results if result.failure],
-            "passed": sum(check.passed for check in checks),
-            "kept": tables[:1],
-            "errors": tables[1:-1],
-            "scenes": tables[-1:],
+            "passed": sum(check["passed"] for check in checks),
             "saved": percent(time_saved(checks)) if checks else "",
         }
-        return page("sim.studies.effects", "page.md.jinja", facts)
 
     def has_passed(self, results: Sequence[Result]) -> bool:
         """Return whether all that was pressed was kept; what took too long is only named."""
         return all(table.passed for table in self.tables(results))
 
 
-def _measured(case: EffectCase, *, errors: bool) -> dict[str, Any]:
-    check = check_effects(case, errors=errors)
-    return {**asdict(check), "passed": check.passed}
-
-
-def kept_by_output(checks: Sequence[EffectCheck]) -> dict[Output, tuple[int, int, float]]:
+def kept_by_output(checks: Sequence[Check]) -> dict[str, tuple[int, int, float]]:
     """Return how often a tolerance was kept, of how many, and the worst share, by output."""
     found = {}
     for output in Output:
-        shares = [each.shares[output] for each in checks if output in each.shares]
-        if shares:
-            found[output] = sum(share <= 1.0 for share in shares), len(shares), max(shares)
+        known = [shares(each)[output] for each in checks if output in shares(each)]
+        if known:
+            found[output.value] = sum(share <= 1.0 for share in known), len(known), max(known)
     return found
 
 
-def errors_by_output(checks: Sequence[EffectCheck]) -> dict[Output, tuple[int, int, float]]:
+def errors_by_output(checks: Sequence[Check]) -> dict[str, tuple[int, int, float]]:
     """Return how many errors were as stated, of how many, and how wide in the median, by output.
 
     An estimate is as wide as it is over the error that was found. The shear of a press without
@@ -348,17 +308,17 @@ def errors_by_output(checks: Sequence[EffectCheck]) -> dict[Output, tuple[int, i
     """
     judged = {}
     for output in Output:
-        pairs = [each.errors[output] for each in checks if any(each.errors.get(output, ()))]
+        pairs = [each["errors"][output] for each in checks if any(each["errors"].get(output, ()))]
         widths = [stated / max(found, 1e-12) for stated, found in pairs]
         if pairs:
             inside = sum(found <= stated for stated, found in pairs)
-            judged[output] = inside, len(pairs), statistics.median(widths)
+            judged[output.value] = inside, len(pairs), statistics.median(widths)
     return judged
 
 
-def time_saved(checks: Sequence[EffectCheck]) -> float:
+def time_saved(checks: Sequence[Check]) -> float:
     """Return the geometric mean of the share of everything's time that plans save."""
-    return 1.0 - math.exp(-statistics.fmean(math.log(each.time_ratio) for each in checks))
+    return 1.0 - 1.0 / statistics.geometric_mean(map(time_ratio, checks))
 
 
 def percent(value: float) -> str:
@@ -366,9 +326,9 @@ def percent(value: float) -> str:
     return f"{float(f'{value * 100:.2g}'):g} %"
 
 
-def _of_worst(check: EffectCheck, *, name: str) -> Cell:
-    return percent(getattr(check, name)[check.worst[0]])
+def _of_worst(check: Check, *, name: str) -> Cell:
+    return percent(check[name][worst(check)[0]])
 
 
-def _names(effects: Sequence[Effect]) -> str:
-    return ", ".join(effect.value for effect in effects) or "nothing"
+def _names(check: Check) -> str:
+    return ", ".join(check["added"]) or "nothing"

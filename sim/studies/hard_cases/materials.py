@@ -10,7 +10,7 @@ import scipy.optimize
 from sim.contact.state import ContactOptions
 from sim.mesh.elements import ElementOrder, boundary_faces
 from sim.mesh.tet_mesh import TetMesh, smallest_dihedral_deg
-from sim.press import PressResult, press
+from sim.press import press
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import LawName, Layer, Material
 from sim.scene.pad import DiscPad
@@ -108,7 +108,8 @@ def _laminate_press(*, ratio: float, share: float, radius_m: float, measured_as:
     result = press(scene)
     solution = BondedLayers.of_pad(layers, height_m=scene.pad.height_m)
     expected = solution.punch_force(radius_m=radius_m, depth_m=depth)
-    error, residual = result.force_n[2] / expected - 1.0, _residual_relative(result)
+    error = result.force_n[2] / expected - 1.0
+    residual = result.point.equilibrium.residual_n / result.force_n[2]
     return Outcome(
         passed=abs(error) < FORCE_TOLERANCE and residual < RESIDUAL_TOLERANCE,
         measured={
@@ -119,16 +120,8 @@ def _laminate_press(*, ratio: float, share: float, radius_m: float, measured_as:
     )
 
 
-def _residual_relative(result: PressResult) -> float:
-    return result.point.equilibrium.residual_n / result.force_n[2]
-
-
 def with_slivers(mesh: TetMesh, *, dihedral_deg: float) -> TetMesh:
-    """Flatten one tetrahedron at every other interior node, those with no edge in common.
-
-    Args:
-        dihedral_deg: Smallest angle between two faces that each of them gets [deg].
-    """
+    """Flatten one tetrahedron at every other interior node, those with no edge in common."""
     vertices = mesh.vertices.copy()
     inner = np.setdiff1d(np.arange(len(vertices)), np.unique(boundary_faces(mesh.tets)[0]))
     taken: set[int] = set()
@@ -149,10 +142,7 @@ def sliver_count(mesh: TetMesh, *, below_deg: float) -> int:
 def _flattening_place(
     vertices: FloatArray, star: IntArray, node: int, dihedral_deg: float
 ) -> FloatArray:
-    """Return where a node makes a tetrahedron of its star as flat as asked.
-
-    It goes towards the middle of the first one's opposite face.
-    """
+    """Return where a node flattens a tetrahedron as asked, towards the middle of its other face."""
     start = vertices[node].copy()
     opposite = star[0][star[0] != node]
     goal = vertices[opposite].mean(axis=0)
@@ -210,14 +200,8 @@ def press_in(
 
     Args:
         name: In the names of what is measured.
-        fillet_m: Of the cylinder's rim [m]; 0 is sharp.
-        bonded: The gel sticks to it; otherwise it slips freely.
-        size_m: Edge length at the rim [m].
-        growth: Ratio of neighbouring edge lengths away from it.
-        sector_count: Sectors of a full turn.
-
-    Raises:
-        ConvergenceError: A frame has no equilibrium.
+        bonded: The gel sticks to the cylinder; otherwise it slips freely.
+        size_m: Edge length at the rim [m]; ``growth`` is the ratio of neighbouring ones.
     """
     indenter = Cylinder(diameter_m=5e-3, fillet_m=fillet_m)
     mesh = round_mesh(

@@ -104,11 +104,9 @@ def box_mesh(
     jitter: float = 0.0,
     quarter: bool = False,
 ) -> TetMesh:
-    """Cut a box into cells and each cell into the six tetrahedra around its diagonal (Kuhn).
+    """Cut a box, centred in x and y, into cells and each into six tetrahedra (Kuhn).
 
     Args:
-        size_m: Extents in x, y and z [m]; centred in x and y, base at z = 0.
-        cells: How many cells along each axis.
         jitter: Random shift of the interior nodes, in cell sizes, always the same for a mesh.
         quarter: Mesh the quarter at x, y >= 0 of a box whose mirror images are the rest; extents
             and cells are the quarter's.
@@ -138,11 +136,7 @@ def balance_relative(model: Model, point: PathPoint) -> float:
 
 
 def grip_of(point: PathPoint) -> Grip:
-    """Return what tangential contact remembers.
-
-    Raises:
-        ValueError: The press is frictionless.
-    """
+    """Return what tangential contact remembers."""
     if point.state.grip is None:
         raise ValueError("a press without friction has no grip")
     return point.state.grip

@@ -4,43 +4,33 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from sim.studies.hard_cases import (
-    dynamics,
-    invariants,
-    materials,
-    meshes,
-    precision,
-    sliding,
-    starts,
-)
+from sim.studies.hard_cases import dynamics, invariants, materials, meshes, precision
 from sim.studies.hard_cases.pads import Outcome
-from tacauchy_rig.core.page import page
-from tacauchy_rig.core.study import About, Case, Result, Study
+from tacauchy_rig.core.study import Case, Result, Study
 from tacauchy_rig.core.tables import Table
 from tacauchy_rig.core.versions import machine, versions
 
 MEASURES: dict[str, Callable[[], Outcome]] = {
-    "1": starts.degenerate_starts,
-    "2": starts.random_start,
+    "1": invariants.degenerate_starts,
+    "2": invariants.random_start,
     "3": materials.nearly_incompressible,
     "4": materials.deep_presses,
     "5": meshes.moved_rim,
     "6": dynamics.time_steps,
     "7": materials.slivers,
     "8": materials.stiff_layers,
-    "9": sliding.stick_slip,
+    "9": dynamics.stick_slip,
     "10": dynamics.impact,
-    "11": sliding.torsion,
+    "11": dynamics.torsion,
     "12": invariants.scaled_units,
     "13": precision.single_precision,
     "14": invariants.no_contact,
-    "15": starts.penetrating_start,
+    "15": invariants.penetrating_start,
     "16": meshes.off_the_pad,
     "17": meshes.consistency_and_order,
     "18": invariants.force_balance,
@@ -50,37 +40,11 @@ MEASURES: dict[str, Callable[[], Outcome]] = {
 _NUMERICAL = ("tacauchy-rig", "python", "warp-lang", "numpy", "scipy", "pypardiso")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CaseRow:
-    """A case that was measured; its fields are its JSON.
-
-    Attributes:
-        failure: Why there are no numbers: the error, or the time limit; empty otherwise.
-    """
-
-    number: int
-    name: str
-    criterion: str
-    passed: bool
-    measured: Mapping[str, Any]
-    wall_s: float
-    failure: str = ""
-
-    @property
-    def verdict(self) -> str:
-        """``pass`` or ``FAIL``."""
-        return "pass" if self.passed else "FAIL"
-
-    @property
-    def table(self) -> Table:
-        """What was measured, one line for each number; why nothing was, where nothing was."""
-        return Table(
-            title=f"{self.number}. {self.name}: {self.verdict}",
-            columns=("measured", ""),
-            rows=(("No numbers", self.failure),) if self.failure else tuple(self.measured.items()),
-            criterion=self.criterion,
-            passed=self.passed,
-        )
+@cache
+def _stated() -> dict[str, dict[str, Any]]:
+    """Return by number what each case is called, what has to hold, and how long it may take."""
+    text = resources.files("sim.studies.hard_cases").joinpath("criteria.toml").read_text()
+    return tomllib.loads(text)
 
 
 class HardCases(Study):
@@ -88,18 +52,17 @@ class HardCases(Study):
 
     name, title, kind = "hard_cases", "Hard cases", "hard case"
     page_file = Path("docs/results/hard_cases.md")
+    template = "page.md.jinja"
 
     def cases(self) -> Sequence[Case]:
         """Return every case, with what ``criteria.toml`` asks of it."""
-        text = resources.files("sim.studies.hard_cases").joinpath("criteria.toml").read_text()
-        stated = tomllib.loads(text)
         return [
             Case(
-                name=stated[number]["name"],
+                name=_stated()[number]["name"],
                 alias=number,
-                shows=stated[number]["criterion"],
+                shows=_stated()[number]["criterion"],
                 measure=partial(_measured, measure),
-                limit_s=stated[number]["limit_s"],
+                limit_s=_stated()[number]["limit_s"],
                 is_isolated=True,
             )
             for number, measure in MEASURES.items()
@@ -107,44 +70,54 @@ class HardCases(Study):
 
     def line(self, result: Result) -> str:
         """Return the verdict, and what it took."""
-        return f"{self.rows([result])[0].verdict} after {result.wall_s:.1f} s"
-
-    def rows(self, results: Sequence[Result]) -> list[CaseRow]:
-        """Return the cases as they are shown; one without numbers has failed."""
-        numbers = {case.name: int(case.alias) for case in self.cases()}
-        return [
-            CaseRow(
-                number=numbers[each.name],
-                name=each.name,
-                criterion=each.shows,
-                wall_s=each.wall_s,
-                failure=each.failure,
-                **(each.found or {"passed": False, "measured": {}}),
-            )
-            for each in results
-        ]
+        return f"{_verdict(_row(result))} after {result.wall_s:.1f} s"
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
-        """Return a table for each case."""
-        return [row.table for row in self.rows(results)]
+        """Return for each case what was measured, a line a number, or why nothing was."""
+        return [
+            Table(
+                title=f"{row['number']}. {row['name']}: {_verdict(row)}",
+                columns=("measured", ""),
+                rows=(("No numbers", row["failure"]),)
+                if row["failure"]
+                else tuple(row["measured"].items()),
+                criterion=row["criterion"],
+                passed=row["passed"],
+            )
+            for row in map(_row, results)
+        ]
 
     def facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
         """Return the cases by number and name."""
-        return {"cases": self.rows(results)}
+        return {"cases": list(map(_row, results))}
 
-    def page(self, results: Sequence[Result], about: About, images: Sequence[str]) -> str:
-        """Return the page: the verdicts, then each case with its criterion and numbers."""
-        del images
-        used = versions()
-        facts = {
-            "results": self.rows(results),
-            "failed": [row.number for row in self.rows(results) if not row.passed],
+    def page_facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
+        """Return the cases, each with its table, and what their numbers depend on."""
+        rows, used = list(map(_row, results)), versions()
+        return {
+            "results": list(zip(rows, self.tables(results), strict=True)),
+            "failed": [row["number"] for row in rows if not row["passed"]],
             "case_count": len(MEASURES),
-            "command": about.command,
             "versions": ", ".join(f"{name} {used[name]}" for name in _NUMERICAL if name in used),
             "machine": machine(),
         }
-        return page("sim.studies.hard_cases", "page.md.jinja", facts)
+
+
+def _row(result: Result) -> dict[str, Any]:
+    """Return a case as its JSON; one without numbers has failed."""
+    numbers = {stated["name"]: int(number) for number, stated in _stated().items()}
+    return {
+        "number": numbers[result.name],
+        "name": result.name,
+        "criterion": result.shows,
+        **(result.found or {"passed": False, "measured": {}}),
+        "wall_s": result.wall_s,
+        "failure": result.failure,
+    }
+
+
+def _verdict(row: Mapping[str, Any]) -> str:
+    return "pass" if row["passed"] else "FAIL"
 
 
 def _measured(measure: Callable[[], Outcome]) -> dict[str, Any]:

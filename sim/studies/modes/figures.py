@@ -8,10 +8,8 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
@@ -24,7 +22,7 @@ from sim.fields.stress import recovered_stress
 from sim.solve.model import Model
 from sim.studies.modes.runs import ModeRun
 from tacauchy_rig.core.arrays import FloatArray, IntArray
-from tacauchy_rig.core.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
+from tacauchy_rig.core.figure_style import INK, PAGE_IN
 
 # Just beside the plane, so that no node lies on it.
 _BESIDE_SHARE = 1e-5
@@ -32,19 +30,12 @@ _BESIDE_SHARE = 1e-5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlaneCut:
-    """Triangles of the plane y = const.
+    """Triangles of the plane y = const."""
 
-    Attributes:
-        points_m: x and z [m], shape [point_count, 2].
-        triangles: Shape [triangle_count, 3].
-        stress_pa: sigma [Pa], recovered in each layer, shape [point_count, 3, 3].
-        layers: Of each triangle, shape [triangle_count].
-    """
-
-    points_m: FloatArray
-    triangles: IntArray
-    stress_pa: FloatArray
-    layers: IntArray
+    points_m: FloatArray  # x and z, shape [point_count, 2]
+    triangles: IntArray  # shape [triangle_count, 3]
+    stress_pa: FloatArray  # recovered in each layer, shape [point_count, 3, 3]
+    layers: IntArray  # of each triangle, shape [triangle_count]
 
     def without_slivers(self, thickness_m: float) -> PlaneCut:
         """Leave out what is thinner than that [m]: hairlines in a picture.
@@ -101,17 +92,8 @@ _TITLES = {"press": "normal press", "slide": "lateral translation", "twist": "ax
 _SHEARS = {"press": ("xz", 0, 2), "slide": ("xz", 0, 2), "twist": ("yz", 1, 2)}
 
 
-def draw_modes(
-    runs: Sequence[ModeRun], folder: Path, *, page_folder: Path | None = None
-) -> list[Path]:
-    """Draw a punch's modes, one a row: stress in a section, pressure, tangential traction, shear.
-
-    Args:
-        page_folder: Put a smaller PNG there besides.
-
-    Raises:
-        RecordError: The files cannot be written.
-    """
+def modes_figure(runs: Sequence[ModeRun]) -> Figure:
+    """Draw modes, one a row: stress in a section, pressure, tangential traction, shear."""
 
     def draw(run: ModeRun, row: Sequence[Axes], maps: SurfaceMaps, section: PlaneCut) -> str:
         _draw_pressure(row[1], run, maps)
@@ -120,18 +102,11 @@ def draw_modes(
         _draw_section(row[3], run, section, (i, j), rf"$\sigma_{{{name}}}$")
         return f"{_TITLES[run.name]}, {run.travel}"
 
-    with mpl.rc_context(FRAMED_STYLE):
-        figure = _drawn(runs, draw, height_in=1.5, widths=(1.35, 1, 1, 1.35))
-        return save_figure(figure, folder, "contact_modes", page_folder=page_folder)
+    return _drawn(runs, draw, height_in=1.5, widths=(1.35, 1, 1, 1.35))
 
 
-def draw_sensors(
-    runs: Sequence[ModeRun], folder: Path, *, page_folder: Path | None = None
-) -> list[Path]:
-    """Draw one press on several sensors, one a row: section, mesh, pressure, tangential traction.
-
-    Its arguments and its error are those of ``draw_modes``.
-    """
+def sensors_figure(runs: Sequence[ModeRun]) -> Figure:
+    """Draw a press on sensors, one a row: section, mesh, pressure, tangential traction."""
 
     def draw(run: ModeRun, row: Sequence[Axes], maps: SurfaceMaps, _section: PlaneCut) -> str:
         _draw_mesh(row[1], maps)
@@ -139,9 +114,7 @@ def draw_sensors(
         _draw_traction(row[3], run, maps)
         return f"{run.sensor.title}, {run.travel}, {len(run.path.model.elements)} tetrahedra"
 
-    with mpl.rc_context(FRAMED_STYLE):
-        figure = _drawn(runs, draw, height_in=1.75, widths=(1.35, 0.95, 1, 1))
-        return save_figure(figure, folder, "three_sensors", page_folder=page_folder)
+    return _drawn(runs, draw, height_in=1.75, widths=(1.35, 0.95, 1, 1))
 
 
 def _drawn(
@@ -151,10 +124,9 @@ def _drawn(
     height_in: float,
     widths: tuple[float, ...],
 ) -> Figure:
-    """Return a figure of one row a run, which begins with the stress along z in a section.
+    """Return a figure of one row a run: stress along z in a section, and what ``draw`` fills in.
 
-    Args:
-        draw: Fills a row's other axes and returns its title.
+    It returns the row's title.
     """
     figure = Figure(figsize=(PAGE_IN, height_in * len(runs)), layout="constrained")
     parts = figure.subfigures(len(runs), 1, squeeze=False)[:, 0]

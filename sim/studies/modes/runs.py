@@ -12,12 +12,11 @@ import numpy as np
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.fields.contact_signature import ContactSignature, contact_signature
-from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
+from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Target
 from sim.sensor.sensor import Sensor
 from sim.solve.loading_path import Hold, LoadingPath
 from sim.solve.path_point import PathPoint
-from tacauchy_rig.core.errors import ConfigError
 
 FRICTION = 0.5
 SLIDE_STEP_M = 0.2e-3
@@ -36,17 +35,13 @@ _SLIDING_SHARE = 0.999
 
 @dataclass(frozen=True, slots=True)
 class ModeCriterion:
-    """One number of a signature against its limit.
-
-    Attributes:
-        judged: False where the run did not come to what the number is about; it has then failed.
-    """
+    """One number of a signature against its limit."""
 
     name: str
     measured: float
     limit: str
     passed: bool
-    judged: bool = True
+    judged: bool = True  # false where the run did not come to what it is about, and so failed
 
     @property
     def verdict(self) -> str:
@@ -68,12 +63,7 @@ def press_criteria(signature: ContactSignature) -> tuple[ModeCriterion, ...]:
 def slide_criteria(
     before: ContactSignature, signature: ContactSignature, growth: float
 ) -> tuple[ModeCriterion, ...]:
-    """Judge a slide's end.
-
-    Args:
-        before: Where it began.
-        growth: Relative growth of the tangential resultant over F_n in the last step.
-    """
+    """Judge a slide's end; ``growth`` is the last step's, of the resultant over F_n."""
     on_indenter = -np.array(signature.tangential_n)
     cosine = float(on_indenter[0] / np.linalg.norm(on_indenter))
     mobilised = signature.mobilised_friction / FRICTION
@@ -107,18 +97,12 @@ def _below(name: str, measured: float, limit: float) -> ModeCriterion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeRun:
-    """A contact mode at its end.
+    """A contact mode at its end."""
 
-    Attributes:
-        name: press, slide or twist.
-        travel: How far it went, for people.
-        processor_s: Processor's time for it [s].
-    """
-
-    name: str
+    name: str  # press, slide or twist
     sensor: Sensor
     indenter: Cylinder | Sphere
-    travel: str
+    travel: str  # how far it went, for people
     path: LoadingPath
     point: PathPoint
     signature: ContactSignature
@@ -157,26 +141,8 @@ class ModeRun:
         }
 
 
-def round_body(indenter: Indenter) -> Cylinder | Sphere:
-    """Return an indenter that can be slid and turned.
-
-    Raises:
-        ConfigError: It is no cylinder and no sphere.
-    """
-    if not isinstance(indenter, Cylinder | Sphere):
-        raise ConfigError(
-            f"--indenter {describe(indenter)}: only round bodies can be slid and turned here",
-            remedy="give a cylinder with a fillet, or a sphere",
-        )
-    return indenter
-
-
 def press_in(sensor: Sensor, indenter: Cylinder | Sphere, *, preset: Preset) -> ModeRun:
-    """Press straight down into the whole pad.
-
-    Raises:
-        ConvergenceError: There is no equilibrium.
-    """
+    """Press straight down into the whole pad."""
     scene = sensor.scene(
         indenter,
         Target(depth_m=DEPTH_M),
@@ -190,17 +156,12 @@ def press_in(sensor: Sensor, indenter: Cylinder | Sphere, *, preset: Preset) -> 
     began = time.process_time()
     path = path_for(scene, plan_effects(scene))
     point = path.advance(DEPTH_M)
-    spent = time.process_time() - began
-    return press_mode(sensor, indenter, path, point, processor_s=spent)
+    pressed = press_mode(sensor, indenter, path, point)
+    return replace(pressed, processor_s=time.process_time() - began)
 
 
 def press_mode(
-    sensor: Sensor,
-    indenter: Cylinder | Sphere,
-    path: LoadingPath,
-    point: PathPoint,
-    *,
-    processor_s: float = 0.0,
+    sensor: Sensor, indenter: Cylinder | Sphere, path: LoadingPath, point: PathPoint
 ) -> ModeRun:
     """Hold a straight press, the start of every mode, against its signature."""
     signature = contact_signature(path.model, point)
@@ -213,16 +174,12 @@ def press_mode(
         point=point,
         signature=signature,
         criteria=press_criteria(signature),
-        processor_s=processor_s,
+        processor_s=0.0,
     )
 
 
 def slide_mode(pressed: ModeRun) -> ModeRun:
-    """Carry the indenter along x under the same force until its drag grows no more.
-
-    Raises:
-        ConvergenceError: There is no equilibrium.
-    """
+    """Carry the indenter along x under the same force until its drag grows no more."""
     began, path = time.process_time(), _again(pressed)
     signature = pressed.signature
     travel, growth = 0.0, math.inf
@@ -243,11 +200,7 @@ def slide_mode(pressed: ModeRun) -> ModeRun:
 
 
 def twist_mode(pressed: ModeRun) -> ModeRun:
-    """Turn the indenter about z at the same depth until all but the middle slides.
-
-    Raises:
-        ConvergenceError: There is no equilibrium.
-    """
+    """Turn the indenter about z at the same depth until all but the middle slides."""
     began, path, turned = time.process_time(), _again(pressed), 0.0
     while turned < _TWIST_MAX_RAD:
         turned += _TWIST_STEP_RAD

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import InitVar, dataclass
 from functools import cache, partial
-from pathlib import Path
 from typing import Any
 
+from matplotlib.figure import Figure
+
+from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import Preset
 from sim.scene.terms import parse_indenter
 from sim.sensor.sensor import load_sensor
-from sim.studies.modes.figures import draw_modes, draw_sensors
+from sim.studies.modes.figures import modes_figure, sensors_figure
 from sim.studies.modes.runs import (
     BALL,
     BALL_PRESET,
     FRICTION,
     ModeRun,
     press_in,
-    round_body,
     slide_mode,
     twist_mode,
 )
-from tacauchy_rig.core.page import page
-from tacauchy_rig.core.study import About, Case, Result, Study, failures_table, founds
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
 from tacauchy_rig.core.tables import Table, table_of
 
 _MOVED_ON = "gelsight-mini"
@@ -30,29 +32,36 @@ _SENSORS = ("gelsight-mini", "digit", "9dtact")
 _BALL = "ball on "
 
 
+@dataclass
 class Modes(Study):
-    """A round body's modes on one sensor, then a ball's press on three.
-
-    Args:
-        indenter: A cylinder or a sphere, as the command line states it.
-        preset: Of the modes.
+    """A cylinder's or a sphere's modes on one sensor, then a ball's press on three.
 
     Raises:
         ConfigError: The indenter is not round.
     """
 
-    name, title, kind = "contact_modes", "Contact modes", "run"
-    is_together, is_resumable = True, False
+    indenter: InitVar[str]
+    preset: Preset
 
-    def __init__(self, indenter: str, preset: Preset) -> None:
-        self._indenter, self._preset = round_body(parse_indenter(indenter)), preset
+    name, title, kind = "contact_modes", "Contact modes", "run"
+    is_together, is_resumable, is_framed = True, False, True
+    template = "page.md.jinja"
+
+    def __post_init__(self, indenter: str) -> None:
+        body = parse_indenter(indenter)
+        if not isinstance(body, Cylinder | Sphere):
+            raise ConfigError(
+                f"--indenter {describe(body)}: only round bodies can be slid and turned here",
+                remedy="give a cylinder with a fillet, or a sphere",
+            )
+        self._body = body
 
     def cases(self) -> Sequence[Case]:
         """Return the modes, which go on from the press, and the ball's presses."""
 
         @cache
         def pressed() -> ModeRun:
-            return press_in(load_sensor(_MOVED_ON), self._indenter, preset=self._preset)
+            return press_in(load_sensor(_MOVED_ON), self._body, preset=self.preset)
 
         modes: dict[str, Callable[[], ModeRun]] = {
             "press": pressed,
@@ -78,29 +87,25 @@ class Modes(Study):
 
     def facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
         """Return the runs with their signatures and criteria."""
-        return {"preset": self._preset, "modes": [run.as_json() for run in founds(results)]}
+        return {"preset": self.preset, "modes": [run.as_json() for run in founds(results)]}
 
-    def draw(self, results: Sequence[Result], folder: Path, page_folder: Path) -> list[Path]:
+    def figures(self, results: Sequence[Result]) -> Mapping[str, Figure]:
         """Draw the modes, and the ball in its sensors."""
         moved, pressed = _parted(results)
-        drawn = draw_modes(moved, folder, page_folder=page_folder) if moved else []
-        drawn += draw_sensors(pressed, folder, page_folder=page_folder) if pressed else []
-        return drawn
+        found = {"contact_modes": modes_figure(moved)} if moved else {}
+        return found | ({"three_sensors": sensors_figure(pressed)} if pressed else {})
 
-    def page(self, results: Sequence[Result], about: About, images: Sequence[str]) -> str:
-        """Return the page: figures, criteria and signatures."""
-        del images
+    def page_facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
+        """Return the runs with their criteria and signatures."""
         moved, pressed = _parted(results)
-        facts = {
-            "command": about.command,
-            "preset": self._preset,
+        return {
+            "preset": self.preset,
             "friction": FRICTION,
             "missed": [run.title for run in (*moved, *pressed) if not run.passed],
             "ball_preset": BALL_PRESET.value,
             "moved": moved,
             "pressed": pressed,
         }
-        return page("sim.studies.modes", "page.md.jinja", facts)
 
 
 def _parted(results: Sequence[Result]) -> tuple[list[ModeRun], list[ModeRun]]:

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from functools import partial
 from itertools import groupby
-from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
@@ -31,9 +29,8 @@ from sim.sensor.sensor import Sensor, load_sensor
 from sim.solve.equilibrium import SolverOptions
 from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.figure_style import FRAMED_STYLE, INK, PAGE_IN, save_figure
-from tacauchy_rig.core.page import page
-from tacauchy_rig.core.study import About, Case, Result, Study, failures_table, founds
+from tacauchy_rig.core.figure_style import INK, PAGE_IN
+from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
 from tacauchy_rig.core.tables import Table, table_of_rows
 
 DEPTH_M = 0.4e-3
@@ -47,37 +44,21 @@ _RESIDUAL_RELATIVE = 1e-5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectPress:
-    """One object in one sensor.
-
-    Attributes:
-        name: Of the object.
-        sensor: Title of the sensor.
-        force_n: F_z [N].
-        maps: Heights of the gel by pixel.
-        surface: The object's triangles [m].
-        image: What the camera sees, by the sensor's nominal optics over an even frame, RGB.
-        geometry: Pixels.
-        highest_over_m: Largest height of a pixel above the object [m]; not positive.
-        processor_s: Processor's time for the press and its image [s].
-    """
+    """One object in one sensor."""
 
     name: str
-    sensor: str
+    sensor: str  # its title
     force_n: float
     maps: HeightMaps
-    surface: TriangleSurface
-    image: ImageArray
+    surface: TriangleSurface  # the object's
+    image: ImageArray  # by the sensor's nominal optics over an even frame, RGB
     geometry: CameraGeometry
-    highest_over_m: float
-    processor_s: float
+    highest_over_m: float  # largest height of a pixel above the object; not positive
+    processor_s: float  # for the press and its image
 
 
 def press_object(name: str, sensor: Sensor, *, preset: Preset) -> ObjectPress:
-    """Press an object 0.4 mm deep and render it.
-
-    Raises:
-        ConvergenceError: The press finds no equilibrium.
-    """
+    """Press an object 0.4 mm deep and render it."""
     render = nominal_renderer(sensor, level=_GREY, samples=_SAMPLES)
     geometry = sensor.camera
     started = time.process_time()
@@ -111,34 +92,27 @@ _DARKEST = 0.35
 _BAR_MM = 2.0
 
 
-def draw_objects(
-    runs: Sequence[Sequence[ObjectPress]], folder: Path, *, page_folder: Path | None = None
-) -> list[Path]:
+def objects_figure(runs: Sequence[Sequence[ObjectPress]]) -> Figure:
     """Draw the objects, one a column, and below them dent and image on each sensor.
 
-    Args:
-        runs: Of each sensor the objects in one order.
-        folder: Where ``five_objects.pdf`` and ``.png`` go.
-        page_folder: Put a smaller PNG there besides.
-
-    Raises:
-        RecordError: The files cannot be written.
+    Of each sensor there are the objects in one order.
     """
     rows, columns = 1 + 2 * len(runs), len(runs[0])
     half = np.min([_half_view_mm(sensor[0].geometry) for sensor in runs], axis=0)
-    with mpl.rc_context(FRAMED_STYLE):
-        layout = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.02, hspace=0.01, wspace=0.01)
-        figure = Figure(figsize=(PAGE_IN, _ROW_IN * rows), layout=layout)
-        axes = figure.subplots(rows, columns, squeeze=False)
-        for column, run in enumerate(runs[0]):
-            axes[0, column].set_title(run.name)
-            _draw_body(axes[0, column], run.surface)
-            _frame(axes[0, column], half)
-        axes[0, 0].set_ylabel("object,\nfrom below")
-        for k, sensor in enumerate(runs):
-            _draw_sensor(axes[1 + 2 * k : 3 + 2 * k], sensor, half)
-        _draw_length(axes[0, 0], half)
-        return save_figure(figure, folder, "five_objects", page_folder=page_folder)
+    layout = ConstrainedLayoutEngine(w_pad=0.02, h_pad=0.02, hspace=0.01, wspace=0.01)
+    figure = Figure(figsize=(PAGE_IN, _ROW_IN * rows), layout=layout)
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for column, run in enumerate(runs[0]):
+        axes[0, column].set_title(run.name)
+        _draw_body(axes[0, column], run.surface)
+        _frame(axes[0, column], half)
+    axes[0, 0].set_ylabel("object,\nfrom below")
+    for k, sensor in enumerate(runs):
+        _draw_sensor(axes[1 + 2 * k : 3 + 2 * k], sensor, half)
+    left, low = -0.94 * half[0], 0.86 * half[1]
+    axes[0, 0].plot([left, left + _BAR_MM], [low, low], color=INK, linewidth=1.2)
+    axes[0, 0].text(left, low - 0.35, f"{_BAR_MM:g} mm", fontsize=6.5, va="bottom")
+    return figure
 
 
 def _draw_sensor(axes: Any, sensor: Sequence[ObjectPress], half_mm: FloatArray) -> None:
@@ -177,12 +151,6 @@ def _draw_body(axes: Axes, surface: TriangleSurface) -> None:
     )
 
 
-def _draw_length(axes: Axes, half_mm: FloatArray) -> None:
-    left, low = -0.94 * half_mm[0], 0.86 * half_mm[1]
-    axes.plot([left, left + _BAR_MM], [low, low], color=INK, linewidth=1.2)
-    axes.text(left, low - 0.35, f"{_BAR_MM:g} mm", fontsize=6.5, va="bottom")
-
-
 def _frame(axes: Axes, half_mm: FloatArray) -> None:
     """Show the same piece of the pad everywhere, rows growing downwards, without ticks."""
     axes.set_xlim(-half_mm[0], half_mm[0])
@@ -204,28 +172,27 @@ def _half_view_mm(geometry: CameraGeometry) -> FloatArray:
     return np.array([min(-left, right), min(-top, bottom)])
 
 
+@dataclass
 class Objects(Study):
-    """Five objects, from sharp edges to smooth curves, in each sensor.
+    """Five objects, from sharp edges to smooth curves, in each sensor, named or by its file."""
 
-    Args:
-        sensors: Names or files, with commas between.
-        preset: Of the presses.
-    """
+    sensors: InitVar[str]
+    preset: Preset
 
     name, title, kind = "objects", "Five objects", "press"
-    is_resumable = False
+    is_resumable, is_framed = False, True
+    template = "page.md.jinja"
 
-    def __init__(self, sensors: str, preset: Preset) -> None:
+    def __post_init__(self, sensors: str) -> None:
         names = [name.strip() for name in sensors.split(",") if name.strip()]
         self._sensors = {name: load_sensor(name) for name in names}
-        self._preset = preset
 
     def cases(self) -> Sequence[Case]:
         """Return every object in every sensor."""
         return [
             Case(
                 name=f"{label} in {name}",
-                measure=partial(press_object, label, sensor, preset=self._preset),
+                measure=partial(press_object, label, sensor, preset=self.preset),
                 process=name,
             )
             for name, sensor in self._sensors.items()
@@ -248,7 +215,7 @@ class Objects(Study):
             }
             for press in founds(results)
         ]
-        title = f"{DEPTH_M * 1e3:g} mm deep, preset {self._preset.value}, nominal optics"
+        title = f"{DEPTH_M * 1e3:g} mm deep, preset {self.preset.value}, nominal optics"
         pressed = [table_of_rows(rows, title=title)] if rows else []
         return [*pressed, *failures_table(results, kind=self.kind)]
 
@@ -264,27 +231,18 @@ class Objects(Study):
             }
             for press in founds(results)
         ]
-        return {"preset": self._preset, "depth_m": DEPTH_M, "presses": rows}
+        return {"preset": self.preset, "depth_m": DEPTH_M, "presses": rows}
 
-    def draw(self, results: Sequence[Result], folder: Path, page_folder: Path) -> list[Path]:
+    def figures(self, results: Sequence[Result]) -> Mapping[str, Figure]:
         """Draw the objects, one a column, in the sensors that have them all."""
         groups = [list(rows) for _, rows in groupby(founds(results), key=lambda run: run.sensor)]
         most = max(map(len, groups))
-        whole = [rows for rows in groups if len(rows) == most]
-        return draw_objects(whole, folder, page_folder=page_folder)
+        return {"five_objects": objects_figure([rows for rows in groups if len(rows) == most])}
 
-    def page(self, results: Sequence[Result], about: About, images: Sequence[str]) -> str:
-        """Return the page: the figure, the objects and their presses."""
-        del images
-        facts = {
-            "command": about.command,
-            "depth_m": DEPTH_M,
-            "preset": self._preset,
-            "bodies": OBJECTS,
-            "presses": founds(results),
-            "tables": self.tables(results),
-        }
-        return page("sim.studies.objects", "page.md.jinja", facts)
+    def page_facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
+        """Return the objects and their presses."""
+        bodies, presses = OBJECTS, founds(results)
+        return {"depth_m": DEPTH_M, "preset": self.preset, "bodies": bodies, "presses": presses}
 
 
 def _seen_um(press: ObjectPress) -> float:

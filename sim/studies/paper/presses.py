@@ -1,20 +1,107 @@
-"""The paper's model as it states it, pressed beside ours with the same gel, punch and friction."""
+"""The paper's model as it states it, pressed beside ours, and the numbers of its mesh's table."""
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sim.effects.plan import plan_effects
-from sim.effects.presets import build_model
+from sim.effects.presets import PAPER_SIZING, build_model, mesh_for
 from sim.effects.scene_path import follow, path_for
 from sim.fields.stress import surface_stress
+from sim.mesh.elements import boundary_faces
+from sim.mesh.tet_mesh import TetMesh, mesh_key, stored_mesh
+from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.press import PressResult, measure, press
 from sim.press_command import scene_from
 from sim.scene.material import LawName
 from sim.scene.scene import Drive, Preset, Scene, Target
+from sim.studies.paper.claims import claims
+from tacauchy_rig.core.arrays import FloatArray, IntArray
+
+# The contact surface's edges are measured so near the pad's middle [m] and above this share of its
+# height (paper, section IV-A).
+_CENTRE_M = 2.5e-3
+_UPPER_SHARE = 0.8
+
+
+class MeshStatistics(NamedTuple):
+    """The numbers of the paper's mesh table."""
+
+    tet_count: int
+    vertex_count: int
+    surface_vertex_count: int
+    surface_face_count: int
+    centre_edge_m: float  # mean length of the contact surface's edges within 2.5 mm of the middle
+
+
+def mesh_statistics(mesh: TetMesh) -> MeshStatistics:
+    """Measure a mesh as the paper's section IV-A does."""
+    faces, _ = boundary_faces(mesh.tets)
+    return MeshStatistics(
+        len(mesh.tets),
+        len(mesh.vertices),
+        len(np.unique(faces)),
+        len(faces),
+        _centre_edge(mesh.vertices, faces),
+    )
+
+
+def _centre_edge(vertices: FloatArray, faces: IntArray) -> float:
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    middles = vertices[edges].mean(axis=1)
+    centre = np.hypot(middles[:, 0], middles[:, 1]) < _CENTRE_M
+    kept = edges[centre & (middles[:, 2] > _UPPER_SHARE * vertices[:, 2].max())]
+    lengths = np.linalg.norm(vertices[kept[:, 0]] - vertices[kept[:, 1]], axis=1)
+    return float(lengths.mean()) if len(lengths) else float("nan")
+
+
+def mesh_numbers(coarse: MeshStatistics, fine: MeshStatistics) -> dict[str, float]:
+    """Return the table by claim; density is the square of the ratio of edge lengths."""
+    return {
+        "mesh.tets_plain": coarse.tet_count,
+        "mesh.tets": fine.tet_count,
+        "mesh.growth": fine.tet_count / coarse.tet_count,
+        "mesh.vertices": fine.vertex_count,
+        "mesh.surface_vertices": fine.surface_vertex_count,
+        "mesh.surface_faces": fine.surface_face_count,
+        "mesh.edge_plain": coarse.centre_edge_m * 1e3,
+        "mesh.edge": fine.centre_edge_m * 1e3,
+        "mesh.density": (coarse.centre_edge_m / fine.centre_edge_m) ** 2,
+    }
+
+
+def preset_statistics(scene: Scene) -> tuple[MeshStatistics, MeshStatistics]:
+    """Measure preset paper's mesh of a scene's pad, without its fine region and with it."""
+    fine = mesh_for(replace(scene, preset=Preset.PAPER))
+    sizing: WildSizing = replace(PAPER_SIZING, fine_m=PAPER_SIZING.coarse_m)
+    key = mesh_key(scene.pad, sizing)
+    name = f"fTetWild, unrefined, {key}"
+    coarse = stored_mesh("paper-unrefined", key, lambda: wild_mesh(scene.pad, sizing, name=name))
+    return mesh_statistics(coarse), mesh_statistics(fine)
+
+
+Trial = dict[str, Any]
+"""One ``pad`` in words and ``share``, l_r: the coarse edge length over the bounding box's diagonal;
+meshed with and without the fine region it has ``found``, the paper's table by claim."""
+
+
+def miss(trial: Trial) -> float:
+    """Return the root mean square of the logarithm of ours over the paper's, as a share."""
+    logs = [math.log(value / claims()[name].value) for name, value in trial["found"].items()]
+    return math.expm1(math.sqrt(sum(each**2 for each in logs) / len(logs)))
+
+
+def read_trials(file: Path) -> list[Trial]:
+    """Read a search that was kept, the nearest first; empty where there is none."""
+    return sorted(json.loads(file.read_text("utf-8")), key=miss) if file.exists() else []
+
 
 # Its punch and friction; the rim's fillet and the gel's modulus, which it does not state, are ours.
 PUNCH = (
@@ -28,46 +115,18 @@ FORCES_N = (1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332)
 DEPTH_M = 0.5e-3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pressed:
-    """What one press of a model gave.
-
-    Attributes:
-        force_n: F_z [N].
-        off_n: How far it is off the force that was asked for [N]; 0 where a depth was.
-        depth_m: Travel below first touch, which is d_hat above the gel [m].
-        gap_m: Between gel and indenter at the closest [m].
-        radius_m: Of the contact [m].
-        sigma_off: sigma n summed over the contact off the contact force, as a share.
-    """
-
-    force_n: float
-    off_n: float
-    depth_m: float
-    gap_m: float
-    radius_m: float
-    sigma_off: float
-    newton_iterations: int
+Pressed = dict[str, float]
+"""What one press gave: F_z, how far it is off the force that was asked for, the travel below first
+touch (d_hat above the gel), the closest gap, the contact's radius, and sigma n summed over the
+contact off the contact force, as a share."""
+ModelPresses = dict[str, Any]
+"""One model by ``name``, pressed ``DEPTH_M`` deep as ``at_depth``, and to each force as
+``at_forces``."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModelPresses:
-    """One model pressed to the depth and to the forces.
-
-    Attributes:
-        name: Of the model, for a table.
-        at_depth: Pressed ``DEPTH_M`` deep.
-        at_forces: Pressed to each force.
-    """
-
-    name: str
-    at_depth: Pressed
-    at_forces: tuple[Pressed, ...] = ()
-
-    @property
-    def sigma_off_most(self) -> float:
-        """The largest share by which sigma n misses the contact force."""
-        return max(each.sigma_off for each in (self.at_depth, *self.at_forces))
+def every_press(model: ModelPresses) -> list[Pressed]:
+    """Return all presses of a model."""
+    return [model["at_depth"], *model["at_forces"]]
 
 
 AS_CONFIGURED = "the paper's, as configured: d_hat 1 mm"
@@ -88,20 +147,17 @@ def scenes() -> dict[str, Scene]:
     }
 
 
-def pressed(name: str, scene: Scene, *, forces_n: Sequence[float] = FORCES_N) -> ModelPresses:
+def pressed(name: str, *, forces_n: Sequence[float] = FORCES_N) -> ModelPresses:
     """Press a model to the depth, and anew to each force by moving the indenter as the paper does.
 
-    Args:
-        forces_n: Rising [N]; each press goes on from the one before.
-
-    Raises:
-        ConvergenceError: A press finds no equilibrium.
+    Forces rise [N]; each press goes on from the one before.
     """
-    return ModelPresses(
-        name=name,
-        at_depth=_found(press(replace(scene, target=Target(depth_m=DEPTH_M)))),
-        at_forces=tuple(_at_forces(scene, forces_n)),
-    )
+    scene = scenes()[name]
+    return {
+        "name": name,
+        "at_depth": _found(press(replace(scene, target=Target(depth_m=DEPTH_M)))),
+        "at_forces": list(_at_forces(scene, forces_n)),
+    }
 
 
 def _at_forces(scene: Scene, forces_n: Sequence[float]) -> Iterator[Pressed]:
@@ -111,24 +167,23 @@ def _at_forces(scene: Scene, forces_n: Sequence[float]) -> Iterator[Pressed]:
     for force in forces_n:
         wanted = replace(scene, target=Target(force_n=force), drive=Drive.SEARCH)
         result = measure(wanted, path, follow(wanted, path), plan=plan, wall_s={})
-        yield replace(
-            _found(result),
-            off_n=abs(result.force_n[2] - force),
-            newton_iterations=result.newton_iterations - before,
-        )
+        yield _found(result) | {
+            "off_n": abs(result.force_n[2] - force),
+            "newton_iterations": result.newton_iterations - before,
+        }
         before = result.newton_iterations
 
 
 def _found(result: PressResult) -> Pressed:
-    return Pressed(
-        force_n=result.force_n[2],
-        off_n=0.0,
-        depth_m=result.depth_m,
-        gap_m=result.gap_min_m,
-        radius_m=result.contact_radius_m,
-        sigma_off=result.surface_traction_gap_relative,
-        newton_iterations=result.newton_iterations,
-    )
+    return {
+        "force_n": result.force_n[2],
+        "off_n": 0.0,
+        "depth_m": result.depth_m,
+        "gap_m": result.gap_min_m,
+        "radius_m": result.contact_radius_m,
+        "sigma_off": result.surface_traction_gap_relative,
+        "newton_iterations": result.newton_iterations,
+    }
 
 
 def rest_stress_pa(law: LawName) -> float:

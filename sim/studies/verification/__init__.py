@@ -18,11 +18,9 @@ def section(
     press: str = "",
     **facts: object,
 ) -> Table:
-    """Return a section's table.
+    """Return a section's table; ``block`` says title, criterion and note.
 
     Args:
-        block: Of the template that says title, criterion and note of it.
-        rows: Cells by heading.
         press: Options of ``tacauchy-rig press`` that give one of the rows.
         facts: Values that the template shows.
     """

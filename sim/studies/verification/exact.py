@@ -61,13 +61,7 @@ _PHI_DEGREE = 24
 
 
 class Ply(NamedTuple):
-    """A layer by its elastic constants; nu may be 0.5.
-
-    Attributes:
-        young_pa: E [Pa].
-        poisson: nu.
-        thickness_m: Thickness [m].
-    """
+    """A layer by its elastic constants; nu may be 0.5."""
 
     young_pa: float
     poisson: float
@@ -79,9 +73,6 @@ class BondedLayers:
 
     Args:
         plies: From the base to the surface.
-
-    Raises:
-        ConfigError: There is no layer.
     """
 
     def __init__(self, plies: Sequence[Ply]) -> None:
@@ -231,13 +222,7 @@ _NARROWEST = 1e-9
 def carried_ball_shear(
     radii_m: FloatArray, *, friction: float, pressure_pa: float, contact_m: float, held: float
 ) -> FloatArray:
-    """Return the shear along the way that a ball is carried [Pa].
-
-    Args:
-        pressure_pa: p0, at the middle [Pa].
-        contact_m: a [m].
-        held: Tangential over the largest tangential force, Q / (mu F).
-    """
+    """Return the shear along the way that a ball is carried [Pa]; ``held`` is Q / (mu F)."""
     stuck_m = contact_m * (1.0 - held) ** (1.0 / 3.0)
     inner = stuck_m / contact_m * _dome(radii_m, stuck_m)
     return np.asarray(friction * pressure_pa * (_dome(radii_m, contact_m) - inner))
@@ -251,11 +236,7 @@ def turned_ball_shear(
     contact_m: float,
     shear_strain_pa: float,
 ) -> FloatArray:
-    """Return the shear around the axis of a ball that is turned [Pa].
-
-    Args:
-        shear_strain_pa: 2 G beta [Pa], beta the turn [rad].
-    """
+    """Return the shear around the axis of a ball that is turned [Pa], of 2 G beta [Pa]."""
 
     def at(radii: FloatArray) -> FloatArray:
         return 1.0 - (radii / contact_m) ** 2
@@ -277,11 +258,7 @@ def turned_punch_shear(
     radius_m: float,
     shear_strain_pa: float,
 ) -> FloatArray:
-    """Return the shear around the axis of a flat punch that is turned [Pa], inside its rim.
-
-    Args:
-        shear_strain_pa: 2 G beta [Pa], beta the turn [rad].
-    """
+    """Return the shear around the axis of a flat punch that is turned [Pa], inside its rim."""
     scale = force_n / (2.0 * np.pi * radius_m**2)
 
     def at(radii: FloatArray) -> FloatArray:

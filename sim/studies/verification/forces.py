@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -107,30 +108,10 @@ def _ball(height_m: float, depth_m: float, preset: Preset) -> str:
 _DISC_ALLOWED = 0.01
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DiscForce:
-    """One force of the reference, with how far its finest mesh is from it."""
-
-    law: LawName
-    depth_m: float
-    force_n: float
-    uncertainty_n: float
-
-
-def disc_forces() -> tuple[DiscForce, ...]:
-    """Return the reference's forces, rising in depth for each law."""
-    lines = (
-        x for x in reference_text("disc_press_nu045.csv").splitlines() if not x.startswith("#")
-    )
-    return tuple(
-        DiscForce(
-            law=LawName(row["law"]),
-            depth_m=float(row["depth_mm"]) * 1e-3,
-            force_n=float(row["force_n"]),
-            uncertainty_n=float(row["uncertainty_n"]),
-        )
-        for row in csv.DictReader(lines)
-    )
+def disc_forces() -> list[dict[str, str]]:
+    """Return the reference's rows, rising in depth for each law, its own doubt in each."""
+    lines = reference_text("disc_press_nu045.csv").splitlines()
+    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
 
 
 def disc_press(law: LawName, depth_m: float, preset: Preset) -> str:
@@ -146,22 +127,26 @@ def measure_disc(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-
     """Press both laws through the reference's depths, each along one path."""
     rows, worst, words = list[Row](), 0.0, ""
     for law in (LawName.NEO_HOOKEAN, LawName.STABLE_NEO_HOOKEAN):
-        wanted = [f for f in disc_forces() if f.law is law and f.depth_m <= depth_max_m]
-        words = disc_press(law, wanted[-1].depth_m, preset)
+        wanted = [
+            {name: float(row[name]) for name in ("depth_mm", "force_n", "uncertainty_n")}
+            for row in disc_forces()
+            if row["law"] == law and float(row["depth_mm"]) * 1e-3 <= depth_max_m
+        ]
+        words = disc_press(law, wanted[-1]["depth_mm"] * 1e-3, preset)
         scene = scene_from(words)
         path = path_for(scene, plan_effects(scene))
         for known in wanted:
-            force = float(path.advance(known.depth_m).force_n[2])
-            error = force / known.force_n - 1.0
+            force = float(path.advance(known["depth_mm"] * 1e-3).force_n[2])
+            error = force / known["force_n"] - 1.0
             worst = max(worst, abs(error))
             rows.append(
                 {
                     "law": law.value,
-                    "depth [mm]": round(known.depth_m * 1e3, 6),
+                    "depth [mm]": known["depth_mm"],
                     "F_z [N]": force,
-                    "reference [N]": known.force_n,
+                    "reference [N]": known["force_n"],
                     "error [%]": 100.0 * error,
-                    "reference's own doubt [%]": 100.0 * known.uncertainty_n / known.force_n,
+                    "reference's own doubt [%]": 100.0 * known["uncertainty_n"] / known["force_n"],
                 }
             )
     return section("disc", rows, passed=worst <= _DISC_ALLOWED, press=words, preset=preset)
@@ -171,35 +156,28 @@ def measure_disc(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-
 _FIT_ALLOWED = 1e-3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RealPress:
-    """A press that somebody measured, as the command line takes it."""
-
-    source: str
-    press: str
-    force_n: float
-
-    def words(self, young_pa: float, nu: float, contact: ContactMode, preset: Preset) -> str:
-        """Return the press with another gel, contact and preset."""
-        gel = f"--young {young_pa * 1e-6:.10g}MPa --poisson {nu:g}"
-        return f"{self.press} {gel} --contact {contact.value} --preset {preset.value}"
-
-    def fitted_young(self, nu: float, contact: ContactMode, preset: Preset) -> float:
-        """Return the E [Pa] that gives the measured force, to which it is proportional."""
-        young = scene_from(self.press).material.young_pa
-        force = press(scene_from(self.words(young, nu, contact, preset))).force_n[2]
-        return young * self.force_n / force
+def real_press() -> dict[str, Any]:
+    """Return a press that somebody measured: its source, its words, and the force [N]."""
+    return tomllib.loads(reference_text("real_press.toml"))
 
 
-def real_press() -> RealPress:
-    """Return the measured press."""
-    return RealPress(**tomllib.loads(reference_text("real_press.toml")))
+def real_words(young_pa: float, nu: float, contact: ContactMode, preset: Preset) -> str:
+    """Return that press with another gel, contact and preset."""
+    gel = f"--young {young_pa * 1e-6:.10g}MPa --poisson {nu:g}"
+    return f"{real_press()['press']} {gel} --contact {contact.value} --preset {preset.value}"
+
+
+def fitted_young(nu: float, contact: ContactMode, preset: Preset) -> float:
+    """Return the E [Pa] that gives the measured force, to which it is proportional."""
+    young, wanted = scene_from(real_press()["press"]).material.young_pa, real_press()["force_n"]
+    force = press(scene_from(real_words(young, nu, contact, preset))).force_n[2]
+    return float(young * wanted / force)
 
 
 def measure_real(*, preset: Preset = Preset.ACCURATE) -> Table:
     """Fit E, press anew with it, and show what the fit hangs on."""
     real = real_press()
-    scene = scene_from(real.press)
+    scene = scene_from(real["press"])
     numbers = load_sensor(scene.sensor).numbers
     young, poisson = numbers["material.young"], numbers["material.poisson"]
     asked = (
@@ -208,8 +186,8 @@ def measure_real(*, preset: Preset = Preset.ACCURATE) -> Table:
         (poisson.value - poisson.uncertainty, ContactMode.FRICTIONLESS),
         (poisson.value + poisson.uncertainty, ContactMode.FRICTIONLESS),
     )
-    fits = [real.fitted_young(nu, contact, preset) for nu, contact in asked]
-    words = real.words(fits[0], *asked[0], preset)
+    fits = [fitted_young(nu, contact, preset) for nu, contact in asked]
+    words = real_words(fits[0], *asked[0], preset)
     again = press(scene_from(words)).force_n[2]
     rows: list[Row] = [
         {
@@ -217,12 +195,12 @@ def measure_real(*, preset: Preset = Preset.ACCURATE) -> Table:
             "contact": contact.value,
             "fitted E [MPa]": fit * 1e-6,
             "F_z pressed anew [N]": again if number == 0 else None,
-            "measured [N]": real.force_n,
+            "measured [N]": real["force_n"],
         }
         for number, ((nu, contact), fit) in enumerate(zip(asked, fits, strict=True))
     ]
     facts = {"preset": preset, "real": real, "scene": scene, "fit": fits[0], "young": young}
-    passed = abs(again / real.force_n - 1.0) <= _FIT_ALLOWED
+    passed = abs(again / real["force_n"] - 1.0) <= _FIT_ALLOWED
     return section("real", rows, passed=passed, press=words, **facts)
 
 
@@ -242,12 +220,7 @@ _LOWEST, _HIGHEST, _SECTORS = 0.75, 1.5, 40
 
 
 def fitted_order(edges: FloatArray, forces_n: FloatArray) -> tuple[float, float]:
-    """Return p and the limit of F = limit + C h^p, least squares weighted by 1 / h.
-
-    Args:
-        edges: Edge lengths h in any unit, at least three.
-        forces_n: F_z on each mesh [N].
-    """
+    """Return p and the limit of F = limit + C h^p of three or more, least squares over h."""
     weight = 1.0 / edges
     best = (np.inf, 0.0, 0.0)
     for order in np.arange(0.2, 6.0, 0.01):
@@ -320,11 +293,7 @@ HELD_OUT = dict(_held_out())
 
 
 def refined_press(name: str, scene: Scene, *, finer: float = _FINER) -> Row:
-    """Press a scene to its depth on its own mesh and on one with edges so many times shorter.
-
-    Raises:
-        RigError: A mesh cannot be made or solved.
-    """
+    """Press a scene to its depth on its own mesh and on one with edges so many times shorter."""
     plan = plan_effects(scene)
     own, fine = (coarse_press(scene, plan, factor).outputs for factor in (1.0, finer))
     believed = estimated(scene, plan, own).force
@@ -334,10 +303,7 @@ def refined_press(name: str, scene: Scene, *, finer: float = _FINER) -> Row:
 def estimate_row(
     name: str, scene: Scene, force_n: float, finer_n: float, believed: float | None
 ) -> Row:
-    """Return the true error of F_z beside what is believed without the finer mesh.
-
-    Both meshes leave out the same effects.
-    """
+    """Return the true error of F_z beside what is believed; both meshes leave out the same."""
     error = abs(force_n / finer_n - 1.0)
     return {
         "scene": name,

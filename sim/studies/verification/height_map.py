@@ -22,7 +22,7 @@ from sim.optics.height.underside import indenter_height
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.sensor.sensor import Sensor, load_sensor
+from sim.sensor.sensor import load_sensor
 from sim.studies.objects.shapes import chisel
 from sim.studies.verification import Row, section
 from tacauchy_rig.core.arrays import FloatArray
@@ -46,15 +46,7 @@ _UNIT_M = 1e-9
 
 
 def height_map_row(name: str, preset: Preset, *, reference: FloatArray) -> Row:
-    """Press a body 0.5 mm deep into a GelSight Mini and compare the heights pixel by pixel.
-
-    Args:
-        name: One of ``BODIES``.
-        reference: Heights to compare with [m], shape [height, width].
-
-    Raises:
-        ConvergenceError: The press finds no equilibrium.
-    """
+    """Press a body 0.5 mm deep into a GelSight Mini and compare the heights pixel by pixel."""
     surface, geometry, heights = _seen(name, preset)
     off = np.abs(heights - reference)
     return {
@@ -75,9 +67,10 @@ def is_kept(row: Row) -> bool:
 def _seen(name: str, preset: Preset) -> tuple[SurfaceState, CameraGeometry, FloatArray]:
     """Press a body; return the surface, the camera, and the heights that it sees [m]."""
     sensor = load_sensor("gelsight-mini")
-    geometry = sensor.camera
-    surface = pressed(BODIES[name][1](), preset, sensor)
-    return surface, geometry, height_maps(surface, geometry, pad=sensor.pad).loaded
+    scene = sensor.scene(BODIES[name][1](), Target(depth_m=_DEPTH_M), preset=preset)
+    path = path_for(scene, plan_effects(scene))
+    surface = surface_state(path, follow(scene, path))
+    return surface, sensor.camera, height_maps(surface, sensor.camera, pad=sensor.pad).loaded
 
 
 def measure() -> Table:
@@ -93,39 +86,19 @@ def measure() -> Table:
 
 def kept_heights(name: str) -> FloatArray:
     """Return the heights that preset ``reference`` gives for a body [m], shape [height, width]."""
-    with (
-        resources.files("sim.studies.verification.data")
-        .joinpath(f"heights_{name}.npz")
-        .open("rb") as file,
-        np.load(file) as kept,
-    ):
+    folder = resources.files("sim.studies.verification.data")
+    with folder.joinpath(f"heights_{name}.npz").open("rb") as file, np.load(file) as kept:
         quarter = kept["heights_nm"] * _UNIT_M
     half = np.concatenate([quarter[:, ::-1], quarter], axis=1)
     return np.concatenate([half[::-1], half])
 
 
 def keep_heights(name: str, folder: Path) -> None:
-    """Press a body with preset ``reference`` and keep a quarter of its height map, in nanometres.
-
-    Raises:
-        ConvergenceError: The press finds no equilibrium.
-    """
+    """Press a body with preset ``reference``; keep a quarter of its height map, in nanometres."""
     _, geometry, heights = _seen(name, Preset.REFERENCE)
     quarter = heights[geometry.height // 2 :, geometry.width // 2 :]
     whole_nm = np.round(quarter / _UNIT_M).astype(np.int32)
     np.savez_compressed(folder / f"heights_{name}.npz", heights_nm=whole_nm)
-
-
-def pressed(indenter: Indenter, preset: Preset, sensor: Sensor) -> SurfaceState:
-    """Press 0.5 mm deep into the middle of a sensor's pad.
-
-    Raises:
-        ConvergenceError: The press finds no equilibrium.
-    """
-    scene = sensor.scene(indenter, Target(depth_m=_DEPTH_M), preset=preset)
-    plan = plan_effects(scene)
-    path = path_for(scene, plan)
-    return surface_state(path, follow(scene, path))
 
 
 if __name__ == "__main__":

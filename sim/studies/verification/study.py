@@ -21,11 +21,11 @@ SECTIONS = {
     "orders": "forces:measure_orders",
     "rim-order": "forces:measure_rim",
     "error-estimates": "forces:measure_estimates",
-    "half-element": "sensitivity:measure_shift",
-    "barrier": "sensitivity:measure_barrier",
+    "half-element": "balance:measure_shift",
+    "barrier": "balance:measure_barrier",
     "balance": "balance:measure",
     "interface": "balance:measure_interface",
-    "drives": "sensitivity:measure_drives",
+    "drives": "balance:measure_drives",
     "height-map": "height_map:measure",
 }
 """Where each section is measured, in the order of the page."""
@@ -59,11 +59,12 @@ class Verification(Study):
 
     def note(self, results: Sequence[Result]) -> str:
         """Return where the numbers come from."""
+        commands = "; the command below a table gives one of its rows"
         has_commands = any(table.command for table in self.tables(results))
-        commands = "; the command below a table gives one of its rows" * has_commands
         return (
             "Every number comes from the scenes, meshes and solver that `tacauchy-rig press` uses"
-            f"{commands}. Times apart, the numbers are the same when it is run again."
+            f"{commands * has_commands}. Times apart, the numbers are the same when it is run "
+            "again."
         )
 
     def page(self, results: Sequence[Result], about: About, images: Sequence[str]) -> str:
@@ -74,11 +75,7 @@ class Verification(Study):
 
 
 def measure(place: str) -> dict[str, Any]:
-    """Measure a section, ``module:function`` of this package; return its table.
-
-    Raises:
-        RigError: A press of it does not go through.
-    """
+    """Measure a section, ``module:function`` of this package; return its table."""
     module, _, name = place.partition(":")
     table: Table = getattr(import_module(f"sim.studies.verification.{module}"), name)()
     return asdict(table)

@@ -72,11 +72,7 @@ GROUPS = {
     ),
     "study": (
         "Measure the simulator on this machine: accuracy, hard cases, effects, speed.",
-        {
-            name: place
-            for study in _STUDIES
-            for name, place in _of(f"studies.{study.replace('-', '_')}", study).items()
-        },
+        _of("studies", *_STUDIES),
     ),
 }
 """Of each group what its help says, and where its commands are."""

@@ -214,13 +214,25 @@ class _Runner:
         page = self._page
         if page is None:
             return
-        with ExitStack() as spare:
-            folder = page.parent
-            if page == self.out:  # a page alone: figures for print are not asked for
-                folder = Path(spare.enter_context(TemporaryDirectory()))
-            drawn = self.study.draw(self._done, folder, page.parent / "images") if figures else []
+        drawn = self._drawn(page) if figures else []
         pictures = [file for file in drawn if file.parent == page.parent / "images"]
         self._write([f"images/{file.name}" for file in pictures])
         yield from (*(file for file in drawn if file.exists()), page)
         if self._own_json:
             yield self._own_json
+
+    def _drawn(self, page: Path) -> list[Path]:
+        from matplotlib import rc_context
+
+        from tacauchy_rig.core.figure_style import FRAMED_STYLE, STYLE, save_figure
+
+        with ExitStack() as spare, rc_context(FRAMED_STYLE if self.study.is_framed else STYLE):
+            folder = page.parent
+            if page == self.out:  # a page alone: figures for print are not asked for
+                folder = Path(spare.enter_context(TemporaryDirectory()))
+            images = page.parent / "images"
+            return [
+                file
+                for name, figure in self.study.figures(self._done).items()
+                for file in save_figure(figure, folder, name, page_folder=images)
+            ]

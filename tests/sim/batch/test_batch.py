@@ -23,7 +23,7 @@ from sim.scene.scene import ContactMode, Motion, Preset, Scene, Target
 from sim.solve.descent_state import Status
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.bench.batches import scaled, trajectory_of
+from sim.studies.bench.press import scaled, trajectory_of
 from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError

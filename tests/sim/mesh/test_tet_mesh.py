@@ -27,7 +27,7 @@ from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad, DiscPad, Pad
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
-from sim.studies.paper.mesh import mesh_statistics
+from sim.studies.paper.presses import mesh_statistics
 from tacauchy_rig.core.errors import ConfigError, RecordError
 
 BOX = BoxPad(size_x_m=20e-3, size_y_m=24e-3, height_m=4e-3)

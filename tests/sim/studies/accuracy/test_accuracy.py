@@ -17,23 +17,27 @@ from sim.correction import WAY
 from sim.error import Tolerance, keeping, keeping_corrected
 from sim.mesh.elements import ElementOrder
 from sim.optics.height.height_map import HeightMaps
-from sim.scene.indenter import Sphere, describe
+from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset, Scene, SceneTerms, Target
 from sim.sensor.camera_geometry import CameraGeometry
-from sim.studies.accuracy.figure import bar_ends, draw_rows
 from sim.studies.accuracy.judging import (
+    FULL,
     QUANTITIES,
+    SHORT,
+    Configuration,
     Judge,
+    Row,
     chances,
     error_bar,
     extrapolated,
     finished,
     front_of,
+    observe,
+    reseeded,
 )
-from sim.studies.accuracy.press import FULL, SHORT, Configuration, Row, observe, reseeded
-from sim.studies.accuracy.study import Accuracy, seed_table
+from sim.studies.accuracy.study import Accuracy, accuracy_figure, bar_ends, seed_table
 from sim.studies.accuracy.tolerance import (
     CHOICE,
     COLUMNS,
@@ -228,15 +232,22 @@ def test_a_page_holds_study_seeds_and_tolerances() -> None:
     assert configuration["force_error_relative"] == 0.01
 
 
-@given(limit=st.floats(0.1, 10.0), constant=st.floats(-0.1, 0.1), order=st.sampled_from([1, 2]))
+_SHARP = replace(_SCENE, indenter=Cylinder(diameter_m=5e-3))
+
+
+@given(
+    limit=st.floats(0.1, 10.0),
+    constant=st.floats(-0.1, 0.1),
+    of=st.sampled_from([(1, _SHARP), (2, _SCENE)]),
+)
 def test_an_error_of_known_order_is_extrapolated_away(
-    limit: float, constant: float, order: int
+    limit: float, constant: float, of: tuple[int, Scene]
 ) -> None:
     """F(h) = limit (1 + c h^p) on h and 1.5 h gives the limit exactly; half the way is doubted."""
+    order, scene = of
     fine, coarse = (limit * (1.0 + constant * h**order) for h in (1.0, 1.5))
-    found = extrapolated(fine, coarse, order=order)
-    assert found.force_n == pytest.approx(limit, rel=1e-9)
-    assert found.error(fine) == pytest.approx(constant, abs=1e-9)
+    found = extrapolated(fine, coarse, scene=scene)
+    assert found.value == pytest.approx(limit, rel=1e-9)
     assert found.doubt == pytest.approx(0.5 * abs(constant), abs=1e-9)
 
 
@@ -254,13 +265,6 @@ def test_the_scenes_are_held_out_and_each_gets_a_preset() -> None:
         assert keeping(each.scene, each.tolerance).preset is not Preset.PAPER
 
 
-def test_a_scene_is_named_by_what_is_pressed_into_what() -> None:
-    """A sensor's own pad is not named; a target is a depth or a force."""
-    assert HELD_OUT[0].name == "4.4 mm punch, 0.18 mm fillet, nu 0.455, 0.33 mm deep"
-    assert HELD_OUT[6].name == "8.2 mm ball, disc 4.8 mm, nu 0.445, to 0.4 N"
-    assert len({each.name for each in (*HELD_OUT, *SEEN_BEFORE)}) == 20
-
-
 def test_what_is_judged_is_corrected() -> None:
     """Where a tolerance chose two meshes; on one the force is the mesh's own."""
     scene = keeping_corrected(HELD_OUT[0].scene, Tolerance(relative=0.05))
@@ -274,7 +278,7 @@ def test_what_is_judged_is_corrected() -> None:
 
 def test_a_refusal_is_a_row_that_was_not_kept() -> None:
     """What no preset promises is shown with its reason, and counts as missed."""
-    strict = HeldOut(SEEN_BEFORE[0].scene, Tolerance(relative=1e-6))
+    strict = HeldOut("strict", SEEN_BEFORE[0].scene, Tolerance(relative=1e-6))
     refused = check_tolerance(strict)
     assert refused["kept"] == "no"
     assert "comes nearest" in refused["refusal"]
@@ -314,16 +318,16 @@ def _row(name: str, element: ElementOrder, error: float, *, on_front: bool) -> R
     )
 
 
-def test_figure_is_written_as_pdf_and_png(tmp_path: Path) -> None:
-    """Both files, the picture wide enough to print, with something on it."""
+def test_a_figure_is_wide_enough_to_print_with_something_on_it(tmp_path: Path) -> None:
+    """Presets, an element that locks, and what has no error."""
     rows = (
         _row("fast", ElementOrder.P2, -0.1, on_front=True),
         _row("P1, d_hat 1 mm", ElementOrder.P1, 0.5, on_front=False),
         _row("exact", ElementOrder.P2, 0.0, on_front=True),
     )
-    files = draw_rows(rows, dict.fromkeys(QUANTITIES, 0.01), tmp_path / "new")
-    assert [file.name for file in files] == ["accuracy.pdf", "accuracy.png"]
-    picture = cv2.imread(str(files[1]))
+    file = tmp_path / "accuracy.png"
+    accuracy_figure(rows, dict.fromkeys(QUANTITIES, 0.01)).savefig(file, dpi=300)
+    picture = cv2.imread(str(file))
     assert picture is not None
     assert picture.shape[1] > 2000
     assert picture.std() > 5.0

@@ -15,29 +15,26 @@ from sim.press import press
 from sim.scene.indenter import Sphere
 from sim.scene.scene import Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
-from sim.studies.bench.batches import (
+from sim.studies.bench.press import (
     amid,
     batch_parts,
-    pilot_for,
-    pressed,
-    spread,
-    trajectory_of,
-)
-from sim.studies.bench.press import (
     moves,
+    pilot_for,
     press_in_frames,
     press_scene,
+    pressed,
+    spread,
     stated_scene,
+    trajectory_of,
     within,
 )
-from sim.studies.bench.scenes import FRAME_COUNT, Manner, select_scenes
+from sim.studies.bench.scenes import FRAME_COUNT, Manner, all_scenes
 from tacauchy_rig.core.errors import ConfigError
 
 
 def test_frames_end_where_one_press_does() -> None:
     """Twenty frames, the force of one press to the same depth, in balance."""
-    (line,) = select_scenes("ball, shallow")
-    scene = replace(stated_scene(line.stated), preset=Preset.FAST, refinement=0.7)
+    scene = replace(stated_scene(all_scenes()["ball, shallow"]), preset=Preset.FAST, refinement=0.7)
     found = press_in_frames(scene, is_timed=False)
     alone = press(scene)
     assert found.force_n[2] == pytest.approx(alone.force_n[2], rel=1e-5)
@@ -49,7 +46,7 @@ def test_frames_end_where_one_press_does() -> None:
 
 def test_a_corrected_scene_ends_on_its_own_mesh() -> None:
     """Frames on the way's mesh, and the end that ``press`` finds."""
-    shallow = stated_scene(select_scenes("shallow")[0].stated)
+    shallow = stated_scene(all_scenes()["ball, shallow"])
     scene, is_stated = within(shallow, "5%", corrected=True)
     found, alone = press_in_frames(scene, is_timed=False), press(scene)
     assert is_stated
@@ -63,7 +60,7 @@ def test_a_corrected_scene_ends_on_its_own_mesh() -> None:
 def test_a_motion_takes_half_of_the_frames() -> None:
     """Down in ten, then along in ten; straight presses go down in all."""
     sliding, straight = (
-        stated_scene(select_scenes(name)[0].stated) for name in ("sliding", "shallow")
+        stated_scene(all_scenes()[name]) for name in ("ball, sliding", "ball, shallow")
     )
     assert len(moves(sliding)) == len(moves(straight)) == FRAME_COUNT
     held = _Recorder()
@@ -91,7 +88,7 @@ class _Recorder:
 
 def test_a_tolerance_that_nothing_promises_still_chooses() -> None:
     """A promised setting is said to be; where none is, the preset is as fine as is usual."""
-    straight = stated_scene(select_scenes("punch, rounded")[0].stated)
+    straight = stated_scene(all_scenes()["punch, rounded"])
     assert within(straight, "5%")[1]
     scene, is_promised = within(straight, "0.01%")
     assert not is_promised
@@ -106,10 +103,10 @@ def test_a_batch_presses_the_scene_too() -> None:
     stated = {"indenter": "sphere:diameter=10mm", "depth": "0.1mm", "contact": "friction:0.5"}
     alone = press_in_frames(within(stated_scene(stated), "5%")[0])  # on the batch's mesh
     one, two = (press_scene(stated, Manner(environments=count)) for count in (1, 2))
-    assert one.force_n == pytest.approx(two.force_n, rel=1e-4, abs=1e-6)
-    assert two.force_n[2] == pytest.approx(alone.force_n[2], rel=5e-3)
-    assert two.balance <= 1e-5
-    assert two.setup_s < one.setup_s  # the pilot is shared
+    assert one["force_n"] == pytest.approx(two["force_n"], rel=1e-4, abs=1e-6)
+    assert two["force_n"][2] == pytest.approx(alone.force_n[2], rel=5e-3)
+    assert two["balance"] <= 1e-5
+    assert two["setup_s"] < one["setup_s"]  # the pilot is shared
 
 
 _DEPTH_M, _FRAMES, _COUNT = 0.1e-3, 2, 3

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from matplotlib import rc_context
 
+from sim.scene.scene import Preset
 from sim.studies.objects.shapes import OBJECTS
-from sim.studies.objects.study import draw_objects
+from sim.studies.objects.study import Objects, objects_figure
+from tacauchy_rig.core.figure_style import FRAMED_STYLE, PRINT_DPI
+from tacauchy_rig.core.study import About, Result
 from tests.sim.made_up_presses import object_presses
 
 SIZES_MM = {
@@ -48,12 +53,25 @@ def test_objects_touch_where_they_should(
 
 
 @pytest.mark.slow
-def test_figure_has_all_files_and_all_bodies(tmp_path: Path) -> None:
-    """PDF, PNG and the page's PNG are written, and no body's panel is empty."""
+def test_a_figure_has_all_bodies(tmp_path: Path) -> None:
+    """No body's panel is empty."""
     runs = [object_presses("one"), object_presses("another")]
-    files = draw_objects(runs, tmp_path / "out", page_folder=tmp_path / "images")
-    assert [file.name for file in files] == ["five_objects.pdf", *["five_objects.png"] * 2]
-    picture = cv2.imread(str(files[1]), cv2.IMREAD_GRAYSCALE)
+    with rc_context(FRAMED_STYLE):
+        objects_figure(runs).savefig(tmp_path / "objects.png", dpi=PRINT_DPI)
+    picture = cv2.imread(str(tmp_path / "objects.png"), cv2.IMREAD_GRAYSCALE)
     top = picture[: picture.shape[0] // 5, picture.shape[1] // 10 : -picture.shape[1] // 10]
     for panel in np.array_split(top, len(OBJECTS), axis=1):
         assert np.mean((panel > 90) & (panel < 250)) > 0.01
+
+
+def test_page_names_every_press_and_what_is_above_an_object() -> None:
+    """One row a press; a pixel above its object is told in micrometres."""
+    first, *others = object_presses("one")
+    presses = [replace(first, highest_over_m=2e-6), *others]
+    results = [Result(name=press.name, found=press) for press in presses]
+    text = Objects("digit", Preset.FAST).page(results, About("x"), [])
+    assert "Made by `x`." in text
+    rows = [line for line in text.splitlines() if line.startswith("| one |")]
+    assert len(rows) == len(OBJECTS)
+    assert rows[0] == "| one | bar | 1.5 | 2 | 30 |"
+    assert rows[1] == "| one | hexagon | 1.5 | 0 | 30 |"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim.studies.paper.kept import SCORES, KeptReport, SceneSpeed, Speeds
+from sim.studies.paper.kept import SCORES, Report, SceneSpeed, Speeds
 from sim.studies.paper.presses import (
     AS_CONFIGURED,
     BALANCED,
@@ -10,7 +10,6 @@ from sim.studies.paper.presses import (
     FORCES_N,
     THIN,
     ModelPresses,
-    Pressed,
 )
 
 FLOOR = {"ssim": 0.97, "ncc": 0.9, "histogram_correlation": 0.9, "psnr_db": 30.0, "mse": 60.0}
@@ -18,16 +17,16 @@ FLOOR = {"ssim": 0.97, "ncc": 0.9, "histogram_correlation": 0.9, "psnr_db": 30.0
 
 def model(name: str, *, force_n: float = 3.0, sigma_off: float = 0.01) -> ModelPresses:
     """Return a model that goes 0.1 mm deep for a newton."""
-    at_depth = Pressed(
-        force_n=force_n,
-        off_n=0.0,
-        depth_m=0.5e-3,
-        gap_m=1e-6,
-        radius_m=2.5e-3,
-        sigma_off=sigma_off,
-        newton_iterations=10,
-    )
-    return ModelPresses(name=name, at_depth=at_depth, at_forces=(at_depth,) * len(FORCES_N))
+    at_depth = {
+        "force_n": force_n,
+        "off_n": 0.0,
+        "depth_m": 0.5e-3,
+        "gap_m": 1e-6,
+        "radius_m": 2.5e-3,
+        "sigma_off": sigma_off,
+        "newton_iterations": 10,
+    }
+    return {"name": name, "at_depth": at_depth, "at_forces": [at_depth] * len(FORCES_N)}
 
 
 def presses(*, paper_force_n: float = 6.0) -> dict[str, ModelPresses]:
@@ -54,16 +53,16 @@ def speeds() -> Speeds:
     )
 
 
-def report(*, emulated: bool, ours: bool) -> KeptReport:
+def report(*, emulated: bool, ours: bool) -> Report:
     """Return a report of one press, on real or emulated devices, with images of ours or not."""
     scores = dict.fromkeys(SCORES, 0.5)
-    return KeptReport(
-        name="a sensor",
-        emulated=emulated,
-        imported=not emulated,
-        made="today",
-        press_count=6,
-        no_contact=FLOOR,
-        ours=scores if ours else {},
-        trials=({"force_n": 1.0, **scores},) if ours else (),
-    )
+    return {
+        "name": "a sensor",
+        "emulated": emulated,
+        "imported": not emulated,
+        "made": "today",
+        "press_count": 6,
+        "no_contact": FLOOR,
+        "ours": scores if ours else {},
+        "trials": [{"force_n": 1.0, **scores}] if ours else [],
+    }

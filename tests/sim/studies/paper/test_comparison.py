@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from sim.studies.paper.claims import Verdict, claims
-from sim.studies.paper.comparison import (
+from sim.studies.paper.study import (
     Ours,
     compared,
-    draw_paper,
     mode_ours,
     model_ours,
+    paper_figure,
     score_ours,
     speed_ours,
 )
@@ -27,7 +25,7 @@ def test_without_measurements_nothing_is_reproduced() -> None:
 
 def test_a_gui_is_out_of_scope_whatever_was_measured() -> None:
     """A number that nobody claims for us is not shown."""
-    row = compared({"speed.single_gui": Ours(value=1e3, source="x")}).by_name["speed.single_gui"]
+    row = compared({"speed.single_gui": Ours(1e3, "x")}).by_name["speed.single_gui"]
     assert (row.ours, row.verdict) == (None, Verdict.OUT_OF_SCOPE)
 
 
@@ -66,11 +64,8 @@ def test_a_figure_is_as_good_as_its_worst_claim() -> None:
     assert found.worst("modes") is Verdict.DIFFERENT
 
 
-def test_figure_is_drawn_with_and_without_reports(tmp_path: Path) -> None:
-    """PDF and PNG, and a smaller PNG for the page; a report changes it."""
-    pages = []
-    for name, reports in (("bare", []), ("full", [report(emulated=True, ours=True)])):
-        files = draw_paper(presses(), reports, tmp_path, page_folder=tmp_path / name)
-        assert [file.suffix for file in files] == [".pdf", ".png", ".png"]
-        pages.append(files[-1].read_bytes())
-    assert pages[0] != pages[1]
+def test_a_figure_has_a_bar_for_every_score() -> None:
+    """The paper's alone without reports; one adds no contact, and ours."""
+    for reports, count in (([], 1), ([report(emulated=True, ours=True)], 3)):
+        *_, scores = paper_figure(presses(), reports).axes
+        assert len(scores.patches) == count

@@ -17,10 +17,12 @@ from sim.studies.verification.forces import (
     HELD_OUT,
     estimate_row,
     fitted_order,
+    fitted_young,
     judged_estimates,
     measure_ball,
     measure_punch,
     real_press,
+    real_words,
     refined_press,
     rim_forces,
 )
@@ -78,11 +80,11 @@ def test_disc_presses_both_laws_through_the_depths() -> None:
 
 
 def test_disc_reference_is_read_with_its_doubt() -> None:
-    """The deepest row of the stable law, in SI."""
+    """The deepest row of the stable law."""
     deepest = forces.disc_forces()[-1]
-    assert deepest.law is LawName.STABLE_NEO_HOOKEAN
-    assert (deepest.depth_m, deepest.force_n) == (pytest.approx(0.5e-3), 1.83785)
-    assert deepest.uncertainty_n < 0.01 * deepest.force_n
+    assert deepest["law"] == LawName.STABLE_NEO_HOOKEAN
+    assert (float(deepest["depth_mm"]), float(deepest["force_n"])) == (0.5, 1.83785)
+    assert float(deepest["uncertainty_n"]) < 0.01 * 1.83785
 
 
 SCENE = Scene(
@@ -124,8 +126,8 @@ def test_nine_of_ten_must_lie_inside(outside: int, passed: bool) -> None:
 
 def test_fitted_modulus_gives_the_measured_force() -> None:
     """A force at given depth is proportional to E."""
-    real, poisson = real_press(), 0.48
-    young = real.fitted_young(poisson, ContactMode.FRICTIONLESS, Preset.FAST)
-    words = real.words(young, poisson, ContactMode.FRICTIONLESS, Preset.FAST)
-    assert press(scene_from(words)).force_n[2] == pytest.approx(real.force_n, rel=1e-6)
+    asked = (0.48, ContactMode.FRICTIONLESS, Preset.FAST)
+    young = fitted_young(*asked)
+    force = press(scene_from(real_words(young, *asked))).force_n[2]
+    assert force == pytest.approx(real_press()["force_n"], rel=1e-6)
     assert 0.4e6 < young < 0.6e6

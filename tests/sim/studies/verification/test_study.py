@@ -10,7 +10,7 @@ from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, Target
-from sim.studies.verification.sensitivity import (
+from sim.studies.verification.balance import (
     barrier_row,
     limit_without_distance,
     measure_drives,

@@ -21,7 +21,7 @@ from tacauchy_rig.app.replay.mounting import (
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.force_depth import ForceDepthCurve
-from tests.studies.mounting.drawn_tools import drawn_dwells
+from tests.studies.mounting.command import drawn_dwells
 
 DEGREE = math.radians(1.0)
 FAST = "replay.preset=fast"

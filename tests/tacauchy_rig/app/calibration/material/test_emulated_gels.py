@@ -9,7 +9,7 @@ import pytest
 
 from sim.sensitivity import FINER, forces_at
 from tacauchy_rig.app.calibration.material.fit import Response, fit_gel, gel_of, respond
-from tests.studies.gel.emulated_gels import (
+from tests.studies.gel.command import (
     BALL,
     DEPTHS_M,
     PUNCH,

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 from unittest.mock import patch
 
 from sim.studies.paper.claims import Verdict, claims
-from sim.studies.paper.comparison import Ours, compared, model_ours
-from sim.studies.paper.mesh import Trial
 from sim.studies.paper.presses import ACCURATE
-from sim.studies.paper.study import Paper
+from sim.studies.paper.study import Ours, Paper, compared, model_ours
 from tacauchy_rig.core.study import About, Result
 from tests.sim.studies.paper.made_up import model, presses, report, speeds
 
@@ -20,10 +17,9 @@ EXACT = {name: claim.value for name, claim in claims().items() if name.startswit
 def page(measured: dict[str, Ours], *, emulated: bool = False, ours: bool = False) -> str:
     """Return the page of some measurements, one report and a mesh that is the paper's."""
     study = Paper.__new__(Paper)
-    study._speeds, study._reports = speeds(), [report(emulated=emulated, ours=ours)]
-    study._trials = [Trial(pad="a pad", share=0.08, found=EXACT)]
-    models = {**presses(), ACCURATE: model("reference")}
-    found: dict[str, Any] = {name: asdict(each) for name, each in models.items()}
+    study.speeds, study.reports = speeds(), [report(emulated=emulated, ours=ours)]
+    study.trials = [{"pad": "a pad", "share": 0.08, "found": EXACT}]
+    found: dict[str, Any] = {**presses(), ACCURATE: model("reference")}
     found |= {"its mesh's table": {"numbers": {}, "tet_count": 1369}, "its law at rest": 1e5}
     found["contact modes"] = {}
     results = [Result(name=name, found=each) for name, each in found.items()]
@@ -34,7 +30,7 @@ def page(measured: dict[str, Ours], *, emulated: bool = False, ours: bool = Fals
 def test_every_claim_is_a_row_with_its_verdict_and_reason() -> None:
     """With nothing measured, and with everything far off, each has a reason beside it."""
     nothing = page({})
-    far = page({name: Ours(value=1e6, source="made up") for name in claims()})
+    far = page({name: Ours(1e6, "made up") for name in claims()})
     for text in (nothing, far):
         rows = text.splitlines()
         for claim in claims().values():

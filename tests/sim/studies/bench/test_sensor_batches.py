@@ -8,14 +8,14 @@ from scipy.spatial.transform import Rotation
 
 from sim.press_command import scene_from
 from sim.scene.pad import BoxPad
-from sim.studies.bench import alone, unlike
+from sim.studies.bench import sensor_batches as unlike
 
 PAD = BoxPad(size_x_m=12e-3, size_y_m=10e-3, height_m=3e-3)
 
 
 def test_drawn_poses_lie_on_the_pad() -> None:
     """Within its margin, no deeper than two fifths of its height, tilted by 15 degrees at most."""
-    of = unlike.bodies()
+    of = unlike.unlike_bodies()
     which, poses = unlike.draw_poses(PAD, of, 300, seed=7)
     assert set(which.tolist()) == set(range(len(of)))
     assert np.abs(poses[:, 0]).max() <= 3e-3 + 1e-12
@@ -47,8 +47,8 @@ def test_a_batch_is_held_against_presses_alone() -> None:
     scene = scene_from(
         "--pad box:12x10x3mm --young 0.1MPa --poisson 0.45 --indenter plane --depth 0.1mm"
     )
-    (row,) = alone.measure_alone(scene, count=1, edges_m=(2e-3,), tolerance=0.1)
+    (row,) = unlike.measure_alone(scene, count=1, edges_m=(2e-3,), tolerance=0.1)
     assert row["found"] == 1
     assert abs(row["F_z off, median [%]"]) < 20.0
-    assert alone.alone_table([{**row, alone.WITHIN: 100.0}]).passed
-    assert not alone.alone_table([{**row, alone.WITHIN: 50.0}]).passed
+    assert unlike.alone_table([{**row, unlike.WITHIN: 100.0}]).passed
+    assert not unlike.alone_table([{**row, unlike.WITHIN: 50.0}]).passed

@@ -1,27 +1,16 @@
-"""``modes``: what it refuses before any work is done, and its page."""
+"""The page of contact modes, of made-up runs."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
 
-from typer.testing import CliRunner
-
 from sim.fields.contact_signature import ContactSignature
 from sim.scene.scene import Preset
 from sim.sensor.sensor import load_sensor
 from sim.studies.modes.runs import BALL, PUNCH, ModeCriterion, ModeRun
 from sim.studies.modes.study import Modes
-from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.core.study import About, Result
-
-
-def test_only_round_bodies_are_moved() -> None:
-    """A plane has no axis to turn about."""
-    done = CliRunner().invoke(app, ["study", "modes", "--indenter", "plane"])
-    assert done.exit_code != 0
-    assert "only round bodies" in str(done.exception)
-
 
 SIGNATURE = ContactSignature(
     normal_n=(0.0, 0.0, -2.0),
