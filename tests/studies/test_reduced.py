@@ -26,10 +26,10 @@ from tacauchy_rig.core.simulated import ResidualSplit
 from tacauchy_rig.core.store.replay_files import ReplayFields
 from tests.recorded_run import coarse_sensor, new_run, press_run
 from tests.studies import __main__ as studies
+from tests.studies.residual import command as residual_command
 from tests.studies.verdict import bench as bench_module
-from tests.studies.verdict import planted
 from tests.studies.verdict.bench import Bench, bench_of
-from tests.studies.verdict.check import look_at
+from tests.studies.verdict.command import look_at
 from tests.studies.verdict.wrong_models import WRONG_MODELS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -107,7 +107,7 @@ def test_residual(recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         forces_n.append([each.record.force_measured_n for part in parts for each in part.attempts])
         return ResidualSplit(trials=(), shares={cause.value: 0.125 for cause in Cause}, found=())
 
-    monkeypatch.setattr(planted, "split_images", split)
+    monkeypatch.setattr(residual_command, "split_images", split)
     found = study(tmp_path, "residual", str(recorded), "--draws", "1", "--only", "force*")
     assert [row[1] for row in found["planted"]["rows"]] == ["none", "force error"]
     assert forces_n[0] != forces_n[1]

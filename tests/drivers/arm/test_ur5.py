@@ -28,7 +28,7 @@ from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.errors import DeviceError, RigError, SafetyError
 from tacauchy_rig.core.run import Pose
 from tests.drivers.arm_notes import read_events, read_trace
-from tests.studies.fault_table.arm import ArmOutcome, arm_after
+from tests.studies.fault_table.observation import ArmOutcome, arm_after
 
 _PRESS_M_S = 0.005
 _MODELS = list(RobotModel)

@@ -14,7 +14,7 @@ from drivers.emulators.faults import parse_fault
 from protocols.steps.press import BEYOND_M
 from tacauchy_rig.core.run import Outcome
 from tests.protocols.conftest import fresh_plan
-from tests.studies.force_faults.mini_gel import EXPECTED, MiniGel
+from tests.studies.force_faults.worlds import EXPECTED, MiniGel
 
 TARGETS_N = (1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332)
 SHORT = (

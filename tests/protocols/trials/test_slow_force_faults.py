@@ -10,9 +10,17 @@ from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tests.protocols.conftest import fresh_plan
 from tests.studies.force_faults.command import HONEST, pressed, tables_of
-from tests.studies.force_faults.mini_gel import EXPECTED, MiniGel
 from tests.studies.force_faults.runner import Runner, config_of
-from tests.studies.force_faults.worlds import TRIALS, Fault, Kind, Place, faulty_world, honest_world
+from tests.studies.force_faults.worlds import (
+    EXPECTED,
+    TRIALS,
+    Fault,
+    Kind,
+    MiniGel,
+    Place,
+    faulty_world,
+    honest_world,
+)
 
 
 def of(model, seed=1):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from sim.press_command import scene_from
-from tests.studies.beyond.presses import Answer, Beyond, Kind, answers_table, drawn, judged, line
+from tests.studies.beyond.command import Answer, Beyond, Kind, answers_table, drawn, judged, line
 
 BALL = scene_from(
     "--pad box:10x10x4mm --young 0.2MPa --poisson 0.48 --preset fast "

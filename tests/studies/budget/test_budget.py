@@ -9,7 +9,7 @@ import pytest
 
 from sim.scene.scene import Preset
 from tacauchy_rig.core.config.load import load_config
-from tests.studies.budget.worlds import Stated, World, coverage_table, look_at, predict_stated
+from tests.studies.budget.command import Stated, World, coverage_table, look_at, predict_stated
 
 BALL = (
     'indenter.kind="sphere"',

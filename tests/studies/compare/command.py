@@ -7,15 +7,15 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from sim.studies.bench.scenes import BenchScene, Manner, ScenePress, SceneRow, select_scenes
+from sim.studies.bench.scenes import Manner, SceneRow, Scenes, read_press
 from sim.studies.bench.study import SCENE_LIMIT_S
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import complain, say, show_table, write_json, write_text
@@ -23,6 +23,7 @@ from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.page import criteria_page, table_prose
 from tacauchy_rig.core.tables import Table, table_of
 from tacauchy_rig.core.versions import commit, machine, versions
+from tests.studies.bench_scenes import select_scenes
 
 # Presses of each commit, in turns; the least time counts.
 _TURNS = 2
@@ -33,12 +34,8 @@ ROOT = Path(__file__).parents[3]
 WORKERS = ("tests/studies/compare/worker.py", "sim/studies/bench/scenes/press.py")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
-    """A scene by an old commit and by this checkout."""
-
-    old: SceneRow
-    new: SceneRow
+Pair = tuple[SceneRow, SceneRow]
+"""A scene by an old commit and by this checkout."""
 
 
 def compare(
@@ -61,7 +58,7 @@ def compare(
 
     Example: python -m tests.studies compare HEAD~5 --only ball
     """
-    scenes = select_scenes(*only or ())
+    scenes = select_scenes(only or ())
     alone = [Manner(tolerance=each, device=device) for each in tolerances or ("5%",)]
     batches = [Manner(environments=count, device=device) for count in environments or ()]
     tables, facts = [], []
@@ -69,7 +66,7 @@ def compare(
         complain(f"scenes, {manner.text}")
         pairs = list(pressed_in_turns(scenes, manner, name, limit_s=limit_s))
         tables.append(pairs_table(pairs, commit=name))
-        facts.append([asdict(pair) for pair in pairs])
+        facts.append([[row.as_json() for row in pair] for pair in pairs])
         show_table(tables[-1])
     command = f"python -m tests.studies compare {name}"
     title = f"Commit {commit()} beside {name}"
@@ -79,26 +76,25 @@ def compare(
 
 
 def pressed_in_turns(
-    scenes: Sequence[BenchScene], manner: Manner, name: str, *, limit_s: float
+    scenes: Scenes, manner: Manner, name: str, *, limit_s: float
 ) -> Iterator[Pair]:
-    """Press every scene by another commit and by this checkout, in turns.
-
-    Raises:
-        ConfigError: There is no such commit.
-    """
+    """Press every scene by another commit and by this checkout, in turns."""
     with checked_out(name) as tree:
-        for scene in scenes:
+        for scene, stated in scenes.items():
             turns = [
-                tuple(pressed(scene, manner, checkout=at, limit_s=limit_s) for at in (tree, ROOT))
+                [
+                    pressed(scene, stated, manner, checkout=at, limit_s=limit_s)
+                    for at in (tree, ROOT)
+                ]
                 for _ in range(_TURNS)
             ]
-            pair = Pair(old=_least(old for old, _ in turns), new=_least(new for _, new in turns))
-            complain(f"  {scene.name}: {pair.old.text} before, {pair.new.text} now")
-            yield pair
+            old, new = (_least(rows) for rows in zip(*turns, strict=True))
+            complain(f"  {scene}: {old.text} before, {new.text} now")
+            yield old, new
 
 
 def pressed(
-    scene: BenchScene, manner: Manner, *, checkout: Path = ROOT, limit_s: float = SCENE_LIMIT_S
+    scene: str, stated: Mapping[str, Any], manner: Manner, *, checkout: Path, limit_s: float
 ) -> SceneRow:
     """Press a scene by a checkout's solver; an error, a crash and too long a time are rows."""
     worker = next(checkout / place for place in WORKERS if (checkout / place).exists())
@@ -107,7 +103,7 @@ def pressed(
     counts = [] if manner.environments is None else [manner.environments]
     order = {
         **asdict(manner),
-        "stated": scene.stated,
+        "stated": stated,
         "preset": None,
         "counts": counts,
         "is_timed": True,
@@ -132,34 +128,40 @@ def pressed(
         ended = {"failure": f"its process ended with status {done.returncode}: {last}"}
         found = json.loads(answers[0]) if answers else ended
     failure = str(found.get("failure", ""))
-    press = None if failure else ScenePress(**found)
-    return SceneRow(scene=scene.name, manner=manner, press=press, failure=failure)
+    press = None if failure else read_press(found)
+    return SceneRow(scene=scene, manner=manner, press=press, failure=failure)
 
 
-def _least(rows: Iterator[SceneRow]) -> SceneRow:
-    known = list(rows)
-    return min((row for row in known if row.press), key=lambda row: row.spent_s, default=known[0])
+def _least(rows: Sequence[SceneRow]) -> SceneRow:
+    return max((r for r in rows if r.press), key=lambda r: r.frames_per_s, default=rows[0])
 
 
 def pairs_table(pairs: Sequence[Pair], *, commit: str) -> Table:
     """Return times and forces of both commits, one scene a row."""
 
+    def time_s(row: SceneRow) -> float | None:
+        if row.press is None:
+            return None
+        return row.press.cpu_s if row.manner.device == "cpu" else row.press.wall_s
+
     def ratio(pair: Pair) -> float | None:
-        return pair.new.spent_s / pair.old.spent_s if pair.old.press and pair.new.press else None
+        old, new = map(time_s, pair)
+        return None if old is None or new is None else new / old
 
     def apart(pair: Pair) -> str | None:
-        if pair.old.press is None or pair.new.press is None:
-            return None
-        return f"{pair.new.press.force_n[2] / pair.old.press.force_n[2] - 1.0:.1e}"
+        old, new = (row.press for row in pair)
+        return (
+            None if old is None or new is None else f"{new.force_n[2] / old.force_n[2] - 1.0:.1e}"
+        )
 
     return table_of(
         pairs,
         {
-            "scene": lambda pair: pair.new.scene,
-            "before": lambda pair: pair.old.setting,
-            "[s]": lambda pair: pair.old.spent_s if pair.old.press else None,
-            "now": lambda pair: pair.new.setting,
-            "now [s]": lambda pair: pair.new.spent_s if pair.new.press else None,
+            "scene": lambda pair: pair[1].scene,
+            "before": lambda pair: pair[0].setting,
+            "[s]": lambda pair: time_s(pair[0]),
+            "now": lambda pair: pair[1].setting,
+            "now [s]": lambda pair: time_s(pair[1]),
             "over before": ratio,
             "F_z apart": apart,
         },
@@ -169,11 +171,7 @@ def pairs_table(pairs: Sequence[Pair], *, commit: str) -> Table:
 
 @contextmanager
 def checked_out(name: str) -> Iterator[Path]:
-    """Check another commit out into a folder that is gone afterwards.
-
-    Raises:
-        ConfigError: There is no such commit, or this is no checkout of git.
-    """
+    """Check another commit out into a folder that is gone afterwards."""
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "tree"
         git("worktree", "add", "--detach", str(tree), name)
@@ -184,11 +182,7 @@ def checked_out(name: str) -> Iterator[Path]:
 
 
 def git(*words: str) -> str:
-    """Return what git says of this checkout.
-
-    Raises:
-        ConfigError: It refuses, or this is no checkout.
-    """
+    """Return what git says of this checkout."""
     done = subprocess.run(
         ["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=False
     )

@@ -8,13 +8,13 @@ import pytest
 
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.studies.bench.test_scenes import _PRESS, _row
-from tests.studies.compare.command import Pair, checked_out, pairs_table
+from tests.studies.compare.command import checked_out, pairs_table
 
 
 def test_commits_stand_beside_each_other() -> None:
     """Their ratio of time, and how far their forces are apart."""
-    slower = _row(press=replace(_PRESS, cpu_s=0.3))
-    table = pairs_table([Pair(old=_row(), new=slower)], commit="abc")
+    slower = _row(replace(_PRESS, cpu_s=0.3))
+    table = pairs_table([(_row(), slower)], commit="abc")
     assert table.title == "Beside commit abc"
     assert table.rows[0][-2:] == (pytest.approx(1.5), "0.0e+00")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict
 
 from sim.studies.bench.press import press_scene
 from sim.studies.bench.scenes import Manner
@@ -16,7 +15,7 @@ def main() -> None:
     order = json.load(sys.stdin)
     manner = Manner(**{name: order[name] for name in Manner.__dataclass_fields__})
     try:
-        found = asdict(press_scene(order["stated"], manner))
+        found = press_scene(order["stated"], manner)
     except RigError as error:
         found = {"failure": error.message}
     sys.stdout.write(f"\n{json.dumps(found)}\n")

@@ -2,16 +2,119 @@
 
 from __future__ import annotations
 
+import os
+import socket
+import subprocess
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import StrEnum
+from importlib import resources
+from pathlib import Path
+from typing import Self
+from urllib.parse import urlsplit
 
 from drivers.emulators.faults import FAULTS_OF_DEVICE, SILENT_FORCE_FAULTS, Device, Fault, FaultKind
 from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Phase
 from tacauchy_rig.core.selection import selected
-from tests.studies.fault_table.crowd import Crowd
-from tests.studies.fault_table.host import Trouble
+
+CONNECTIONS = 200
+SLOW_CLIENTS = 30
+_SMALL_BUFFER_BYTES = 2048
+_TIMEOUT_S = 5.0
+
+
+class Crowd(StrEnum):
+    """What they do."""
+
+    FLOOD = "flood"
+    SLOW_CLIENT = "slow-client"
+
+
+class Visitors:
+    """Connections to a page that stay open until this is closed."""
+
+    def __init__(self, address: str) -> None:
+        self._address = urlsplit(address)
+        self._open = ExitStack()
+
+    def come(self, crowd: Crowd) -> Self:
+        """Open every connection: half of a flood asks for events, slow clients read nothing."""
+        if crowd is Crowd.FLOOD:
+            for number in range(CONNECTIONS):
+                self._visit("events" if number % 2 else "", buffer_bytes=None)
+        else:
+            for number in range(SLOW_CLIENTS):
+                path = "events" if number % 2 else "picture/camera"
+                self._visit(path, buffer_bytes=_SMALL_BUFFER_BYTES)
+        return self
+
+    def close(self) -> None:
+        """Close them."""
+        self._open.close()
+
+    def _visit(self, path: str, *, buffer_bytes: int | None) -> None:
+        visit = self._open.enter_context(socket.socket())
+        if buffer_bytes is not None:
+            visit.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
+        visit.settimeout(_TIMEOUT_S)
+        visit.connect((self._address.hostname, self._address.port))
+        if path:
+            first = f"GET {self._address.path}{path} HTTP/1.1"
+            visit.sendall(f"{first}\r\nHost: {self._address.netloc}\r\n\r\n".encode())
+
+
+_SOURCE = "host_trouble.c"
+
+
+class Trouble(StrEnum):
+    """What the library knows: names of the files that switch it on."""
+
+    CLOCK_BACK = "clock-back"
+    CLOCK_FORWARD = "clock-forward"
+    READ_ONLY = "read-only"
+    DISK_FULL = "disk-full"
+    DISK_SLOW = "slow-disk"
+
+
+class HostTrouble:
+    """Trouble that can be switched on and off while the program runs."""
+
+    def __init__(self, folder: Path, *, disk: Path) -> None:
+        folder.mkdir(exist_ok=True)
+        self._folder, self._disk = folder, disk
+        self._library = folder / "host_trouble.so"
+        source = resources.files("tests.studies.fault_table").joinpath(_SOURCE).read_bytes()
+        command = ["cc", "-O1", "-shared", "-fPIC", "-o", str(self._library), "-x", "c", "-"]
+        try:
+            subprocess.run(command, input=source, check=True, capture_output=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            said = getattr(error, "stderr", b"") or b""
+            raise DeviceError(
+                f"{_SOURCE} cannot be compiled: {error} {said.decode(errors='replace')}".strip(),
+                remedy="install a C compiler that answers to `cc`, such as gcc",
+            ) from error
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Environment of a program that is to have the trouble."""
+        return {
+            **os.environ,
+            "LD_PRELOAD": str(self._library),
+            "HOST_TROUBLE": str(self._folder),
+            "HOST_TROUBLE_DISK": str(self._disk),
+        }
+
+    def begin(self, trouble: Trouble) -> None:
+        """Switch it on."""
+        (self._folder / trouble.value).touch()
+
+    def end(self) -> None:
+        """Switch all of it off."""
+        for trouble in Trouble:
+            (self._folder / trouble.value).unlink(missing_ok=True)
 
 
 class Moment(StrEnum):
@@ -79,16 +182,11 @@ Cause = Fault | Blow | Trouble | Rival | Crowd
 
 @dataclass(frozen=True, slots=True)
 class FaultCase:
-    """One row of the table.
+    """One row of the table."""
 
-    Attributes:
-        cause: What fails: a device, a process of the run, the computer, or its users.
-        target_n: What the press is to reach [N].
-    """
-
-    cause: Cause
+    cause: Cause  # what fails: a device, a process of the run, the computer, or its users
     moment: Moment
-    target_n: float = TARGET_N
+    target_n: float = TARGET_N  # what the press is to reach [N]
 
     @property
     def cause_name(self) -> str:
@@ -153,16 +251,7 @@ def _asked(cause: Cause, targets_n: Sequence[float]) -> Sequence[float]:
 def select_cases(
     cases: Sequence[FaultCase], *, only: Sequence[str] = (), moments: Sequence[Moment] = ()
 ) -> tuple[FaultCase, ...]:
-    """Return the cases whose name matches any pattern of ``only``, at any of ``moments``.
-
-    Args:
-        cases: What to choose from.
-        only: Shell patterns of names, or of the part before the ``@``; empty for all.
-        moments: Empty for all.
-
-    Raises:
-        ConfigError: A pattern matches no case.
-    """
+    """Return the cases whose name matches any pattern of ``only``, at any of ``moments``."""
     possible = tuple(case for case in cases if not moments or case.moment in moments)
     return selected(
         possible,

@@ -35,15 +35,7 @@ def write_case_config(
     target_n: float = TARGET_N,
     dwell_s: float = DWELL_S,
 ) -> Path:
-    """Write the ``rig.toml`` of a fault case, whose devices count as real ones.
-
-    Args:
-        folder: Of the case: the emulated devices' folder and the runs lie there.
-        host: Address of robot and camera, this case's alone.
-        camera_port: Port of the camera's stream.
-        target_n: Force that the press is to reach [N].
-        dwell_s: How long it is held [s].
-    """
+    """Write the ``rig.toml`` of a fault case, whose devices count as real ones."""
     path = folder / "rig.toml"
     port = folder / EMULATION_NAME / LINK_NAME
     template = resources.files("tests.studies.fault_table").joinpath("rig.toml.jinja").read_text()
@@ -61,11 +53,6 @@ def write_case_config(
 
 class EmulatedRig:
     """Emulated robot, force sensor and camera at addresses that a restart keeps.
-
-    Args:
-        folder: Where everything of this case goes.
-        target_n: Force that the press is to reach [N].
-        dwell_s: How long it is held [s].
 
     Attributes:
         rig_toml: Configuration that takes them for real devices.
@@ -95,9 +82,6 @@ class EmulatedRig:
         """Do what a person does after the fault: unlock, power on, or exchange the device.
 
         The arm stays where the fault has left it.
-
-        Args:
-            cause: What failed; None when only the arm may have been locked.
         """
         if cause is not None and cause.device is not Device.ROBOT:
             self.devices.restart(cause.device)

@@ -2,16 +2,110 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from drivers.emulators.faults import SILENT_FORCE_FAULTS, FaultKind
+from drivers.emulators.plant.gel import Plant
 from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.run import JournalEvent
+from tacauchy_rig.core.run import JournalEvent, Pose, Vector3
 from tacauchy_rig.core.store.layout import RunPaths
 from tacauchy_rig.core.store.recovery import open_readable
-from tests.studies.fault_table.arm import ArmOutcome
+from tests.drivers.arm_notes import TraceRow
 from tests.studies.fault_table.cases import TARGET_N
+
+STILL_M_S = 1e-7
+REST_NS = 100_000_000
+"""Standing still for so long counts as a stop."""
+FORCE_STEP_NS = 4_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmOutcome:
+    """How the arm behaved from a moment on."""
+
+    speed_before_m_s: float  # speed at the moment
+    stopped_after_s: float | None  # until it stood still; None when it never did
+    descended_m: float  # how far down it went before it stood still, at most
+    lowered_after_m: float  # how far down it went after it had stood still, at most
+    raised_after_m: float  # how far up it was in the end above where it stood still
+    rest_ns: int | None  # when it stood still first; None when it never did
+    at_rest: bool  # whether it stood still in the end
+    end_z_m: float  # height of the tip in the end
+
+
+def arm_after(rows: Sequence[TraceRow], stamp_ns: int, *, now_ns: int) -> ArmOutcome:
+    """Return what the arm did after ``stamp_ns``, as far as its trace goes at ``now_ns``."""
+    start = [row for row in rows if row.stamp_ns <= stamp_ns][-1]
+    after = [row for row in rows if row.stamp_ns > stamp_ns]
+    rest_ns = _first_rest_ns(start, after, stamp_ns, now_ns)
+    end_ns = now_ns if rest_ns is None else rest_ns
+    until_rest = [start.position[2], *(r.position[2] for r in after if r.stamp_ns <= end_ns)]
+    later = [until_rest[-1], *(r.position[2] for r in after if r.stamp_ns > end_ns)]
+    return ArmOutcome(
+        speed_before_m_s=_speed(start),
+        stopped_after_s=None if rest_ns is None else (rest_ns - stamp_ns) * 1e-9,
+        descended_m=max(0.0, start.position[2] - min(until_rest)),
+        lowered_after_m=until_rest[-1] - min(later),
+        raised_after_m=max(0.0, later[-1] - until_rest[-1]),
+        rest_ns=rest_ns,
+        at_rest=is_at_rest(rows, now_ns=now_ns),
+        end_z_m=later[-1],
+    )
+
+
+def is_at_rest(rows: Sequence[TraceRow], *, now_ns: int) -> bool:
+    """Return whether the arm has been standing still for a while at ``now_ns``."""
+    moving = [row.stamp_ns for row in rows if _speed(row) > STILL_M_S]
+    return not moving or now_ns - moving[-1] >= REST_NS
+
+
+def _first_rest_ns(
+    start: TraceRow, after: Sequence[TraceRow], stamp_ns: int, now_ns: int
+) -> int | None:
+    """Return from when on the arm stood still for ``REST_NS`` first."""
+    still_since_ns = None if _speed(start) > STILL_M_S else stamp_ns
+    for row in after:
+        moves = _speed(row) > STILL_M_S
+        if still_since_ns is not None and row.stamp_ns - still_since_ns >= REST_NS:
+            return still_since_ns
+        if moves:
+            still_since_ns = None
+        elif still_since_ns is None:
+            still_since_ns = row.stamp_ns
+    if still_since_ns is not None and now_ns - still_since_ns >= REST_NS:
+        return still_since_ns
+    return None
+
+
+def true_forces(
+    plant: Plant, rows: Sequence[TraceRow], *, rotation: Vector3, start_ns: int, end_ns: int
+) -> list[tuple[int, float]]:
+    """Press the emulated gel again as the arm did; return (stamp [ns], force [N]), rising."""
+    forces: list[tuple[int, float]] = []
+    index = 0
+    for stamp_ns in range(start_ns, end_ns, FORCE_STEP_NS):
+        while index + 1 < len(rows) and rows[index + 1].stamp_ns <= stamp_ns:
+            index += 1
+        pose = Pose(position=rows[index].position, rotation_vector=rotation)
+        forces.append((stamp_ns, plant.wrench(pose, stamp_ns)[0][2]))
+    return forces
+
+
+def force_rise(
+    forces: Sequence[tuple[int, float]], stamp_ns: int, *, until_ns: int
+) -> tuple[float, float]:
+    """Return (force at a moment, how far it rose above that until ``until_ns``) [N]."""
+    before = [force for stamp, force in forces if stamp <= stamp_ns]
+    at_moment = before[-1] if before else 0.0
+    later = [force for stamp, force in forces if stamp_ns < stamp <= until_ns]
+    return at_moment, max(0.0, max(later, default=0.0) - at_moment)
+
+
+def _speed(row: TraceRow) -> float:
+    return math.hypot(*row.velocity)
+
 
 PRODUCERS = ("control", "camera")
 
@@ -26,21 +120,13 @@ SILENT_FAULTS = SILENT_FORCE_FAULTS | {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeptMessages:
-    """Messages of one session, by the process that produced them.
+    """Messages of one session, by the process that produced them."""
 
-    Attributes:
-        acknowledged: Messages that the recorder acknowledged.
-        readable: Different messages that can be read, spills included.
-        force_gap_count: Package numbers missing between the first and the last force sample.
-        frame_gap_count: Frame numbers missing between the first and the last frame.
-        unreadable: Files that cannot be read at all, and why.
-    """
-
-    acknowledged: dict[str, int]
-    readable: dict[str, int]
-    force_gap_count: int
-    frame_gap_count: int
-    unreadable: tuple[str, ...] = ()
+    acknowledged: dict[str, int]  # messages that the recorder acknowledged
+    readable: dict[str, int]  # different messages that can be read, spills included
+    force_gap_count: int  # package numbers missing between the first and the last force sample
+    frame_gap_count: int  # frame numbers missing between the first and the last frame
+    unreadable: tuple[str, ...] = ()  # files that cannot be read at all, and why
 
     @property
     def lost_count(self) -> int:
@@ -105,52 +191,32 @@ WIRE_LOSSES = ("force_sensor:drop", "force_sensor:garble", "camera:drop", "camer
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandEnd:
-    """How another command ended: a try to finish the session, or a run that came between.
-
-    Attributes:
-        told: What the operator was told, if it did not succeed.
-    """
+    """How another command ended: a try to finish the session, or a run that came between."""
 
     exit_code: int
-    told: str
+    told: str  # what the operator was told, if it did not succeed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """One fault case, measured.
+    """One fault case, measured."""
 
-    Attributes:
-        name: Of the case.
-        tries: Runs that were needed to reach the moment.
-        force_at_fault_n: True force at the moment [N].
-        force_rise_n: Most that the true force rose after it [N].
-        force_target_n: What the press was to reach [N].
-        exit_code: Of the run; negative is the signal that killed it.
-        ended_after_s: From the fault until every process of the run was gone [s].
-        hung: Processes that had to be ended.
-        told: What the operator read last.
-        measured: What the run measured of its streams, if it went on.
-        rivals: Runs on the same devices that were begun meanwhile.
-        made_on: Computer, and how many cases it ran at once.
-        kept_after_resume: The same messages, read again when the session was finished.
-    """
-
-    name: str
-    tries: int
+    name: str  # of the case
+    tries: int  # runs that were needed to reach the moment
     arm: ArmOutcome
-    force_at_fault_n: float
-    force_rise_n: float
-    exit_code: int
-    ended_after_s: float
-    hung: tuple[str, ...]
-    told: str
-    measured: dict[str, float]
+    force_at_fault_n: float  # true force at the moment [N]
+    force_rise_n: float  # most that the true force rose after it [N]
+    exit_code: int  # of the run; negative is the signal that killed it
+    ended_after_s: float  # from the fault until every process of the run was gone [s]
+    hung: tuple[str, ...]  # processes that had to be ended
+    told: str  # what the operator read last
+    measured: dict[str, float]  # what the run measured of its streams, if it went on
     kept: KeptMessages
-    kept_after_resume: KeptMessages
+    kept_after_resume: KeptMessages  # the same messages, read again when the session was finished
     resumed: tuple[CommandEnd, ...]
-    rivals: tuple[CommandEnd, ...] = ()
-    force_target_n: float = TARGET_N
-    made_on: str = ""
+    rivals: tuple[CommandEnd, ...] = ()  # runs on the same devices that were begun meanwhile
+    force_target_n: float = TARGET_N  # what the press was to reach [N]
+    made_on: str = ""  # computer, and how many cases it ran at once
 
     @property
     def force_most_n(self) -> float:

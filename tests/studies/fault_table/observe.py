@@ -15,17 +15,29 @@ from tacauchy_rig.app.session.record import MISSED
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Phase
 from tacauchy_rig.core.store.run_store import RunStore
-from tests.studies.fault_table.arm import ArmOutcome, arm_after, force_rise, is_at_rest, true_forces
-from tests.studies.fault_table.cases import Blow, Cause, FaultCase, Moment, Rival
-from tests.studies.fault_table.crowd import Crowd, Visitors
+from tests.studies.fault_table.cases import (
+    Blow,
+    Cause,
+    Crowd,
+    FaultCase,
+    HostTrouble,
+    Moment,
+    Rival,
+    Trouble,
+    Visitors,
+)
 from tests.studies.fault_table.emulated_rig import EmulatedRig
-from tests.studies.fault_table.host import HostTrouble, Trouble
 from tests.studies.fault_table.observation import (
     KILLED_EXIT_CODE,
+    ArmOutcome,
     CommandEnd,
     Observation,
     acknowledged_messages,
+    arm_after,
+    force_rise,
+    is_at_rest,
     kept_messages,
+    true_forces,
 )
 from tests.studies.fault_table.watched_run import CommandProcess, WatchedRun
 
@@ -47,9 +59,6 @@ def observe_case(case: FaultCase, folder: Path) -> Observation:
 
     A run that ends before the moment of the fault, on a computer that is too busy to emulate,
     is repeated.
-
-    Raises:
-        DeviceError: No run reached the moment of the fault.
     """
     for number in range(1, TRIES + 1):
         shutil.rmtree(folder, ignore_errors=True)
@@ -100,11 +109,7 @@ class _Case:
         return command
 
     def observe(self, *, tries: int) -> Observation:
-        """Wait for the moment, let it happen, and measure.
-
-        Raises:
-            DeviceError: The run ended before the moment.
-        """
+        """Wait for the moment, let it happen, and measure."""
         fault_ns = self._strike()
         exit_code = self._run.command.wait(END_TIMEOUT_S)
         hung = ["supervisor"] if self._run.command.hung else []

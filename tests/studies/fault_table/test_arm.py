@@ -5,69 +5,67 @@ from __future__ import annotations
 import pytest
 
 from tests.drivers.arm_notes import TraceRow
-from tests.studies.fault_table.arm import arm_after, force_rise, is_at_rest, true_forces
+from tests.studies.fault_table.observation import arm_after, force_rise, is_at_rest, true_forces
 
 MS = 1_000_000
 CYCLE_NS = 2 * MS
 START_Z = 0.2
 
 
-def trace(*legs, start_ns=0):
+def trace(*legs):
     """Return rows of an arm that goes through (duration [ms], velocity in z [m/s])."""
-    rows, stamp_ns, z = [], start_ns, START_Z
+    rows, z = [], START_Z
     for duration_ms, velocity in legs:
         for _ in range(duration_ms * MS // CYCLE_NS):
-            rows.append(
-                TraceRow(
-                    stamp_ns=stamp_ns,
-                    position=(0.0, 0.0, z),
-                    velocity=(0.0, 0.0, velocity),
-                    runtime_state=2,
-                )
+            row = TraceRow(
+                stamp_ns=len(rows) * CYCLE_NS,
+                position=(0.0, 0.0, z),
+                velocity=(0.0, 0.0, velocity),
+                runtime_state=2,
             )
-            stamp_ns += CYCLE_NS
+            rows.append(row)
             z += velocity * CYCLE_NS * 1e-9
     return rows
 
 
+DOWN = -0.0005
+
+
+@pytest.mark.parametrize(
+    ("legs", "moment_ms", "stopped_s", "lowered_m", "at_rest"),
+    [
+        pytest.param(
+            ((500, DOWN), (300, 0.0), (1000, 0.002), (500, 0.0)), 300, 0.2, 0.0, True, id="retracts"
+        ),
+        # 50 ms on the way down are no stop.
+        pytest.param(
+            ((100, DOWN), (50, 0.0), (100, DOWN), (200, 0.0)), 90, 0.16, 0.0, True, id="halts"
+        ),
+        # The worst thing that an arm could do after a fault.
+        pytest.param(
+            ((100, DOWN), (200, 0.0), (100, DOWN), (300, 0.0)), 50, 0.05, 5e-5, True, id="again"
+        ),
+        pytest.param(((500, DOWN),), 100, None, 0.0, False, id="never stops"),
+        pytest.param(((300, 0.0),), 100, 0.0, 0.0, True, id="stood already"),
+    ],
+)
+def test_stops_and_what_comes_after_are_told_apart(legs, moment_ms, stopped_s, lowered_m, at_rest):
+    """When the arm stood still, and whether it went down again."""
+    seen = arm_after(trace(*legs), moment_ms * MS, now_ns=sum(ms for ms, _ in legs) * MS)
+    assert seen.stopped_after_s == (
+        None if stopped_s is None else pytest.approx(stopped_s, abs=0.003)
+    )
+    assert seen.lowered_after_m == pytest.approx(lowered_m, rel=0.05, abs=1e-12)
+    assert seen.at_rest is at_rest
+
+
 def test_an_arm_that_stops_and_retracts():
-    """Down for 200 ms after the moment, still for 300 ms, then up: each is told apart."""
-    rows = trace((500, -0.0005), (300, 0.0), (1000, 0.002), (500, 0.0))
+    """How fast it was, how far it went down, and how far up in the end."""
+    rows = trace((500, DOWN), (300, 0.0), (1000, 0.002), (500, 0.0))
     seen = arm_after(rows, 300 * MS, now_ns=2300 * MS)
-    assert seen.stopped_after_s == pytest.approx(0.2, abs=0.002)
     assert seen.descended_m == pytest.approx(0.0001, rel=0.02)
     assert seen.raised_after_m == pytest.approx(0.002, rel=0.01)
-    assert (seen.lowered_after_m, seen.at_rest) == (0.0, True)
     assert seen.speed_before_m_s == 0.0005
-
-
-def test_a_short_halt_is_no_stop():
-    """Standing still for 50 ms on the way down does not count."""
-    rows = trace((100, -0.0005), (50, 0.0), (100, -0.0005), (200, 0.0))
-    seen = arm_after(rows, 90 * MS, now_ns=450 * MS)
-    assert seen.stopped_after_s == pytest.approx(0.16, abs=0.003)
-
-
-def test_going_down_again_shows():
-    """The worst thing that an arm could do after a fault."""
-    rows = trace((100, -0.0005), (200, 0.0), (100, -0.0005), (300, 0.0))
-    seen = arm_after(rows, 50 * MS, now_ns=700 * MS)
-    assert seen.stopped_after_s == pytest.approx(0.05, abs=0.003)
-    assert seen.lowered_after_m == pytest.approx(5e-5, rel=0.05)
-
-
-def test_an_arm_that_never_stops():
-    """It moves in the last row, so there is no time of stopping."""
-    rows = trace((500, -0.0005))
-    seen = arm_after(rows, 100 * MS, now_ns=500 * MS)
-    assert (seen.stopped_after_s, seen.at_rest) == (None, False)
-
-
-def test_an_arm_that_stood_already():
-    """A moment in the dwell, when nothing moves: stopped at once."""
-    rows = trace((300, 0.0))
-    seen = arm_after(rows, 100 * MS, now_ns=300 * MS)
-    assert (seen.stopped_after_s, seen.descended_m) == (0.0, 0.0)
 
 
 def test_rest_needs_no_rows():

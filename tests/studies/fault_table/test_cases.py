@@ -6,9 +6,15 @@ import pytest
 
 from drivers.emulators.faults import FAULTS_OF_DEVICE
 from tacauchy_rig.core.errors import ConfigError
-from tests.studies.fault_table.cases import Moment, Rival, Victim, all_cases, select_cases
-from tests.studies.fault_table.crowd import Crowd
-from tests.studies.fault_table.host import Trouble
+from tests.studies.fault_table.cases import (
+    Crowd,
+    Moment,
+    Rival,
+    Trouble,
+    Victim,
+    all_cases,
+    select_cases,
+)
 
 
 def test_every_fault_and_every_process_is_there_at_every_moment():

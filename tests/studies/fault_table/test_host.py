@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tacauchy_rig.core.errors import DeviceError
-from tests.studies.fault_table.host import HostTrouble, Trouble
+from tests.studies.fault_table.cases import HostTrouble, Trouble
 
 HOUR_S = 3600.0
 # Answers each line of its input: seconds of both clocks since the first line, and what writing
@@ -41,7 +41,6 @@ for _ in sys.stdin:
         flush=True,
     )
 """
-READ_ONLY = "Read-only_file_system"
 
 
 class Program:
@@ -104,26 +103,22 @@ def test_the_wall_clock_jumps_and_the_monotonic_one_does_not(
     assert set(written) == {"written"}
 
 
-def test_a_disk_becomes_read_only_under_an_open_file(
-    trouble: HostTrouble, program: Program, tmp_path: Path
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        (Trouble.READ_ONLY, 4 * ["Read-only_file_system"]),
+        # No byte more, no new file or folder; renaming needs no room.
+        (Trouble.DISK_FULL, [*3 * ["No_space_left_on_device"], "written"]),
+    ],
+)
+def test_a_disk_takes_nothing_under_an_open_file(
+    trouble: HostTrouble, program: Program, tmp_path: Path, kind: Trouble, told: list[str]
 ) -> None:
-    """Every way to write below it is refused; what lies beside it is not concerned."""
+    """What lies beside it is not concerned, nor another program."""
     assert set(program.look()[1]) == {"written"}
-    trouble.begin(Trouble.READ_ONLY)
-    assert program.look()[1] == [*4 * [READ_ONLY], "written"]
+    trouble.begin(kind)
+    assert program.look()[1] == [*told, "written"]
     (tmp_path / "disk" / "ours").write_text("this program has no trouble", encoding="utf-8")
-    trouble.end()
-    assert set(program.look()[1]) == {"written"}
-
-
-def test_a_full_disk_takes_nothing_new_and_lets_names_change(
-    trouble: HostTrouble, program: Program
-) -> None:
-    """No byte more, no new file or folder; renaming needs no room."""
-    program.look()
-    trouble.begin(Trouble.DISK_FULL)
-    full = "No_space_left_on_device"
-    assert program.look()[1] == [full, full, full, "written", "written"]
     trouble.end()
     assert set(program.look()[1]) == {"written"}
 

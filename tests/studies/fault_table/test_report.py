@@ -8,10 +8,9 @@ import pytest
 
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.store.codec import dumps, from_json, loads
-from tests.studies.fault_table.arm import ArmOutcome
 from tests.studies.fault_table.cases import all_cases
-from tests.studies.fault_table.observation import CommandEnd, KeptMessages, Observation
-from tests.studies.fault_table.report import fault_page, summary_line
+from tests.studies.fault_table.command import fault_page, summary_line
+from tests.studies.fault_table.observation import ArmOutcome, CommandEnd, KeptMessages, Observation
 
 ARM = ArmOutcome(
     speed_before_m_s=0.0003,

@@ -32,12 +32,6 @@ PAGE = re.compile(r"\bpage (http://\S+)")
 class CommandProcess:
     """``tacauchy-rig COMMAND ... --press-only`` with its output in files.
 
-    Args:
-        arguments: Command and its arguments.
-        folder: Where its output goes.
-        name: Of the output files.
-        environment: This process's if None.
-
     Attributes:
         hung: It had to be ended because it did not end by itself.
     """
@@ -111,12 +105,7 @@ class CommandProcess:
 
 
 class WatchedRun:
-    """A run that is followed by its journal.
-
-    Args:
-        command: Its process.
-        parent: Folder in which the run folder appears.
-    """
+    """A run that is followed by its journal."""
 
     def __init__(self, command: CommandProcess, parent: Path) -> None:
         self.command = command
@@ -125,11 +114,7 @@ class WatchedRun:
 
     @property
     def paths(self) -> RunPaths:
-        """The run folder, the first that appeared.
-
-        Raises:
-            RecordError: There is none yet.
-        """
+        """The run folder, the first that appeared."""
         folders = sorted(self._parent.glob("*/run.json"))
         if not folders:
             raise RecordError(f"{self._parent}: the run made no run folder")
@@ -143,11 +128,7 @@ class WatchedRun:
             return []
 
     def wait_for_phase(self, phase: Phase, *, timeout_s: float) -> JournalEvent:
-        """Return the event with which a phase began.
-
-        Raises:
-            DeviceError: The run ended before, or took too long.
-        """
+        """Return the event with which a phase began."""
         deadline = time.monotonic() + timeout_s
         seen_size = -1
         while time.monotonic() < deadline:
@@ -178,11 +159,7 @@ class WatchedRun:
             resource.prlimit(pid, resource.RLIMIT_AS, (1, 1))
 
     def page_address(self) -> str:
-        """Return the address of its page, as it was printed.
-
-        Raises:
-            DeviceError: None was.
-        """
+        """Return the address of its page, as it was printed."""
         addresses = PAGE.findall(self.command.output())
         if not addresses:
             raise DeviceError("the run printed no address of a page")

@@ -38,8 +38,6 @@ class Found:
     Attributes:
         beyond: How far the worst force that passed is off beyond its uncertainty [1]; -1 where none
             passed.
-        uncertainty: Largest stated of those that passed [1].
-        above_n: Largest true force above what it may be [N].
     """
 
     group: str
@@ -47,8 +45,8 @@ class Found:
     kind: str
     passed: int
     beyond: float
-    uncertainty: float
-    above_n: float
+    uncertainty: float  # largest stated of those that passed [1]
+    above_n: float  # largest true force above what it may be [N]
     reason: str
 
     @property

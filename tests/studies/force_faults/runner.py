@@ -24,14 +24,15 @@ from tacauchy_rig.core.config.model import RigConfig, RobotModel
 from tacauchy_rig.core.force_check import ForceCheck, judge_weight, parse_weight
 from tacauchy_rig.core.force_history import FORCE_LIMITS, ForceHistory, judge_forces
 from tacauchy_rig.core.run import ArmSample, Outcome, Pose, Tare, TrialRecord
-from tests.studies.force_faults.mini_gel import EXPECTED, MiniGel
 from tests.studies.force_faults.worlds import (
+    EXPECTED,
     GAIN_PER_K,
     MODULUS_PER_K,
     TRIALS,
     ZERO_N_PER_K,
     Fault,
     Kind,
+    MiniGel,
     World,
 )
 
@@ -42,23 +43,14 @@ LOOK_STEPS = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pressed:
-    """How a run of a world ended.
+    """How a run of a world ended."""
 
-    Attributes:
-        records: The attempts that count, in order.
-        true_n: Mean true force in the dwell of each of them.
-        most_n: Largest true force in each trial, less what it may be [N].
-        history: What was found of the sensor over the run.
-        reason: Why it ended early or was not believed; empty where neither is so.
-        is_doubted: The force sensor was found faulty, so that no trial is safe.
-    """
-
-    records: tuple[TrialRecord, ...]
-    true_n: tuple[float, ...]
-    most_n: float
-    history: ForceHistory
-    reason: str
-    is_doubted: bool
+    records: tuple[TrialRecord, ...]  # the attempts that count, in order
+    true_n: tuple[float, ...]  # mean true force in the dwell of each of them
+    most_n: float  # largest true force in each trial, less what it may be [N]
+    history: ForceHistory  # what was found of the sensor over the run
+    reason: str  # why it ended early or was not believed; empty where neither is so
+    is_doubted: bool  # the force sensor was found faulty, so that no trial is safe
 
     @property
     def passed(self) -> tuple[int, ...]:
@@ -88,12 +80,7 @@ class _Failing:
         self._before_n = 0.0
 
     def reading(self, true_n: float, progress: float) -> float:
-        """Return what it makes of the true force ``STEP_S`` after the last.
-
-        Args:
-            true_n: What it feels.
-            progress: Trials since the run began, with their parts.
-        """
+        """Return what it makes of the true force ``STEP_S`` after the last."""
         fault = self._fault
         if fault is None:
             return true_n
@@ -145,12 +132,7 @@ def config_of(model: RobotModel) -> RigConfig:
 
 
 class Runner:
-    """Presses all trials of a world.
-
-    Args:
-        world: What is true.
-        config: ``config_of`` its arm.
-    """
+    """Presses all trials of a world."""
 
     def __init__(self, world: World, config: RigConfig) -> None:
         self._world, self._config = world, config

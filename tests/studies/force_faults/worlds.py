@@ -7,7 +7,70 @@ import random
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+import numpy as np
+
+from drivers.mock.world import Gel
 from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.expected_press import ExpectedPress
+
+CURVE = np.array(
+    [
+        (0.0, 0.0, 0.0),
+        (0.05, 0.0211, 0.0409),
+        (0.1, 0.031, 0.0608),
+        (0.2, 0.0481, 0.0901),
+        (0.4, 0.0815, 0.1342),
+        (0.7, 0.131, 0.1872),
+        (1.0, 0.1801, 0.2367),
+        (1.5, 0.2614, 0.3189),
+        (2.0, 0.3426, 0.4009),
+        (3.3, 0.5565, 0.616),
+        (4.73, 0.7897, 0.8587),
+        (7.2, 1.2051, 1.2363),
+    ]
+)
+"""Force [N], depth under a straight and under a 2 degrees tilted face [mm]."""
+FORCE_N, DEPTH_MM, TILTED_MM = CURVE.T
+EXPECTED = ExpectedPress(
+    sensor="gelsight-mini",
+    made="a table of this study",
+    depth_m=tuple((DEPTH_MM * 1e-3).tolist()),
+    force_n=tuple(FORCE_N.tolist()),
+    low=0.73,
+    high=1.24,
+    lean_m=84e-6,
+    depth_error_m=35e-6,
+    gel_height_m=4e-3,
+)
+
+
+class MiniGel(Gel):
+    """A Mini's gel, so many times as stiff, under a face that is tilted by up to 2 degrees."""
+
+    def __init__(
+        self,
+        *,
+        stiffness: float = 1.0,
+        tilt_share: float = 0.0,
+        relaxed_fraction: float = 0.07,
+        relaxation_time_s: float = 2.0,
+    ) -> None:
+        super().__init__(relaxed_fraction=relaxed_fraction, relaxation_time_s=relaxation_time_s)
+        self.factor = stiffness
+        self._depths_mm = (DEPTH_MM + tilt_share * (TILTED_MM - DEPTH_MM)).tolist()
+        self._forces_n = FORCE_N.tolist()
+        rise, way = FORCE_N[-1] - FORCE_N[-2], self._depths_mm[-1] - self._depths_mm[-2]
+        self._end_slope = float(rise / way)
+
+    def press(self, depth_m: float, *, duration_s: float) -> float:
+        """Relax as any mock gel does, along the table's force instead of a straight line."""
+        depth_mm = max(depth_m, 0.0) * 1e3
+        beyond = self._end_slope * max(0.0, depth_mm - self._depths_mm[-1])
+        force_n = self.factor * (
+            float(np.interp(depth_mm, self._depths_mm, self._forces_n)) + beyond
+        )
+        return super().press(force_n / self.stiffness_n_m, duration_s=duration_s)
+
 
 TRIALS = 6
 
@@ -38,16 +101,13 @@ class Fault:
 
     Attributes:
         size: Of the force [1]; of a zero [N]. Positive reads too little.
-        trial: In which it begins.
-        moment: Where in that trial: 0 before its tare, 1 at its end.
-        time_s: With which creep builds up under load.
     """
 
     kind: Kind
     size: float
-    trial: int
-    moment: float = 0.0
-    time_s: float = 5.0
+    trial: int  # in which it begins
+    moment: float = 0.0  # where in that trial: 0 before its tare, 1 at its end
+    time_s: float = 5.0  # with which creep builds up under load
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,31 +115,21 @@ class World:
     """Everything that is true.
 
     Attributes:
-        stiffness: Of the gel over what is stated [1].
-        tilt_share: Of a tilt of 2 degrees.
-        relaxed_fraction: Of a held gel's force.
-        relaxation_time_s: With which it relaxes.
-        warming_k: By how much everything warms during the run.
-        gain: Of the force sensor when it is well [1].
-        noise_n: Of the force sensor.
-        drift_n_s: Of its zero.
-        depth_share: By how much the arm's way is off [1], per trial.
         surface_m: By how much the gel lies higher than stated.
-        weighed: A known weight is hung before the first and after the last trial.
     """
 
     seed: int
     model: RobotModel
-    weighed: bool
-    stiffness: float
-    tilt_share: float
-    relaxed_fraction: float
-    relaxation_time_s: float
-    warming_k: float
-    gain: float
-    noise_n: float
-    drift_n_s: float
-    depth_share: tuple[float, ...]
+    weighed: bool  # a known weight is hung before the first and after the last trial
+    stiffness: float  # of the gel over what is stated [1]
+    tilt_share: float  # of a tilt of 2 degrees
+    relaxed_fraction: float  # of a held gel's force
+    relaxation_time_s: float  # with which it relaxes
+    warming_k: float  # by how much everything warms during the run
+    gain: float  # of the force sensor when it is well [1]
+    noise_n: float  # of the force sensor
+    drift_n_s: float  # of its zero
+    depth_share: tuple[float, ...]  # by how much the arm's way is off [1], per trial
     motion_delay_s: float
     sensor: Fault | None = None
     arm: Fault | None = None
@@ -102,12 +152,7 @@ all (``tacauchy_rig.core.config.uncertainty``)."""
 
 
 def honest_world(seed: int, *, weighed: bool | None = None) -> World:
-    """Draw a world in which everything is within its stated range.
-
-    Args:
-        seed: Of the draw.
-        weighed: Whether a weight is hung; None leaves that to the arm, as a run does.
-    """
+    """Draw a world in which everything is within its stated range."""
     draw = random.Random(seed)  # noqa: S311 - a world, not a secret
     model = draw.choice(list(RobotModel))
     share = DEPTH_SHARE[model]

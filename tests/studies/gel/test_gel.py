@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.studies.gel.emulated_gels import Fitted, gel_table
+from tests.studies.gel.command import Fitted, gel_table
 
 
 def _fitted(*, young: bool = True, left_out: tuple[int, int] = (5, 5)) -> Fitted:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.studies.hostile_runs.command import observe, recorded
 from tests.studies.hostile_runs.kinds import all_kinds
-from tests.studies.hostile_runs.observe import observe, recorded
 
 READERS = ("recover", "export csv", "serve")
 

@@ -8,14 +8,13 @@ alone: at the clamped base they are the reaction.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from sim.batch.environment import Environment, Trajectory
+from sim.batch.environment import Trajectory
 from sim.device import Device, on_host
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model
@@ -28,12 +27,10 @@ from sim.scene.triangle_surface import TriangleSurface, closed_surface
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
-from sim.studies.bench.batches import pressing_frames, spread, trajectory_of
-from sim.studies.bench.press import moves
+from sim.studies.bench.press import moves, pressing_frames, spread, trajectory_of
 from sim.studies.bench.scenes import FRAME_COUNT, ScenePress
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
-from tests.studies.libuipc.task import PeerFound, PeerTask, PeerTolerance
 
 # Of a round body: a ball of 10 mm is up to 2.5 um flatter than it should be where it touches.
 _SECTORS, _BALL_RINGS, _FILLET_RINGS = 64, 32, 8
@@ -44,6 +41,8 @@ _BARRIER_FORCE = 2.93
 _TOP_SHARE = 0.1
 # The drive's spring gives half of this under 10 N [m].
 _AIM_M = 2e-6
+# Pads lie so far apart, in units of their largest extent.
+_APART = 2.5
 # What linear elements of the whole pad differ by from what a scene is pressed with.
 _LINEAR_AND_WHOLE = (
     (Effect.SYMMETRY, False),
@@ -54,54 +53,17 @@ _LINEAR_AND_WHOLE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PeerPad:
-    """A scene as libuipc is given it.
-
-    Attributes:
-        model: Ours on linear tetrahedra of the whole pad.
-        trajectory: Where the indenter goes, by depth.
-        touch_m: Height of its tip at first touch [m].
-        resistance: libuipc's kappa [Pa/m^2].
-        stiffness_n_m: dF_z / d(depth) of our press in the last frame that goes down [N/m].
-    """
+    """A scene as libuipc is given it."""
 
     scene: Scene
-    model: Model
+    model: Model  # ours on linear tetrahedra of the whole pad
     body: TriangleSurface
-    trajectory: Trajectory
-    touch_m: float
-    resistance: float
-    stiffness_n_m: float
+    trajectory: Trajectory  # where the indenter goes, by depth
+    touch_m: float  # height of its tip at first touch
+    resistance: float  # kappa [Pa/m^2]: energy kappa (d^2 - d_hat^2)^2 ln (d_hat/d)^2 of a pair
+    stiffness_n_m: float  # dF_z / d(depth) of our press in the last frame that goes down
 
-    def task(self, *, count: int, tolerance: PeerTolerance) -> PeerTask:
-        """Return presses in the environments of ``spread``."""
-        chosen = spread(self.scene, self.trajectory, count)
-        law_pa = on_host(self.gel([each for each, _ in chosen]).parameters)
-        poses = np.stack([self._poses(trajectory.goals) for _, trajectory in chosen], axis=1)
-        return PeerTask(
-            nodes=self.model.nodes,
-            tets=self.model.elements,
-            clamped=self.model.clamped,
-            shear_pa=law_pa[..., 0],
-            bulk_pa=law_pa[..., 1],
-            start=np.repeat(self._poses(np.zeros((1, 4))), count, axis=0),
-            poses=poses,
-            body_vertices=self.body.vertices,
-            body_faces=self.body.faces,
-            distance_m=self.model.contact_options.distance_m,
-            resistance=self.resistance,
-            friction=self.model.contact_options.friction,
-            slip_m=self.model.contact_options.slip_m,
-            tolerance=tolerance,
-        )
-
-    def gel(self, environments: Sequence[Environment]) -> Any:
-        """Return the elements of environments on our model."""
-        mesh = self.model.mesh
-        return self.model.gel.of(
-            [element_constants(mesh, each.materials or ()) for each in environments]
-        )
-
-    def _poses(self, goals: FloatArray) -> FloatArray:
+    def poses(self, goals: FloatArray) -> FloatArray:
         """Return transforms [m], shape [frame_count, 4, 4], at depths, shifts and turns."""
         down, x, y, turn = goals.T
         found = np.tile(np.eye(4), (len(goals), 1, 1))
@@ -115,27 +77,104 @@ class PeerPad:
         return found
 
 
+class PeerPresses:
+    """Presses of one pad in the environments of ``spread``, side by side in one libuipc scene.
+
+    Attributes:
+        shear_pa: Of the law's m, of every tetrahedron of every environment, [count, tet_count].
+        bulk_pa: Of its l, likewise.
+        start: Of the indenters at first touch, as transforms [m], shape [count, 4, 4].
+        poses: Likewise in every frame, shape [frame_count, count, 4, 4].
+        origins_m: Where every environment's pad lies, shape [count, 3]: on a square grid.
+    """
+
+    def __init__(self, pad: PeerPad, count: int) -> None:
+        chosen = spread(pad.scene, pad.trajectory, count)
+        self.pad, self.count = pad, count
+        environments = [each for each, _ in chosen]
+        self._gel = pad.model.gel.of(
+            [element_constants(pad.model.mesh, each.materials or ()) for each in environments]
+        )
+        law_pa = on_host(self._gel.parameters)
+        self.shear_pa, self.bulk_pa = law_pa[..., 0], law_pa[..., 1]
+        self.start = np.repeat(pad.poses(np.zeros((1, 4))), count, axis=0)
+        self.poses = np.stack([pad.poses(trajectory.goals) for _, trajectory in chosen], axis=1)
+        columns, number = int(np.ceil(np.sqrt(count))), np.arange(count)
+        pitch = _APART * float(np.ptp(pad.model.nodes, axis=0).max())
+        x, y = (
+            pitch * (place - 0.5 * (columns - 1)) for place in (number % columns, number // columns)
+        )
+        self.origins_m = np.column_stack([x, y, np.zeros(count)])
+
+    def base_n(self, positions: FloatArray) -> FloatArray:
+        """Return the base's reaction [N], shape [count, 3], by our law."""
+        model = self.pad.model
+        device, room = Device(model.device), model.gel.buffers(self.count)
+        model.gel.recorded(
+            device.array(np.ones(self.count), wp.int32),
+            device.array(positions, wp.vec3d),
+            room,
+            gel=self._gel,
+        ).launch()
+        return np.asarray(on_host(room[0])[:, model.clamped].sum(axis=1))
+
+    def strayed(self, tips_m: FloatArray) -> list[str]:
+        """Say how far an indenter was from where it was sent, if that matters."""
+        away_m = float(np.linalg.norm(tips_m - self.poses[-1, :, :3, 3], axis=1).max())
+        if away_m < _AIM_M:
+            return []
+        return [f"an indenter ended {1e6 * away_m:.1f} um from where it was sent"]
+
+    def judged(
+        self, positions: FloatArray, contact_n: FloatArray | None, **taken: Any
+    ) -> ScenePress:
+        """Judge the last frame of every environment.
+
+        The force is that of the first, the depth the one that it was sent to, and the balance the
+        largest: base reaction against libuipc's contact force on the nodes [N], shape [count,
+        node_count, 3], over the latter; not a number where libuipc does not say that.
+
+        Args:
+            taken: Times and iterations.
+        """
+        pad, base_n, balance = self.pad, self.base_n(positions), float("nan")
+        if contact_n is not None:
+            whole_n = contact_n.sum(axis=1)
+            size_n = np.maximum(np.linalg.norm(whole_n, axis=1), np.finfo(float).tiny)
+            balance = float((np.linalg.norm(base_n + whole_n, axis=1) / size_n).max())
+        x, y, z = base_n[0]
+        return ScenePress(
+            edges=1.0 / pad.scene.refinement,
+            promised=False,
+            tet_count=len(pad.model.elements),
+            unknown_count=pad.model.pattern.dof_count,
+            force_n=(float(x), float(y), float(z)),
+            moment_nm=None,
+            depth_m=float(pad.trajectory.along[-1]),
+            stiffness_n_m=pad.stiffness_n_m,
+            balance=balance,
+            **taken,
+        )
+
+
 def peer_pad(scene: Scene) -> PeerPad:
     """Press a scene by our solver, and mesh its pad for libuipc.
 
     Raises:
         ConfigError: libuipc cannot do this scene.
-        ConvergenceError: Nor can our solver.
     """
     _refuse(scene)
-    plan = plan_effects(scene)
-    path = path_for(scene, plan)
+    path = path_for(scene, plan_effects(scene))
     points = [move(path) for move in moves(scene)]
     linear = replace(scene, effects=(*scene.effects, *_LINEAR_AND_WHOLE))
     model = build_model(linear, plan=plan_effects(linear))
     trajectory = trajectory_of(scene, frame_count=FRAME_COUNT)
+    depths_m = np.array([point.depth_m for point in points])
     return PeerPad(
         scene=scene,
         model=model,
         body=triangles(scene.indenter),
-        trajectory=replace(
-            trajectory, depths_m=np.array([point.depth_m for point in points]), loads_n=None
-        ),
+        trajectory=replace(trajectory, depths_m=depths_m, loads_n=None),
         touch_m=path.touch_m,
         resistance=_resistance(model, path, points[-1]),
         stiffness_n_m=points[pressing_frames(scene) - 1].stiffness_n_m,
@@ -157,13 +196,8 @@ def _refuse(scene: Scene) -> None:
 
 
 def triangles(indenter: Indenter) -> TriangleSurface:
-    """Return an indenter as libuipc is given it.
-
-    Raises:
-        ConfigError: It is a plane.
-    """
-    if isinstance(indenter, Plane):
-        raise ConfigError("a plane has no end", remedy="press a body")
+    """Return an indenter that is no plane as libuipc is given it."""
+    assert not isinstance(indenter, Plane)
     if not isinstance(indenter, Cylinder | Sphere):
         return indenter.surface
     rings = _FILLET_RINGS
@@ -183,61 +217,3 @@ def _resistance(model: Model, path: LoadingPath, last: PathPoint) -> float:
     count = int((beneath[:, 2] > beneath[:, 2].max() - _TOP_SHARE * model.height_m).sum())
     distance_m = model.contact_options.distance_m
     return float(last.force_n[2]) / count / (_BARRIER_FORCE * distance_m**3)
-
-
-def peer_press(pad: PeerPad, task: PeerTask, found: PeerFound) -> ScenePress:
-    """Judge the last frame of every environment.
-
-    Returns:
-        Force of the first environment, the depth that it was sent to, and the largest imbalance:
-        base reaction against libuipc's contact force, over the latter; not a number where libuipc
-        does not say that.
-    """
-    chosen = [each for each, _ in spread(pad.scene, pad.trajectory, task.count)]
-    base_n = _elastic(pad, chosen, found.positions)[:, task.clamped].sum(axis=1)
-    balance = float("nan")
-    if found.contact_n is not None:
-        contact_n = found.contact_n.sum(axis=1)
-        size_n = np.maximum(np.linalg.norm(contact_n, axis=1), np.finfo(float).tiny)
-        balance = float((np.linalg.norm(base_n + contact_n, axis=1) / size_n).max())
-    wall_s, cpu_s = min(found.press_s)
-    x, y, z = base_n[0]
-    return ScenePress(
-        preset=task.tolerance.name,
-        edges=1.0 / pad.scene.refinement,
-        promised=False,
-        tet_count=len(task.tets),
-        unknown_count=pad.model.pattern.dof_count,
-        setup_s=found.set_up_s,
-        wall_s=wall_s,
-        cpu_s=cpu_s,
-        iterations=sum(found.newton_iterations),
-        force_n=(float(x), float(y), float(z)),
-        moment_nm=None,
-        depth_m=float(pad.trajectory.along[-1]),
-        stiffness_n_m=pad.stiffness_n_m,
-        balance=balance,
-    )
-
-
-def strayed(task: PeerTask, found: PeerFound) -> tuple[str, ...]:
-    """Say how far an indenter was from where it was sent, if that matters."""
-    away_m = float(np.linalg.norm(found.tips_m - task.poses[-1, :, :3, 3], axis=1).max())
-    if away_m < _AIM_M:
-        return ()
-    return (f"an indenter ended {1e6 * away_m:.1f} um from where it was sent",)
-
-
-def _elastic(
-    pad: PeerPad, environments: Sequence[Environment], positions: FloatArray
-) -> FloatArray:
-    """Return the gradient of the elastic energy [N], shape [count, node_count, 3]."""
-    device, gel = Device(pad.model.device), pad.model.gel
-    room = gel.buffers(len(environments))
-    gel.recorded(
-        device.array(np.ones(len(environments)), wp.int32),
-        device.array(positions, wp.vec3d),
-        room,
-        gel=pad.gel(environments),
-    ).launch()
-    return np.asarray(on_host(room[0]))

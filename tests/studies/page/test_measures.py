@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.studies.page.measures import Pairs, rate_table, reaction_table, stop_table
+from tests.studies.page.command import Pairs, rate_table, reaction_table, stop_table
 
 RATES = {
     "trial": 1,

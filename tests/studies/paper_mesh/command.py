@@ -16,7 +16,7 @@ from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.pad import BoxPad, ParametricPad
 from sim.sensor.sensor import load_sensor
 from sim.studies.paper.kept import json_lines
-from sim.studies.paper.mesh import Trial, mesh_numbers, mesh_statistics
+from sim.studies.paper.presses import Trial, mesh_numbers, mesh_statistics, miss
 from sim.studies.paper.study import SEARCH_FILE
 from tacauchy_rig.app.cli.output import say, write_text
 
@@ -39,7 +39,8 @@ def paper_mesh(
     trials = []
     for trial in searched():
         trials.append(trial)
-        say(f"  {trial.pad}, l_r {trial.share:g}: {trial.miss:.0%} off the paper's table")
+        off = miss(trial)
+        say(f"  {trial['pad']}, l_r {trial['share']:g}: {off:.0%} off the paper's table")
     write_text(benchmarks / SEARCH_FILE, json_lines(trials), option="--benchmarks")
 
 
@@ -55,7 +56,7 @@ def searched(*, make: Callable[[ParametricPad, WildSizing], TetMesh] = _meshed) 
             sizing = replace(PAPER_SIZING, coarse_m=coarse_m)
             plain = mesh_statistics(make(pad, replace(sizing, fine_m=coarse_m)))
             found = mesh_numbers(plain, mesh_statistics(make(pad, sizing)))
-            yield Trial(pad=name, share=share, found=found)
+            yield {"pad": name, "share": share, "found": found}
 
 
 def _pads() -> Mapping[str, ParametricPad]:

@@ -12,7 +12,7 @@ from sim.mesh.tetwild import WildSizing
 from sim.scene.pad import ParametricPad
 from sim.studies.paper.claims import claims
 from sim.studies.paper.kept import json_lines
-from sim.studies.paper.mesh import Trial, read_trials
+from sim.studies.paper.presses import miss, read_trials
 from tests.studies.paper_mesh.command import searched
 
 EXACT = {name: claim.value for name, claim in claims().items() if name.startswith("mesh.")}
@@ -29,23 +29,23 @@ def two_tetrahedra(pad: ParametricPad, sizing: WildSizing) -> TetMesh:
 def test_every_pad_is_tried_with_every_share() -> None:
     """Longer coarse edges are longer in the table, refined ones are not."""
     trials = list(searched(make=two_tetrahedra))
-    assert len({(trial.pad, trial.share) for trial in trials}) == len(trials)
+    assert len({(trial["pad"], trial["share"]) for trial in trials}) == len(trials)
     first, second = trials[:2]
-    assert second.found["mesh.edge_plain"] > first.found["mesh.edge_plain"]
-    assert second.found["mesh.edge"] == pytest.approx(first.found["mesh.edge"])
+    assert second["found"]["mesh.edge_plain"] > first["found"]["mesh.edge_plain"]
+    assert second["found"]["mesh.edge"] == pytest.approx(first["found"]["mesh.edge"])
 
 
 def test_the_miss_is_zero_for_the_papers_table_alone() -> None:
     """Twice every number misses by 100 %."""
-    assert Trial(pad="", share=0.1, found=EXACT).miss == pytest.approx(0.0)
+    assert miss({"found": EXACT}) == pytest.approx(0.0)
     doubled = {name: 2.0 * value for name, value in EXACT.items()}
-    assert Trial(pad="", share=0.1, found=doubled).miss == pytest.approx(1.0)
+    assert miss({"found": doubled}) == pytest.approx(1.0)
 
 
 def test_trials_are_read_the_nearest_first(tmp_path: Path) -> None:
     """The order of the file does not matter; no file is no trials."""
-    far = Trial(pad="far", share=0.1, found=EXACT | {"mesh.tets": 10.0})
-    near = Trial(pad="near", share=0.1, found=EXACT)
+    far = {"pad": "far", "share": 0.1, "found": EXACT | {"mesh.tets": 10.0}}
+    near = {"pad": "near", "share": 0.1, "found": EXACT}
     file = tmp_path / "search.json"
     assert read_trials(file) == []
     file.write_text(json_lines([far, near]))

@@ -30,15 +30,10 @@ _STORE_EVENTS = ("written", "sealed", "recovered", "cut-off")
 
 @dataclass(frozen=True, kw_only=True)
 class Appended:
-    """A file that only grows.
+    """A file that only grows."""
 
-    Attributes:
-        content: At the end.
-        sizes: From when [s] it had how many bytes, ascending.
-    """
-
-    content: bytes
-    sizes: tuple[tuple[float, int], ...]
+    content: bytes  # at the end
+    sizes: tuple[tuple[float, int], ...]  # from when [s] it had how many bytes, ascending
 
     def size_at(self, time_s: float) -> int:
         """Return its size [bytes]; 0 before it was there."""
@@ -58,21 +53,13 @@ class Replaced:
 
 @dataclass(frozen=True, kw_only=True)
 class History:
-    """How the files of a run came to be.
+    """How the files of a run came to be."""
 
-    Attributes:
-        root: The run.
-        appended: Journal and recordings, by name within the run.
-        replaced: The other files.
-        moments: Times of the folder's creation and of the journal's lines [s].
-        attempts: When each began and ended [s].
-    """
-
-    root: Path
-    appended: dict[str, Appended]
-    replaced: dict[str, Replaced]
-    moments: tuple[float, ...]
-    attempts: dict[tuple[int, int], tuple[float, float]]
+    root: Path  # the run
+    appended: dict[str, Appended]  # journal and recordings, by name within the run
+    replaced: dict[str, Replaced]  # the other files
+    moments: tuple[float, ...]  # times of the folder's creation and of the journal's lines [s]
+    attempts: dict[tuple[int, int], tuple[float, float]]  # when each began and ended [s]
 
     @classmethod
     def of(cls, root: Path) -> History:
@@ -137,19 +124,12 @@ def _recorded(path: Path, start_s: float, end_s: float) -> Appended:
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """What a power cut left.
+    """What a power cut left."""
 
-    Attributes:
-        number: Which one it is.
-        cut_s: When the power was cut [s].
-        files: Content by name within the run.
-        said: What is unlike the moment of the cut, in words.
-    """
-
-    number: int
-    cut_s: float
-    files: dict[str, bytes]
-    said: tuple[str, ...] = ()
+    number: int  # which one it is
+    cut_s: float  # when the power was cut [s]
+    files: dict[str, bytes]  # content by name within the run
+    said: tuple[str, ...] = ()  # what is unlike the moment of the cut, in words
 
     def write(self, history: History, folder: Path) -> Path:
         """Make the run's folder as it was left; return it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.studies.power_cuts.observe import observe, recorded_history
+from tests.studies.power_cuts.command import observe, recorded_history
 from tests.studies.power_cuts.states import History
 
 

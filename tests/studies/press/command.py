@@ -2,12 +2,123 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated
 
+import numpy as np
 import typer
 
+from drivers.emulators.plant.gel import Plant
+from drivers.emulators.plant.optics import GelCamera
+from drivers.emulators.plant.tips import CylinderTip
+from drivers.emulators.plant.truth import PlantTruth, draw_truth
+from drivers.emulators.plant.view import view_of
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import show_table, write_json
+from tacauchy_rig.app.gel_health.comparison import Advice, GelState, PressMeasures, compare_presses
+from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.config.uncertainty import DEPTH_ERROR_M
+from tacauchy_rig.core.tables import Table
+
+TARGET_N = 2.0
+STIFFER, DIMMER = 1.15, 0.8
+_SAMPLES = 200
+_FRAMES = 25  # a dwell's, whose median is taken
+_ZERO_N = 0.05
+_SIZE_PX = (320, 240)
+_ERROR_M = DEPTH_ERROR_M[RobotModel.E_SERIES]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judged:
+    """What was said of one sensor."""
+
+    seed: int
+    aged: bool
+    state: GelState
+
+    @property
+    def is_right(self) -> bool:
+        """True where an aged gel is to be replaced and a good one kept."""
+        return self.state.advice is (Advice.REPLACE if self.aged else Advice.KEEP)
+
+
+def judged(seed: int, *, aged: bool) -> Judged:
+    """Press a drawn sensor before and now, and judge it."""
+    truth = draw_truth(seed)
+    later = truth
+    if aged:
+        red, green, blue = truth.light_gain
+        later = replace(
+            truth,
+            young_pa=STIFFER * truth.young_pa,
+            light_gain=(DIMMER * red, DIMMER * green, DIMMER * blue),
+        )
+    random = np.random.default_rng([seed, 5, int(aged)])
+    state = compare_presses(
+        _seen(truth, random), _seen(later, random), depth_uncertainty_m=_ERROR_M
+    )
+    return Judged(seed=seed, aged=aged, state=state)
+
+
+def _seen(truth: PlantTruth, random: np.random.Generator) -> PressMeasures:
+    plant = Plant(truth, CylinderTip(diameter_m=5e-3))
+    tried_m = np.linspace(0.0, 0.9e-3, 400)
+    forces_n = np.array([plant.relaxed_force(float(each)) for each in tried_m])
+    deepest_m = float(np.interp(TARGET_N, forces_n, tried_m))
+    depth_m = np.linspace(0.0, deepest_m, _SAMPLES)
+    force_n = np.interp(depth_m, tried_m, forces_n)
+    light = 1.0 + truth.light_drift_ratio * float(random.uniform(0.0, 1.0))
+    camera = GelCamera(truth, view_of(truth, _SIZE_PX))
+    noise = truth.image_noise_levels * 1.25 / np.sqrt(_FRAMES)  # of a median of frames
+    unloaded, pressed = (
+        camera.render(profile, light=light).astype(np.float64)
+        for profile in (None, plant.surface_at(deepest_m, (0.0, 0.0), truth.tilt_rad))
+    )
+    return PressMeasures(
+        depth_m=depth_m + random.normal(0.0, _ERROR_M),
+        force_n=force_n + random.normal(0.0, truth.force_noise_n, _SAMPLES),
+        unloaded=unloaded + random.normal(0.0, noise, unloaded.shape),
+        pressed=pressed + random.normal(0.0, noise, pressed.shape),
+        zero_n=truth.force_offset_n[2] + random.normal(0.0, _ZERO_N),
+        zero_deviation_n=truth.force_noise_n,
+    )
+
+
+def state_table(found: Sequence[Judged]) -> Table:
+    """Return one line a sensor."""
+    return Table(
+        title="Good and aged gels, judged by one press beside one of before",
+        columns=(
+            "seed",
+            "gel",
+            "said",
+            "modulus [%]",
+            "+- [%]",
+            "light [%]",
+            "image [%]",
+            "zero [N]",
+        ),
+        rows=tuple(
+            (
+                each.seed,
+                "aged" if each.aged else "good",
+                each.state.advice.value,
+                *(round(100.0 * number, 1) for number in _shares(each.state)),
+                round(each.state.changes[3].value, 3),
+            )
+            for each in found
+        ),
+        criterion="aged gels are to be replaced, good ones kept",
+        passed=all(each.is_right for each in found),
+        command="python -m tests.studies press",
+    )
+
+
+def _shares(state: GelState) -> tuple[float, float, float, float]:
+    modulus, light, image, _ = state.changes
+    return modulus.value, modulus.uncertainty, light.value, image.value
 
 
 def press_check(
@@ -19,8 +130,6 @@ def press_check(
 
     Example: python -m tests.studies press --gels 10
     """
-    from tests.studies.press.aged_sensors import judged, state_table
-
     seeds = range(seed, seed + gels)
     found = [judged(number, aged=aged) for aged in (False, True) for number in seeds]
     table = state_table(found)

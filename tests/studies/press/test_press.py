@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.studies.press.aged_sensors import judged
+from tests.studies.press.command import judged
 
 
 @pytest.mark.parametrize("aged", [False, True])

@@ -48,15 +48,10 @@ class Care(StrEnum):
 
 @dataclass(frozen=True)
 class RunCopy:
-    """A copy of a run folder that may be spoilt.
+    """A copy of a run folder that may be spoilt."""
 
-    Attributes:
-        root: The copy.
-        care: How far changes are followed up.
-    """
-
-    root: Path
-    care: Care
+    root: Path  # the copy
+    care: Care  # how far changes are followed up
 
     @classmethod
     def of(cls, run: Path, parent: Path, care: Care) -> RunCopy:

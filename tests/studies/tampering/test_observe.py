@@ -11,8 +11,7 @@ import pytest
 from tacauchy_rig.core.store.check.run import check_run
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.recorded_run import new_run, press_run
-from tests.studies.tampering.case import TamperCase
-from tests.studies.tampering.cases import all_cases
+from tests.studies.tampering.cases import TamperCase, all_cases
 from tests.studies.tampering.copy import Care, RunCopy
 
 RECORDED = tuple(case for case in all_cases() if not case.name.startswith("replay"))

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
+from drivers.emulators.faults import Device
+from drivers.emulators.launch import Emulation, with_addresses
+from drivers.emulators.plant.truth import EmulatedUnit
+from protocols.guard.abort import Abort
+from protocols.processes.messages import PageOptions
+from protocols.processes.supervisor import run_session
+from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.cli.emulation import emulated_unit
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import (
@@ -18,13 +28,168 @@ from tacauchy_rig.app.cli.output import (
     write_json,
     write_text,
 )
+from tacauchy_rig.app.twin.twin import Follows, twin_options
+from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.page import criteria_page
+from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.selection import selected
-from tacauchy_rig.core.tables import Table
+from tacauchy_rig.core.store.line_log import read_log
+from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.tables import Table, table_of_rows
 from tacauchy_rig.core.versions import machine, versions
-from tests.studies.page.measures import twin_reaction_table, twin_reactions
-from tests.studies.twin_bench.beside_runs import TwinRow, press_with_twin, twin_table
-from tests.studies.twin_bench.scenes import SCENES
+from tests.studies.page.command import twin_reaction_table, twin_reactions
+
+LAG_WANTED_MS = 200.0
+_PAUSE_S = 1.0  # between two frames: longer ones lie between presses
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinRow:
+    """What a run with a twin gave; frames are those with contact."""
+
+    name: str
+    frames: int
+    rate_hz: float
+    lag_median_ms: float
+    lag_late_ms: float
+    solve_median_ms: float
+    draw_median_ms: float
+    processor_median_ms: float
+    processor_late_ms: float
+    failed: int
+    error_relative: float
+    lost_force: int
+    lost_images: int
+    outcomes: str
+    busy: float  # processes that wanted a processor at the end, over the processors there are
+
+    def keeps_up(self, rate_wanted_hz: float) -> bool:
+        """Return whether it is as quick as is wanted, and nothing was lost."""
+        quick = self.rate_hz >= rate_wanted_hz and self.lag_median_ms < LAG_WANTED_MS
+        return quick and self.lost_force == self.lost_images == 0
+
+
+def press_with_twin(
+    scene: TwinScene, folder: Path, *, unit_of: Callable[[Sensor], EmulatedUnit], device: str
+) -> TwinRow:
+    """Press a scene's trials on emulated devices, with a page and a twin."""
+    out = f'run.output_directory="{folder}"'
+    loaded = load_config(None, overrides=[out, *scene.overrides])
+    store = RunStore.create(folder, loaded, config_text=default_text(), simulated=True, versions={})
+    emulation = Emulation(
+        loaded.config,
+        folder=store.paths.emulation,
+        devices=frozenset(Device),
+        unit=unit_of(load_sensor(loaded.config.sensor.name)),
+    )
+    with emulation:
+        result = run_session(
+            store,
+            with_addresses(loaded.config, emulation.addresses),
+            on_event=lambda _event: None,
+            abort=Abort(),
+            page=PageOptions(),
+            viewers=[twin_options(Follows.FORCE, device=device)],
+        )
+    busy = os.getloadavg()[0] / (os.cpu_count() or 1)
+    return row_of(scene.name, read_log(store.paths.twin), result.records, busy=busy)
+
+
+def row_of(
+    name: str, lines: Sequence[dict[str, Any]], records: Sequence[TrialRecord], *, busy: float
+) -> TwinRow:
+    """Return what a twin's lines and a run's results say."""
+    pressed = [line for line in lines if line["force_n"] > 0.0]
+    stamps = np.array([line["stamp_ns"] for line in pressed]) * 1e-9
+    between = np.diff(stamps)
+    between = between[between < _PAUSE_S]
+    lags = [line["lag_ms"] for line in pressed]
+    spent = [line["processor_ms"] for line in pressed]
+    errors = [line["force_error_n"] / line["force_n"] for line in pressed if line["force_error_n"]]
+    return TwinRow(
+        name=name,
+        frames=len(pressed),
+        rate_hz=1.0 / float(between.mean()) if len(between) else 0.0,
+        lag_median_ms=_at(lags, 50),
+        lag_late_ms=_at(lags, 95),
+        solve_median_ms=_at([line["solve_ms"] for line in pressed], 50),
+        draw_median_ms=_at([line["draw_ms"] for line in pressed], 50),
+        processor_median_ms=_at(spent, 50),
+        processor_late_ms=_at(spent, 95),
+        failed=sum(bool(line["note"]) for line in lines),
+        error_relative=max(errors, default=float("nan")),
+        lost_force=sum(round(each.rates["force_lost_count"]) for each in records),
+        lost_images=sum(round(each.rates["image_lost_count"]) for each in records),
+        outcomes=", ".join(each.outcome.value for each in records),
+        busy=busy,
+    )
+
+
+def twin_table(rows: Sequence[TwinRow], *, rate_wanted_hz: float) -> Table:
+    """Return the rates as a table."""
+    return table_of_rows(
+        [
+            {
+                "scene": row.name,
+                "frames": row.frames,
+                "frames/s": row.rate_hz,
+                "lag, median [ms]": row.lag_median_ms,
+                "lag, 95 % [ms]": row.lag_late_ms,
+                "processor time of a frame, median [ms]": row.processor_median_ms,
+                "of it, 95 % [ms]": row.processor_late_ms,
+                "failed": row.failed,
+                "error of F_z, at most": row.error_relative,
+                "lost force": row.lost_force,
+                "lost images": row.lost_images,
+                "trials": row.outcomes,
+                "load": row.busy,
+            }
+            for row in rows
+        ],
+        title="A twin beside emulated runs, with a page",
+        criterion=f"at least {rate_wanted_hz:g} frames/s, median lag below {LAG_WANTED_MS:g} ms, "
+        "and not one sample of force or image lost",
+        passed=all(row.keeps_up(rate_wanted_hz) for row in rows),
+        note="Of frames with contact. Load: processes that wanted a processor when the run ended, "
+        "the run's own included, over the processors there are; where that is far above 1, others "
+        "worked on the machine, and a twin of the lowest priority has what they leave. Processor "
+        "time is what a frame costs whoever else works there; an idle processor gives a frame in "
+        "that, and at most 40 a second, as often as the force is shown.",
+    )
+
+
+def _at(values: Sequence[float], percent: float) -> float:
+    return float(np.percentile(values, percent)) if len(values) else float("nan")
+
+
+_BALL = ('indenter.kind="sphere"', 'indenter.diameter="8 mm"', 'indenter.fillet="0 mm"')
+_SOFT = ('protocol.force_targets=["0.8 N", "2 N"]',)
+_HARD = ('protocol.force_targets=["1.2556 N", "4.7332 N"]',)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinScene:
+    """A press by name, as changes of the default configuration."""
+
+    name: str
+    overrides: tuple[str, ...]
+
+
+SCENES = (
+    TwinScene(name="GelSight Mini, cylinder", overrides=_HARD),
+    TwinScene(name="GelSight Mini, ball", overrides=(*_HARD, *_BALL)),
+    TwinScene(
+        name="GelSight Mini, cylinder, friction 0.5",
+        overrides=(*_HARD, "replay.friction=0.5"),
+    ),
+    TwinScene(
+        name="GelSight Mini, cylinder, tilted by 1 deg",
+        overrides=(*_HARD, 'replay.tilt=["1 deg", "0 deg"]'),
+    ),
+    TwinScene(name="DIGIT, ball", overrides=(*_SOFT, *_BALL, 'sensor.name="digit"')),
+    TwinScene(name="9DTact, cylinder", overrides=(*_SOFT, 'sensor.name="9dtact"')),
+)
+
 
 GUARD_PAIRS = 20
 RATES_WANTED_HZ = {"twin": 10.0, "twin_gpu": 30.0}

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.studies.twin_bench.beside_runs import row_of, twin_table
+from tests.studies.twin_bench.command import row_of, twin_table
 
 
 def _line(stamp_s: float, *, force_n: float = 1.0, lag_ms: float = 50.0) -> dict[str, Any]:

@@ -38,24 +38,15 @@ class Pressed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """What every wrong model starts from; nothing is written into the run's folder.
-
-    Attributes:
-        inputs: What the run is truly replayed with.
-        optics: What it is truly rendered with.
-        recorded: What was read of the run, its checks with it.
-        pressed: The true replay.
-        images: Its images by trial.
-        force_inputs: What the force at a depth depends on.
-    """
+    """What every wrong model starts from; nothing is written into the run's folder."""
 
     run: RunReading
-    inputs: ReplayInputs
-    optics: OpticalCalibration
-    recorded: RunEvidence
-    pressed: Pressed
-    images: Mapping[int, ImageArray]
-    force_inputs: tuple[ForceInput, ...] = ()
+    inputs: ReplayInputs  # what the run is truly replayed with
+    optics: OpticalCalibration  # what it is truly rendered with
+    recorded: RunEvidence  # what was read of the run, its checks with it
+    pressed: Pressed  # the true replay
+    images: Mapping[int, ImageArray]  # its images by trial
+    force_inputs: tuple[ForceInput, ...] = ()  # what the force at a depth depends on
 
     @property
     def trials(self) -> Sequence[int]:

@@ -13,7 +13,7 @@ from reports.comparison.criteria import judge_modulus
 from tacauchy_rig.core.errors import ConvergenceError
 from tests.reports.conftest import run_evidence
 from tests.studies.verdict.bench import Bench
-from tests.studies.verdict.check import (
+from tests.studies.verdict.command import (
     CANNOT,
     Finding,
     Look,

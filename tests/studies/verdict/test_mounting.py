@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.studies.verdict.mounting import FOUND, SMOOTH, UPRIGHT, Residuals, residual_table
+from tests.studies.mounting.command import FOUND, SMOOTH, UPRIGHT, Residuals, residual_table
 
 
 def _trial(index: int, found: float | None, smooth: float | None) -> Residuals:

@@ -7,8 +7,7 @@ from dataclasses import replace
 from reports.comparison.compare import compare
 from reports.evidence.evidence import RunEvidence
 from tests.reports.conftest import run_evidence
-from tests.studies.verdict.check import Finding, Look
-from tests.studies.verdict.page import check_page, true_table, wrong_table
+from tests.studies.verdict.command import Finding, Look, check_page, true_table, wrong_table
 from tests.studies.verdict.wrong_models import WRONG_MODELS
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from reports.scores.residual_split import Cause
 from tacauchy_rig.core.simulated import ResidualSplit
-from tests.studies.verdict.planted import Ranked, planted_table
+from tests.studies.residual.command import Ranked, planted_table
 
 
 def _ranked(planted: Cause, first: Cause) -> Ranked:

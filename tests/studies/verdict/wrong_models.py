@@ -33,22 +33,16 @@ class WrongModel:
     """One way of being wrong.
 
     Attributes:
-        name: In a few words.
         evidence: What the report then sees; the size is in ``unit``.
-        hides: Why less is not caught, in a clause.
-        size: The wrong model's own; zero for one that is a matter of kind.
-        unit: Of the size.
-        smaller: So many sizes are looked at below its own.
-        larger: So many above.
     """
 
-    name: str
+    name: str  # in a few words
     evidence: Callable[[Bench, float], RunEvidence]
-    hides: str = ""
-    size: float = 0.0
-    unit: str = ""
-    smaller: int = 0
-    larger: int = 0
+    hides: str = ""  # why less is not caught, in a clause
+    size: float = 0.0  # the wrong model's own; zero for one that is a matter of kind
+    unit: str = ""  # of the size
+    smaller: int = 0  # so many sizes are looked at below its own
+    larger: int = 0  # so many above
 
     @property
     def sizes(self) -> tuple[float, ...]:

@@ -28,7 +28,7 @@ from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Pose, Vector6
 from tests.drivers.arm_notes import read_events, read_trace
-from tests.studies.fault_table.arm import arm_after
+from tests.studies.fault_table.observation import arm_after
 
 _MODELS = list(RobotModel)
 

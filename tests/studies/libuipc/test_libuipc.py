@@ -1,0 +1,221 @@
+"""What libuipc is given of a scene, how its answers are judged, and its rows beside ours.
+
+libuipc itself is not needed: what it would give is made by our own solver on its mesh.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sim.batch.environment import Trajectory
+from sim.scene.indenter import Cylinder, Plane, Sphere
+from sim.scene.material import LawName
+from sim.scene.scene import ContactMode, Motion, Preset, Target
+from sim.solve.loading_path import LoadingPath
+from sim.studies.bench.press import stated_scene, within
+from sim.studies.bench.scenes import FRAME_COUNT, Manner, ScenePress, SceneRow, all_scenes
+from tacauchy_rig.core.errors import ConfigError
+from tests.sim.studies.bench.test_scenes import _PRESS
+from tests.studies.libuipc import command
+from tests.studies.libuipc.command import PeerRow, peer_table, press_in_peer, refuse_without_libuipc
+from tests.studies.libuipc.pad import PeerPad, PeerPresses, peer_pad, triangles
+from tests.studies.libuipc.world import AS_SHIPPED, PeerWorld
+
+_DEPTH_M = 0.2e-3
+_TAKEN = {"preset": AS_SHIPPED, "setup_s": 1.0, "wall_s": 0.1, "cpu_s": 0.4, "iterations": 8}
+
+
+@pytest.fixture(scope="module")
+def pad() -> PeerPad:
+    """Return the pad of two layers as libuipc gets it, coarse, pressed 0.2 mm deep."""
+    scene = within(stated_scene(all_scenes()["9DTact, two layers"]), "5%")[0]
+    target = Target(depth_m=_DEPTH_M)
+    return peer_pad(replace(scene, target=target, refinement=0.5 * scene.refinement))
+
+
+def test_an_equilibrium_balances(pad: PeerPad) -> None:
+    """Base against contact, by our law of both layers; a force a tenth too large is seen."""
+    model, indenter = pad.model, pad.scene.indenter
+    state = LoadingPath(model, indenter).advance(_DEPTH_M).state
+    positions, tips_m = state.positions[None], state.tip[None]
+    contact_n = -model.surface.scatter(
+        model.surface.forces(state.positions, indenter, state).forces
+    )[None]
+    alone = PeerPresses(pad, 1)
+    press = alone.judged(positions, contact_n, **_TAKEN)
+    assert press.force_n[2] == pytest.approx(-contact_n[0, :, 2].sum(), rel=1e-4)
+    assert press.balance < 1e-4
+    assert press.depth_m == pytest.approx(_DEPTH_M)
+    assert alone.strayed(tips_m) == []
+    assert "3.0 um" in alone.strayed(tips_m + np.array([0.0, 0.0, 3e-6]))[0]
+    wrong = alone.judged(positions, 1.1 * contact_n, **_TAKEN)
+    assert wrong.balance == pytest.approx(0.1 / 1.1, rel=1e-3)
+    assert math.isnan(alone.judged(positions, None, **_TAKEN).balance)
+    # The other environment is stiffer: the same positions are no equilibrium of it.
+    both = (np.repeat(each, 2, axis=0) for each in (positions, contact_n))
+    assert PeerPresses(pad, 2).judged(*both, **_TAKEN).balance > 0.01
+
+
+def test_libuipc_gets_the_whole_pad_with_its_layers(pad: PeerPad) -> None:
+    """Linear tetrahedra fill it; the skin is stiffer by the tetrahedra; pads lie apart."""
+    presses = PeerPresses(pad, 2)
+    assert pad.model.volume_m3 == pytest.approx(28e-3 * 21e-3 * 4e-3, rel=1e-9)
+    assert pad.model.elements.shape[1] == 4
+    shear = np.unique(presses.shear_pa[0])
+    assert shear[1] / shear[0] == pytest.approx(4.0)
+    assert np.all(presses.shear_pa[1] > presses.shear_pa[0])
+    apart = np.abs(np.subtract(*presses.origins_m)).max()
+    assert apart > 2.0 * np.ptp(pad.model.nodes[:, 0])
+    assert presses.poses.shape == (FRAME_COUNT, 2, 4, 4)
+    assert presses.start[0, 2, 3] - presses.poses[-1, 0, 2, 3] == pytest.approx(_DEPTH_M)
+    assert presses.poses[-1, 1, 2, 3] > presses.poses[-1, 0, 2, 3]
+
+
+def test_poses_go_the_scenes_way(pad: PeerPad) -> None:
+    """Beside the middle, along, turned about z after the tilt."""
+    motion = Motion(tilt_rad=(0.1, 0.0), twist_rad=0.2)
+    moved = replace(pad, scene=replace(pad.scene, centre_m=(1e-3, 2e-3), motion=motion))
+    trajectory = Trajectory(
+        depths_m=np.array([0.1e-3]), shifts_m=np.array([[3e-4, 0.0]]), turns_rad=np.array([0.2])
+    )
+    (pose,) = moved.poses(trajectory.goals)
+    assert pose[:3, 3] == pytest.approx([1.3e-3, 2e-3, pad.touch_m - 0.1e-3])
+    axis = pose[:3, :3] @ [0.0, 0.0, 1.0]
+    assert axis == pytest.approx(
+        [np.sin(0.2) * np.sin(0.1), -np.cos(0.2) * np.sin(0.1), np.cos(0.1)]
+    )
+
+
+def test_a_load_becomes_the_depths_that_our_press_found() -> None:
+    """Down until 1 N, then along; friction is the scene's."""
+    pad = peer_pad(replace(stated_scene(all_scenes()["ball, sliding"]), preset=Preset.FAST))
+    assert not pad.trajectory.is_pushed
+    assert np.all(np.diff(pad.trajectory.along[:10]) > 0.0)
+    assert pad.trajectory.goals[-1, 1:3] == pytest.approx([0.3e-3, 0.0])
+    assert pad.model.contact_options.friction == pytest.approx(0.5)
+    assert pad.resistance > 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"indenter": Plane()}, "unbounded plates"),
+        ({"contact": ContactMode.BONDED}, "bonded contact"),
+        ({"law": LawName.NEO_HOOKEAN}, "other laws"),
+    ],
+)
+def test_what_libuipc_cannot_do_is_said(change: dict[str, object], named: str) -> None:
+    """In a few words."""
+    scene = stated_scene(all_scenes()["punch, rounded"])
+    law = change.pop("law", scene.material.law)
+    scene = replace(scene, material=replace(scene.material, law=str(law)), **change)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match=f"libuipc has no {named}"):
+        peer_pad(scene)
+
+
+@pytest.mark.parametrize(
+    "body", [Sphere(diameter_m=10e-3), Cylinder(diameter_m=5e-3, fillet_m=0.3e-3)]
+)
+def test_round_bodies_become_closed_triangles(body: Sphere | Cylinder) -> None:
+    """On the body where it touches, to 4 um, and their tip at the origin."""
+    found = triangles(body)
+    middles = found.vertices[found.faces].mean(axis=1)
+    touching = middles[(found.face_normals[:, 2] < -0.7) & (middles[:, 2] < 0.5e-3)]
+    exact = body.lower_surface(touching[:, 0], touching[:, 1])
+    assert np.abs(touching[:, 2] - exact).max() < 4e-6
+    assert found.vertices[:, 2].min() == 0.0
+
+
+def test_absence_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a GPU, or without the package, with how to install it."""
+    monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
+    with pytest.raises(ConfigError, match="--device cpu"):
+        refuse_without_libuipc("cpu")
+    with pytest.raises(ConfigError, match="not installed") as refused:
+        refuse_without_libuipc("cuda:0")
+    assert "pip install pyuipc" in str(refused.value)
+
+
+def test_what_fails_is_a_row_and_the_next_goes_on() -> None:
+    """What it cannot do is said, and where it is not installed every row says so."""
+    scenes = {
+        "flat": {"indenter": "plane", "depth": "0.1mm"},
+        "ball": {"indenter": "sphere:diameter=10mm", "depth": "0.1mm"},
+    }
+    flat, ball = press_in_peer(scenes, (), {}, limit_s=60.0)
+    assert {row.failure for row in flat} == {"libuipc has no unbounded plates"}
+    assert [(bool(row.failure), row.press) for row in ball] == [(True, None)]
+    assert ball[0].engine.endswith("step 1 um")
+
+
+class _Here:
+    """Calls in this process."""
+
+    def __enter__(self) -> _Here:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def call(self, function: Callable[[], object], *, limit_s: float) -> object:
+        assert limit_s > 0.0
+        return function()
+
+
+def _answer(stated: str, count: int, tolerance: str, *, folder: str) -> tuple[ScenePress, str]:
+    """Return a press that nobody made."""
+    assert json.loads(stated)
+    assert folder
+    return replace(_PRESS, wall_s=1.0 * count, preset=tolerance), "a remark"
+
+
+def test_rows_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As many environments beside as many; a failure says why in its row; remarks are told."""
+    monkeypatch.setattr(command, "IsolatedWorker", _Here)
+    scenes = {name: {"depth": "1mm"} for name in ("one", "two")}
+    found = press_in_peer(scenes, (1, 2), {}, limit_s=60.0, press=_answer)
+    shipped, two, _ = (list(rows) for rows in zip(*found, strict=True))
+    assert (shipped[0].manner.environments, two[0].manner.environments) == (1, 2)
+    assert shipped[0].as_json()["remark"] == "a remark"
+    ours = SceneRow(
+        scene="one",
+        manner=Manner(device="cuda:0", environments=1),
+        press=replace(_PRESS, wall_s=0.1),
+    )
+    failed = replace(shipped[1], press=None, failure="not done after 60 s")
+    first, second = (peer_table(rows, [[ours]]) for rows in ([shipped[0], failed], two))
+    ratio, theirs = (first.columns.index(name) for name in ("ours over it", "libuipc [1/s]"))
+    assert first.rows[0][ratio] == "10"
+    assert first.rows[1][theirs] == "not done after 60 s"
+    assert second.rows[0][ratio] is None
+    assert "one: a remark." in first.note
+    assert isinstance(failed, PeerRow)
+
+
+def test_indenters_are_told_where_to_go() -> None:
+    """Aims are those of the frame, each in its pad's place of the scene."""
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    poses[:, 2, 3] = (1.0, 2.0)
+    aims, constrained = np.zeros((2, 4, 4)), np.zeros(2)
+    names = SimpleNamespace(is_constrained="on", aim_transform="aim")
+    world = SimpleNamespace(
+        uipc=SimpleNamespace(view=lambda array: array, builtin=names),
+        presses=SimpleNamespace(origins_m=np.array([[5.0, 0.0, 0.0], [0.0, 6.0, 0.0]])),
+        aims=poses,
+    )
+    world._placed = partial(PeerWorld._placed, world)  # type: ignore[arg-type]
+    instances = {"on": constrained, "aim": aims}
+    slot = SimpleNamespace(
+        geometry=lambda: SimpleNamespace(instances=lambda: SimpleNamespace(find=instances.get))
+    )
+    PeerWorld._move(world, SimpleNamespace(geo_slots=lambda: [slot]))  # type: ignore[arg-type]
+    assert constrained.tolist() == [1.0, 1.0]
+    assert aims[:, :3, 3].tolist() == [[5.0, 0.0, 1.0], [0.0, 6.0, 2.0]]
