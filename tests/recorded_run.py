@@ -14,7 +14,7 @@ from drivers.interfaces import FrameMark, Rig, StreamHealth, TouchMode
 from drivers.mock.streams import MockCamera
 from drivers.mock.world import MockWorld
 from protocols.control.cycle import Cycle
-from protocols.control.record import Entry, Journal
+from protocols.control.record import Entry, Journal, Sink
 from protocols.guard.abort import Abort
 from protocols.processes.camera import mark_of
 from protocols.processes.recorder import RecordKeeper, encoded
@@ -29,20 +29,24 @@ from tacauchy_rig.core.store.run_store import RunStore
 from tests.mock_bench import MockBench, SimulatedClock
 
 MOCKS = ('robot.driver="mock"', 'force_sensor.driver="mock"', 'camera.driver="mock"')
-TWO_PRESSES = (
-    'robot.model="cb3"',
-    'protocol.force_targets=["1.2 N", "2 N"]',
+SHORT = (
     'protocol.air_press_height="2 mm"',
     'protocol.approach_height="0.5 mm"',
     'sensor.surface_uncertainty="0.2 mm"',
     'robot.home=["0 mm", "-400 mm", "203 mm"]',
     'robot.search_speed="1 mm/s"',
     'robot.press_speed="0.5 mm/s"',
+)
+"""Short ways and quick speeds: half the time of a trial."""
+TWO_PRESSES = (
+    'robot.model="cb3"',
+    'protocol.force_targets=["1.2 N", "2 N"]',
+    *SHORT,
     'protocol.tare_duration="0.3 s"',
     'protocol.reference_duration="0.3 s"',
     'protocol.dwell_duration="1 s"',
 )
-"""Short ways, and an arm that reports its state a quarter as often as an e-Series."""
+"""On an arm that reports its state a quarter as often as an e-Series."""
 
 
 class KeptOnDisk:
@@ -67,7 +71,7 @@ class KeptOnDisk:
 class RecordedCamera:
     """A mock camera whose frames are kept as they come."""
 
-    def __init__(self, camera: MockCamera, sink: KeptOnDisk) -> None:
+    def __init__(self, camera: MockCamera, sink: Sink) -> None:
         self._camera = camera
         self._sink = sink
         self._touch = TouchWatch()

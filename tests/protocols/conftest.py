@@ -10,15 +10,12 @@ from typing import Any
 
 import pytest
 
-from drivers.camera.pictures import TouchWatch
-from drivers.interfaces import FrameMark, Rig, StreamHealth, TouchMode
-from drivers.mock.streams import MockCamera
+from drivers.interfaces import Rig
 from drivers.mock.world import MockWorld
 from protocols.control.cycle import Cycle
 from protocols.control.record import Begin, End, Entry, Journal
 from protocols.guard.abort import Abort
 from protocols.guard.breach import BreachError, Reaction
-from protocols.processes.camera import mark_of
 from protocols.trials.programme import ProgrammeResult, run_programme
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.load import default_text, load_config
@@ -27,19 +24,10 @@ from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.run import ArmSample, ForceSample, JournalEvent, Pose, TrialRecord, Vector3
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.mock_bench import MockBench, SimulatedClock
+from tests.recorded_run import MOCKS, SHORT, RecordedCamera
 
-MOCKS = ('robot.driver="mock"', 'force_sensor.driver="mock"', 'camera.driver="mock"')
 STRICT = ('limits.stale_force="50 ms"', 'limits.stale_image="200 ms"', 'robot.watchdog="10 Hz"')
 """As on a rig: a simulated clock is never late."""
-SHORT = (
-    'protocol.air_press_height="2 mm"',
-    'protocol.approach_height="0.5 mm"',
-    'sensor.surface_uncertainty="0.2 mm"',
-    'robot.home=["0 mm", "-400 mm", "203 mm"]',
-    'robot.search_speed="1 mm/s"',
-    'robot.press_speed="0.5 mm/s"',
-)
-"""Short ways and quick speeds: half the time of a trial."""
 BRISK = (
     *SHORT,
     'robot.watchdog="2 Hz"',  # real time on a shared computer
@@ -82,26 +70,6 @@ class KeptInMemory:
     def lag_s(self) -> float:
         """Return zero."""
         return 0.0
-
-
-class Watched:
-    """A mock camera as the control loop sees it."""
-
-    def __init__(self, camera: MockCamera) -> None:
-        self._camera = camera
-        self._touch = TouchWatch()
-
-    def ask(self, mode: TouchMode) -> None:
-        """Look for something else."""
-        self._touch.ask(mode)
-
-    def poll(self) -> list[FrameMark]:
-        """Return marks of new frames."""
-        return [mark_of(frame, self._touch) for frame in self._camera.drain()]
-
-    def health(self) -> StreamHealth:
-        """Return the camera's health."""
-        return self._camera.health()
 
 
 @contextmanager
@@ -190,14 +158,13 @@ def _laboratory(
 ) -> Laboratory:
     config = load_config(overrides=[*MOCKS, *STRICT, *ways, *overrides]).config
     world = MockWorld(SimulatedClock(), config, **world_arguments)
-    bench = MockBench.on(world)
+    bench, sink, abort = MockBench.on(world), KeptInMemory(), Abort(same_request_s=0.0)
     rig = Rig(
         arm=bench.arm,
         force_sensor=bench.force_sensor,
-        camera=Watched(bench.camera),
+        camera=RecordedCamera(bench.camera, sink),
         clock=world.clock,
     )
-    sink, abort = KeptInMemory(), Abort(same_request_s=0.0)
     return Laboratory(
         config=config,
         world=world,

@@ -104,15 +104,6 @@ def test_a_silent_fault_is_found_before_the_gel_suffers(laboratory, silent):
         assert_found(result, peak_n, silent, TARGETS_N[0])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("target_n", [TARGETS_N[0], TARGETS_N[5]])
-def test_silent_faults_are_found_at_every_target(laboratory, target_n):
-    """Each silent, in the middle of the press, in a stiff gel; what is between lies between."""
-    for silent in SILENT:
-        result, peak_n = pressed(laboratory, silent, MOMENTS[3], target_n)
-        assert_found(result, peak_n, silent, target_n)
-
-
 @pytest.mark.parametrize("silent", ["scale=0.1", "scale=0.5", "stick-noisily"])
 def test_the_arm_alone_spares_the_gel(laboratory, silent):
     """No curve of the gel is known, the camera sees nothing, an e-Series arm feels."""
