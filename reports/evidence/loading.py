@@ -31,7 +31,7 @@ from tacauchy_rig.core.imported import Imported
 from tacauchy_rig.core.run import Criterion, JournalEvent, TrialRecord
 from tacauchy_rig.core.simulated import Replay, model_of
 from tacauchy_rig.core.store.check.attempt import RESULT_HASH, RESULT_WHOLE
-from tacauchy_rig.core.store.check.files import consistency
+from tacauchy_rig.core.store.check.consistency import consistency
 from tacauchy_rig.core.store.check.run import RunCheck, check_run
 from tacauchy_rig.core.store.force_series import ForceSeries, force_series
 from tacauchy_rig.core.store.journal import read_journal

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +14,6 @@ from tacauchy_rig.app.cli.options import JsonFile, RunFolder
 from tacauchy_rig.app.cli.output import complain, say, write_json
 from tacauchy_rig.app.cli.watching import tell
 from tacauchy_rig.core.errors import AbortedError, command_line
-from tacauchy_rig.core.store.recording.export_kind import ExportKind
 
 if TYPE_CHECKING:
     from protocols.processes.viewing import Viewing
@@ -106,6 +106,13 @@ def report(folder: RunFolder, json_file: JsonFile = None) -> None:
     report_and_exit(open_run(folder), json_file)
 
 
+class ExportKind(StrEnum):
+    """What is written."""
+
+    CSV = "csv"
+    IMAGES = "images"
+
+
 def export(
     folder: RunFolder,
     out: Annotated[Path, typer.Argument(help="Folder to write to.")],
@@ -120,7 +127,7 @@ def export(
     """
     from tacauchy_rig.core.store.recording.export import export_run
 
-    written = export_run(folder, out, kind=kind)
+    written = export_run(folder, out, images=kind is ExportKind.IMAGES)
     say(f"wrote {len(written)} files to {out}")
     write_json(json_file, {"files": written})
 

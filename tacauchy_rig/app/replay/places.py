@@ -37,9 +37,8 @@ from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.long_task import Remaining, doing
 from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.simulated import REPLAY_NAME, Replay
-from tacauchy_rig.core.store.codec import dumps
+from tacauchy_rig.core.store.codec import dumps, read_json
 from tacauchy_rig.core.store.durable import write_atomically
-from tacauchy_rig.core.store.journal import read_json
 from tacauchy_rig.core.store.replay_files import pack_arrays, unpack_arrays, write_fields
 
 # Processor seconds of a press alone at its place, of a path with all its states, and of an image.

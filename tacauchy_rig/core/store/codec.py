@@ -1,4 +1,8 @@
-"""Plain dataclasses to JSON and back, refusing what does not fit.
+"""Plain dataclasses to JSON and back, refusing what does not fit and numbers that cannot be.
+
+A file may come from somebody else, or have been edited. What reads it later divides by its
+numbers, squares them and cuts recordings at them: ``read_value`` asks them to be finite, of a size
+that their unit allows, and in order.
 
 JSON knows no infinities and no NaN. What is read again has them as the text ``"Infinity"``,
 ``"-Infinity"`` and ``"NaN"`` (``to_json``); what others read, reports and ``--json``, has null
@@ -9,21 +13,24 @@ from __future__ import annotations
 
 import json
 import math
-import types
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from functools import cache
+from pathlib import Path
+from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pydantic_core
 
 from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import FREE
+from tacauchy_rig.core.store.run_files import read_bytes
 
 T = TypeVar("T")
 
-types_of_fields = cache(get_type_hints)
+_types_of_fields = cache(get_type_hints)
 
 _NON_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 _MAX_NESTING = 64
@@ -33,20 +40,12 @@ _REMEDY = "the file was edited, or written by another version of this program"
 
 
 def to_json(value: object) -> Any:
-    """Return ``value`` as dictionaries, lists, text and numbers that ``from_json`` takes back.
-
-    Raises:
-        RecordError: It holds something that JSON cannot hold.
-    """
+    """Return ``value`` as dictionaries, lists, text and numbers that ``from_json`` takes back."""
     return _without_non_finite(_plain(value), keep_as_text=True)
 
 
 def to_plain(value: object) -> Any:
-    """Return ``value`` as dictionaries, lists, text and numbers; numbers that are none are null.
-
-    Raises:
-        RecordError: It holds something that JSON cannot hold.
-    """
+    """Return ``value`` as dictionaries, lists, text and numbers; numbers that are none are null."""
     return _without_non_finite(_plain(value), keep_as_text=False)
 
 
@@ -80,20 +79,6 @@ def _arrays_and_mappings(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no JSON form")
 
 
-def from_json(kind: type[T], data: Any, *, source: str = "record") -> T:
-    """Build ``kind`` from what ``to_json`` gave.
-
-    Args:
-        kind: A dataclass, or any type its fields may have.
-        data: Parsed JSON.
-        source: Name of the file (and line), for messages.
-
-    Raises:
-        RecordError: A field is unknown, missing, or of another type; the message names it.
-    """
-    return cast("T", _build(kind, data, source, ""))
-
-
 def dumps(value: object, *, indent: int | None = 2) -> bytes:
     """Return ``value`` as JSON text in UTF-8, ending in a newline."""
     text = json.dumps(to_json(value), indent=indent, ensure_ascii=False, allow_nan=False)
@@ -115,11 +100,7 @@ def loads(data: bytes, *, source: str) -> Any:
 
 
 def _check_bounds(found: Any) -> None:
-    """Refuse what would break a reader later.
-
-    Raises:
-        ValueError: Names it.
-    """
+    """Raise ValueError of what would break a reader later."""
     waiting = [(found, 0)]
     while waiting:
         value, depth = waiting.pop()
@@ -136,19 +117,65 @@ def _check_bounds(found: Any) -> None:
             raise ValueError(f"a whole number has more than {_MAX_INTEGER.bit_length()} bits")
 
 
+def read_json(kind: Any, path: Path, *, what: str) -> Any:
+    """Read a JSON file as a kind of value.
+
+    Args:
+        kind: What it holds.
+        path: The file.
+        what: What it is, for the message.
+
+    Raises:
+        RecordError: It is missing or damaged, or holds what cannot be; names file and field.
+    """
+    return read_value(kind, loads(read_bytes(path, what=what), source=str(path)), source=str(path))
+
+
+def read_value(kind: type[T], data: Any, *, source: str) -> T:
+    """Build ``kind`` as ``from_json`` does, of numbers that can be.
+
+    An infinite number is none, nor is NaN where None could say that nothing is known. A window
+    does not end before it starts.
+
+    Raises:
+        RecordError: Names source, field and value.
+    """
+    found = from_json(kind, data, source=source)
+    _check(found, source, "", "", is_optional=False)
+    return found
+
+
+def from_json(kind: type[T], data: Any, *, source: str = "record") -> T:
+    """Build ``kind`` from what ``to_json`` gave.
+
+    Args:
+        kind: A dataclass, or any type its fields may have.
+        data: Parsed JSON.
+        source: Name of the file (and line), for messages.
+
+    Raises:
+        RecordError: A field is unknown, missing, or of another type; the message names it.
+    """
+    return cast("T", _build(kind, data, source, ""))
+
+
 def _build(kind: Any, data: Any, source: str, field: str) -> Any:
     origin, arguments = get_origin(kind), get_args(kind)
-    if kind is Any:
+    if kind is Any or (data is None and NoneType in arguments):
         return data
-    if origin in (Union, types.UnionType):
-        return _build_union(arguments, data, source, field)
+    if origin in (Union, UnionType):
+        (kind,) = (item for item in arguments if item is not NoneType)
+        return _build(kind, data, source, field)
     if origin is tuple:
-        return _build_tuple(arguments, data, source, field)
+        _require(isinstance(data, list | tuple), "a list", data, source, field)
+        kinds = arguments[:1] * len(data) if arguments[1:] == (Ellipsis,) else arguments
+        _require(len(data) == len(kinds), f"{len(kinds)} values", data, source, field)
+        items = enumerate(zip(kinds, data, strict=True))
+        return tuple(_build(each, item, source, f"{field}[{k}]") for k, (each, item) in items)
     if origin is dict:
         _require(isinstance(data, dict), "a table", data, source, field)
-        return {
-            key: _build(arguments[1], item, source, f"{field}.{key}") for key, item in data.items()
-        }
+        items = data.items()
+        return {key: _build(arguments[1], item, source, f"{field}.{key}") for key, item in items}
     if is_dataclass(kind):
         return _build_dataclass(kind, data, source, field)
     return _build_scalar(kind, data, source, field)
@@ -156,7 +183,7 @@ def _build(kind: Any, data: Any, source: str, field: str) -> Any:
 
 def _build_dataclass(kind: Any, data: Any, source: str, field: str) -> Any:
     _require(isinstance(data, dict), f"a table ({kind.__name__})", data, source, field)
-    hints = types_of_fields(kind)
+    hints = _types_of_fields(kind)
     known = {item.name: item for item in fields(kind)}
     prefix = f"{field}." if field else ""
     for name in data:
@@ -170,42 +197,91 @@ def _build_dataclass(kind: Any, data: Any, source: str, field: str) -> Any:
     )
 
 
-def _build_union(arguments: tuple[Any, ...], data: Any, source: str, field: str) -> Any:
-    if data is None and type(None) in arguments:
-        return None
-    (kind,) = (item for item in arguments if item is not type(None))
-    return _build(kind, data, source, field)
-
-
-def _build_tuple(arguments: tuple[Any, ...], data: Any, source: str, field: str) -> Any:
-    _require(isinstance(data, list | tuple), "a list", data, source, field)
-    if len(arguments) == 2 and arguments[1] is Ellipsis:
-        arguments = (arguments[0],) * len(data)
-    _require(len(data) == len(arguments), f"{len(arguments)} values", data, source, field)
-    pairs = enumerate(zip(arguments, data, strict=True))
-    return tuple(_build(kind, item, source, f"{field}[{index}]") for index, (kind, item) in pairs)
-
-
 def _build_scalar(kind: Any, data: Any, source: str, field: str) -> Any:
-    if kind is float:
-        if isinstance(data, str) and data in _NON_FINITE:
-            return _NON_FINITE[data]
-        number = isinstance(data, int | float) and not isinstance(data, bool)
-        _require(number, "a number", data, source, field)
-        return float(data)
     if isinstance(kind, type) and issubclass(kind, Enum):
         values = [item.value for item in kind]
         _require(data in values, "one of " + ", ".join(map(str, values)), data, source, field)
         return kind(data)
-    if kind is int:
-        whole = isinstance(data, int) and not isinstance(data, bool)
-        _require(whole, "a whole number", data, source, field)
-        return data
-    _require(isinstance(data, kind), f"a {kind.__name__}", data, source, field)
-    return data
+    if kind is float and isinstance(data, str):
+        data = _NON_FINITE.get(data, data)
+    accepted, wanted = _NUMBERS.get(kind, (kind, f"a {kind.__name__}"))
+    is_kind = isinstance(data, accepted) and not (kind in _NUMBERS and isinstance(data, bool))
+    _require(is_kind, wanted, data, source, field)
+    return float(data) if kind is float else data
+
+
+_NUMBERS = {float: (int | float, "a number"), int: (int, "a whole number")}
 
 
 def _require(fits: bool, wanted: str, data: Any, source: str, field: str) -> None:
     if not fits:
         name = field or "the whole of it"
         raise RecordError(f"{source}: {name}: {data!r} is not {wanted}", remedy=_REMEDY)
+
+
+_LIMITS = {
+    "n": (-1e6, 1e6),
+    "nm": (-1e6, 1e6),
+    "m": (-1e3, 1e3),
+    "s": (-1e12, 1e12),
+    "ms": (-1e12, 1e12),
+    "hz": (0.0, 1e9),
+    "pa": (-1e15, 1e15),
+    "kg": (0.0, 1e6),
+    "rad": (-1e3, 1e3),
+    "count": (-1e15, 1e15),
+    "ns": (0, 2**62),
+    "index": (0, 10**6),
+    "attempt": (0, 10**6),
+    "trial": (0, 10**6),
+}
+"""By the last word of a field's name: its unit, or what it counts."""
+# Before the last word these make it a quotient, as in ``scale_px_m`` and ``stiffness_n_m``.
+_NUMERATORS = {"px", "levels", "kg", "m", "n", "nm", "pa", "rad"}
+_ANY_UNIT = (-1e100, 1e100)  # the square of which is still a number
+_START, _END = "start_ns", "end_ns"
+
+
+def _check(value: Any, source: str, place: str, name: str, *, is_optional: bool) -> None:
+    if is_dataclass(value):
+        _check_fields(value, source, place)
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            _check(item, source, f"{place}.{key}", str(key), is_optional=is_optional)
+    elif isinstance(value, tuple | list):
+        for index, item in enumerate(value):
+            _check(item, source, f"{place}[{index}]", name, is_optional=is_optional)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        _check_number(value, source, place, name, is_optional=is_optional)
+
+
+def _check_fields(value: Any, source: str, place: str) -> None:
+    hints = _types_of_fields(type(value))
+    for field in fields(value):
+        if field.metadata.get(FREE):
+            continue
+        where = f"{place}.{field.name}" if place else field.name
+        is_optional = NoneType in get_args(hints[field.name])
+        found = getattr(value, field.name)
+        _check(found, source, where, field.name, is_optional=is_optional)
+        if field.name.endswith(_END):
+            start = getattr(value, field.name.removesuffix(_END) + _START)
+            if None not in (start, found) and found < start:
+                raise _refused(source, where, found, f"lies before its start, {start}")
+
+
+def _check_number(value: float, source: str, place: str, name: str, *, is_optional: bool) -> None:
+    unit, before = [*reversed(name.split("_")), ""][:2]
+    low, high = _ANY_UNIT if before in _NUMERATORS else _LIMITS.get(unit, _ANY_UNIT)
+    if math.isinf(value) or (math.isnan(value) and is_optional):
+        raise _refused(source, place, value, "is no number that can be measured")
+    if value < low or value > high:
+        raise _refused(source, place, value, f"cannot be: {low:g} to {high:g} can")
+
+
+def _refused(source: str, place: str, value: float, why: str) -> RecordError:
+    return RecordError(
+        f"{source}: {place or 'the whole of it'}: {value} {why}",
+        remedy="the file was edited or damaged: take it from a copy of the run, or press the trial "
+        "again",
+    )

@@ -15,7 +15,6 @@ from tacauchy_rig.core.errors import RecordError
 logger = logging.getLogger(__name__)
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-_FORBIDDEN = {errno.EACCES, errno.EPERM}
 
 
 def write_atomically(path: Path, data: bytes) -> None:
@@ -49,11 +48,7 @@ def free_name(path: Path, suffix: str) -> Path:
 
 
 def set_aside(path: Path, suffix: str) -> Path:
-    """Give a file another name, with a suffix that says why, and return it.
-
-    Raises:
-        RecordError: The folder cannot be written.
-    """
+    """Give a file another name, with a suffix that says why, and return it."""
     aside = free_name(path, suffix)
     try:
         path.rename(aside)
@@ -64,11 +59,7 @@ def set_aside(path: Path, suffix: str) -> Path:
 
 
 def give_second_name(path: Path, name: Path) -> Path:
-    """Keep a file under a second name too; return that.
-
-    Raises:
-        OSError: The folder cannot be written.
-    """
+    """Keep a file under a second name too; return that."""
     try:
         name.hardlink_to(path)
     except OSError as error:
@@ -98,7 +89,7 @@ def write_error(path: Path, error: OSError) -> RecordError:
             f"{path}: no space left to write ({_space(path)}): {error.strerror}",
             remedy=f"free some space, or {_elsewhere(path)} to a disk that has it",
         )
-    if error.errno in _FORBIDDEN:
+    if isinstance(error, PermissionError):
         return RecordError(
             f"{path}: no permission to write: {error.strerror}",
             remedy="give yourself write permission there (ls -ld shows it), "
@@ -127,16 +118,15 @@ def _elsewhere(path: Path) -> str:
     return "set the variable XDG_CACHE_HOME" if in_cache else "set run.output_directory"
 
 
-def free_bytes(path: Path) -> int:
-    """Return the free space [bytes] where ``path`` is or will be.
+def existing_folder(path: Path) -> Path:
+    """Return the folder that is there, of a path that need not be: the path or one above it."""
+    path = path.absolute()
+    return next((folder for folder in (path, *path.parents) if folder.is_dir()), path)
 
-    Raises:
-        OSError: No part of the path may be read.
-    """
-    existing = path.absolute()
-    while not existing.exists() and existing != existing.parent:
-        existing = existing.parent
-    return shutil.disk_usage(existing).free
+
+def free_bytes(path: Path) -> int:
+    """Return the free space [bytes] where ``path`` is or will be; OSError if it is unreadable."""
+    return shutil.disk_usage(existing_folder(path)).free
 
 
 def _space(path: Path) -> str:

@@ -15,9 +15,9 @@ from tacauchy_rig.core.force_history import (
     judge_forces,
 )
 from tacauchy_rig.core.run import Criterion, JournalEvent, TrialRecord
+from tacauchy_rig.core.store.codec import read_value
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.run_store import RunStore
-from tacauchy_rig.core.store.value_limits import read_value
 
 logger = logging.getLogger(__name__)
 

@@ -40,7 +40,12 @@ class SessionEstimate:
 def estimate_session(config: RigConfig) -> SessionEstimate:
     """Estimate what the configured session will record."""
     trial_s = _trial_duration_s(config)
-    rate = _rate_bytes_s(config)
+    camera = config.camera
+    rate = (
+        camera.rate * camera.width * camera.height * JPEG_BYTES_PER_PIXEL
+        + config.robot.model.rate_hz * ARM_MESSAGE_BYTES
+        + config.force_sensor.rate * FORCE_MESSAGE_BYTES
+    )
     attempts = len(config.protocol.force_targets) + 1
     total = attempts * trial_s * rate + _MARGIN_BYTES
     return SessionEstimate(trial_s=trial_s, rate_bytes_s=rate, total_bytes=total)
@@ -52,13 +57,12 @@ def check_free_space(folder: Path, config: RigConfig) -> SessionEstimate:
     Raises:
         RecordError: It has not; the message says what is needed and what is free.
     """
-    estimate = estimate_session(config)
+    estimate, camera = estimate_session(config), config.camera
     try:
         free = free_bytes(folder)
     except OSError as error:
         raise read_error(folder, error, what="the output directory") from error
     if free < estimate.total_bytes:
-        camera = config.camera
         raise RecordError(
             f"{folder}: {_size(free)} free, but this session may record "
             f"{_size(estimate.total_bytes)} ({len(config.protocol.force_targets)} trials of up to "
@@ -83,13 +87,6 @@ def _trial_duration_s(config: RigConfig) -> float:
         + protocol.dwell_duration
         + height / robot.retract_speed
     )
-
-
-def _rate_bytes_s(config: RigConfig) -> float:
-    camera = config.camera
-    image = camera.rate * camera.width * camera.height * JPEG_BYTES_PER_PIXEL
-    arm = config.robot.model.rate_hz * ARM_MESSAGE_BYTES
-    return image + arm + config.force_sensor.rate * FORCE_MESSAGE_BYTES
 
 
 def _size(count: float) -> str:

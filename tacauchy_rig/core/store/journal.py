@@ -12,14 +12,24 @@ import json
 import logging
 import os
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent
-from tacauchy_rig.core.store.codec import dumps, from_json, loads, to_json
+from tacauchy_rig.core.store.codec import (
+    dumps,
+    from_json,
+    loads,
+    read_json,
+    read_value,
+    to_json,
+)
 from tacauchy_rig.core.store.durable import (
     bytes_sha256,
     give_second_name,
@@ -29,10 +39,10 @@ from tacauchy_rig.core.store.durable import (
     write_error,
 )
 from tacauchy_rig.core.store.run_files import read_bytes
-from tacauchy_rig.core.store.value_limits import read_value
 
 logger = logging.getLogger(__name__)
 
+START, END = "run-start", "run-end"
 _NUMBER, _PREVIOUS = "number", "previous"
 _LOCK_TIMEOUT_S = 1.0
 """A writer holds the journal for as long as it takes to read and to append: about a millisecond."""
@@ -97,11 +107,7 @@ def read_journal(path: Path) -> list[JournalEvent]:
 
 
 def read_lines(path: Path) -> list[JournalLine]:
-    """Return every line that is not empty, half ones included, oldest first.
-
-    Raises:
-        RecordError: Missing, unreadable, or a whole line that is no event.
-    """
+    """Return every line that is not empty, half ones included; errors as for ``read_journal``."""
     data = read_bytes(path, what="the journal")
     numbered = enumerate(data.split(b"\n"), start=1)
     return [_parsed(raw, f"{path} line {number}") for number, raw in numbered if raw]
@@ -118,8 +124,10 @@ def _parsed(raw: bytes, source: str) -> JournalLine:
     except RecordError:
         logger.warning("%s: incomplete, left by a crash; passed over", source)
         return JournalLine(raw=raw, number=None, previous=None, event=None)
-    number = content.pop(_NUMBER, None) if isinstance(content, dict) else None
-    previous = content.pop(_PREVIOUS, None) if isinstance(content, dict) else None
+    number, previous = (
+        content.pop(name, None) if isinstance(content, dict) else None
+        for name in (_NUMBER, _PREVIOUS)
+    )
     return JournalLine(
         raw=raw,
         number=from_json(int | None, number, source=f"{source}: {_NUMBER}"),  # type: ignore[arg-type]
@@ -142,15 +150,11 @@ def _following(before: bytes, event: JournalEvent) -> bytes:
 
 
 def _lock(path: Path, descriptor: int) -> None:
-    """Lock the journal against other writers; closing the descriptor lets go of it.
-
-    Raises:
-        RecordError: Another process holds it and does not let go.
-    """
+    """Lock the journal against other writers; closing the descriptor lets go of it."""
     deadline = time.monotonic() + _LOCK_TIMEOUT_S
     while True:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             if time.monotonic() > deadline:
                 raise RecordError(
@@ -158,8 +162,6 @@ def _lock(path: Path, descriptor: int) -> None:
                     remedy=f"see which one: `fuser -v {path}`",
                 ) from error
             time.sleep(0.001)
-        else:
-            return
 
 
 class StoreEvent(StrEnum):
@@ -181,14 +183,75 @@ class StoreEvent(StrEnum):
     REPLAYED = "replayed"
 
 
+@dataclass(frozen=True)
+class Journal:
+    """A run's journal as it was read.
+
+    Attributes:
+        lines: As they stand in the file; empty where it has none.
+        exists: False where the file is missing.
+    """
+
+    lines: Sequence[JournalLine]
+    exists: bool = True
+
+    @classmethod
+    def read(cls, path: Path) -> Journal:
+        """Read a journal, which a run that never began does not have.
+
+        Raises:
+            RecordError: Unreadable, or a line of it is no event.
+        """
+        return cls(read_lines(path)) if path.exists() else cls((), exists=False)
+
+    @cached_property
+    def events(self) -> list[JournalEvent]:
+        """Every whole line."""
+        return [line.event for line in self.lines if line.event is not None]
+
+    @property
+    def has_hashes(self) -> bool:
+        """False for a journal without numbers, as an earlier version of the program wrote it."""
+        return any(line.number is not None for line in self.lines)
+
+    @property
+    def head(self) -> str:
+        """SHA-256 of the last line, which stands for the whole run; empty without a journal."""
+        return line_hash(self.lines[-1].raw) if self.lines else ""
+
+    @property
+    def is_open(self) -> bool:
+        """True where the last session has no end: it runs, or was cut off."""
+        return self._ends[-1:] == [START]
+
+    @property
+    def was_cut(self) -> bool:
+        """True where a session was cut off, said or not."""
+        return StoreEvent.CUT_OFF in self._ends or (START, START) in pairwise(self._ends)
+
+    @cached_property
+    def _ends(self) -> list[str]:
+        """Names of the events that begin or end a session."""
+        names = (START, END, StoreEvent.CUT_OFF)
+        return [e.name for e in self.events if e.name in names and not e.trial]
+
+    def store_events(
+        self, name: StoreEvent, *, trial: int = 0, attempt: int = 0
+    ) -> list[JournalEvent]:
+        """Return the events of a kind about an attempt, or about the whole run."""
+        wanted = (name, trial, attempt)
+        return [e for e in self.events if (e.name, e.trial, e.attempt) == wanted]
+
+    def of_attempt(self, trial: int, attempt: int) -> list[JournalEvent]:
+        """Return what the protocol wrote of an attempt."""
+        own = [e for e in self.events if (e.trial, e.attempt) == (trial, attempt)]
+        return [e for e in own if e.name not in set(StoreEvent)]
+
+
 def log_hashes(
     journal: Path, kind: StoreEvent, *, trial: int = 0, attempt: int = 0, **detail: Any
 ) -> None:
-    """Write a line of the journal about a file of the run.
-
-    Raises:
-        RecordError: The disk is full, or the journal cannot be written.
-    """
+    """Write a line of the journal about a file of the run; errors as for ``append_event``."""
     event = JournalEvent(
         stamp_ns=time.monotonic_ns(),
         name=kind.value,
@@ -203,7 +266,9 @@ T = TypeVar("T")
 
 
 class HashedFile(Generic[T]):
-    """One such file.
+    """A file of the run as a whole, whose hash is in the journal.
+
+    What it writes raises RecordError where the disk is full or gone.
 
     Args:
         path: Where it lies.
@@ -216,22 +281,14 @@ class HashedFile(Generic[T]):
         self._path, self._kind, self._journal, self._what = path, kind, journal, what
 
     def load(self) -> T | None:
-        """Read it; None where it was never written.
-
-        Raises:
-            RecordError: It is damaged.
-        """
+        """Read it; None where it was never written. RecordError where it is damaged."""
         if not self._path.exists():
             return None
         found: T = read_json(self._kind, self._path, what=self._what)
         return found
 
     def save(self, value: T) -> None:
-        """Write it, or write it anew.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
+        """Write it, or write it anew."""
         self.write(dumps(value))
 
     def write(self, content: bytes) -> None:
@@ -239,13 +296,8 @@ class HashedFile(Generic[T]):
 
         The line goes out first: a crash between the two leaves the file that an earlier line told
         of.
-
-        Raises:
-            RecordError: The disk is full or gone.
         """
-        log_hashes(
-            self._journal, StoreEvent.WRITTEN, file=self._path.name, sha256=bytes_sha256(content)
-        )
+        self._log(bytes_sha256(content))
         if self._path.exists() and not self.damage():
             previous = previous_of(self._path)
             try:
@@ -255,6 +307,9 @@ class HashedFile(Generic[T]):
                 raise write_error(previous, error) from error
         write_atomically(self._path, content)
 
+    def _log(self, sha256: str | None) -> None:
+        log_hashes(self._journal, StoreEvent.WRITTEN, file=self._path.name, sha256=sha256)
+
     def damage(self) -> str:
         """Return why it cannot be read; an empty text where it can, or was never written."""
         try:
@@ -263,19 +318,12 @@ class HashedFile(Generic[T]):
             return error.message
         return ""
 
-    def mend(self) -> bool:
-        """Set it aside if it cannot be read, and take the content before, if there is any.
-
-        Returns:
-            Whether it could not be read.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
+    def mend(self) -> None:
+        """Set it aside if it cannot be read, and take the content before, if there is any."""
         previous, sha256 = previous_of(self._path), None
         is_lost = not self._path.exists() and previous.exists()
         if not is_lost and not self.damage():
-            return False
+            return
         if not is_lost:
             set_aside(self._path, "torn")
         before = HashedFile[T](previous, self._kind, journal=self._journal, what=self._what)
@@ -283,24 +331,9 @@ class HashedFile(Generic[T]):
             content = read_bytes(previous, what=self._what)
             write_atomically(self._path, content)
             sha256 = bytes_sha256(content)
-        log_hashes(self._journal, StoreEvent.WRITTEN, file=self._path.name, sha256=sha256)
-        return True
+        self._log(sha256)
 
 
 def previous_of(path: Path) -> Path:
     """Return where the content lies that a file of the run had before it was written anew."""
     return path.with_name(f"{path.name}.previous")
-
-
-def read_json(kind: Any, path: Path, *, what: str) -> Any:
-    """Read a JSON file as a kind of value.
-
-    Args:
-        kind: What it holds.
-        path: The file.
-        what: What it is, for the message.
-
-    Raises:
-        RecordError: It is missing or damaged, or holds what cannot be; names file and field.
-    """
-    return read_value(kind, loads(read_bytes(path, what=what), source=str(path)), source=str(path))

@@ -8,7 +8,6 @@ from pathlib import Path
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.run_files import check_tree
 
-RECORDING_NAME = "recording.mcap"
 RESULT_NAME = "result.json"
 SPILL_PATTERN = "unacknowledged-*.mcap"
 
@@ -77,7 +76,7 @@ class RunPaths:
 
     def recording(self, trial: int, attempt: int) -> Path:
         """Return the recording of an attempt."""
-        return self.attempt(trial, attempt) / RECORDING_NAME
+        return self.attempt(trial, attempt) / "recording.mcap"
 
     def result(self, trial: int, attempt: int) -> Path:
         """Return the verdict of an attempt."""

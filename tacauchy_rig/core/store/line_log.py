@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import logging
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.codec import loads, to_json
-from tacauchy_rig.core.store.run_files import read_bytes
+from tacauchy_rig.core.store.codec import to_json
 
 logger = logging.getLogger(__name__)
 
@@ -42,22 +41,6 @@ class LineLog:
     def close(self) -> None:
         """Close the file."""
         file, self._file = self._file, None
-        if file is None:
-            return
-        try:
-            file.close()
-        except OSError as error:
-            logger.error("%s: its end was not written: %s", self._path, error.strerror)
-
-
-def read_log(path: Path) -> list[dict[str, Any]]:
-    """Return the whole lines of a log; none where there is no file."""
-    if not path.is_file():
-        return []
-    lines = []
-    for line in read_bytes(path, what="the log").splitlines():
-        try:
-            lines.append(loads(line, source=str(path)))
-        except RecordError as error:
-            logger.info("%s: passed over", error.message)
-    return lines
+        if file is not None:
+            with suppress(OSError):  # of a line that was reported
+                file.close()

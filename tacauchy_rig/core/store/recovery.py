@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import fcntl
 import heapq
-import logging
 import math
 from collections import ChainMap
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, TrialRecord
-from tacauchy_rig.core.store.check.files import START, JournalReading
 from tacauchy_rig.core.store.check.run import RunCheck, check_run
+from tacauchy_rig.core.store.codec import read_json
 from tacauchy_rig.core.store.durable import (
     free_name,
     give_second_name,
@@ -24,13 +23,7 @@ from tacauchy_rig.core.store.durable import (
     sync_folder,
     write_error,
 )
-from tacauchy_rig.core.store.journal import (
-    StoreEvent,
-    append_event,
-    log_hashes,
-    read_journal,
-    read_json,
-)
+from tacauchy_rig.core.store.journal import START, Journal, StoreEvent, append_event, log_hashes
 from tacauchy_rig.core.store.layout import RESULT_NAME, SPILL_PATTERN, RunPaths, run_root_of
 from tacauchy_rig.core.store.recording.messages import RawMessage
 from tacauchy_rig.core.store.recording.reading import Recording
@@ -42,8 +35,6 @@ _CHUNK_SIZE = 4 << 20  # [bytes] of a finished file, which nobody kills while it
 _BEGIN, _END = "attempt-start", "attempt-end"
 _SPILL_MARGIN_NS = 10**9
 """A sample may have waited for so long when an attempt began, and come so late after its end."""
-
-logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,16 +65,15 @@ Opener = Callable[[Path], Recording]
 def recover_recordings(root: Path, *, opener: Opener = Recording.open) -> list[RecoveryReport]:
     """Recover every recording of a run; one beyond repair is reported and set aside."""
     paths, reports = RunPaths(root), []
-    for trial, attempt in paths.attempts():
-        path = paths.recording(trial, attempt)
-        if not path.exists() and not paths.spills(trial, attempt):
+    for key in paths.attempts():
+        path = paths.recording(*key)
+        if not path.exists() and not paths.spills(*key):
             continue
         try:
             reports.append(recover_recording(path, opener=opener))
         except RecordError as error:
-            reports.append(
-                RecoveryReport(path=path, before="not recovered", problems=(str(error),))
-            )
+            report = RecoveryReport(path=path, before="not recovered", problems=(str(error),))
+            reports.append(report)
     return reports
 
 
@@ -98,51 +88,37 @@ def recover_recording(path: Path, *, opener: Opener = Recording.open) -> Recover
         RecordError: It is still being written, or the disk is full.
     """
     problems: list[str] = []
-    if not path.exists():
-        spills = _spills_of(path, None, problems)
-        if spills:
-            return _repacked(path, [], spills, problems, before="missing")
-        return _left(path, "missing", problems)
-    with _unused(path):
-        closed_sha256 = _closed_sha256(path)
-        try:
-            recording = opener(path)
-        except RecordError as error:
-            spills = _spills_of(path, None, problems)
-            problems.append(str(error))
-            if spills:
-                return _repacked(path, [], spills, problems, before="unreadable")
-            original = set_aside(path, "torn") if closed_sha256 is None else None
-            return _left(path, "unreadable", problems, original=original)
+    with _unused(path) if path.exists() else nullcontext():
+        recording, before, error = _opened(path, opener)
         spills = _spills_of(path, recording, problems)
-        is_closed = closed_sha256 is not None and closed_sha256 == file_sha256(
-            path, what="the recording"
-        )
-        if is_closed:
+        problems += error
+        closed_sha256, original = _closed_sha256(path), None
+        found_sha256 = "" if recording is None else file_sha256(path, what="the recording")
+        if recording is not None and closed_sha256 == found_sha256:
             for spill in spills:
                 _set_aside_known(spill, recording, problems)
-        if is_closed or (recording.is_intact and not spills):
-            count = recording.message_count
-            return _left(path, recording.describe(), problems, message_count=count)
-        return _repacked(path, [recording], spills, problems, before=recording.describe())
-
-
-def _left(
-    path: Path,
-    before: str,
-    problems: Sequence[str],
-    *,
-    message_count: int = 0,
-    original: Path | None = None,
-) -> RecoveryReport:
-    """Return that a recording was not written again."""
+        elif spills or (recording is not None and not recording.is_intact):
+            return _repacked(path, recording, spills, problems, before=before)
+        elif recording is None and path.exists() and closed_sha256 is None:
+            original = set_aside(path, "torn")
     return RecoveryReport(
         path=path,
         before=before,
-        message_count=message_count,
+        message_count=0 if recording is None else recording.message_count,
         original=original,
         problems=tuple(problems),
     )
+
+
+def _opened(path: Path, opener: Opener) -> tuple[Recording | None, str, list[str]]:
+    """Return a recording, what state it is in, in words, and why it cannot be opened, if so."""
+    if not path.exists():
+        return None, "missing", []
+    try:
+        recording = opener(path)
+    except RecordError as error:
+        return None, "unreadable", [str(error)]
+    return recording, recording.describe(), []
 
 
 def _closed_sha256(path: Path) -> str | None:
@@ -201,8 +177,7 @@ def _misfit(spill: Recording, path: Path, recording: Recording | None) -> str:
 
 def _window(path: Path, key: tuple[int, int], recording: Recording | None) -> tuple[float, float]:
     """Return when an attempt began and ended [ns], as far as journal and recording tell."""
-    journal = run_root_of(path) / "journal.jsonl"
-    events = read_journal(journal) if journal.exists() else []
+    events = Journal.read(RunPaths(run_root_of(path)).journal).events
     own = [e for e in events if (e.trial, e.attempt) == key]
     own += [] if recording is None else recording.events()
     begun = [e.stamp_ns for e in own if e.name == _BEGIN]
@@ -222,32 +197,23 @@ def _set_aside_known(spill: Recording, recording: Recording, problems: list[str]
         set_aside(spill.path, "merged")
 
 
-def open_readable(paths: Sequence[Path], problems: list[str]) -> list[Recording]:
-    """Open what can be read of some recordings; what is said of the others goes to ``problems``."""
-    recordings = []
-    for path in paths:
-        try:
-            recordings.append(Recording.open(path))
-        except RecordError as error:
-            problems.append(str(error))
-    return recordings
-
-
 def _repacked(
     path: Path,
-    recording: list[Recording],
-    spills: list[Recording],
+    recording: Recording | None,
+    spills: Sequence[Recording],
     problems: list[str],
     *,
     before: str,
 ) -> RecoveryReport:
+    """Put a file with the messages of recording and spills in the place of the recording."""
+    sources = [*([] if recording is None else [recording]), *spills]
     temporary = path.with_name(f".{path.name}.recovered")
     temporary.unlink(missing_ok=True)
     try:
-        counts = _repack([*recording, *spills], temporary)
+        counts = _repack(sources, temporary)
     except RecordError as error:
         temporary.unlink(missing_ok=True)
-        size = sum(source.path.stat().st_size for source in (*recording, *spills))
+        size = sum(source.path.stat().st_size for source in sources)
         raise RecordError(
             f"{error.message}; recovery writes a file of up to {size / 1e6:.1f} MB beside the old "
             "one, which is as it was",
@@ -261,27 +227,24 @@ def _repacked(
         sync_folder(path.parent)
     except OSError as error:
         raise write_error(path, error) from error
-    if recording and recording[0].damage:
-        problems.append(f"{path}: {recording[0].damage}")
+    if recording is not None and recording.damage:
+        problems.append(f"{path}: {recording.damage}")
     return RecoveryReport(
         path=path,
         changed=True,
         before=before,
         message_count=sum(counts),
-        merged_count=sum(counts[len(recording) :]),
+        merged_count=sum(counts[len(sources) - len(spills) :]),
         original=original,
         problems=tuple(problems),
     )
 
 
 def _repack(recordings: Sequence[Recording], path: Path) -> list[int]:
-    """Write the messages of ``recordings`` to ``path``, in order of arrival, each once.
+    """Write the messages of recordings to a new file, in order of arrival, each once.
 
     Returns:
         How many messages each recording gave; one that an earlier one held already counts there.
-
-    Raises:
-        RecordError: ``path`` exists, or the disk is full.
     """
     metadata = dict(ChainMap(*(recording.metadata for recording in recordings)))
     counts = [0] * len(recordings)
@@ -309,11 +272,7 @@ def _merged(recordings: Sequence[Recording]) -> Iterator[tuple[int, RawMessage]]
 
 @contextmanager
 def _unused(path: Path) -> Iterator[None]:
-    """Hold the lock that a writer holds.
-
-    Raises:
-        RecordError: A writer is at work.
-    """
+    """Hold the lock that a writer holds; RecordError if one is at work."""
     with open_file(path, what="the recording") as descriptor:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -354,16 +313,19 @@ def recover_run(store: RunStore) -> RunRecovery:
     with store.lock():
         _remove_unfinished(store.paths.root)
         store.mend_files()
-        cut_off = CutOff.of(store)
-        if cut_off is not None:
-            cut_off.unfinish()
+        journal = Journal.read(store.paths.journal)
+        unfinished = _unfinished(store, journal)
+        for key in unfinished or ():
+            _set_aside_broken(store, journal, *key)
         reports = recover_recordings(store.paths.root, opener=store.opened)
         for report in reports:
             if report.changed:
                 _note(store, report)
-        if cut_off is not None:
-            cut_off.complete_journal()
-    return RunRecovery(recordings=reports, was_cut_off=cut_off is not None, check=check_run(store))
+        if unfinished is not None:
+            _complete_journal(store, journal, unfinished)
+    return RunRecovery(
+        recordings=reports, was_cut_off=unfinished is not None, check=check_run(store)
+    )
 
 
 def _remove_unfinished(root: Path) -> None:
@@ -373,106 +335,82 @@ def _remove_unfinished(root: Path) -> None:
             path.unlink(missing_ok=True)
 
 
-@dataclass(frozen=True)
-class CutOff:
-    """A session that ended without a word, by a power cut or a kill.
+def _unfinished(store: RunStore, journal: Journal) -> list[tuple[int, int]] | None:
+    """Return each (trial, attempt) that the last session may have left unfinished.
 
-    Attributes:
-        store: The run.
-        journal: As it was found.
-        keys: Trial and attempt of every attempt that the session may have left unfinished.
+    None where that session ended properly. A journal may have lost its last lines, the session's
+    first among them: then there is an attempt that it does not know. One that passed is none of
+    these: it took longer.
     """
-
-    store: RunStore
-    journal: JournalReading
-    keys: tuple[tuple[int, int], ...]
-
-    @classmethod
-    def of(cls, store: RunStore) -> CutOff | None:
-        """Return the session; None where the last one ended properly.
-
-        A journal may have lost its last lines, the session's first among them: then there is an
-        attempt that it does not know. One that passed is none of these: it took longer.
-        """
-        journal = JournalReading.of(store.paths.journal)
-        events = journal.events
-        names = (_BEGIN, StoreEvent.SEALED, StoreEvent.CUT_OFF)
-        known = {(e.trial, e.attempt) for e in events if e.name in names}
-        unknown = {key for key in store.paths.attempts() if key not in known}
-        begun: set[tuple[int, int]] = set()
-        if journal.is_open:
-            first = max(place for place, event in enumerate(events) if event.name == START)
-            begun = {(e.trial, e.attempt) for e in events[first:] if e.name == _BEGIN}
-        elif store.config.is_imported or not unknown or _any_passed(store, unknown):
-            return None
-        return cls(store, journal, tuple(sorted(begun | unknown)))
-
-    def unfinish(self) -> None:
-        """Set aside each result that is torn, or tells of another recording than there is.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        for trial, attempt in self.keys:
-            self.store.paths.attempt(trial, attempt).mkdir(parents=True, exist_ok=True)
-            if why := self._broken(trial, attempt):
-                path = self.store.paths.result(trial, attempt)
-                aside = set_aside(path, "torn").name if path.exists() else None
-                log_hashes(
-                    self.store.paths.journal,
-                    StoreEvent.CUT_OFF,
-                    trial=trial,
-                    attempt=attempt,
-                    why=why,
-                    set_aside=aside,
-                )
-
-    def _broken(self, trial: int, attempt: int) -> str:
-        """Return why the result of an attempt does not count; an empty text where it does."""
-        paths = self.store.paths
-        sealed = self.journal.store_events(StoreEvent.SEALED, trial=trial, attempt=attempt)
-        try:
-            record = self.store.load_result(trial, attempt)
-        except RecordError:
-            return "its result was torn"
-        if record is None:
-            is_known = bool(self.journal.of_attempt(trial, attempt))
-            return "its result is missing" if sealed else "" if is_known else "it had just begun"
-        recording = paths.recording(trial, attempt)
-        if record.recording_sha256 is None:
-            return ""
-        if not recording.exists():
-            return "its recording is missing"
-        is_same = file_sha256(recording, what="the recording") == record.recording_sha256
-        return "" if is_same else "its recording was torn"
-
-    def complete_journal(self) -> None:
-        """Write what the journal lost and the recordings hold, the hashes of results, and an end.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        journal = self.store.paths.journal
-        known = set(map(_identity, self.journal.events))
-        for trial, attempt in self.keys:
-            for event in _recorded_events(self.store.paths.recording(trial, attempt)):
-                is_own = (event.trial, event.attempt) == (trial, attempt)
-                if is_own and _identity(event) not in known:
-                    append_event(journal, event)
-        for key in _unsealed(self.store, self.journal):
-            self.store.log_result_hashes(*key)
-        log_hashes(journal, StoreEvent.CUT_OFF, lines=len(self.journal.lines))
+    events = journal.events
+    names = (_BEGIN, StoreEvent.SEALED, StoreEvent.CUT_OFF)
+    known = {(e.trial, e.attempt) for e in events if e.name in names}
+    unknown = {key for key in store.paths.attempts() if key not in known}
+    begun: set[tuple[int, int]] = set()
+    if journal.is_open:
+        first = max(place for place, event in enumerate(events) if event.name == START)
+        begun = {(e.trial, e.attempt) for e in events[first:] if e.name == _BEGIN}
+    elif store.config.is_imported or not unknown or any(_passed(store, *key) for key in unknown):
+        return None
+    return sorted(begun | unknown)
 
 
-def _any_passed(store: RunStore, keys: Iterable[tuple[int, int]]) -> bool:
-    for key in keys:
-        try:
-            record = store.load_result(*key)
-        except RecordError:
-            continue
-        if record is not None and record.passed:
-            return True
-    return False
+def _passed(store: RunStore, trial: int, attempt: int) -> bool:
+    try:
+        record = store.load_result(trial, attempt)
+    except RecordError:
+        return False
+    return record is not None and record.passed
+
+
+def _set_aside_broken(store: RunStore, journal: Journal, trial: int, attempt: int) -> None:
+    """Set aside a result that is torn, or tells of another recording than there is."""
+    store.paths.attempt(trial, attempt).mkdir(parents=True, exist_ok=True)
+    if why := _broken(store, journal, trial, attempt):
+        path = store.paths.result(trial, attempt)
+        log_hashes(
+            store.paths.journal,
+            StoreEvent.CUT_OFF,
+            trial=trial,
+            attempt=attempt,
+            why=why,
+            set_aside=set_aside(path, "torn").name if path.exists() else None,
+        )
+
+
+def _broken(store: RunStore, journal: Journal, trial: int, attempt: int) -> str:
+    """Return why the result of an attempt does not count; an empty text where it does."""
+    try:
+        record = store.load_result(trial, attempt)
+    except RecordError:
+        return "its result was torn"
+    if record is None:
+        if journal.store_events(StoreEvent.SEALED, trial=trial, attempt=attempt):
+            return "its result is missing"
+        return "" if journal.of_attempt(trial, attempt) else "it had just begun"
+    recording = store.paths.recording(trial, attempt)
+    if record.recording_sha256 is None:
+        return ""
+    if not recording.exists():
+        return "its recording is missing"
+    is_same = file_sha256(recording, what="the recording") == record.recording_sha256
+    return "" if is_same else "its recording was torn"
+
+
+def _complete_journal(
+    store: RunStore, journal: Journal, unfinished: Sequence[tuple[int, int]]
+) -> None:
+    """Write what the journal lost and the recordings hold, the hashes of results, and an end."""
+    path = store.paths.journal
+    known = set(map(_identity, journal.events))
+    for key in unfinished:
+        for event in _recorded_events(store.paths.recording(*key)):
+            if (event.trial, event.attempt) == key and _identity(event) not in known:
+                append_event(path, event)
+    for key in store.paths.attempts():
+        if store.paths.result(*key).exists():
+            store.log_result_hashes(*key)
+    log_hashes(path, StoreEvent.CUT_OFF, lines=len(journal.lines))
 
 
 def _identity(event: JournalEvent) -> tuple[object, ...]:
@@ -487,12 +425,11 @@ def _recorded_events(path: Path) -> list[JournalEvent]:
 
 
 def _note(store: RunStore, report: RecoveryReport) -> None:
-    trial, attempt = next(
-        key for key in store.paths.attempts() if store.paths.recording(*key) == report.path
-    )
-    original = report.original
+    """Write into the journal that a recording was repacked."""
+    paths, original = store.paths, report.original
+    trial, attempt = next(key for key in paths.attempts() if paths.recording(*key) == report.path)
     log_hashes(
-        store.paths.journal,
+        paths.journal,
         StoreEvent.RECOVERED,
         trial=trial,
         attempt=attempt,
@@ -502,10 +439,3 @@ def _note(store: RunStore, report: RecoveryReport) -> None:
         message_count=report.message_count,
         merged_count=report.merged_count,
     )
-
-
-def _unsealed(store: RunStore, journal: JournalReading) -> Iterator[tuple[int, int]]:
-    for trial, attempt in store.paths.attempts():
-        has_result = store.paths.result(trial, attempt).exists()
-        if has_result and not journal.store_events(StoreEvent.SEALED, trial=trial, attempt=attempt):
-            yield trial, attempt

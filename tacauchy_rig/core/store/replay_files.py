@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import zipfile
-import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,17 +17,7 @@ from tacauchy_rig.core.store.durable import write_atomically
 from tacauchy_rig.core.store.run_files import read_bytes
 
 _MAX_UNPACKED_BYTES = 1 << 30
-_DAMAGED = (
-    ValueError,
-    KeyError,
-    EOFError,
-    OSError,
-    RuntimeError,
-    SyntaxError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-"""What NumPy and zipfile raise of files that they did not write."""
+_REMEDY = "replay the run again: `tacauchy-rig replay RUN`"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,22 +40,18 @@ class ReplayFields:
     passed: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 
-def write_fields(folder: Path, fields: ReplayFields) -> None:
-    """Write one trial's arrays and image, each file whole or not at all.
+_ARRAYS = ("fields", "height", "passed")
 
-    Raises:
-        RecordError: The disk is full or gone.
-    """
-    if fields.fields:
-        write_atomically(folder / "fields.npz", pack_arrays(fields.fields))
-    if fields.height:
-        write_atomically(folder / "height.npz", pack_arrays(fields.height))
+
+def write_fields(folder: Path, fields: ReplayFields) -> None:
+    """Write one trial's arrays and image, each file whole or not at all."""
+    for name in _ARRAYS:
+        if arrays := getattr(fields, name):
+            write_atomically(folder / f"{name}.npz", pack_arrays(arrays))
     if fields.image is not None:
         write_atomically(folder / "image.png", encode_png(fields.image))
     if fields.surface_vtu is not None:
         write_atomically(folder / "surface.vtu", fields.surface_vtu)
-    if fields.passed:
-        write_atomically(folder / "passed.npz", pack_arrays(fields.passed))
 
 
 def read_fields(folder: Path) -> ReplayFields:
@@ -76,30 +61,16 @@ def read_fields(folder: Path) -> ReplayFields:
         RecordError: The folder is missing, or a file in it is damaged.
     """
     if not folder.is_dir():
-        raise RecordError(
-            f"{folder}: this trial was not replayed",
-            remedy="replay the run again: `tacauchy-rig replay RUN`",
-        )
-    image, surface = folder / "image.png", folder / "surface.vtu"
+        raise RecordError(f"{folder}: this trial was not replayed", remedy=_REMEDY)
+    path, surface = folder / "image.png", folder / "surface.vtu"
+    image = decode_rgb(read_bytes(path, what="the image")) if path.exists() else None
+    if image is None and path.exists():
+        raise RecordError(f"{path}: not a readable PNG", remedy=_REMEDY)
     return ReplayFields(
-        fields=unpack_arrays(folder / "fields.npz"),
-        height=unpack_arrays(folder / "height.npz"),
-        image=_read_png(image) if image.exists() else None,
+        image=image,
         surface_vtu=read_bytes(surface, what="the surface") if surface.exists() else None,
-        passed=unpack_arrays(folder / "passed.npz"),
+        **{name: unpack_arrays(folder / f"{name}.npz") for name in _ARRAYS},
     )
-
-
-def _read_png(path: Path) -> NDArray[np.uint8]:
-    """Return a PNG as RGB, shape [height, width, 3].
-
-    Raises:
-        RecordError: Missing or damaged.
-    """
-    image = decode_rgb(read_bytes(path, what="the image"))
-    if image is None:
-        raise RecordError(f"{path}: not a readable PNG", remedy="replay the run again")
-    return image
 
 
 def pack_arrays(arrays: dict[str, NDArray[Any]]) -> bytes:
@@ -109,33 +80,21 @@ def pack_arrays(arrays: dict[str, NDArray[Any]]) -> bytes:
     return buffer.getvalue()
 
 
-def _check_size(content: io.BytesIO) -> None:
-    """Refuse arrays that would take far more memory than the program ever writes.
-
-    Raises:
-        ValueError: They would.
-        zipfile.BadZipFile: It holds no arrays.
-    """
-    with zipfile.ZipFile(content) as archive:
-        size = sum(each.file_size for each in archive.infolist())
-    if size > _MAX_UNPACKED_BYTES:
-        raise ValueError(f"its arrays take {size / 1e6:.0f} MB")
-
-
 def unpack_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """Read named arrays; none where there is no file.
 
     Raises:
-        RecordError: It is damaged.
+        RecordError: It is damaged, or would take far more memory than the program ever writes.
     """
     if not path.exists():
         return {}
     content = io.BytesIO(read_bytes(path, what="the fields"))
     try:
-        _check_size(content)
+        with zipfile.ZipFile(content) as archive:
+            size = sum(each.file_size for each in archive.infolist())
+        if size > _MAX_UNPACKED_BYTES:
+            raise ValueError(f"its arrays take {size / 1e6:.0f} MB")
         with np.load(content, allow_pickle=False) as data:
             return dict(data)
-    except (*_DAMAGED, MemoryError) as error:
-        raise RecordError(
-            f"{path}: damaged: {error}", remedy="replay the run again: `tacauchy-rig replay RUN`"
-        ) from error
+    except Exception as error:  # NumPy, zipfile and zlib raise a dozen kinds of a foreign file
+        raise RecordError(f"{path}: damaged: {error}", remedy=_REMEDY) from error

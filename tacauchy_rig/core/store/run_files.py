@@ -24,11 +24,8 @@ MAX_BYTES = 256 << 20
 MAX_HOLE_BYTES = 64 << 20
 """Of a recording: what a power cut leaves of its end is far less."""
 _MAX_EXTENTS = 10_000
-_EMULATION = "emulation"
-_SERIAL_PORT = "force_sensor.port"
 _WRITTEN_IN_PLACE = (".lock", "journal.jsonl")
 """All other files are written anew beside the old one."""
-_FORBIDDEN = {errno.EACCES, errno.EPERM}
 _OPEN = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
 _FOREIGN = "remove it, or ask where the folder comes from: this program never makes such a one"
 
@@ -71,11 +68,7 @@ def is_text(name: str) -> bool:
 
 
 def _is_folder(root: Path, entry: os.DirEntry[str]) -> bool:
-    """Return whether an entry is a folder.
-
-    Raises:
-        RecordError: It is neither a folder nor a plain file, or its name is no text.
-    """
+    """Return whether an entry is a folder; refuse what is neither a folder nor a plain file."""
     path = Path(entry.path)
     if not is_text(entry.name):
         raise _refused(path, "its name is not valid text")
@@ -89,20 +82,15 @@ def _is_folder(root: Path, entry: os.DirEntry[str]) -> bool:
 
 
 def _is_emulators(root: Path, path: Path, mode: int) -> bool:
-    if path.parent != root / _EMULATION:
+    if path.parent != root / "emulation":
         return False
-    is_port = stat.S_ISLNK(mode) and path.name == _SERIAL_PORT
+    is_port = stat.S_ISLNK(mode) and path.name == "force_sensor.port"
     return stat.S_ISSOCK(mode) or (is_port and str(path.readlink()).startswith("/dev/pts/"))
 
 
 def _kind(mode: int) -> str:
-    kinds = {
-        stat.S_IFLNK: "a link",
-        stat.S_IFIFO: "a pipe",
-        stat.S_IFSOCK: "a socket",
-        stat.S_IFDIR: "a folder",
-    }
-    return kinds.get(stat.S_IFMT(mode), "a device")
+    kinds = {"l": "a link", "p": "a pipe", "s": "a socket", "d": "a folder"}
+    return kinds.get(stat.filemode(mode)[0], "a device")
 
 
 def _refused(path: Path, what: str) -> RecordError:
@@ -167,19 +155,14 @@ def _hole_bytes(descriptor: int, found: os.stat_result) -> int:
 
 def read_bytes(path: Path, *, what: str, max_bytes: int = MAX_BYTES) -> bytes:
     """Read a file that has to be there; arguments and errors as for ``open_file``."""
-    with (
-        open_file(path, what=what, max_bytes=max_bytes) as descriptor,
-        os.fdopen(descriptor, "rb", closefd=False) as file,
-    ):
-        return file.read(max_bytes)
+    with open_file(path, what=what, max_bytes=max_bytes) as descriptor:
+        return os.fdopen(descriptor, "rb", closefd=False).read(max_bytes)
 
 
 def file_sha256(path: Path, *, what: str, links: bool = False) -> str:
     """Return the SHA-256 of a file that has to be there; arguments as for ``open_file``."""
-    with (
-        open_file(path, what=what, links=links) as descriptor,
-        os.fdopen(descriptor, "rb", closefd=False) as file,
-    ):
+    with open_file(path, what=what, links=links) as descriptor:
+        file = os.fdopen(descriptor, "rb", closefd=False)
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -190,7 +173,7 @@ def read_error(path: Path, error: OSError, *, what: str) -> RecordError:
             f"{path}: {what} is missing",
             remedy=f"check the path; `ls {path.parent}` shows what is there",
         )
-    if error.errno in _FORBIDDEN:
+    if isinstance(error, PermissionError):
         return RecordError(
             f"{path}: no permission to read {what}: {error.strerror}",
             remedy=f"ask the owner of the file for permission (ls -l {path} shows it)",

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -23,15 +23,14 @@ from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.imported import Imported, ImportedTrial
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import Replay
-from tacauchy_rig.core.store.codec import dumps, loads, to_json
+from tacauchy_rig.core.store.codec import dumps, loads, read_json, to_json
 from tacauchy_rig.core.store.durable import bytes_sha256, write_atomically, write_error
 from tacauchy_rig.core.store.journal import (
     HashedFile,
+    Journal,
     StoreEvent,
     log_hashes,
     previous_of,
-    read_journal,
-    read_json,
 )
 from tacauchy_rig.core.store.layout import RunPaths, run_folder
 from tacauchy_rig.core.store.recording.reading import Recording
@@ -67,22 +66,26 @@ class RunStore:
         self.config_hash: str = description["config_hash"]
         self.simulated: bool = description["simulated"]
         self._recordings: dict[Any, Recording] = {}
-        sealed = partial(HashedFile, journal=self.paths.journal)
-        self._run_json: HashedFile[Any] = sealed(self.paths.run_json, Any, what=_DESCRIPTION)
-        self.expected: HashedFile[ExpectedPress] = sealed(
-            self.paths.expected, ExpectedPress, what="the expectation"
+
+        def hashed(path: Path, kind: Any, what: str) -> HashedFile[Any]:
+            return HashedFile(path, kind, journal=self.paths.journal, what=what)
+
+        paths = self.paths
+        self._run_json = hashed(paths.run_json, Any, _DESCRIPTION)
+        self.expected: HashedFile[ExpectedPress] = hashed(
+            paths.expected, ExpectedPress, "the expectation"
         )
-        self.force_check: HashedFile[ForceCheck] = sealed(
-            self.paths.force_check, ForceCheck, what="the check of the cell"
+        self.force_check: HashedFile[ForceCheck] = hashed(
+            paths.force_check, ForceCheck, "the check of the cell"
         )
-        self.imported: HashedFile[Imported] = sealed(
-            self.paths.imported, Imported, what="the word on what was imported"
+        self.imported: HashedFile[Imported] = hashed(
+            paths.imported, Imported, "the word on what was imported"
         )
-        self.optics: HashedFile[CalibratedOptics] = sealed(
-            self.paths.optics_json, CalibratedOptics, what="the calibration of its optics"
+        self.optics: HashedFile[CalibratedOptics] = hashed(
+            paths.optics_json, CalibratedOptics, "the calibration of its optics"
         )
-        self.truth: HashedFile[dict[str, Any]] = sealed(
-            self.paths.truth, dict[str, Any], what="the emulated world's truth"
+        self.truth: HashedFile[dict[str, Any]] = hashed(
+            paths.truth, dict[str, Any], "the emulated world's truth"
         )
 
     @classmethod
@@ -141,19 +144,9 @@ class RunStore:
         return cls(root, _read_description(previous_of(path)))
 
     def mend_files(self) -> None:
-        """Set aside what cannot be read of the files of the run as a whole.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
-        for file in (
-            self._run_json,
-            self.expected,
-            self.force_check,
-            self.imported,
-            self.optics,
-            self.truth,
-        ):
+        """Set aside what cannot be read of the files of the run as a whole."""
+        self._run_json.mend()
+        for file in (self.expected, self.force_check, self.imported, self.optics, self.truth):
             file.mend()
 
     def set_devices(self, devices: Mapping[str, Any]) -> None:
@@ -161,25 +154,17 @@ class RunStore:
 
         A device that turns out to be a program on this computer makes the run a simulated one,
         whatever driver the configuration names.
-
-        Raises:
-            RecordError: The disk is full or gone.
         """
         answered = to_json(devices)
         self.simulated = self.simulated or any(d.get("simulated") for d in answered.values())
-        self.description = {
-            **self.description,
-            "devices": answered,
-            "simulated": self.simulated,
-        }
+        self.description |= {"devices": answered, "simulated": self.simulated}
         self._run_json.save(self.description)
 
     @cached_property
     def imported_trials(self) -> dict[int, ImportedTrial]:
-        """Return what was imported of each trial, by its index; nothing of a run of ours.
+        """What was imported of each trial, by its index; nothing of a run of ours.
 
-        Raises:
-            RecordError: It is an imported run, and the file that says so is missing or damaged.
+        RecordError where it is an imported run, and the file that says so is missing or damaged.
         """
         if not self.config.is_imported:
             return {}
@@ -192,11 +177,7 @@ class RunStore:
         return {trial.index: trial for trial in found.trials}
 
     def trial_indices(self) -> list[int]:
-        """Return the trials that a run has or is to have, ascending.
-
-        Raises:
-            RecordError: As for ``imported_trials``.
-        """
+        """Return the trials that a run has or is to have, ascending."""
         count = len(self.config.protocol.force_targets)
         return sorted(self.imported_trials) or list(range(1, count + 1))
 
@@ -223,18 +204,13 @@ class RunStore:
         self.log_result_hashes(record.index, record.attempt)
 
     def log_result_hashes(self, trial: int, attempt: int) -> None:
-        """Write the hashes of a result and its recording into the journal, once.
-
-        Raises:
-            RecordError: There is no result, or the disk is full or gone.
-        """
-        journal, path = self.paths.journal, self.paths.result(trial, attempt)
-        known = read_journal(journal) if journal.exists() else []
-        if any((e.name, e.trial, e.attempt) == (StoreEvent.SEALED, trial, attempt) for e in known):
+        """Write the hashes of a result and its recording into the journal, once."""
+        known, path = Journal.read(self.paths.journal), self.paths.result(trial, attempt)
+        if known.store_events(StoreEvent.SEALED, trial=trial, attempt=attempt):
             return
         record: TrialRecord = read_json(TrialRecord, path, what="the result")
         log_hashes(
-            journal,
+            self.paths.journal,
             StoreEvent.SEALED,
             trial=trial,
             attempt=attempt,
@@ -363,19 +339,11 @@ class RunStore:
         return sorted(path.parent.name for path in self.paths.replays.glob("*/replay.json"))
 
     def load_replay_fields(self, name: str, trial: int) -> ReplayFields:
-        """Read one replayed trial's arrays and image.
-
-        Raises:
-            RecordError: Missing or damaged.
-        """
+        """Read one replayed trial's arrays and image; RecordError if they are damaged."""
         return read_fields(self.paths.replay_trial(name, trial))
 
     def lock(self) -> AbstractContextManager[None]:
-        """Hold the run against other programs while in the returned context.
-
-        Raises:
-            RecordError: (on entering) Another program is working on this run.
-        """
+        """Hold the run against other programs in the returned context, as ``run_lock`` does."""
         return run_lock(self.paths.lock)
 
 
@@ -421,20 +389,18 @@ def _check_description(description: Any, path: Path) -> None:
         "devices": dict,
         "created": str,
     }
-    for field, kind in wanted.items():
-        if not isinstance(description, dict) or not isinstance(description.get(field), kind):
-            raise RecordError(
-                f"{path}: {field}: missing or of the wrong type",
-                remedy="the file was edited, or is not this program's",
-            )
-    if not all(isinstance(device, dict) for device in description["devices"].values()):
+    found = description if isinstance(description, dict) else {}
+    wrong = [name for name, kind in wanted.items() if not isinstance(found.get(name), kind)]
+    if not wrong and not all(isinstance(each, dict) for each in found["devices"].values()):
+        wrong = ["devices"]
+    if wrong:
         raise RecordError(
-            f"{path}: devices: one of them is no table",
+            f"{path}: {wrong[0]}: missing or of the wrong type",
             remedy="the file was edited, or is not this program's",
         )
-    if description["format"] != FORMAT:
+    if found["format"] != FORMAT:
         raise RecordError(
-            f"{path}: written in format {description['format']}; this program reads {FORMAT}",
+            f"{path}: written in format {found['format']}; this program reads {FORMAT}",
             remedy="use the version of the program named under versions in that file",
         )
 
@@ -451,20 +417,16 @@ def run_lock(path: Path) -> Iterator[None]:
     except OSError as error:
         raise write_error(path, error) from error
     try:
-        _take(path, descriptor)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            holder = os.pread(descriptor, 32, 0).decode(errors="replace").strip() or "unknown"
+            raise RecordError(
+                f"{path.parent}: process {holder} is working on this run",
+                remedy="wait until it ends, or stop it (Ctrl-C in its terminal)",
+            ) from error
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
         yield
     finally:
         os.close(descriptor)
-
-
-def _take(path: Path, descriptor: int) -> None:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        holder = os.pread(descriptor, 32, 0).decode(errors="replace").strip() or "unknown"
-        raise RecordError(
-            f"{path.parent}: process {holder} is working on this run",
-            remedy="wait until it ends, or stop it (Ctrl-C in its terminal)",
-        ) from error

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from drivers.emulators.faults import SILENT_FORCE_FAULTS, FaultKind
 from drivers.emulators.plant.gel import Plant
-from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.run import JournalEvent, Pose, Vector3
 from tacauchy_rig.core.store.layout import RunPaths
-from tacauchy_rig.core.store.recovery import open_readable
+from tacauchy_rig.core.store.recording.reading import Recording
 from tests.drivers.arm_notes import TraceRow
 from tests.studies.fault_table.cases import TARGET_N
 
@@ -158,7 +159,7 @@ def kept_messages(
     unreadable: list[str] = []
     for trial, attempt in attempts:
         files = [paths.recording(trial, attempt), *paths.spills(trial, attempt)]
-        recordings = open_readable([path for path in files if path.exists()], unreadable)
+        recordings = _open_readable([path for path in files if path.exists()], unreadable)
         force = {int(n) for recording in recordings for n in recording.force().counter}
         frames = {int(n) for recording in recordings for n in recording.frame_stamps()[1]}
         states = {int(n) for recording in recordings for n in recording.arm().stamp_ns}
@@ -174,6 +175,16 @@ def kept_messages(
         frame_gap_count=frame_gaps,
         unreadable=tuple(unreadable),
     )
+
+
+def _open_readable(paths: Sequence[Path], unreadable: list[str]) -> list[Recording]:
+    recordings = []
+    for path in paths:
+        try:
+            recordings.append(Recording.open(path))
+        except RecordError as error:
+            unreadable.append(str(error))
+    return recordings
 
 
 def _gaps(counters: set[int]) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -33,7 +34,6 @@ from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.page import criteria_page
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.selection import selected
-from tacauchy_rig.core.store.line_log import read_log
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.tables import Table, table_of_rows
 from tacauchy_rig.core.versions import machine, versions
@@ -92,7 +92,8 @@ def press_with_twin(
             viewers=[twin_options(Follows.FORCE, device=device)],
         )
     busy = os.getloadavg()[0] / (os.cpu_count() or 1)
-    return row_of(scene.name, read_log(store.paths.twin), result.records, busy=busy)
+    lines = [json.loads(line) for line in store.paths.twin.read_text("utf-8").splitlines()]
+    return row_of(scene.name, lines, result.records, busy=busy)
 
 
 def row_of(

@@ -5,170 +5,70 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.run import Criterion, JournalEvent
+from tacauchy_rig.core.run import Criterion
 from tacauchy_rig.core.simulated import Replay
+from tacauchy_rig.core.store.check.attempt import Attempt
+from tacauchy_rig.core.store.check.consistency import consistency, hash_mismatch, short_hash
 from tacauchy_rig.core.store.codec import to_json
-from tacauchy_rig.core.store.journal import JournalLine, StoreEvent, line_hash, read_lines
-from tacauchy_rig.core.store.run_files import file_sha256, is_inside
+from tacauchy_rig.core.store.journal import Journal, JournalLine, StoreEvent, line_hash
+from tacauchy_rig.core.store.run_files import is_inside
 from tacauchy_rig.core.store.run_store import RunStore
-
-TRIAL = "TRIAL"
-"""In a remedy, where the trial's number goes."""
-
-SET_ASIDE = (
-    "the file was edited, exchanged or damaged after it was written. "
-    f"`tacauchy-rig resume RUN --again {TRIAL}` presses the trial once more"
-)
-_WRITTEN_OUT = 3
-"""Contradictions that are written out; one edit often breaks many lines."""
-_SHOWN_HASH = 12
-"""Digits of a hash that are written out: 48 bits, and the file has the rest."""
-
-
-def consistency(
-    name: str, condition: str, contradictions: Iterable[str], *, remedy: str = SET_ASIDE
-) -> Criterion:
-    """Return a criterion that is met where nothing contradicts a promise.
-
-    Args:
-        name: Of the criterion, such as ``recording_hash``.
-        promise: What has to hold, in words.
-        contradictions: Each names the file and both values.
-        remedy: What to do where it does not hold.
-    """
-    found = list(contradictions)
-    logged = "; ".join(found[:_WRITTEN_OUT])
-    more = f"; and {len(found) - _WRITTEN_OUT} more" if len(found) > _WRITTEN_OUT else ""
-    return Criterion(
-        name=name,
-        passed=not found,
-        measured=float(len(found)),
-        limit=f"{condition}; but {logged}{more}" if found else condition,
-        unit="wrong",
-        remedy=remedy if found else "",
-    )
-
-
-def hash_mismatch(folder: Path, file: str, *known: object, name: str = "") -> Iterator[str]:
-    """Yield that a file is missing, or is none of those that are known.
-
-    Args:
-        folder: Where it lies; what leads out of it is not read.
-        file: The file within it.
-        known: SHA-256 that it may have, the newest last.
-        name: What it is called; left out, its own name.
-    """
-    path = folder / file
-    if not is_inside(file):
-        yield f"{file!r} is no name of a file of the run"
-        return
-    if not path.is_file():
-        yield f"{name or path.name} is missing"
-        return
-    found = file_sha256(path, what="a file of the run")
-    if found not in known:
-        now, before = short_hash(found), short_hash(known[-1])
-        yield f"{name or path.name} has the sha256 {now}, and had {before}"
-
-
-def short_hash(sha256: object) -> str:
-    """Return a hash as it is written out."""
-    return str(sha256 or "none")[:_SHOWN_HASH]
-
-
-START, END = "run-start", "run-end"
 
 _JOURNAL_REMEDY = (
     "journal.jsonl was edited or damaged after it was written: nothing puts that right. "
     "Restore it from a copy, or record a new run"
 )
+_DESCRIPTION_REMEDY = (
+    "what the run is was edited after it was recorded: restore run.json and rig.toml from a copy, "
+    "or record a new run"
+)
 
 
-@dataclass(frozen=True)
-class JournalReading:
-    """A run's journal.
-
-    Attributes:
-        lines: As they stand in the file; empty where it has none.
-        exists: False where the file is missing.
-    """
-
-    lines: Sequence[JournalLine]
-    exists: bool = True
-
-    @classmethod
-    def of(cls, path: Path) -> JournalReading:
-        """Read a journal, which a run that never began does not have.
-
-        Raises:
-            RecordError: Unreadable, or a line of it is no event.
-        """
-        return cls(read_lines(path)) if path.exists() else cls((), exists=False)
-
-    @cached_property
-    def events(self) -> list[JournalEvent]:
-        """Every whole line."""
-        return [line.event for line in self.lines if line.event is not None]
-
-    @property
-    def has_hashes(self) -> bool:
-        """False for a journal without numbers, as an earlier version of the program wrote it."""
-        return any(line.number is not None for line in self.lines)
-
-    @property
-    def head(self) -> str:
-        """SHA-256 of the last line, which stands for the whole run; empty without a journal."""
-        return line_hash(self.lines[-1].raw) if self.lines else ""
-
-    @property
-    def is_open(self) -> bool:
-        """True where the last session has no end: it runs, or was cut off."""
-        return self._ends[-1:] == [START]
-
-    @property
-    def was_cut(self) -> bool:
-        """True where a session was cut off, said or not."""
-        return StoreEvent.CUT_OFF in self._ends or (START, START) in pairwise(self._ends)
-
-    @property
-    def may_lack_hashes(self) -> bool:
-        """True where a crash may have come between a result and the line about it."""
-        return self.is_open or self.was_cut
-
-    @cached_property
-    def _ends(self) -> list[str]:
-        """Names of the events that begin or end a session."""
-        names = (START, END, StoreEvent.CUT_OFF)
-        return [e.name for e in self.events if e.name in names and not e.trial]
-
-    def store_events(
-        self, name: StoreEvent, *, trial: int = 0, attempt: int = 0
-    ) -> list[JournalEvent]:
-        """Return the events of a kind about an attempt, or about the whole run."""
-        wanted = (name, trial, attempt)
-        return [e for e in self.events if (e.name, e.trial, e.attempt) == wanted]
-
-    def of_attempt(self, trial: int, attempt: int) -> list[JournalEvent]:
-        """Return what the protocol wrote of an attempt."""
-        own = [e for e in self.events if (e.trial, e.attempt) == (trial, attempt)]
-        return [e for e in own if e.name not in set(StoreEvent)]
+def judge_run(
+    store: RunStore, journal: Journal, attempts: Sequence[Attempt]
+) -> Iterator[Criterion]:
+    """Yield what holds of the run as a whole: description, journal, folders and replays."""
+    yield consistency(
+        "run_description",
+        "run.json and what lies beside it are as they were when the run was recorded",
+        _changed_description(store, journal),
+        remedy=_DESCRIPTION_REMEDY,
+    )
+    if journal.has_hashes or "rig_toml_sha256" in store.description:
+        yield from _judge_journal(journal, was_begun=bool(attempts))
+    yield consistency(
+        "journal_attempts",
+        "every attempt that journal.jsonl tells of has its folder, and the other way round",
+        _unmatched_attempts(journal, attempts),
+    )
+    logged = {str(event.detail.get("name")) for event in journal.store_events(StoreEvent.REPLAYED)}
+    names = logged | {path.name for path in store.paths.replays.glob("*") if path.is_dir()}
+    if names:
+        yield consistency(
+            "replay_files",
+            "simulated forces and images are those that were made from these recordings",
+            [line for name in sorted(names) for line in _changed_replay(store, name, journal)],
+            remedy="`tacauchy-rig replay RUN` makes forces and images again from what was recorded",
+        )
 
 
-def judge_journal(journal: JournalReading, *, was_begun: bool) -> Iterator[Criterion]:
-    """Yield what holds of a sealed journal whatever else is in the run.
+def _unmatched_attempts(journal: Journal, attempts: Sequence[Attempt]) -> Iterator[str]:
+    names = ("attempt-start", StoreEvent.SEALED)
+    logged = {(e.trial, e.attempt) for e in journal.events if e.name in names}
+    for trial, attempt in sorted(logged - {(each.trial, each.attempt) for each in attempts}):
+        yield f"attempt {attempt} at trial {trial} is in journal.jsonl and has no folder"
+    for each in attempts:
+        has_result = each.record is not None or each.unreadable
+        if has_result and (each.trial, each.attempt) not in logged:
+            yield f"{each.name} is unknown to journal.jsonl"
 
-    Args:
-        journal: The journal.
-        was_begun: The run has attempts.
-    """
+
+def _judge_journal(journal: Journal, *, was_begun: bool) -> Iterator[Criterion]:
+    """Yield what holds of a sealed journal whatever else is in the run, which may have attempts."""
     gone = ["journal.jsonl is missing"] if was_begun and not journal.exists else []
     yield consistency(
         "journal_chain",
@@ -176,15 +76,11 @@ def judge_journal(journal: JournalReading, *, was_begun: bool) -> Iterator[Crite
         [*gone, *_broken_links(journal.lines), *_doubles(journal.lines)],
         remedy=_JOURNAL_REMEDY,
     )
-    ending = (
-        ["its last session has no run-end: the program was cut off, or lines were taken off"]
-        if journal.is_open
-        else []
-    )
+    ending = "its last session has no run-end: the program was cut off, or lines were taken off"
     yield consistency(
         "journal_end",
         "journal.jsonl tells how every session ended",
-        ending,
+        [ending] if journal.is_open else [],
         remedy="if the program was cut off, `tacauchy-rig recover RUN` notes that in the journal",
     )
 
@@ -219,23 +115,7 @@ def _doubles(lines: Sequence[JournalLine]) -> Iterator[str]:
             yield f"journal.jsonl line {place} ({line.event.name}) is line {first} again"
 
 
-_DESCRIPTION_REMEDY = (
-    "what the run is was edited after it was recorded: restore run.json and rig.toml from a copy, "
-    "or record a new run"
-)
-
-
-def judge_description(store: RunStore, journal: JournalReading) -> Criterion:
-    """Say whether ``run.json`` still is what the run was recorded with."""
-    return consistency(
-        "run_description",
-        "run.json and what lies beside it are as they were when the run was recorded",
-        _changed_description(store, journal),
-        remedy=_DESCRIPTION_REMEDY,
-    )
-
-
-def _changed_description(store: RunStore, journal: JournalReading) -> Iterator[str]:
+def _changed_description(store: RunStore, journal: Journal) -> Iterator[str]:
     described, stated = store.description, store.config_hash
     recorded = described.get("config")
     found = hashlib.sha256(json.dumps(recorded, sort_keys=True).encode()).hexdigest()
@@ -248,21 +128,17 @@ def _changed_description(store: RunStore, journal: JournalReading) -> Iterator[s
     pretending = [name for name, device in answered if device.get("simulated")]
     if pretending and not store.simulated:
         yield f"run.json: simulated is false, but so is no {', '.join(pretending)}"
-    for load in (
-        store.truth.load,
-        store.force_check.load,
-        store.expected.load,
-        store.optics.load,
-        lambda: store.imported_trials,
-    ):
-        try:
-            load()
-        except RecordError as error:
-            yield error.message
+    for file in (store.truth, store.force_check, store.expected, store.optics):
+        if damage := file.damage():
+            yield damage
+    try:
+        _ = store.imported_trials
+    except RecordError as error:
+        yield error.message
     yield from _hashes(store, journal)
 
 
-def _hashes(store: RunStore, journal: JournalReading) -> Iterator[str]:
+def _hashes(store: RunStore, journal: Journal) -> Iterator[str]:
     written = store.description.get("rig_toml_sha256")
     if written is not None:
         yield from hash_mismatch(store.paths.root, store.paths.rig_toml.name, written)
@@ -294,24 +170,7 @@ def _differing(kept: Any, read: Any, prefix: str = "") -> Iterator[tuple[str, An
         yield prefix, kept, read
 
 
-_REPLAY_REMEDY = "`tacauchy-rig replay RUN` makes forces and images again from what was recorded"
-
-
-def judge_replays(store: RunStore, journal: JournalReading) -> Iterator[Criterion]:
-    """Yield, for a run that was replayed, whether its simulated forces and images are its own."""
-    there = {path.name for path in store.paths.replays.glob("*") if path.is_dir()}
-    logged = {str(event.detail.get("name")) for event in journal.store_events(StoreEvent.REPLAYED)}
-    names = sorted(there | logged)
-    if names:
-        yield consistency(
-            "replay_files",
-            "simulated forces and images are those that were made from these recordings",
-            [line for name in names for line in _changed_replay(store, name, journal)],
-            remedy=_REPLAY_REMEDY,
-        )
-
-
-def _changed_replay(store: RunStore, name: str, journal: JournalReading) -> Iterator[str]:
+def _changed_replay(store: RunStore, name: str, journal: Journal) -> Iterator[str]:
     if not is_inside(name):
         yield f"journal.jsonl tells of a replay {name!r}, which is no name of a folder"
         return

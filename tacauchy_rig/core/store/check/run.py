@@ -8,17 +8,10 @@ from dataclasses import dataclass, replace
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import Criterion
 from tacauchy_rig.core.store.check.attempt import Attempt, judge_events, judge_files, judge_streams
-from tacauchy_rig.core.store.check.files import (
-    TRIAL,
-    JournalReading,
-    consistency,
-    judge_description,
-    judge_journal,
-    judge_replays,
-)
+from tacauchy_rig.core.store.check.consistency import TRIAL, consistency
+from tacauchy_rig.core.store.check.files import judge_run
 from tacauchy_rig.core.store.check.press import judge_contact, judge_press
-from tacauchy_rig.core.store.journal import StoreEvent
-from tacauchy_rig.core.store.recording.reading import Recording
+from tacauchy_rig.core.store.journal import Journal
 from tacauchy_rig.core.store.run_store import RunStore
 
 
@@ -66,60 +59,32 @@ def check_run(store: RunStore) -> RunCheck:
     Raises:
         RecordError: The journal is no longer readable; the message names the line.
     """
-    journal = JournalReading.of(store.paths.journal)
+    journal = Journal.read(store.paths.journal)
     attempts = [Attempt(store, journal, *key) for key in store.paths.attempts()]
     return RunCheck(
-        run=tuple(_judge_run(store, journal, attempts)),
-        attempts={
-            each.key: tuple(
-                replace(c, remedy=c.remedy.replace(TRIAL, str(each.trial)))
-                for c in _judge_attempt(each)
-            )
-            for each in attempts
-        },
+        run=tuple(judge_run(store, journal, attempts)),
+        attempts={(each.trial, each.attempt): tuple(_judge_attempt(each)) for each in attempts},
         notes=tuple(_notes(journal, attempts)),
         journal_head=journal.head,
     )
 
 
-def _judge_run(
-    store: RunStore, journal: JournalReading, attempts: Sequence[Attempt]
-) -> Iterator[Criterion]:
-    yield judge_description(store, journal)
-    if journal.has_hashes or "rig_toml_sha256" in store.description:
-        yield from judge_journal(journal, was_begun=bool(attempts))
-    yield consistency(
-        "journal_attempts",
-        "every attempt that journal.jsonl tells of has its folder, and the other way round",
-        _unmatched_attempts(journal, attempts),
-    )
-    yield from judge_replays(store, journal)
-
-
-def _unmatched_attempts(journal: JournalReading, attempts: Sequence[Attempt]) -> Iterator[str]:
-    logged = {
-        (e.trial, e.attempt)
-        for e in journal.events
-        if e.name in ("attempt-start", StoreEvent.SEALED)
-    }
-    for trial, attempt in sorted(logged - {each.key for each in attempts}):
-        yield f"attempt {attempt} at trial {trial} is in journal.jsonl and has no folder"
-    for each in attempts:
-        if each.result is not None and each.key not in logged:
-            yield f"{each.name} is unknown to journal.jsonl"
-
-
 def _judge_attempt(attempt: Attempt) -> Iterator[Criterion]:
-    yield from judge_files(attempt)
+    for criterion in (*judge_files(attempt), *_judge_content(attempt)):
+        remedy = criterion.remedy.replace(TRIAL, str(attempt.trial))
+        yield replace(criterion, remedy=remedy)
+
+
+def _judge_content(attempt: Attempt) -> Iterator[Criterion]:
     record, recording = attempt.record, attempt.recording
-    if not isinstance(recording, Recording):
+    if recording is None:
         return
     try:
         yield judge_events(attempt, recording)
         if record is not None:
             yield from judge_streams(attempt, recording, record)
-            yield from judge_press(attempt, record)
-            yield from judge_contact(attempt, record)
+            yield from judge_press(attempt, recording, record)
+            yield from judge_contact(attempt, recording, record)
     # A message that no longer decodes, or a number that nothing can be compared with.
     except (RecordError, ValueError, TypeError, OverflowError) as error:
         yield consistency(
@@ -129,7 +94,7 @@ def _judge_attempt(attempt: Attempt) -> Iterator[Criterion]:
         )
 
 
-def _notes(journal: JournalReading, attempts: Sequence[Attempt]) -> Iterator[str]:
+def _notes(journal: Journal, attempts: Sequence[Attempt]) -> Iterator[str]:
     if not journal.has_hashes:
         yield (
             "This run was recorded without hashes, by an earlier version of the program: what was "
@@ -139,19 +104,19 @@ def _notes(journal: JournalReading, attempts: Sequence[Attempt]) -> Iterator[str
         yield "A session of this run was cut off; what was on the disk then was kept."
     yield from _changed_settings(journal)
     for each in attempts:
-        for event in each.store_events(StoreEvent.CUT_OFF):
+        for event in each.cut_off:
             yield (
                 f"Attempt {each.attempt} at trial {each.trial} is unfinished: "
                 f"{event.detail.get('why')}."
             )
-        for event in each.store_events(StoreEvent.RECOVERED):
+        for event in each.repacked:
             yield (
                 f"The recording of trial {each.trial}, attempt {each.attempt} was repacked by "
                 f"recover: it was {event.detail.get('before')}."
             )
 
 
-def _changed_settings(journal: JournalReading) -> Iterator[str]:
+def _changed_settings(journal: Journal) -> Iterator[str]:
     """Yield a sentence for each field that a session went on with changed."""
     since = "before the first attempt"
     for event in journal.events:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.store.durable import write_error
 from tacauchy_rig.core.store.force_series import force_series
-from tacauchy_rig.core.store.recording.export_kind import ExportKind
 from tacauchy_rig.core.store.recording.messages import (
     ARM_STATES,
     POSE_FIELDS,
@@ -29,6 +28,7 @@ from tacauchy_rig.core.store.run_store import RunStore
 logger = logging.getLogger(__name__)
 
 _TARED_FIELDS = tuple(f"{name}_tared" for name in WRENCH_FIELDS)
+_FRAME_FIELDS = ("counter", "device_stamp_s", "width", "height")
 _TRIAL_FIELDS = (
     "outcome",
     "force_target_n",
@@ -45,11 +45,11 @@ _TRIAL_FIELDS = (
 )
 
 
-def export_run(root: Path, out: Path, *, kind: ExportKind) -> list[Path]:
+def export_run(root: Path, out: Path, *, images: bool = False) -> list[Path]:
     """Write every attempt that has a recording to ``out/trial-01-attempt-1/`` and so on.
 
-    ``csv`` gives ``trials.csv`` and for each attempt ``force.csv`` (raw, and with the attempt's
-    first tare taken off) and ``arm.csv``; ``images`` gives the untouched JPEG frames and
+    There are ``trials.csv`` and for each attempt ``force.csv`` (raw, and with the attempt's first
+    tare taken off) and ``arm.csv``; ``images`` instead gives the untouched JPEG frames and
     ``frames.csv`` with their stamps. ``time_s`` counts from the attempt's first message, the same
     zero in all its files.
 
@@ -60,23 +60,19 @@ def export_run(root: Path, out: Path, *, kind: ExportKind) -> list[Path]:
         RecordError: No run folder, no recording in it, a file exists already, or no space.
     """
     store = RunStore.open(root)
-    attempts = [
-        (trial, attempt)
-        for trial, attempt in store.paths.attempts()
-        if store.paths.recording(trial, attempt).exists()
-    ]
+    attempts = [key for key in store.paths.attempts() if store.paths.recording(*key).exists()]
     if not attempts:
         raise RecordError(
             f"{root}: holds no recording to export",
             remedy=f"`{command_line('resume', root)}` presses the trials that are missing",
         )
-    written = [_write_trials(store, attempts, out / "trials.csv")] if kind is ExportKind.CSV else []
+    written = [] if images else [_write_trials(store, attempts, out / "trials.csv")]
     for trial, attempt in attempts:
         folder = out / f"trial-{trial:02d}-attempt-{attempt}"
         recording = Recording.open(store.paths.recording(trial, attempt))
         if not recording.is_intact:
             logger.warning("%s: %s", recording.path, recording.describe())
-        if kind is ExportKind.IMAGES:
+        if images:
             written.append(_write_frames(recording, folder))
         else:
             result = store.load_result(trial, attempt)
@@ -100,47 +96,44 @@ def _write_trials(store: RunStore, attempts: list[tuple[int, int]], path: Path) 
 def _write_force(recording: Recording, result: TrialRecord | None, sign: int, path: Path) -> Path:
     force = recording.force()
     tare = result.tare_before if result else None
-    zero = np.array(tare.mean) if tare else np.full(6, np.nan)
-    tared = force.wrench - zero
-    names = ("stamp_ns", "time_s", "counter", *WRENCH_FIELDS, *_TARED_FIELDS, "pressing_force_n")
-    times = _times(recording, force.stamp_ns)
-    rows = zip(
-        force.stamp_ns.tolist(),
-        times.tolist(),
-        force.counter.tolist(),
-        *force.wrench.T.tolist(),
-        *tared.T.tolist(),
-        (sign * tared[:, 2]).tolist(),
-        strict=True,
-    )
-    return _write_table(path, names, rows)
+    tared = force.wrench - (np.array(tare.mean) if tare else np.full(6, np.nan))
+    columns = {
+        "stamp_ns": force.stamp_ns,
+        "time_s": _times(recording, force.stamp_ns),
+        "counter": force.counter,
+        **dict(zip(WRENCH_FIELDS, force.wrench.T, strict=True)),
+        **dict(zip(_TARED_FIELDS, tared.T, strict=True)),
+        "pressing_force_n": sign * tared[:, 2],
+    }
+    return _write_columns(path, columns)
 
 
 def _write_arm(recording: Recording, path: Path) -> Path:
     arm = recording.arm()
-    numbers = (*POSE_FIELDS, *VELOCITY_FIELDS, *TCP_FORCE_FIELDS)
-    names = ("stamp_ns", "time_s", "controller_time_s", *numbers, *ARM_STATES)
-    rows = zip(
-        arm.stamp_ns.tolist(),
-        _times(recording, arm.stamp_ns).tolist(),
-        arm.controller_time_s.tolist(),
-        *arm.pose.T.tolist(),
-        *arm.velocity.T.tolist(),
-        *arm.tcp_force.T.tolist(),
-        *(getattr(arm, name).tolist() for name in ARM_STATES),
-        strict=True,
-    )
-    return _write_table(path, names, rows)
+    columns = {
+        "stamp_ns": arm.stamp_ns,
+        "time_s": _times(recording, arm.stamp_ns),
+        "controller_time_s": arm.controller_time_s,
+        **dict(zip(POSE_FIELDS, arm.pose.T, strict=True)),
+        **dict(zip(VELOCITY_FIELDS, arm.velocity.T, strict=True)),
+        **dict(zip(TCP_FORCE_FIELDS, arm.tcp_force.T, strict=True)),
+        **{name: getattr(arm, name) for name in ARM_STATES},
+    }
+    return _write_columns(path, columns)
+
+
+def _write_columns(path: Path, columns: Mapping[str, FloatArray | Int64Array]) -> Path:
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return _write_table(path, columns, rows)
 
 
 def _write_frames(recording: Recording, folder: Path) -> Path:
-    kept = ("counter", "device_stamp_s", "width", "height")
-    names = ("file", "stamp_ns", "time_s", *kept)
-    _write_table(folder / "frames.csv", names, _frame_rows(recording, folder, kept))
+    rows = _frame_rows(recording, folder)
+    _write_table(folder / "frames.csv", ("file", "stamp_ns", "time_s", *_FRAME_FIELDS), rows)
     return folder
 
 
-def _frame_rows(recording: Recording, folder: Path, kept: tuple[str, ...]) -> Iterator[list[Any]]:
+def _frame_rows(recording: Recording, folder: Path) -> Iterator[list[Any]]:
     """Write each frame beside the table, and yield its row."""
     for number, frame in enumerate(recording.frames(), start=1):
         path = folder / f"frame-{number:06d}.jpg"
@@ -149,7 +142,8 @@ def _frame_rows(recording: Recording, folder: Path, kept: tuple[str, ...]) -> It
         except OSError as error:
             raise write_error(path, error) from error
         time_s = f"{(frame.stamp_ns - recording.start_ns) * 1e-9:.9f}"
-        yield [path.name, frame.stamp_ns, time_s, *(getattr(frame, name) for name in kept)]
+        row = [path.name, frame.stamp_ns, time_s]
+        yield [*row, *(getattr(frame, name) for name in _FRAME_FIELDS)]
 
 
 def _times(recording: Recording, stamps: Int64Array) -> FloatArray:

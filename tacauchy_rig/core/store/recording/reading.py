@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+from mcap.records import Channel
 
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError, command_line
@@ -101,17 +102,13 @@ class Recording:
         self.torn_bytes = scan.torn_bytes
         self.metadata = dict(scan.metadata)
         self.message_count = len(scan.entries)
-        self._sizes = {
-            channel.id: (
-                _pixels(channel.metadata.get("width", "")),
-                _pixels(channel.metadata.get("height", "")),
-            )
-            for channel in scan.channels.values()
+        self._channels = {
+            each.id: (Topic(each.topic), _pixels(each, "width"), _pixels(each, "height"))
+            for each in scan.channels.values()
         }
-        self._topics = {channel.id: Topic(channel.topic) for channel in scan.channels.values()}
         self._entries: dict[Topic, list[Entry]] = {topic: [] for topic in Topic}
         for entry in sorted(scan.entries, key=lambda item: item.log_time):
-            self._entries[self._topic(entry)].append(entry)
+            self._entries[self._channel(entry)[0]].append(entry)
 
     @classmethod
     def open(cls, path: Path) -> Self:
@@ -150,12 +147,12 @@ class Recording:
     @property
     def start_ns(self) -> int:
         """Arrival of the first message [ns]; 0 when there is none."""
-        return min((entries[0].log_time for entries in self._filled()), default=0)
+        return min((each[0].log_time for each in self._entries.values() if each), default=0)
 
     @property
     def end_ns(self) -> int:
         """Arrival of the last message [ns]; 0 when there is none."""
-        return max((entries[-1].log_time for entries in self._filled()), default=0)
+        return max((each[-1].log_time for each in self._entries.values() if each), default=0)
 
     @property
     def duration_s(self) -> float:
@@ -196,14 +193,16 @@ class Recording:
     @cached_property
     def _arm(self) -> ArmArrays:
         messages = self._decoded(Topic.ARM)
-        states = {name: _column(messages, name) for name in ARM_STATES}
+        force = _table(messages, TCP_FORCE_FIELDS)
+        absent = [[not each.HasField(name) for name in TCP_FORCE_FIELDS] for each in messages]
+        force[np.array(absent, dtype=bool).reshape(force.shape)] = np.nan
         return ArmArrays(
             stamp_ns=_column(messages, "stamp_ns"),
             controller_time_s=_table(messages, ("controller_time_s",))[:, 0],
             pose=_table(messages, POSE_FIELDS),
             velocity=_table(messages, VELOCITY_FIELDS),
-            tcp_force=_optional_table(messages, TCP_FORCE_FIELDS),
-            **states,
+            tcp_force=force,
+            **{name: _column(messages, name) for name in ARM_STATES},
         )
 
     def frame_stamps(self) -> tuple[Int64Array, Int64Array]:
@@ -242,18 +241,15 @@ class Recording:
         entries = (entry for stream in self._entries.values() for entry in stream)
         return self._read(sorted(entries, key=lambda entry: (entry.log_time, entry.offset)))
 
-    def _filled(self) -> list[list[Entry]]:
-        return [entries for entries in self._entries.values() if entries]
-
     def _decoded(self, topic: Topic) -> list[Any]:
         return [decode(topic, each.data) for each in self._read(self._entries[topic])]
 
     def _read(self, entries: Iterable[Entry]) -> Iterator[RawMessage]:
         with open_file(self.path, what="the recording") as descriptor:
             for entry in entries:
-                width, height = self._sizes.get(entry.channel, (0, 0))
+                topic, width, height = self._channel(entry)
                 yield RawMessage(
-                    topic=self._topic(entry),
+                    topic=topic,
                     log_time=entry.log_time,
                     publish_time=entry.publish_time,
                     sequence=entry.sequence,
@@ -262,11 +258,14 @@ class Recording:
                     height=height,
                 )
 
-    def _topic(self, entry: Entry) -> Topic:
-        return self._topics.get(entry.channel) or _USUAL_CHANNELS.get(entry.channel, Topic.IMAGE)
+    def _channel(self, entry: Entry) -> tuple[Topic, int, int]:
+        """Return the topic of a message, and of an image its width and height [px]."""
+        usual = _USUAL_CHANNELS.get(entry.channel, Topic.IMAGE), 0, 0
+        return self._channels.get(entry.channel, usual)
 
 
-def _pixels(text: str) -> int:
+def _pixels(channel: Channel, side: str) -> int:
+    text = channel.metadata.get(side, "")
     return int(text) if text.isdecimal() and len(text) < len("1000000") else 0
 
 
@@ -277,10 +276,3 @@ def _column(messages: list[Any], name: str) -> Int64Array:
 def _table(messages: list[Any], names: tuple[str, ...]) -> FloatArray:
     rows = [[getattr(message, name) for name in names] for message in messages]
     return np.array(rows, dtype=np.float64).reshape(len(messages), len(names))
-
-
-def _optional_table(messages: list[Any], names: tuple[str, ...]) -> FloatArray:
-    table = _table(messages, names)
-    absent = [[not message.HasField(name) for name in names] for message in messages]
-    table[np.array(absent, dtype=bool).reshape(table.shape)] = np.nan
-    return table

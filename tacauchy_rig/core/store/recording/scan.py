@@ -38,15 +38,7 @@ _MESSAGE_INDEX = struct.Struct("<HI")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """Where one message lies.
-
-    Attributes:
-        log_time: Arrival stamp [ns].
-        publish_time: The device's stamp [ns], or ``log_time``.
-        sequence: The device's counter, modulo 2^32.
-        offset: Of the message's data in the file [bytes].
-        length: Of the message's data [bytes].
-    """
+    """Where the data of one message lie in the file [bytes], and its stamps [ns] and counter."""
 
     channel: int
     log_time: int
@@ -191,13 +183,19 @@ def _summarised(body: bytes) -> Iterator[McapRecord]:
         Opcode.CHANNEL: Channel.read,
         Opcode.STATISTICS: Statistics.read,
     }
-    start = 0
-    while start + _RECORD_HEADER.size <= len(body):
-        opcode, length = _RECORD_HEADER.unpack_from(body, start)
-        start += _RECORD_HEADER.size
+    for opcode, start, end in _records(body):
         if opcode in readers:
-            yield readers[opcode](ReadDataStream(BytesIO(body[start : start + length])))
-        start += length
+            yield readers[opcode](ReadDataStream(BytesIO(body[start:end])))
+
+
+def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, start and end of the content of each record; the last may be cut off."""
+    end = 0
+    while end + _RECORD_HEADER.size <= len(data):
+        opcode, length = _RECORD_HEADER.unpack_from(data, end)
+        start = end + _RECORD_HEADER.size
+        end = start + length
+        yield opcode, start, end
 
 
 def _read_chunk(
@@ -252,13 +250,13 @@ def _candidates(descriptor: int, offset: int, limit: int) -> Iterator[int]:
 
 
 def _contents(data: bytes, *, start: int) -> tuple[list[Channel], list[Entry]] | None:
-    channels, entries, position = [], [], 0
-    while position + _RECORD_HEADER.size <= len(data):
-        opcode, length = _RECORD_HEADER.unpack_from(data, position)
-        position += _RECORD_HEADER.size
+    """Return channels and messages of a chunk whose content is at ``start`` in the file."""
+    channels, entries, end = [], [], 0
+    for opcode, position, end in _records(data):
         if opcode == Opcode.MESSAGE:
             channel, sequence, log_time, publish_time = _MESSAGE_HEADER.unpack_from(data, position)
-            if max(log_time, publish_time) > _LATEST_NS or length < _MESSAGE_HEADER.size:
+            length = end - position - _MESSAGE_HEADER.size
+            if max(log_time, publish_time) > _LATEST_NS or length < 0:
                 return None
             entry = Entry(
                 channel=channel,
@@ -266,12 +264,9 @@ def _contents(data: bytes, *, start: int) -> tuple[list[Channel], list[Entry]] |
                 publish_time=publish_time,
                 sequence=sequence,
                 offset=start + position + _MESSAGE_HEADER.size,
-                length=length - _MESSAGE_HEADER.size,
+                length=length,
             )
             entries.append(entry)
         elif opcode == Opcode.CHANNEL:
-            channels.append(
-                Channel.read(ReadDataStream(BytesIO(data[position : position + length])))
-            )
-        position += length
-    return (channels, entries) if position == len(data) else None
+            channels.append(Channel.read(ReadDataStream(BytesIO(data[position:end]))))
+    return (channels, entries) if end == len(data) else None

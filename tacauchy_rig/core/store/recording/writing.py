@@ -11,13 +11,13 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import hashlib
+import io
 import logging
 import os
 import threading
 from collections.abc import Iterable
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Self, cast
+from typing import Self
 
 from mcap.well_known import MessageEncoding
 from mcap.writer import CompressionType, Writer
@@ -37,132 +37,25 @@ from tacauchy_rig.core.store.recording.messages import (
 logger = logging.getLogger(__name__)
 
 SYNC_PERIOD_S = 1.0
+_SEQUENCE_MASK = 0xFFFFFFFF
 
 
-class AppendFile:
-    """What ``mcap.writer.Writer`` writes to: ``write`` gathers, ``commit`` hands to the kernel.
+class _Pending(io.BytesIO):
+    """What ``mcap.writer.Writer`` wrote since the last commit, which has ``committed`` bytes."""
 
-    A thread brings the file to the disk every ``SYNC_PERIOD_S``. The file is locked, so that
-    nobody repairs it while it is written.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._parts: list[bytes] = []
-        self._pending = 0
-        self._committed = 0
-        self._hash = hashlib.sha256()
-        self._failure: RecordError | None = None
-        self._was_reported = False
-        self._ended = threading.Event()
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
-            self._descriptor = os.open(path, flags, 0o644)
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            sync_folder(path.parent)
-        except OSError as error:
-            raise write_error(path, error) from error
-        self._syncer = threading.Thread(
-            target=self._sync_often, name=f"sync {path.name}", daemon=True
-        )
-        self._syncer.start()
-
-    @property
-    def is_closed(self) -> bool:
-        """True after ``close``."""
-        return self._ended.is_set()
-
-    @property
-    def has_failed(self) -> bool:
-        """True once bytes could not be written; nothing is written after that."""
-        return self._failure is not None
-
-    @property
-    def sha256(self) -> str | None:
-        """Of all that was committed; None once bytes could not be written."""
-        return None if self.has_failed else self._hash.hexdigest()
-
-    def write(self, data: bytes) -> int:
-        """Gather bytes for the next commit."""
-        self._parts.append(data)
-        self._pending += len(data)
-        return len(data)
+    committed = 0
 
     def tell(self) -> int:
-        """Return the offset [bytes] that the next written byte will have."""
-        return self._committed + self._pending
-
-    def flush(self) -> None:
-        """Do nothing: only ``commit`` hands bytes over."""
-
-    def commit(self) -> None:
-        """Hand all gathered bytes to the kernel; on failure take back what went out of them.
-
-        Raises:
-            RecordError: The disk is full or gone, now or since the last call.
-        """
-        if self._failure is not None:
-            self._was_reported = True
-            raise self._failure
-        data = b"".join(self._parts)
-        self._parts.clear()
-        self._pending = 0
-        try:
-            view = memoryview(data)
-            while view:
-                view = view[os.write(self._descriptor, view) :]
-        except OSError as error:
-            self._failure = write_error(self.path, error)
-            self._was_reported = True
-            self._take_back()
-            raise self._failure from error
-        self._committed += len(data)
-        self._hash.update(data)
-
-    def close(self) -> None:
-        """Bring the file to the disk and close it; safe to call twice.
-
-        Raises:
-            RecordError: The disk refused, and no earlier call has said so.
-        """
-        if self.is_closed:
-            return
-        self._ended.set()
-        self._syncer.join()
-        try:
-            self._sync()
-        finally:
-            os.close(self._descriptor)
-        if self._failure is not None and not self._was_reported:
-            raise self._failure
-
-    def _take_back(self) -> None:
-        try:
-            os.ftruncate(self._descriptor, self._committed)
-        except OSError as error:
-            logger.warning("%s: a torn message stays at the end: %s", self.path, error)
-
-    def _sync_often(self) -> None:
-        while not self._ended.wait(SYNC_PERIOD_S):
-            self._sync()
-
-    def _sync(self) -> None:
-        try:
-            os.fdatasync(self._descriptor)
-        except OSError as error:
-            if self._failure is None:
-                self._failure = write_error(self.path, error)
-
-
-_SEQUENCE_MASK = 0xFFFFFFFF
+        """Return the offset in the file [bytes] that the next written byte will have."""
+        return self.committed + super().tell()
 
 
 class RecordingWriter:
     """The one writer of a recording; not for use from several threads.
 
     A message counts as recorded once the call that wrote it has returned. After a RecordError
-    nothing of that call is in the file, all before it is, and no more can be written.
+    nothing of that call is in the file, all before it is, and no more can be written. The file is
+    locked, so that nobody repairs it while it is written.
 
     Args:
         metadata: What this recording is; kept in it as plain text, the record ``tacauchy_rig``.
@@ -179,9 +72,24 @@ class RecordingWriter:
     def __init__(self, path: Path, *, metadata: dict[str, str], chunk_size: int = 1) -> None:
         self.path = path
         self.message_count = 0
-        self._file = AppendFile(path)
-        stream = cast("IO[bytes]", self._file)
-        self._mcap = Writer(stream, chunk_size=chunk_size, compression=CompressionType.NONE)
+        self._hash = hashlib.sha256()
+        self._failure: RecordError | None = None
+        self._was_reported = False
+        self._closed = threading.Event()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+            self._descriptor = os.open(path, flags, 0o644)
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            sync_folder(path.parent)
+        except OSError as error:
+            raise write_error(path, error) from error
+        self._syncer = threading.Thread(
+            target=self._sync_often, name=f"sync {path.name}", daemon=True
+        )
+        self._syncer.start()
+        self._pending = _Pending()
+        self._mcap = Writer(self._pending, chunk_size=chunk_size, compression=CompressionType.NONE)
         self._mcap.start(profile="", library=PACKAGE)
         self._mcap.add_metadata(PACKAGE, metadata)
         self._schemas = {topic: self._register_schema(topic) for topic in Topic}
@@ -189,9 +97,9 @@ class RecordingWriter:
         for topic in (Topic.FORCE, Topic.ARM, Topic.EVENT):
             self._channel(topic, 0, 0)
         try:
-            self._file.commit()
+            self._commit()
         except RecordError:
-            self._file.close()
+            self.close()
             with contextlib.suppress(OSError):  # it is empty
                 path.unlink()
             raise
@@ -199,14 +107,10 @@ class RecordingWriter:
     @property
     def sha256(self) -> str | None:
         """Of the file so far; None once bytes could not be written."""
-        return self._file.sha256
+        return self._hash.hexdigest() if self._failure is None else None
 
     def write(self, items: Iterable[Recorded]) -> None:
-        """Record samples, frames and events, all or none.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
+        """Record samples, frames and events, all or none; RecordError if the disk is full."""
         self.write_raw(map(encode, items))
 
     def write_raw(self, messages: Iterable[RawMessage]) -> None:
@@ -224,7 +128,7 @@ class RecordingWriter:
                 sequence=message.sequence & _SEQUENCE_MASK,
                 data=message.data,
             )
-        self._file.commit()
+        self._commit()
         self.message_count += len(encoded)
 
     def close(self) -> None:
@@ -233,27 +137,65 @@ class RecordingWriter:
         After a failed write the file is left unfinished, as after a crash: it stays readable.
 
         Raises:
-            RecordError: The disk is full or gone; all messages are still in the file.
+            RecordError: The disk is full or gone, and no earlier call has said so; all messages are
+                still in the file.
         """
-        if self._file.is_closed:
+        if self._closed.is_set():
             return
         try:
-            if not self._file.has_failed:
+            if self._failure is None:
                 self._mcap.finish()  # type: ignore[no-untyped-call]
-                self._file.commit()
+                self._commit()
         finally:
-            self._file.close()
+            self._closed.set()
+            self._syncer.join()
+            self._sync()
+            os.close(self._descriptor)
+        if self._failure is not None and not self._was_reported:
+            raise self._failure
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _commit(self) -> None:
+        """Hand all that is pending to the kernel; on failure take back what went out of it."""
+        if self._failure is not None:
+            self._was_reported = True
+            raise self._failure
+        data = self._pending.getvalue()
+        self._pending.seek(0)
+        self._pending.truncate(0)
+        try:
+            view = memoryview(data)
+            while view:
+                view = view[os.write(self._descriptor, view) :]
+        except OSError as error:
+            self._failure = write_error(self.path, error)
+            self._was_reported = True
+            self._take_back()
+            raise self._failure from error
+        self._pending.committed += len(data)
+        self._hash.update(data)
+
+    def _take_back(self) -> None:
+        try:
+            os.ftruncate(self._descriptor, self._pending.committed)
+        except OSError as error:
+            logger.warning("%s: a torn message stays at the end: %s", self.path, error)
+
+    def _sync_often(self) -> None:
+        while not self._closed.wait(SYNC_PERIOD_S):
+            self._sync()
+
+    def _sync(self) -> None:
+        try:
+            os.fdatasync(self._descriptor)
+        except OSError as error:
+            if self._failure is None:
+                self._failure = write_error(self.path, error)
 
     def _register_schema(self, topic: Topic) -> int:
         message = MESSAGES[topic]

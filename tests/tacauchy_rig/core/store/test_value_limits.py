@@ -10,7 +10,7 @@ import pytest
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.run import TrialRecord
-from tacauchy_rig.core.store.value_limits import read_value
+from tacauchy_rig.core.store.codec import read_value
 
 TARE = {"start_ns": 5, "end_ns": 6, "deviation": [0.0] * 6, "sample_count": 5}
 RECORD: dict[str, Any] = {
