@@ -10,7 +10,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import psutil
@@ -18,7 +19,7 @@ import psutil
 from tacauchy_rig.core.check_result import CheckResult, CheckStatus, failed, judged, passed, skipped
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import RecordError, RigError
-from tacauchy_rig.core.store.durable import free_bytes
+from tacauchy_rig.core.store.durable import existing_folder, free_bytes
 from tacauchy_rig.core.store.free_space import check_free_space, estimate_session
 from tacauchy_rig.core.versions import ABSENT, installed
 
@@ -44,9 +45,8 @@ class DiskRate:
 def disk_checks(config: RigConfig) -> list[CheckResult]:
     """Return ``disk.space`` and ``disk.rate`` for the configured output directory."""
     folder = Path(config.run.output_directory)
-    checks = (("disk.space", _space_check), ("disk.rate", _rate_check))
     results = []
-    for name, check in checks:
+    for name, check in (("disk.space", _space_check), ("disk.rate", _rate_check)):
         try:
             results.append(check(name, folder, config))
         except RigError as error:
@@ -60,13 +60,10 @@ def measure_disk(folder: Path, *, duration_s: float = 1.0) -> DiskRate:
     Raises:
         RecordError: Nothing can be written there.
     """
-    existing = folder.absolute()
-    while not existing.is_dir() and existing != existing.parent:
-        existing = existing.parent
-    block = os.urandom(_BLOCK_BYTES)
+    existing = existing_folder(folder)
     try:
         with tempfile.TemporaryFile(dir=existing, buffering=0) as file:
-            return _write_for(file.fileno(), block, duration_s)
+            return _write_for(file.fileno(), os.urandom(_BLOCK_BYTES), duration_s)
     except OSError as error:
         raise RecordError(
             f"{existing}: cannot be written: {error.strerror or error}",
@@ -75,22 +72,17 @@ def measure_disk(folder: Path, *, duration_s: float = 1.0) -> DiskRate:
 
 
 def _write_for(descriptor: int, block: bytes, duration_s: float) -> DiskRate:
-    written = 0
-    slowest_s = 0.0
-    started = synced = time.monotonic()
-    while time.monotonic() < started + duration_s and written < _LIMIT_BYTES:
-        written += os.write(descriptor, block)
-        if time.monotonic() - synced >= _SYNC_INTERVAL_S:
-            slowest_s = max(slowest_s, _sync(descriptor))
-            synced = time.monotonic()
-    slowest_s = max(slowest_s, _sync(descriptor))
+    written, slowest_s = 0, 0.0
+    started = now = time.monotonic()
+    while now < started + duration_s and written < _LIMIT_BYTES:
+        synced = now
+        while now < synced + _SYNC_INTERVAL_S and written < _LIMIT_BYTES:
+            written += os.write(descriptor, block)
+            now = time.monotonic()
+        os.fsync(descriptor)
+        slowest_s = max(slowest_s, time.monotonic() - now)
+        now = time.monotonic()
     return DiskRate(rate_bytes_s=written / (time.monotonic() - started), slowest_sync_s=slowest_s)
-
-
-def _sync(descriptor: int) -> float:
-    started = time.monotonic()
-    os.fsync(descriptor)
-    return time.monotonic() - started
 
 
 def _space_check(name: str, folder: Path, config: RigConfig) -> CheckResult:
@@ -108,20 +100,16 @@ def _rate_check(name: str, folder: Path, config: RigConfig) -> CheckResult:
         f"{measured.slowest_sync_s * 1e3:.0f} ms; recording needs {needed / 1e6:.1f} MB/s"
     )
     ratio = measured.rate_bytes_s / needed
-    status = CheckStatus.OK
-    if ratio < _COMFORTABLE:
-        status = CheckStatus.WARN if ratio >= 1.0 else CheckStatus.FAIL
-    return CheckResult(
-        name=name,
-        status=status,
-        finding=finding,
+    found = judged(
+        name,
+        finding,
+        is_good=ratio >= _COMFORTABLE,
         value=measured.rate_bytes_s / 1e6,
         unit="MB/s",
-        remedy=""
-        if status is CheckStatus.OK
-        else "set run.output_directory to a faster disk, or "
+        remedy="set run.output_directory to a faster disk, or "
         "lower camera.width, camera.height or camera.rate",
     )
+    return found if ratio >= 1.0 else replace(found, status=CheckStatus.FAIL)
 
 
 PACKAGES = (
@@ -176,13 +164,8 @@ def version_check(packages: Sequence[str] = PACKAGES) -> CheckResult:
 
 def clock_check(now_ns: Callable[[], int] = time.monotonic_ns) -> CheckResult:
     """Measure the smallest step of the clock that stamps every stream."""
-    steps = []
-    last = now_ns()
-    for _ in range(20_000):
-        stamp = now_ns()
-        if stamp != last:
-            steps.append(stamp - last)
-            last = stamp
+    stamps = [now_ns() for _ in range(20_000)]
+    steps = [after - before for before, after in pairwise(stamps) if after != before]
     step_s = min(steps, default=10**9) * 1e-9
     finding = f"the monotonic clock moves in steps of {step_s * 1e6:.3f} us"
     return judged(
@@ -220,12 +203,11 @@ def timer_check() -> CheckResult:
 
 def core_check(count: int) -> CheckResult:
     """Judge the number of cores that this process may use."""
-    is_good = count >= _MIN_CORES
     few = f"{count} core may be used; control and camera want one each"
     return judged(
         "host.cores",
-        f"{count} cores may be used" if is_good else few,
-        is_good=is_good,
+        f"{count} cores may be used" if count >= _MIN_CORES else few,
+        is_good=count >= _MIN_CORES,
         value=count,
         unit="cores",
         remedy="give this computer, container or session at least two cores",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -129,10 +129,7 @@ def _read(folder: Path) -> ListedRun:
         if each.outcome in _USED and (each.index, each.attempt) not in doubted
     ]
     forces = [each.force_measured_n for each in passed if each.force_measured_n is not None]
-    config = store.config
-    wanted = (
-        len(store.imported_trials) if config.is_imported else len(config.protocol.force_targets)
-    )
+    config, wanted = store.config, len(store.trial_indices())
     summary = _summary(folder / SUMMARY)
     kind = "imported" if config.is_imported else "dry" if store.simulated else "live"
     return ListedRun(
@@ -146,8 +143,12 @@ def _read(folder: Path) -> ListedRun:
         passed_count=len(passed),
         forces_n=(min(forces), max(forces)) if forces else None,
         summary=summary,
-        missed=_missed(summary),
-        figures=_figures(folder / FIGURES),
+        missed=tuple(
+            f"{where}{str(each.get('name')).replace('_', ' ')}; asked: {each.get('limit')}"
+            for where, each in criteria_of(summary)
+            if each.get("passed") is False
+        ),
+        figures=tuple(sorted(path.name for path in (folder / FIGURES).glob("*.pdf"))),
         next_command=_next_command(store, passed, wanted, summary),
     )
 
@@ -176,8 +177,7 @@ def _summary(path: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     found = loads(read_bytes(path, what="the summary of its report"), source=str(path))
-    kinds = {"passed": bool, "verdict": str}
-    for name, kind in kinds.items():
+    for name, kind in (("passed", bool), ("verdict", str)):
         if not isinstance(found, dict) or not isinstance(found.get(name), kind):
             raise RecordError(
                 f"{path}: {name}: missing or of the wrong type",
@@ -186,23 +186,16 @@ def _summary(path: Path) -> dict[str, Any]:
     return dict(found)
 
 
-def _missed(summary: dict[str, Any]) -> tuple[str, ...]:
-    """Return the criteria of a report that were not met: where, which, what was asked."""
+def criteria_of(summary: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield each criterion of a report after where it is: ``"trial 1: "``, or empty for the run."""
     trials = summary.get("trials")
     places: list[tuple[str, Any]] = [("", summary)]
     places += [(f"trial {k}: ", t) for k, t in enumerate(trials, 1)] if trials else []
-    return tuple(
-        f"{where}{str(criterion.get('name')).replace('_', ' ')}; asked: {criterion.get('limit')}"
-        for where, place in places
-        for criterion in (place.get("criteria", ()) if isinstance(place, dict) else ())
-        if isinstance(criterion, dict) and criterion.get("passed") is False
-    )
-
-
-def _figures(folder: Path) -> tuple[str, ...]:
-    if not folder.is_dir():
-        return ()
-    return tuple(sorted(each.name for each in folder.iterdir() if each.suffix == ".pdf"))
+    for where, place in places:
+        criteria = place.get("criteria") if isinstance(place, dict) else None
+        for criterion in criteria if isinstance(criteria, list) else ():
+            if isinstance(criterion, dict):
+                yield where, criterion
 
 
 Judge = Callable[[Path, Path], GelState]

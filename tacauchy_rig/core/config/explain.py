@@ -8,7 +8,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
 
 from tacauchy_rig.core.config.model import RigConfig, RobotModel
 from tacauchy_rig.core.quantities import UNITS, Dimension, example, split_quantity
@@ -135,8 +136,7 @@ def _missing(location: tuple[int | str, ...], tables: Mapping[str, Any]) -> str:
 
 def _fixed_length(location: tuple[int | str, ...]) -> int | None:
     """Return how many values a list must have; None where that is free."""
-    section = _section(location)
-    field = None if section is None else section.model_fields.get(str(location[1]))
+    field = _field(location)
     if field is None or get_origin(field.annotation) is not tuple:
         return None
     kinds = get_args(field.annotation)
@@ -157,29 +157,26 @@ def _arm_advice(location: tuple[int | str, ...], written: Any) -> str:
 
 
 def _suggestion(location: tuple[int | str, ...]) -> str:
-    known = _known_keys(location)
+    known = _fields(location)
     close = difflib.get_close_matches(str(location[-1]), known, n=1)
     return f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}"
 
 
-def _known_keys(location: tuple[int | str, ...]) -> list[str]:
-    section = _section(location)
-    return list(RigConfig.model_fields if section is None else section.model_fields)
+def _fields(location: tuple[int | str, ...]) -> dict[str, FieldInfo]:
+    """Return the fields of the table that a value lies in."""
+    if len(location) == 1:
+        return RigConfig.model_fields
+    section: Any = RigConfig.model_fields[str(location[0])].annotation
+    return dict(section.model_fields)
 
 
-def _section(location: tuple[int | str, ...]) -> type[BaseModel] | None:
-    field = RigConfig.model_fields.get(str(location[0]))
-    if len(location) == 1 or field is None or not isinstance(field.annotation, type):
-        return None
-    return field.annotation if issubclass(field.annotation, BaseModel) else None
+def _field(location: tuple[int | str, ...]) -> FieldInfo | None:
+    return _fields(location).get(str(location[1])) if len(location) > 1 else None
 
 
 def _dimension(location: tuple[int | str, ...]) -> Dimension | None:
-    section = _section(location)
-    if section is None or str(location[1]) not in section.model_fields:
-        return None
-    field = section.model_fields[str(location[1])]
-    marks = [*field.metadata, *_metadata(field.annotation)]
+    field = _field(location)
+    marks = [] if field is None else [*field.metadata, *_metadata(field.annotation)]
     return next((mark for mark in marks if isinstance(mark, Dimension)), None)
 
 

@@ -49,14 +49,17 @@ def config_hash(config: RigConfig) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+_FILES = resources.files("tacauchy_rig.core.config")
+
+
 def default_text() -> str:
     """Return the text of the built-in dry-run configuration."""
-    return resources.files("tacauchy_rig.core.config").joinpath("default.toml").read_text("utf-8")
+    return _FILES.joinpath("default.toml").read_text("utf-8")
 
 
 def example_text() -> str:
     """Return the commented example for a real rig."""
-    return resources.files("tacauchy_rig.core.config").joinpath("example.toml").read_text("utf-8")
+    return _FILES.joinpath("example.toml").read_text("utf-8")
 
 
 def load_config(path: Path | None = None, *, overrides: Sequence[str] = ()) -> LoadedConfig:
@@ -76,9 +79,9 @@ def load_config(path: Path | None = None, *, overrides: Sequence[str] = ()) -> L
     given = [] if path is None else [(str(path), _read_toml(path))]
     given += [("--set", parse_override(text)) for text in overrides]
     for source, tables in (built_in, *_of_sensor([built_in, *given]), *given):
-        for field, value in leaves(tables):
-            written[field] = value
-            sources[field] = source
+        values = dict(leaves(tables))
+        written |= values
+        sources |= dict.fromkeys(values, source)
     defaulted = {field for field, source in sources.items() if source == BUILT_IN}
     config = check_config(nest(written), defaulted=defaulted)
     return LoadedConfig(config=config, written=written, sources=sources)
@@ -226,7 +229,6 @@ OF_DEVICES = (
     "camera.connect_timeout",
     "emulation.robot_host",
 )
-LIMITS = "limits."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -257,7 +259,8 @@ def resumed_config(
     """
     before = with_defaults(written)
     given = [pair for text in overrides for pair in leaves(parse_override(text))]
-    if kept := [field for field, _ in given if not _is_changeable(field)]:
+    names = [field for field, _ in given if not field.startswith("limits.")]
+    if kept := [field for field in names if field not in OF_DEVICES]:
         raise ConfigError(
             "\n".join(
                 f"{field}: is what the run is, and its trials would no longer be one experiment"
@@ -269,7 +272,3 @@ def resumed_config(
     config = check_config(nest({**before, **dict(given)}), defaulted=frozenset())
     changes = (Change(field=name, old=before.get(name), new=value) for name, value in given)
     return config, tuple(change for change in changes if change.old != change.new)
-
-
-def _is_changeable(field: str) -> bool:
-    return field in OF_DEVICES or field.startswith(LIMITS)

@@ -5,6 +5,7 @@ Ranges with their reasons stand in ``ceilings.toml``, rules between keys in ``ru
 
 from __future__ import annotations
 
+from collections.abc import Container
 from enum import StrEnum
 from typing import Annotated, Self
 
@@ -45,22 +46,17 @@ def _driver(kind: Kind) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def _is_sign(value: int) -> int:
-    if value not in (-1, 1):
-        raise ValueError(f"{value} is neither 1 nor -1")
-    return value
+def _one_of(allowed: Container[int], problem: str) -> AfterValidator:
+    def check(value: int) -> int:
+        if value not in allowed:
+            raise ValueError(f"{value} {problem}")
+        return value
+
+    return AfterValidator(check)
 
 
-Sign = Annotated[int, AfterValidator(_is_sign)]
-
-
-def _is_lamp(value: int) -> int:
-    if not 0 <= value <= 15:
-        raise ValueError(f"{value} is no brightness of a lamp; write 0 to 15")
-    return value
-
-
-Lamp = Annotated[int, AfterValidator(_is_lamp)]
+Sign = Annotated[int, _one_of((-1, 1), "is neither 1 nor -1")]
+Lamp = Annotated[int, _one_of(range(16), "is no brightness of a lamp; write 0 to 15")]
 
 
 class DeviceSection(Section):
