@@ -55,11 +55,7 @@ def disk_checks(config: RigConfig) -> list[CheckResult]:
 
 
 def measure_disk(folder: Path, *, duration_s: float = 1.0) -> DiskRate:
-    """Write incompressible data beside ``folder`` for ``duration_s`` [s] and remove it again.
-
-    Raises:
-        RecordError: Nothing can be written there.
-    """
+    """Write incompressible data beside ``folder`` for ``duration_s`` [s] and remove it again."""
     existing = existing_folder(folder)
     try:
         with tempfile.TemporaryFile(dir=existing, buffering=0) as file:

@@ -12,11 +12,7 @@ from tacauchy_rig.core.run import FZ
 
 
 def compare_runs(before: RunReading, now: RunReading) -> GelState:
-    """Compare a run's press with the one of an earlier run that is nearest to it in force.
-
-    Raises:
-        RecordError: A run has no passed press, or one of its streams is missing.
-    """
+    """Compare a run's press with the one of an earlier run that is nearest to it in force."""
     press = _nearest(now, None)
     error_m = stated_uncertainty(now.store.config, "depth").value
     known = _nearest(before, press.record.force_measured_n)
@@ -24,11 +20,7 @@ def compare_runs(before: RunReading, now: RunReading) -> GelState:
 
 
 def nearest_force_n(run: RunReading, force_n: float) -> float:
-    """Return the target [N] of the passed press of a run that is nearest to a force [N].
-
-    Raises:
-        RecordError: It has no passed press.
-    """
+    """Return the target [N] of the passed press of a run that is nearest to a force [N]."""
     return _nearest(run, force_n).record.force_target_n
 
 
@@ -44,11 +36,7 @@ def _nearest(run: RunReading, force_n: float | None) -> AttemptReading:
 
 
 def measures_of(attempt: AttemptReading) -> PressMeasures:
-    """Return what was measured of a passed press, up to the beginning of its dwell.
-
-    Raises:
-        RecordError: Its images, its tare or its contact are missing.
-    """
+    """Return what was measured of a passed press, up to the beginning of its dwell."""
     force, depth, images = attempt.force_curve, attempt.depth_curve, attempt.images
     tare = attempt.record.tare_before
     if force is None or depth is None or images is None or tare is None:

@@ -215,11 +215,7 @@ class Judged:
 
 
 def judge_folders(before: Path, now: Path) -> GelState:
-    """Compare one run's press with another's, as ``check-press`` does.
-
-    Raises:
-        RigError: One of them has no press to compare.
-    """
+    """Compare one run's press with another's, as ``check-press`` does."""
     return compare_runs(open_run(before), open_run(now))
 
 

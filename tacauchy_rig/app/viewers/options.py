@@ -15,11 +15,7 @@ SOURCES = ("twin",)
 
 
 def viewer_options(port: int) -> ViewerOptions:
-    """Return what the supervisor starts.
-
-    Raises:
-        ConfigError: The package is missing, or the port is taken.
-    """
+    """Return what the supervisor starts."""
     if find_spec(PACKAGE) is None:
         raise ConfigError(
             f"{OPTION}: the package foxglove-sdk is not installed",

@@ -171,11 +171,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_override(text: str) -> dict[str, Any]:
-    """Read ``table.field=value``; the value as in TOML, or as text.
-
-    Raises:
-        ConfigError: It has another form.
-    """
+    """Read ``table.field=value``; the value as in TOML, or as text."""
     field, separator, value = text.partition("=")
     if not separator or "." not in field:
         raise ConfigError(
@@ -200,11 +196,7 @@ def leaves(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
 
 
 def nest(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return nested tables of values by dotted name.
-
-    Raises:
-        ConfigError: A name goes on below a value.
-    """
+    """Return nested tables of values by dotted name."""
     tables: dict[str, Any] = {}
     for name, value in values.items():
         *path, last = name.split(".")

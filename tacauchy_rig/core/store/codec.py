@@ -117,7 +117,7 @@ def _check_bounds(found: Any) -> None:
             raise ValueError(f"a whole number has more than {_MAX_INTEGER.bit_length()} bits")
 
 
-def read_json(kind: Any, path: Path, *, what: str) -> Any:
+def read_json(kind: type[T], path: Path, *, what: str) -> T:
     """Read a JSON file as a kind of value.
 
     Args:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass, field
 
-from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.force_history import (
     FORCE_HISTORY,
@@ -18,8 +16,6 @@ from tacauchy_rig.core.run import Criterion, JournalEvent, TrialRecord
 from tacauchy_rig.core.store.codec import read_value
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.run_store import RunStore
-
-logger = logging.getLogger(__name__)
 
 
 @dataclass(slots=True, kw_only=True)
@@ -92,22 +88,16 @@ def _take(
     trusted: dict[tuple[int, int], TrialRecord],
 ) -> None:
     """Add an attempt to those that are trusted, or doubt all of them by what it found."""
-    try:
-        record = store.load_result(event.trial, event.attempt)
-    except RecordError as error:
-        logger.info("%s; passed over", error.message)
-        return
+    record = store.readable_result(event.trial, event.attempt)
     if record is None:
         return
+    missed = [c for c in record.criteria if c.name == FORCE_HISTORY and not c.passed]
     if record.limit in FORCE_LIMITS:
         _doubt(series, trusted, record.reason)
-        return
-    if not record.passed:
-        missed = [c for c in record.criteria if c.name == FORCE_HISTORY and not c.passed]
-        if missed:
-            _doubt(series, trusted, missed[0].remedy.partition(": ")[0])
-        return
-    trusted[event.trial, event.attempt] = record
+    elif record.passed:
+        trusted[event.trial, event.attempt] = record
+    elif missed:
+        _doubt(series, trusted, missed[0].remedy.partition(": ")[0])
 
 
 def _doubt(series: ForceSeries, trusted: dict[tuple[int, int], TrialRecord], reason: str) -> None:

@@ -52,11 +52,7 @@ def estimate_session(config: RigConfig) -> SessionEstimate:
 
 
 def check_free_space(folder: Path, config: RigConfig) -> SessionEstimate:
-    """Return the estimate if the disk under ``folder`` has room for it.
-
-    Raises:
-        RecordError: It has not; the message says what is needed and what is free.
-    """
+    """Return the estimate if the disk under ``folder`` has room for it."""
     estimate, camera = estimate_session(config), config.camera
     try:
         free = free_bytes(folder)

@@ -197,11 +197,7 @@ class Journal:
 
     @classmethod
     def read(cls, path: Path) -> Journal:
-        """Read a journal, which a run that never began does not have.
-
-        Raises:
-            RecordError: Unreadable, or a line of it is no event.
-        """
+        """Read a journal, which a run that never began does not have."""
         return cls(read_lines(path)) if path.exists() else cls((), exists=False)
 
     @cached_property
@@ -277,15 +273,14 @@ class HashedFile(Generic[T]):
         what: What it is, for messages.
     """
 
-    def __init__(self, path: Path, kind: Any, *, journal: Path, what: str) -> None:
+    def __init__(self, path: Path, kind: type[T], journal: Path, what: str) -> None:
         self._path, self._kind, self._journal, self._what = path, kind, journal, what
 
     def load(self) -> T | None:
         """Read it; None where it was never written. RecordError where it is damaged."""
         if not self._path.exists():
             return None
-        found: T = read_json(self._kind, self._path, what=self._what)
-        return found
+        return read_json(self._kind, self._path, what=self._what)
 
     def save(self, value: T) -> None:
         """Write it, or write it anew."""
@@ -326,7 +321,7 @@ class HashedFile(Generic[T]):
             return
         if not is_lost:
             set_aside(self._path, "torn")
-        before = HashedFile[T](previous, self._kind, journal=self._journal, what=self._what)
+        before = HashedFile(previous, self._kind, self._journal, self._what)
         if previous.exists() and not before.damage():
             content = read_bytes(previous, what=self._what)
             write_atomically(self._path, content)

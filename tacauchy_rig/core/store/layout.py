@@ -16,42 +16,26 @@ _ATTEMPT = re.compile(r"attempt-([1-9][0-9]{0,8})")
 
 
 class RunPaths:
-    """Names of a run folder's files. Trials and attempts count from 1.
-
-    Attributes:
-        run_json: What the run is: configuration, versions, devices, clock.
-        rig_toml: The configuration as it was written.
-        journal: One line for each change of state.
-        force_check: How the cell read a known weight, where that was tried.
-        expected: What its presses should give, made before the first.
-        imported: What others recorded of it, and how; imported runs only.
-        optics_json: What its presses gave when optics were calibrated from them.
-        optics: Folder of that calibration.
-        truth: What the emulated world really was; dry runs only.
-        emulation: Folder of the emulators.
-        twin: What the twin beside the run showed, a line a frame; nothing needs it.
-        watch: The recorded run beside a twin of it, with a time slider.
-        lock: File whose lock says that a program is working on this run.
-        trials: Folder of all trials.
-        replays: Folder of all replays.
-        report: Folder of the report.
-    """
+    """Names of a run folder's files. Trials and attempts count from 1."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self.run_json = root / "run.json"
-        self.rig_toml = root / "rig.toml"
-        self.journal = root / "journal.jsonl"
-        self.force_check = root / "force_check.json"
-        self.expected = root / "expected.json"
-        self.imported = root / "imported.json"
-        self.optics_json = root / "optics.json"
-        self.optics = root / "optics"
-        self.truth = root / "truth.json"
-        self.emulation = root / "emulation"
-        self.twin = root / "twin.jsonl"
-        self.watch = root / "watch.html"
-        self.lock = root / ".lock"
+        self.run_json = root / "run.json"  # what the run is: configuration, versions, devices
+        self.rig_toml = root / "rig.toml"  # the configuration as it was written
+        self.journal = root / "journal.jsonl"  # one line for each change of state
+        self.force_check = root / "force_check.json"  # how the cell read a known weight
+        self.expected = root / "expected.json"  # what its presses should give
+        self.imported = root / "imported.json"  # what others recorded; imported runs only
+        self.optics_json = root / "optics.json"  # what a calibration of the optics gave
+        self.optics = root / "optics"  # folder of that calibration
+        self.calibration = self.optics / "calibration.npz"
+        # Each press next to its rendering by a model that was fitted without it.
+        self.calibration_picture = self.optics / "calibration_held_out.png"
+        self.truth = root / "truth.json"  # what the emulated world was; dry runs only
+        self.emulation = root / "emulation"  # folder of the emulators
+        self.twin = root / "twin.jsonl"  # what the twin showed, a line a frame; nothing needs it
+        self.watch = root / "watch.html"  # the recorded run beside a twin, with a time slider
+        self.lock = root / ".lock"  # locked while a program works on this run
         self.trials = root / "trials"
         self.replays = root / "replay"
         self.report = root / "report"
@@ -63,16 +47,6 @@ class RunPaths:
     def attempt(self, trial: int, attempt: int) -> Path:
         """Return the folder of one attempt at a trial."""
         return self.trial(trial) / f"attempt-{attempt}"
-
-    @property
-    def calibration(self) -> Path:
-        """Calibration of the optics from the run's own presses."""
-        return self.optics / "calibration.npz"
-
-    @property
-    def calibration_picture(self) -> Path:
-        """Each press next to its rendering by a model that was fitted without it."""
-        return self.calibration.with_name("calibration_held_out.png")
 
     def recording(self, trial: int, attempt: int) -> Path:
         """Return the recording of an attempt."""
@@ -123,11 +97,7 @@ def run_root_of(path: Path) -> Path:
 
 
 def run_folder(root: Path) -> RunPaths:
-    """Return the places in a run's folder, which holds nothing but folders and plain files.
-
-    Raises:
-        RecordError: ``root`` is no run's folder, or holds what no run holds.
-    """
+    """Return the places in a run's folder, which holds nothing but folders and plain files."""
     paths = RunPaths(root)
     if not any(path.is_file() for path in (paths.run_json, root / "run.json.previous")):
         raise RecordError(

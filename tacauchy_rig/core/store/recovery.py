@@ -124,7 +124,7 @@ def _opened(path: Path, opener: Opener) -> tuple[Recording | None, str, list[str
 def _closed_sha256(path: Path) -> str | None:
     """Return the SHA-256 that a recording had when it was closed; None where no result tells it."""
     try:
-        record: TrialRecord = read_json(TrialRecord, path.with_name(RESULT_NAME), what="the result")
+        record = read_json(TrialRecord, path.with_name(RESULT_NAME), what="the result")
     except RecordError:
         return None
     return record.recording_sha256
@@ -350,17 +350,11 @@ def _unfinished(store: RunStore, journal: Journal) -> list[tuple[int, int]] | No
     if journal.is_open:
         first = max(place for place, event in enumerate(events) if event.name == START)
         begun = {(e.trial, e.attempt) for e in events[first:] if e.name == _BEGIN}
-    elif store.config.is_imported or not unknown or any(_passed(store, *key) for key in unknown):
-        return None
+    else:
+        results = [store.readable_result(*key) for key in unknown]
+        if store.config.is_imported or not unknown or any(r and r.passed for r in results):
+            return None
     return sorted(begun | unknown)
-
-
-def _passed(store: RunStore, trial: int, attempt: int) -> bool:
-    try:
-        record = store.load_result(trial, attempt)
-    except RecordError:
-        return False
-    return record is not None and record.passed
 
 
 def _set_aside_broken(store: RunStore, journal: Journal, trial: int, attempt: int) -> None:

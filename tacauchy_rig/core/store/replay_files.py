@@ -55,11 +55,7 @@ def write_fields(folder: Path, fields: ReplayFields) -> None:
 
 
 def read_fields(folder: Path) -> ReplayFields:
-    """Read what there is of one trial.
-
-    Raises:
-        RecordError: The folder is missing, or a file in it is damaged.
-    """
+    """Read what there is of one trial."""
     if not folder.is_dir():
         raise RecordError(f"{folder}: this trial was not replayed", remedy=_REMEDY)
     path, surface = folder / "image.png", folder / "surface.vtu"
@@ -81,11 +77,7 @@ def pack_arrays(arrays: dict[str, NDArray[Any]]) -> bytes:
 
 
 def unpack_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Read named arrays; none where there is no file.
-
-    Raises:
-        RecordError: It is damaged, or would take far more memory than the program ever writes.
-    """
+    """Read named arrays; none where there is no file."""
     if not path.exists():
         return {}
     content = io.BytesIO(read_bytes(path, what="the fields"))

@@ -47,6 +47,9 @@ _DESCRIPTION = "the run's description"
 class RunStore:
     """Reads and writes one run folder.
 
+    Methods that read raise RecordError where a file is missing or damaged, which names file and
+    field; those that write, where the disk is full or gone.
+
     Attributes:
         paths: Where everything lies.
         config: The run's configuration, checked.
@@ -66,27 +69,19 @@ class RunStore:
         self.config_hash: str = description["config_hash"]
         self.simulated: bool = description["simulated"]
         self._recordings: dict[Any, Recording] = {}
-
-        def hashed(path: Path, kind: Any, what: str) -> HashedFile[Any]:
-            return HashedFile(path, kind, journal=self.paths.journal, what=what)
-
-        paths = self.paths
-        self._run_json = hashed(paths.run_json, Any, _DESCRIPTION)
-        self.expected: HashedFile[ExpectedPress] = hashed(
-            paths.expected, ExpectedPress, "the expectation"
+        paths, journal = self.paths, self.paths.journal
+        self._run_json = HashedFile(paths.run_json, dict[str, Any], journal, _DESCRIPTION)
+        self.expected = HashedFile(paths.expected, ExpectedPress, journal, "the expectation")
+        self.force_check = HashedFile(
+            paths.force_check, ForceCheck, journal, "the check of the cell"
         )
-        self.force_check: HashedFile[ForceCheck] = hashed(
-            paths.force_check, ForceCheck, "the check of the cell"
+        self.imported = HashedFile(
+            paths.imported, Imported, journal, "the word on what was imported"
         )
-        self.imported: HashedFile[Imported] = hashed(
-            paths.imported, Imported, "the word on what was imported"
+        self.optics = HashedFile(
+            paths.optics_json, CalibratedOptics, journal, "the calibration of its optics"
         )
-        self.optics: HashedFile[CalibratedOptics] = hashed(
-            paths.optics_json, CalibratedOptics, "the calibration of its optics"
-        )
-        self.truth: HashedFile[dict[str, Any]] = hashed(
-            paths.truth, dict[str, Any], "the emulated world's truth"
-        )
+        self.truth = HashedFile(paths.truth, dict[str, Any], journal, "the emulated world's truth")
 
     @classmethod
     def create(
@@ -186,11 +181,7 @@ class RunStore:
         return max(self.paths.attempt_indices(trial), default=0) + 1
 
     def save_result(self, record: TrialRecord) -> None:
-        """Write ``result.json`` and seal it; one that is there already is only sealed.
-
-        Raises:
-            RecordError: The attempt has another result already, or the disk is full.
-        """
+        """Write ``result.json`` and seal it; one that is there already is only sealed."""
         previous = self.load_result(record.index, record.attempt)
         path = self.paths.result(record.index, record.attempt)
         if previous is None:
@@ -208,7 +199,7 @@ class RunStore:
         known, path = Journal.read(self.paths.journal), self.paths.result(trial, attempt)
         if known.store_events(StoreEvent.SEALED, trial=trial, attempt=attempt):
             return
-        record: TrialRecord = read_json(TrialRecord, path, what="the result")
+        record = read_json(TrialRecord, path, what="the result")
         log_hashes(
             self.paths.journal,
             StoreEvent.SEALED,
@@ -219,11 +210,7 @@ class RunStore:
         )
 
     def recording(self, trial: int, attempt: int) -> Recording:
-        """Return an attempt's recording, opened and decoded once as long as its file is the same.
-
-        Raises:
-            RecordError: As for ``Recording.open``.
-        """
+        """Return an attempt's recording, opened once as long as its file is the same."""
         return self.opened(self.paths.recording(trial, attempt))
 
     def opened(self, path: Path) -> Recording:
@@ -235,15 +222,11 @@ class RunStore:
         return self._recordings[key]
 
     def load_result(self, trial: int, attempt: int) -> TrialRecord | None:
-        """Return an attempt's result, or None if it has none (it was cut off).
-
-        Raises:
-            RecordError: The file is damaged; names file and field.
-        """
+        """Return an attempt's result, or None if it has none (it was cut off)."""
         path = self.paths.result(trial, attempt)
         if not path.exists():
             return None
-        record: TrialRecord = read_json(TrialRecord, path, what="the result")
+        record = read_json(TrialRecord, path, what="the result")
         if (record.index, record.attempt) != (trial, attempt):
             raise RecordError(
                 f"{path}: index, attempt: {record.index}, {record.attempt} are not those of the "
@@ -251,6 +234,17 @@ class RunStore:
                 remedy="the file was moved or edited: take it from a copy of the run",
             )
         return record
+
+    def readable_result(self, trial: int, attempt: int) -> TrialRecord | None:
+        """Return a result, or None where there is none or it is damaged, as if it was cut off.
+
+        The check of the run names it (``tacauchy_rig.core.store.check``).
+        """
+        try:
+            return self.load_result(trial, attempt)
+        except RecordError as error:
+            logger.info("%s; passed over", error.message)
+            return None
 
     def latest(self, trial: int) -> TrialRecord | None:
         """Return the result of the latest attempt that has one."""
@@ -261,19 +255,10 @@ class RunStore:
         return next((result for result in self._results(trial) if result.passed), None)
 
     def _results(self, trial: int) -> Iterator[TrialRecord]:
-        """Yield the readable results of a trial's attempts, the latest first.
-
-        One that is damaged is passed over, as if its attempt had been cut off; the check of the
-        run names it (``tacauchy_rig.core.store.check``).
-        """
-        for number in reversed(self.paths.attempt_indices(trial)):
-            try:
-                result = self.load_result(trial, number)
-            except RecordError as error:
-                logger.info("%s; passed over", error.message)
-                continue
-            if result is not None:
-                yield result
+        """Yield the readable results of a trial's attempts, the latest first."""
+        numbers = reversed(self.paths.attempt_indices(trial))
+        found = (self.readable_result(trial, number) for number in numbers)
+        return (result for result in found if result is not None)
 
     def counting(self, trial: int) -> TrialRecord | None:
         """Return the result that counts: the latest that passed, or else the latest that ended."""
@@ -285,9 +270,6 @@ class RunStore:
         Args:
             replay: All of it.
             fields: Of the trials whose files are not there yet.
-
-        Raises:
-            RecordError: The disk is full or gone.
         """
         folder = self.paths.replays / replay.name
         for trial, trial_fields in fields.items():
@@ -319,11 +301,7 @@ class RunStore:
         }
 
     def load_replay(self, name: str) -> Replay:
-        """Read a replay.
-
-        Raises:
-            RecordError: There is none of that name, or it is damaged.
-        """
+        """Read a replay."""
         path = self.paths.replay_json(name)
         if not path.exists():
             names = ", ".join(self.replays()) or "none"
@@ -331,8 +309,7 @@ class RunStore:
                 f"{self.paths.root}: has no finished replay {name!r}; it has: {names}",
                 remedy=f"`{command_line('replay', self.paths.root)}` makes one",
             )
-        replay: Replay = read_json(Replay, path, what="the replay")
-        return replay
+        return read_json(Replay, path, what="the replay")
 
     def replays(self) -> list[str]:
         """Return the names of finished replays."""
@@ -368,7 +345,7 @@ def _new_folder(parent: Path, name: str) -> Path:
 
 def _read_description(path: Path) -> dict[str, Any]:
     try:
-        description: dict[str, Any] = read_json(Any, path, what=_DESCRIPTION)
+        description = read_json(dict[str, Any], path, what=_DESCRIPTION)
     except RecordError as error:
         if (path.parent / "trials").exists():
             raise
@@ -380,7 +357,7 @@ def _read_description(path: Path) -> dict[str, Any]:
     return description
 
 
-def _check_description(description: Any, path: Path) -> None:
+def _check_description(found: dict[str, Any], path: Path) -> None:
     wanted = {
         "format": int,
         "written": dict,
@@ -389,7 +366,6 @@ def _check_description(description: Any, path: Path) -> None:
         "devices": dict,
         "created": str,
     }
-    found = description if isinstance(description, dict) else {}
     wrong = [name for name, kind in wanted.items() if not isinstance(found.get(name), kind)]
     if not wrong and not all(isinstance(each, dict) for each in found["devices"].values()):
         wrong = ["devices"]
@@ -407,11 +383,7 @@ def _check_description(description: Any, path: Path) -> None:
 
 @contextmanager
 def run_lock(path: Path) -> Iterator[None]:
-    """Hold the lock file ``path``; the kernel lets go of it when this process ends.
-
-    Raises:
-        RecordError: Another program holds it; the message names its process.
-    """
+    """Hold the lock file ``path``; the kernel lets go of it when this process ends."""
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as error:

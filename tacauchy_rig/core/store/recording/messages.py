@@ -171,11 +171,7 @@ def _encoded_frame(frame: ImageFrame) -> RawMessage:
 
 
 def decode(topic: Topic, data: bytes) -> Any:
-    """Decode a message.
-
-    Raises:
-        RecordError: It is none of this topic.
-    """
+    """Decode a message."""
     try:
         return MESSAGES[topic].FromString(data)
     except DecodeError as error:

@@ -114,11 +114,7 @@ class RecordingWriter:
         self.write_raw(map(encode, items))
 
     def write_raw(self, messages: Iterable[RawMessage]) -> None:
-        """Record encoded messages, all or none.
-
-        Raises:
-            RecordError: The disk is full or gone.
-        """
+        """Record encoded messages, all or none."""
         encoded = list(messages)
         for message in encoded:
             self._mcap.add_message(
