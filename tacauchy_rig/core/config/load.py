@@ -40,13 +40,12 @@ class LoadedConfig:
     @property
     def config_hash(self) -> str:
         """SHA-256 of the checked values; equal settings have equal hashes."""
-        return config_hash(self.config)
+        return hash_of_values(self.config.model_dump(mode="json"))
 
 
-def config_hash(config: RigConfig) -> str:
+def hash_of_values(values: Any) -> str:
     """Return the SHA-256 of a configuration's values."""
-    text = json.dumps(config.model_dump(mode="json"), sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
 
 
 _FILES = resources.files("tacauchy_rig.core.config")

@@ -7,7 +7,6 @@ doubled, moved or edited afterwards shows.
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import json
 import logging
 import os
@@ -113,11 +112,6 @@ def read_lines(path: Path) -> list[JournalLine]:
     return [_parsed(raw, f"{path} line {number}") for number, raw in numbered if raw]
 
 
-def line_hash(raw: bytes) -> str:
-    """Return the SHA-256 of a line; that of the last one stands for all before it."""
-    return hashlib.sha256(raw).hexdigest()
-
-
 def _parsed(raw: bytes, source: str) -> JournalLine:
     try:
         content = loads(raw, source=source)
@@ -142,7 +136,7 @@ def _following(before: bytes, event: JournalEvent) -> bytes:
     lines = [line for line in before.split(b"\n") if line]  # as ``read_lines`` counts them
     content = {
         _NUMBER: len(lines) + 1,
-        _PREVIOUS: line_hash(lines[-1]) if lines else "",
+        _PREVIOUS: bytes_sha256(lines[-1]) if lines else "",
         **to_json(event),
     }
     text = json.dumps(content, ensure_ascii=False, allow_nan=False)
@@ -213,7 +207,7 @@ class Journal:
     @property
     def head(self) -> str:
         """SHA-256 of the last line, which stands for the whole run; empty without a journal."""
-        return line_hash(self.lines[-1].raw) if self.lines else ""
+        return bytes_sha256(self.lines[-1].raw) if self.lines else ""
 
     @property
     def is_open(self) -> bool:

@@ -15,7 +15,8 @@ from typing import Any
 from mcap.opcode import Opcode
 
 from tacauchy_rig.core.store.codec import dumps
-from tacauchy_rig.core.store.journal import StoreEvent, line_hash
+from tacauchy_rig.core.store.durable import bytes_sha256
+from tacauchy_rig.core.store.journal import StoreEvent
 from tacauchy_rig.core.store.layout import RunPaths
 from tacauchy_rig.core.store.recording.messages import RawMessage
 from tacauchy_rig.core.store.recording.reading import Recording
@@ -117,7 +118,7 @@ class RunCopy:
             link = {"number": number, "previous": before} if chained else {}
             raw = json.dumps({**line, **link}, ensure_ascii=False).encode()
             content.append(raw + b"\n")
-            before = line_hash(raw)
+            before = bytes_sha256(raw)
         self.paths.journal.write_bytes(b"".join(content))
 
     def reseal(self) -> None:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from tacauchy_rig.core.config.load import hash_of_values
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import Criterion
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.check.attempt import Attempt
 from tacauchy_rig.core.store.check.consistency import consistency, hash_mismatch, short_hash
 from tacauchy_rig.core.store.codec import to_json
-from tacauchy_rig.core.store.journal import Journal, JournalLine, StoreEvent, line_hash
+from tacauchy_rig.core.store.durable import bytes_sha256
+from tacauchy_rig.core.store.journal import Journal, JournalLine, StoreEvent
 from tacauchy_rig.core.store.run_files import is_inside
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -91,7 +92,7 @@ def _broken_links(lines: Sequence[JournalLine]) -> Iterator[str]:
         where = f"journal.jsonl line {place}"
         if line.event is None:  # half a line: the next whole one holds the hash of the last half
             following = lines[place] if place < len(lines) else line
-            if following.event and following.previous != line_hash(line.raw):
+            if following.event and following.previous != bytes_sha256(line.raw):
                 yield f"{where} is no event, and the next line tells of another one"
         elif line.number is None or line.previous is None:
             yield f"{where} ({line.event.name}) has no number"
@@ -102,7 +103,7 @@ def _broken_links(lines: Sequence[JournalLine]) -> Iterator[str]:
                 f"{where} ({line.event.name}) follows a line with the hash "
                 f"{short_hash(line.previous)}, the line before it has {short_hash(before)}"
             )
-        before = line_hash(line.raw)
+        before = bytes_sha256(line.raw)
 
 
 def _doubles(lines: Sequence[JournalLine]) -> Iterator[str]:
@@ -118,7 +119,7 @@ def _doubles(lines: Sequence[JournalLine]) -> Iterator[str]:
 def _changed_description(store: RunStore, journal: Journal) -> Iterator[str]:
     described, stated = store.description, store.config_hash
     recorded = described.get("config")
-    found = hashlib.sha256(json.dumps(recorded, sort_keys=True).encode()).hexdigest()
+    found = hash_of_values(recorded)
     if found != stated:
         hashes = short_hash(found), short_hash(stated)
         yield "run.json: config has the hash {}, config_hash says {}".format(*hashes)

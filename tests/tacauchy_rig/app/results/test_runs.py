@@ -30,15 +30,6 @@ def test_where_no_run_lies_the_remedy_is_told(runs: Path, name: str, word: str) 
     assert "tacauchy-rig" in caught.value.remedy
 
 
-def test_a_damaged_summary_is_a_fault_of_its_run_alone(runs: Path) -> None:
-    """It is named, with the file; the others are read."""
-    (runs / NAMES[0] / "report" / "summary.json").write_text("[1]", "utf-8")
-    found = {run.name: run for run in find_runs(runs)}
-    assert "summary.json" in found[NAMES[0]].fault
-    assert not found[NAMES[1]].fault
-    assert found[NAMES[1]].forces_n == (1.30, 1.30)
-
-
 def test_presses_of_a_sensor_that_was_wrong_afterwards_are_not_counted(tmp_path: Path) -> None:
     """They passed, and are to be pressed again."""
     store = RunStore.create(

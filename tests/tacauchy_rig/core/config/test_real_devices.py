@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tacauchy_rig.core.config.load import example_text, load_config, restore_config
+from tacauchy_rig.core.config.load import example_text, load_config
 from tacauchy_rig.core.config.rules import ARM_REQUIRES, CELL_REQUIRES
 from tacauchy_rig.core.errors import ConfigError
 
@@ -67,11 +67,6 @@ def test_a_real_cell_has_its_own_sheet(left_out: str) -> None:
     assert load_config(overrides=overrides({**CELL, **SHEET})).config.force_sensor.capacity == 50.0
 
 
-def test_arm_and_cell_are_told_together() -> None:
-    """One look at the message is enough to mend the file."""
-    assert refused({**ARM, **CELL}) == [*ARM_REQUIRES, *CELL_REQUIRES]
-
-
 def test_placeholders_of_the_example_are_refused(tmp_path: Path) -> None:
     """A copied example names the two labels that nobody has read yet."""
     path = tmp_path / "rig.toml"
@@ -86,11 +81,6 @@ def test_other_drivers_need_nothing(driver: str) -> None:
     """The built-in values were made for them."""
     devices = {"robot.driver": driver, "force_sensor.driver": driver}
     assert not load_config(overrides=overrides(devices)).config.moves_real_hardware
-
-
-def test_a_recorded_run_is_read_as_it_was() -> None:
-    """What was recorded is not refused afterwards for where it came from."""
-    assert restore_config({**WRITTEN, **ARM, **CELL}).moves_real_hardware
 
 
 def test_the_documented_file_for_emulated_devices_is_complete(tmp_path: Path) -> None:

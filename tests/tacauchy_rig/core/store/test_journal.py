@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent
-from tacauchy_rig.core.store.journal import append_event, line_hash, read_journal, read_lines
+from tacauchy_rig.core.store.durable import bytes_sha256
+from tacauchy_rig.core.store.journal import append_event, read_journal, read_lines
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
@@ -113,7 +114,7 @@ def test_each_line_is_numbered_and_holds_the_hash_of_the_one_before(tmp_path: Pa
     append_event(path, _event(3))
     lines = read_lines(path)
     assert [line.number for line in lines] == [1, 2, None, 4]
-    hashes = [line_hash(line.raw) for line in lines]
+    hashes = [bytes_sha256(line.raw) for line in lines]
     assert [line.previous for line in lines] == ["", hashes[0], None, hashes[2]]
 
 

@@ -17,9 +17,16 @@ from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.codec import dumps
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.layout import RunPaths
+from tacauchy_rig.core.store.recording.messages import Recorded
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.recovery import recover_recording, recover_recordings
+
+
+def spilled(folder: Path, source: str, *items: Recorded, **metadata: str) -> None:
+    """Leave what a process could not hand to its recorder."""
+    with RecordingWriter(folder / f"unacknowledged-{source}.mcap", metadata=metadata) as spill:
+        spill.write(items)
 
 
 def _public_count(path: Path) -> int:
@@ -79,11 +86,8 @@ def test_damage_in_the_middle_is_reported(finished: Path) -> None:
 def test_spills_are_merged_once(finished: Path, samples: Any) -> None:
     """Messages that the recorder had not acknowledged come back, those that it had only once."""
     folder = finished.parent
-    with RecordingWriter(folder / "unacknowledged-control.mcap", metadata={}) as spill:
-        spill.write([samples.force(39), samples.force(40), samples.force(41)])
-    with RecordingWriter(folder / "unacknowledged-camera.mcap", metadata={}) as spill:
-        spill.write([samples.frame(9)])
-        spill.write([samples.frame(10)])
+    spilled(folder, "control", samples.force(39), samples.force(40), samples.force(41))
+    spilled(folder, "camera", samples.frame(9), samples.frame(10))
     report = recover_recording(finished)
     assert (report.message_count, report.merged_count) == (94, 3)
     recording = Recording.open(finished)
@@ -97,8 +101,7 @@ def test_spills_are_merged_once(finished: Path, samples: Any) -> None:
 def test_a_spill_without_a_recording(tmp_path: Path, samples: Any) -> None:
     """When the recorder never wrote a byte, the spill alone becomes the recording."""
     path = tmp_path / "recording.mcap"
-    with RecordingWriter(tmp_path / "unacknowledged-control.mcap", metadata={}) as spill:
-        spill.write([samples.force(0)])
+    spilled(tmp_path, "control", samples.force(0))
     assert recover_recording(path).merged_count == 1
     assert Recording.open(path).is_intact
 
@@ -107,8 +110,7 @@ def test_a_spill_beside_an_empty_recording(tmp_path: Path, samples: Any) -> None
     """An unreadable recording is kept and named, and does not keep the spill from being saved."""
     path = tmp_path / "recording.mcap"
     path.touch()
-    with RecordingWriter(tmp_path / "unacknowledged-control.mcap", metadata={}) as spill:
-        spill.write([samples.force(0)])
+    spilled(tmp_path, "control", samples.force(0))
     (tmp_path / "unacknowledged-camera.mcap").touch()
     report = recover_recording(path)
     assert report.message_count == 1
@@ -135,10 +137,8 @@ def test_a_closed_recording_is_never_written_again(finished: Path, samples: Any)
     """A spill that tells more than it is refused once; one that tells less is done with."""
     content = closed(finished)
     folder = finished.parent
-    with RecordingWriter(folder / "unacknowledged-control.mcap", metadata={}) as spill:
-        spill.write([samples.force(39), samples.force(41)])
-    with RecordingWriter(folder / "unacknowledged-camera.mcap", metadata={}) as spill:
-        spill.write([samples.frame(9)])
+    spilled(folder, "control", samples.force(39), samples.force(41))
+    spilled(folder, "camera", samples.frame(9))
     report = recover_recording(finished)
     assert not report.changed
     assert "1 of its messages are not in the closed recording" in report.problems[0]
@@ -166,10 +166,7 @@ def test_a_spill_of_another_attempt_is_refused(
     (finished.parents[3] / "run.json").write_text("{}", "utf-8")
     sample = samples.force(41)
     later = replace(sample, stamp_ns=sample.stamp_ns + round(shift_s * 1e9))
-    with RecordingWriter(
-        finished.parent / "unacknowledged-control.mcap", metadata=metadata
-    ) as spill:
-        spill.write([later])
+    spilled(finished.parent, "control", later, **metadata)
     report = recover_recording(finished)
     assert report.changed
     assert report.merged_count == 0

@@ -16,12 +16,13 @@ import pytest
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import Outcome, TrialRecord
-from tacauchy_rig.core.simulated import Replay, ReplayTrial
+from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.layout import RunPaths, run_root_of
 from tacauchy_rig.core.store.replay_files import ReplayFields
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.made_model import made_model
+from tests.tacauchy_rig.core.store.made_replay import made_trial
 
 
 def _create(parent: Path, *overrides: str) -> RunStore:
@@ -44,23 +45,12 @@ def _record(attempt: int, outcome: Outcome, *, trial: int = 1) -> TrialRecord:
     return TrialRecord(index=trial, attempt=attempt, outcome=outcome, force_target_n=1.2556)
 
 
-def _replay() -> Replay:
-    trial = ReplayTrial(
-        index=1,
-        force_measured_n=1.25,
-        force_simulated_n=1.26,
-        depth_simulated_m=3e-4,
-        force_error_estimate=0.02,
-        force_error_basis="three meshes",
-        newton_iterations=12,
-        search_iterations=4,
-        wall_s={"solve": 1.5},
-        balance_relative=1e-9,
-        gap_min_m=1e-7,
-        min_jacobian=0.8,
-        force_history=((1e-4, 0.4), (3e-4, 1.26)),
-    )
-    return Replay(name="balanced", trials=(trial,), model=made_model(young_pa=3e5), versions={})
+REPLAY = Replay(
+    name="balanced",
+    trials=(made_trial(1, 1.25),),
+    model=made_model(young_pa=3e5),
+    versions={},
+)
 
 
 def test_a_run_is_opened_as_it_was_created(tmp_path: Path) -> None:
@@ -139,11 +129,11 @@ def test_a_replay_comes_back(store: RunStore) -> None:
         surface_vtu=b"<VTKFile/>",
         passed={"force_n": np.arange(3.0)},
     )
-    store.save_replay(_replay(), {1: fields})
+    store.save_replay(REPLAY, {1: fields})
     opened = RunStore.open(store.paths.root)
     assert opened.replays() == ["balanced"]
     loaded = opened.load_replay("balanced")
-    assert replace(loaded, made_from={}, files={}) == _replay()
+    assert replace(loaded, made_from={}, files={}) == REPLAY
     names = ("fields.npz", "height.npz", "image.png", "passed.npz", "surface.vtu")
     assert sorted(loaded.files) == [f"trials/01/{name}" for name in names]
     back = opened.load_replay_fields("balanced", 1)
@@ -160,7 +150,7 @@ def test_a_replay_that_is_not_there(store: RunStore) -> None:
     with pytest.raises(RecordError, match="no finished replay 'fine'; it has: none") as caught:
         store.load_replay("fine")
     assert "tacauchy-rig replay" in caught.value.remedy
-    store.save_replay(_replay(), {})
+    store.save_replay(REPLAY, {})
     with pytest.raises(RecordError, match="this trial was not replayed"):
         store.load_replay_fields("balanced", 1)
 
@@ -169,7 +159,7 @@ def test_a_replay_that_is_not_there(store: RunStore) -> None:
 def test_a_damaged_replay_is_named(store: RunStore, name: str) -> None:
     """A file that does not decode is named with what to do."""
     fields = ReplayFields(fields={"a": np.ones(9)}, image=np.ones((8, 8, 3), dtype=np.uint8))
-    store.save_replay(_replay(), {1: fields})
+    store.save_replay(REPLAY, {1: fields})
     path = store.paths.replay_trial("balanced", 1) / name
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 3])
     with pytest.raises(RecordError, match=name) as caught:
