@@ -33,8 +33,7 @@ def check_press(
     Example: tacauchy-rig check-press runs/20261101-090000-first rig.toml
     """
     from tacauchy_rig.app.cli.session import recorded
-    from tacauchy_rig.app.gel_health.comparison import Advice
-    from tacauchy_rig.app.gel_health.recorded import compare_runs, nearest_force_n
+    from tacauchy_rig.app.gel_health.comparison import Advice, compare_runs, nearest_force_n
     from tacauchy_rig.app.replay.opening import open_run
 
     known = open_run(before)

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sim.scene.indenter import describe
-from tacauchy_rig.app.gel_health.comparison import GelState
-from tacauchy_rig.app.gel_health.recorded import compare_runs
+from tacauchy_rig.app.gel_health.comparison import GelState, compare_runs
 from tacauchy_rig.app.replay.inputs import indenter_of
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError, command_line

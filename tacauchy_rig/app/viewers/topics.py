@@ -54,10 +54,13 @@ class Topics:
             "/twin": ("force_n", "force_error_n", "depth_mm", "lag_ms", "residual"),
         }
         self._numbers = {
-            topic: foxglove.Channel(topic, schema=_schema(topic, names), context=context)
+            topic: foxglove.Channel(
+                topic, schema=_schema(topic, dict.fromkeys(names, "number")), context=context
+            )
             for topic, names in numbers.items()
         }
-        self._run = foxglove.Channel("/run", schema=_run_schema(), context=context)
+        words = {"trial": "integer", "phase": "string", "event": "string"}
+        self._run = foxglove.Channel("/run", schema=_schema("/run", words), context=context)
         self._arm = PoseInFrameChannel("/arm/tip", context=context)
         self._images = {
             stream: CompressedImageChannel(topic, context=context)
@@ -121,16 +124,10 @@ def _stamp(at_ns: int) -> Timestamp:
     return Timestamp(sec=at_ns // 10**9, nsec=at_ns % 10**9)
 
 
-def _schema(topic: str, names: Sequence[str]) -> dict[str, Any]:
+def _schema(topic: str, kinds: dict[str, str]) -> dict[str, Any]:
     """Return a JSON schema; the unit of a number is the end of its name."""
     return {
         "type": "object",
         "title": f"tacauchy_rig.{topic.strip('/')}",
-        "properties": {name: {"type": "number"} for name in names},
+        "properties": {name: {"type": kind} for name, kind in kinds.items()},
     }
-
-
-def _run_schema() -> dict[str, Any]:
-    kinds = {"trial": "integer", "phase": "string", "event": "string"}
-    properties = {name: {"type": kind} for name, kind in kinds.items()}
-    return {"type": "object", "title": "tacauchy_rig.core.run", "properties": properties}
