@@ -219,6 +219,11 @@ class Journal:
         """True where a session was cut off, said or not."""
         return StoreEvent.CUT_OFF in self._ends or (START, START) in pairwise(self._ends)
 
+    @property
+    def may_lack_lines(self) -> bool:
+        """True where a crash may have come between a file and the line about it."""
+        return self.is_open or self.was_cut
+
     @cached_property
     def _ends(self) -> list[str]:
         """Names of the events that begin or end a session."""
