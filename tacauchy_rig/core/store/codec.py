@@ -256,7 +256,8 @@ def _check(value: Any, source: str, place: str, name: str, *, is_optional: bool)
 
 
 def _check_fields(value: Any, source: str, place: str) -> None:
-    hints = _types_of_fields(type(value))
+    kind: Any = type(value)
+    hints = _types_of_fields(kind)
     for field in fields(value):
         if field.metadata.get(FREE):
             continue

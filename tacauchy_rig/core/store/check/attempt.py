@@ -254,7 +254,8 @@ def _force(attempt: Attempt, recording: Recording, record: TrialRecord) -> Itera
 
 def _arm(_attempt: Attempt, recording: Recording, _record: TrialRecord) -> Iterator[str]:
     arm = recording.arm()
-    yield from _disorder("arm", arm.stamp_ns, None)
+    if not len(arm.stamp_ns):
+        yield "arm has no sample"
     states = np.column_stack([arm.controller_time_s, arm.pose, arm.velocity])
     same = (np.diff(arm.stamp_ns) == 0) & (np.diff(states, axis=0) == 0.0).all(axis=1)
     if same.any():
@@ -285,11 +286,11 @@ def _image_windows(record: TrialRecord) -> Iterator[tuple[str, int, int]]:
             yield name, start_ns, end_ns
 
 
-def _disorder(name: str, stamps: Int64Array, counters: Int64Array | None) -> Iterator[str]:
+def _disorder(name: str, stamps: Int64Array, counters: Int64Array) -> Iterator[str]:
     if not len(stamps):
         yield f"{name} has no sample"
-    wrong = np.flatnonzero(np.diff(counters) <= 0) if counters is not None else ()
-    if len(wrong) and counters is not None:
+    wrong = np.flatnonzero(np.diff(counters) <= 0)
+    if len(wrong):
         where = int(wrong[0]) + 1
         yield (
             f"{name} counts {counters[where - 1]}, then {counters[where]}, at {stamps[where]} ns "
