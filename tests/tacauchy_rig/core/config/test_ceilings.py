@@ -34,12 +34,6 @@ def test_a_file_without_limits_is_refused_field_by_field() -> None:
     assert lines[6].startswith("report.max_contact_residual: 5 is above the limit 0.7; write at")
 
 
-def test_the_target_that_is_too_high_is_pointed_out() -> None:
-    """A list says which of its values is meant."""
-    with pytest.raises(ConfigError, match=r'protocol\.force_targets\[1\]: "60 N" is above'):
-        load_config(overrides=['protocol.force_targets=["2 N", "60 N"]'])
-
-
 def test_what_was_pressed_is_read_and_not_pressed_again() -> None:
     """A recorded run may have allowed more; whoever presses again is asked again."""
     assert restore_config(BOUNDLESS).limits.max_depth == pytest.approx(0.1)

@@ -89,12 +89,6 @@ def test_a_full_disk_is_said() -> None:
     assert "free some space" in caught.value.remedy
 
 
-def test_a_missing_journal(tmp_path: Path) -> None:
-    """A missing journal is named."""
-    with pytest.raises(RecordError, match=r"journal\.jsonl: the journal is missing"):
-        read_journal(tmp_path / "journal.jsonl")
-
-
 def test_a_line_that_is_no_event(tmp_path: Path) -> None:
     """A whole line that is something else is named with its number and field."""
     path = tmp_path / "journal.jsonl"

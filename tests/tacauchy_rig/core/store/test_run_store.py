@@ -18,7 +18,6 @@ from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.journal import read_journal
-from tacauchy_rig.core.store.layout import RunPaths, run_root_of
 from tacauchy_rig.core.store.replay_files import ReplayFields
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.made_model import made_model
@@ -220,26 +219,6 @@ def test_one_program_at_a_time(store: RunStore) -> None:
         process.kill()
     with store.lock(), pytest.raises(RecordError, match="is working on this run"), store.lock():
         pass
-
-
-@pytest.mark.usefixtures("unprivileged")
-def test_a_parent_that_may_not_be_written() -> None:
-    """The output directory is named, with the setting that changes it."""
-    with pytest.raises(RecordError, match=r"/sys/runs/.*no permission to write") as caught:
-        _create(Path("/sys/runs"))
-    assert "run.output_directory" in caught.value.remedy
-
-
-def test_paths_know_their_run(store: RunStore, tmp_path: Path) -> None:
-    """Messages about any file of a run can name the run."""
-    paths = store.paths
-    assert run_root_of(paths.recording(1, 1)) == paths.root
-    assert run_root_of(tmp_path / "x" / "recording.mcap") == tmp_path / "x"
-    paths.attempt(12, 3).mkdir(parents=True)
-    (paths.trials / "notes").mkdir()
-    assert RunPaths(paths.root).attempts() == [(12, 3)]
-    paths.spill(12, 3, "control").touch()
-    assert [path.name for path in paths.spills(12, 3)] == ["unacknowledged-control.mcap"]
 
 
 def test_a_result_is_sealed_in_the_journal_once(store: RunStore) -> None:

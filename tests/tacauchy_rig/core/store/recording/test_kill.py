@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import random
 import subprocess
 import sys
 import time
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -19,22 +17,12 @@ from mcap_protobuf.decoder import DecoderFactory
 import tacauchy_rig
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recovery import recover_recording
+from tests.tacauchy_rig.core.store.recording import crash_writer
 
-PROGRAM = Path(__file__).with_name("crash_writer.py")
+PROGRAM = Path(crash_writer.__file__)
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(tacauchy_rig.__file__).parents[1])}
 FIRST_ACKNOWLEDGEMENTS = 3
 LONGEST_S = {"paced": 0.6, "fast": 0.15, "closing": 0.06}
-
-
-@pytest.fixture(scope="module")
-def written() -> ModuleType:
-    """Return the writing program's own idea of what it writes."""
-    spec = importlib.util.spec_from_file_location("crash_writer", PROGRAM)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def _killed_writer(path: Path, mode: str, *, after_s: float) -> int:
@@ -49,7 +37,7 @@ def _killed_writer(path: Path, mode: str, *, after_s: float) -> int:
     return int(lines[-2])
 
 
-def _check(path: Path, acknowledged: int, written: ModuleType) -> int:
+def _check(path: Path, acknowledged: int) -> int:
     recording = Recording.open(path)
     assert recording.damage == ""
     assert recording.message_count >= acknowledged
@@ -58,7 +46,7 @@ def _check(path: Path, acknowledged: int, written: ModuleType) -> int:
     assert np.array_equal(force.counter, np.arange(len(force.counter)))
     assert np.array_equal(force.wrench[:, 0], force.counter / 3)
     assert [frame.counter for frame in frames] == list(range(len(frames)))
-    assert all(frame.jpeg == written.jpeg_of(frame.counter) for frame in frames)
+    assert all(frame.jpeg == crash_writer.jpeg_of(frame.counter) for frame in frames)
     return recording.message_count
 
 
@@ -70,24 +58,22 @@ def _check(path: Path, acknowledged: int, written: ModuleType) -> int:
         *(("closing", seed) for seed in (6, 7, 8)),
     ],
 )
-def test_every_acknowledged_message_survives_kill_9(
-    tmp_path: Path, written: ModuleType, mode: str, seed: int
-) -> None:
+def test_every_acknowledged_message_survives_kill_9(tmp_path: Path, mode: str, seed: int) -> None:
     """A recorder killed at a random moment loses nothing, before and after recovery."""
     path = tmp_path / "recording.mcap"
     delay = random.Random(seed).uniform(0.0, LONGEST_S[mode])  # noqa: S311
     acknowledged = _killed_writer(path, mode, after_s=delay)
-    readable = _check(path, acknowledged, written)
+    readable = _check(path, acknowledged)
     report = recover_recording(path)
     assert report.message_count == readable
     assert report.problems == ()
-    assert _check(path, acknowledged, written) == readable
+    assert _check(path, acknowledged) == readable
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         assert sum(1 for _ in reader.iter_decoded_messages()) == readable
 
 
-def test_a_killed_recovery_loses_nothing(tmp_path: Path, written: ModuleType) -> None:
+def test_a_killed_recovery_loses_nothing(tmp_path: Path) -> None:
     """Recovery that is itself killed leaves the recording readable and can be repeated."""
     path = tmp_path / "recording.mcap"
     acknowledged = _killed_writer(path, "fast", after_s=0.3)
@@ -103,7 +89,7 @@ def test_a_killed_recovery_loses_nothing(tmp_path: Path, written: ModuleType) ->
             process.stdout.readline()
             time.sleep(delay)
             process.kill()
-        _check(path, acknowledged, written)
+        _check(path, acknowledged)
     recover_recording(path)
     assert Recording.open(path).is_intact
-    _check(path, acknowledged, written)
+    _check(path, acknowledged)
