@@ -401,8 +401,9 @@ def _complete_journal(
         for event in _recorded_events(store.paths.recording(*key)):
             if (event.trial, event.attempt) == key and _identity(event) not in known:
                 append_event(path, event)
+    sealed = {(e.trial, e.attempt) for e in journal.events if e.name == StoreEvent.SEALED}
     for key in store.paths.attempts():
-        if store.paths.result(*key).exists():
+        if key not in sealed and store.paths.result(*key).exists():
             store.log_result_hashes(*key)
     log_hashes(path, StoreEvent.CUT_OFF, lines=len(journal.lines))
 
