@@ -229,7 +229,10 @@ class Health:
         """Return a run compared with an earlier one."""
         key = (before.name, _age(before), now.name, _age(now))
         if key not in self._known:
-            self._known[key] = self._judged(before, now)
+            try:
+                self._known[key] = Judged(run=now, state=self.judge(before.folder, now.folder))
+            except Exception as error:  # noqa: BLE001 - likewise
+                self._known[key] = Judged(run=now, state=None, fault=_reason(error))
         return self._known[key]
 
     def trend(self, runs: Sequence[ListedRun], like: ListedRun) -> tuple[ListedRun, list[Judged]]:
@@ -240,12 +243,6 @@ class Health:
         )
         first = alike[0] if alike else like
         return first, [self.of(first, run) for run in alike[1:]]
-
-    def _judged(self, before: ListedRun, now: ListedRun) -> Judged:
-        try:
-            return Judged(run=now, state=self.judge(before.folder, now.folder))
-        except Exception as error:  # noqa: BLE001 - likewise
-            return Judged(run=now, state=None, fault=_reason(error))
 
 
 def _age(run: ListedRun) -> int:

@@ -102,11 +102,10 @@ def read_journal(path: Path) -> list[JournalEvent]:
     Raises:
         RecordError: Missing, unreadable, or a whole line that is no event.
     """
-    return [line.event for line in read_lines(path) if line.event is not None]
+    return [line.event for line in _read_lines(path) if line.event is not None]
 
 
-def read_lines(path: Path) -> list[JournalLine]:
-    """Return every line that is not empty, half ones included; errors as for ``read_journal``."""
+def _read_lines(path: Path) -> list[JournalLine]:
     data = read_bytes(path, what="the journal")
     numbered = enumerate(data.split(b"\n"), start=1)
     return [_parsed(raw, f"{path} line {number}") for number, raw in numbered if raw]
@@ -182,7 +181,7 @@ class Journal:
     """A run's journal as it was read.
 
     Attributes:
-        lines: As they stand in the file; empty where it has none.
+        lines: As they stand in the file, half ones included, but not those that are empty.
         exists: False where the file is missing.
     """
 
@@ -192,7 +191,7 @@ class Journal:
     @classmethod
     def read(cls, path: Path) -> Journal:
         """Read a journal, which a run that never began does not have."""
-        return cls(read_lines(path)) if path.exists() else cls((), exists=False)
+        return cls(_read_lines(path)) if path.exists() else cls((), exists=False)
 
     @cached_property
     def events(self) -> list[JournalEvent]:

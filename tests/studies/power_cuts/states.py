@@ -14,7 +14,7 @@ from itertools import accumulate
 from pathlib import Path
 from random import Random
 
-from tacauchy_rig.core.store.journal import read_lines
+from tacauchy_rig.core.store.journal import Journal
 from tacauchy_rig.core.store.layout import RunPaths
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recording.scan import scan_file
@@ -66,7 +66,7 @@ class History:
         """Read a run of which every session ended."""
         paths = RunPaths(root)
         journal = paths.journal.read_bytes()
-        lines = read_lines(paths.journal)
+        lines = Journal.read(paths.journal).lines
         times, last_s = [], 0.0
         begun: dict[tuple[int, int], float] = {}
         attempts: dict[tuple[int, int], tuple[float, float]] = {}

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.durable import bytes_sha256
-from tacauchy_rig.core.store.journal import append_event, read_journal, read_lines
+from tacauchy_rig.core.store.journal import Journal, append_event, read_journal
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
@@ -60,7 +60,7 @@ def test_empty_lines_that_a_power_cut_left_are_not_counted(tmp_path: Path) -> No
     append_event(path, _event(0))
     path.write_bytes(path.read_bytes() + b"\xff\n\n\xfe")
     append_event(path, _event(1))
-    assert [line.number for line in read_lines(path)] == [1, None, None, 4]
+    assert [line.number for line in Journal.read(path).lines] == [1, None, None, 4]
 
 
 def _append_many(path: Path, first: int) -> None:
@@ -106,7 +106,7 @@ def test_each_line_is_numbered_and_holds_the_hash_of_the_one_before(tmp_path: Pa
         append_event(path, _event(number))
     path.write_bytes(path.read_bytes()[:-20])
     append_event(path, _event(3))
-    lines = read_lines(path)
+    lines = Journal.read(path).lines
     assert [line.number for line in lines] == [1, 2, None, 4]
     hashes = [bytes_sha256(line.raw) for line in lines]
     assert [line.previous for line in lines] == ["", hashes[0], None, hashes[2]]
@@ -117,7 +117,9 @@ def test_a_journal_without_numbers_is_read(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     path.write_text('{"stamp_ns": 5, "name": "phase", "trial": 1, "attempt": 1, "detail": {}}\n')
     append_event(path, _event(6))
-    assert [(line.number, line.event.stamp_ns) for line in read_lines(path) if line.event] == [
+    assert [
+        (line.number, line.event.stamp_ns) for line in Journal.read(path).lines if line.event
+    ] == [
         (None, 5),
         (2, 6),
     ]
