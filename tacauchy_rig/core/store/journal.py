@@ -132,7 +132,7 @@ def _parsed(raw: bytes, source: str) -> JournalLine:
 def _following(before: bytes, event: JournalEvent) -> bytes:
     """Return the bytes to append after ``before``: a newline first if that ends in half a line."""
     is_torn = bool(before) and not before.endswith(b"\n")
-    lines = [line for line in before.split(b"\n") if line]  # as ``read_lines`` counts them
+    lines = [line for line in before.split(b"\n") if line]  # as ``_read_lines`` counts them
     content = {
         _NUMBER: len(lines) + 1,
         _PREVIOUS: bytes_sha256(lines[-1]) if lines else "",
