@@ -18,7 +18,7 @@ from drivers.emulators.faults import Device, parse_fault
 from drivers.emulators.force_sensor.box import BoxSettings
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.truth import TRUTH_FILE, EmulatedUnit, draw_truth, write_truth
-from drivers.emulators.process import EmulatedProcess, arguments_of, post_fault
+from drivers.emulators.process import EmulatedProcess, ProcessSettings, post_fault
 from drivers.emulators.shared_world import WORLD_FILE, FollowerSettings, GelSettings, SharedWorld
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError
@@ -211,23 +211,21 @@ class Emulation:
         host = self._robot_host or None
         return EmulatedAddresses(robot_host=host, force_sensor_port=port, camera_url=url)
 
-    def _launch(self, name: str, module: str, settings: object) -> None:
-        command = [f"drivers.emulators.{module}", *arguments_of(settings)]
-        self.processes[name] = EmulatedProcess(name, command, folder=self.folder)
+    def _launch(self, name: str, module: str, settings: ProcessSettings) -> None:
+        self.processes[name] = EmulatedProcess(name, module, settings, folder=self.folder)
 
     def _start(self, device: Device, *, tip: Vector3 | None = None) -> None:
         robot, sensor, camera = self.config.robot, self.config.force_sensor, self.config.camera
         shared = self._gel_settings()
         if device is Device.ROBOT:
-            home = (*(robot.home if tip is None else tip), *robot.tool_rotation)
             controller = ControllerSettings(
                 host=self._robot_host,
                 model=robot.model,
                 force_sign=robot.force_sign,
-                home=home,
+                home=(*(robot.home if tip is None else tip), *robot.tool_rotation),
                 **shared,
             )
-            self._launch(device.value, "arm.controller", controller)
+            self._launch(device, "arm.controller", controller)
         elif device is Device.FORCE_SENSOR:
             box = BoxSettings(
                 rate=round(sensor.rate),
@@ -235,7 +233,7 @@ class Emulation:
                 compression_sign=sensor.compression_sign,
                 **shared,
             )
-            self._launch(device.value, "force_sensor.box", box)
+            self._launch(device, "force_sensor.box", box)
         else:
             stream = CameraSettings(
                 host=self.camera_host,
@@ -246,7 +244,7 @@ class Emulation:
                 video_device=self.config.emulation.video_device,
                 **shared,
             )
-            self._launch(device.value, "camera.stream", stream)
+            self._launch(device, "camera.stream", stream)
 
     def _gel_settings(self) -> dict[str, Any]:
         indenter = self.config.indenter

@@ -4,9 +4,8 @@ One writer (the emulated controller, or a follower of a real robot's reported po
 number of readers (the emulated force sensor and camera) map the same small file. Readers poll;
 nothing is queued and nothing is remembered but the newest state.
 
-The writer fills the slot that is not current and then makes it current, so a writer killed in
-the middle leaves the last complete state readable. A reader that was overtaken by two writes
-sees the slot's checksum disagree and reads again: no state is ever torn.
+Two slots are written in turn, each with a checksum, so that a writer killed in the middle leaves
+the last complete state readable. No state is ever torn.
 """
 
 from __future__ import annotations
@@ -27,22 +26,18 @@ from drivers.arm.ur5_probe import probe_controller
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.truth import draw_truth, read_truth
-from drivers.emulators.process import DeviceSettings, settings_from
+from drivers.emulators.process import DeviceSettings, ProcessSettings, own_settings
 from tacauchy_rig.core.config.model import IndenterKind
 from tacauchy_rig.core.errors import DeviceError, RigError
 from tacauchy_rig.core.run import Pose, Vector3, Vector6, vector6
 
 WORLD_FILE = "world.bin"
 
-_MAGIC = b"TACWRLD2"
-_HEADER = struct.Struct("=8sq")  # magic, current slot
-_CURRENT_SLOT = 1  # in words of eight bytes
 _STATE = struct.Struct("=2q12d")  # sequence, stamp, pose, velocity
 _CHECKSUM = struct.Struct("=q")
 _SLOT_SIZE = _STATE.size + _CHECKSUM.size
-_FILE_SIZE = _HEADER.size + 2 * _SLOT_SIZE
+_FILE_SIZE = 2 * _SLOT_SIZE
 _READ_TRIES = 1000
-_OVERTAKEN_TRIES = 500
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,20 +63,19 @@ class SharedWorld:
     def __init__(self, path: Path, mapping: mmap.mmap) -> None:
         self.path = path
         self._mapping = mapping
-        self._words = memoryview(mapping).cast("q")
         self._sequence: int | None = None
 
     @classmethod
     def create(cls, path: Path) -> SharedWorld:
         """Create the file, or adopt the one that a previous process left there."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        if not _is_world(path):
+        try:
+            return cls.open(path)
+        except DeviceError:
             fresh = path.with_name(f".{path.name}.{os.getpid()}")
-            empty = _STATE.pack(0, 0, *(0.0,) * 12)
-            slot = empty + _CHECKSUM.pack(zlib.crc32(empty))
-            fresh.write_bytes(_HEADER.pack(_MAGIC, 0) + slot + slot)
+            fresh.write_bytes(2 * _slot(0, 0, *(0.0,) * 12))
             fresh.replace(path)
-        return cls.open(path)
+            return cls.open(path)
 
     @classmethod
     def open(cls, path: Path) -> SharedWorld:
@@ -90,7 +84,7 @@ class SharedWorld:
         Raises:
             DeviceError: The file is absent or is not such a file.
         """
-        if not _is_world(path):
+        if not path.is_file() or path.stat().st_size != _FILE_SIZE:
             raise DeviceError(
                 f"shared world {path}: absent, or not a file of this program",
                 remedy="start the emulated devices from one command, with the same folder",
@@ -102,11 +96,9 @@ class SharedWorld:
         """Make a state the newest one, in the sequence of whoever published before."""
         before = self.read().sequence if self._sequence is None else self._sequence
         self._sequence = before + 1
-        slot = 1 - (self._words[_CURRENT_SLOT] & 1)
-        offset = _HEADER.size + slot * _SLOT_SIZE
-        body = _STATE.pack(self._sequence, stamp_ns, *pose.as_vector(), *velocity)
-        self._mapping[offset : offset + _SLOT_SIZE] = body + _CHECKSUM.pack(zlib.crc32(body))
-        self._words[_CURRENT_SLOT] = slot
+        offset = self._sequence % 2 * _SLOT_SIZE
+        slot = _slot(self._sequence, stamp_ns, *pose.as_vector(), *velocity)
+        self._mapping[offset : offset + _SLOT_SIZE] = slot
 
     def read(self) -> WorldState:
         """Return the newest complete state; never blocks.
@@ -114,42 +106,36 @@ class SharedWorld:
         Raises:
             DeviceError: No slot holds a complete state, so the file was damaged.
         """
-        for attempt in range(_READ_TRIES):
-            # Overtaken: the current slot is another one by now. Damaged: only the other one helps.
-            other = attempt >= _OVERTAKEN_TRIES and attempt & 1
-            slot = (self._words[_CURRENT_SLOT] & 1) ^ int(other)
-            offset = _HEADER.size + slot * _SLOT_SIZE
-            data = self._mapping[offset : offset + _SLOT_SIZE]
-            body = data[: _STATE.size]
-            # Filled but not yet current: returned, the next read could show an older state.
-            ahead = not other and (self._words[_CURRENT_SLOT] & 1) != slot
-            if not ahead and zlib.crc32(body) == _CHECKSUM.unpack_from(data, _STATE.size)[0]:
-                return self._decode(body)
-        raise DeviceError(
-            f"shared world {self.path}: no complete state in {_READ_TRIES} reads",
-            remedy="the file was damaged: delete it and start the emulated devices again",
+        for _ in range(_READ_TRIES):
+            # Where a slot is being written, the next try finds both complete: the other one alone
+            # could be older than what the last read returned. A damaged slot is never complete.
+            data = self._mapping[:]
+            found = [data[start : start + _SLOT_SIZE] for start in (0, _SLOT_SIZE)]
+            complete = [slot[: _STATE.size] for slot in found if _is_complete(slot)]
+            if len(complete) == 2:
+                break
+        if not complete:
+            raise DeviceError(
+                f"shared world {self.path}: no complete state in {_READ_TRIES} reads",
+                remedy="the file was damaged: delete it and start the emulated devices again",
+            )
+        sequence, stamp_ns, *v = max(map(_STATE.unpack, complete))
+        return WorldState(
+            pose=Pose.of(v[:6]), velocity=vector6(v[6:]), stamp_ns=stamp_ns, sequence=sequence
         )
 
     def close(self) -> None:
         """Unmap the file; it stays on disk for the others."""
-        self._words.release()
         self._mapping.close()
 
-    def _decode(self, body: bytes) -> WorldState:
-        sequence, stamp_ns, *v = _STATE.unpack(body)
-        return WorldState(
-            pose=Pose.of(v[:6]),
-            velocity=vector6(v[6:]),
-            stamp_ns=stamp_ns,
-            sequence=sequence,
-        )
+
+def _slot(sequence: int, stamp_ns: int, *numbers: float) -> bytes:
+    body = _STATE.pack(sequence, stamp_ns, *numbers)
+    return body + _CHECKSUM.pack(zlib.crc32(body))
 
 
-def _is_world(path: Path) -> bool:
-    if not path.is_file() or path.stat().st_size != _FILE_SIZE:
-        return False
-    with path.open("rb") as file:
-        return file.read(len(_MAGIC)) == _MAGIC
+def _is_complete(slot: bytes) -> bool:
+    return zlib.crc32(slot[: _STATE.size]) == _CHECKSUM.unpack_from(slot, _STATE.size)[0]
 
 
 POLL_S = 0.004
@@ -158,18 +144,15 @@ _PROBE_S = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FollowerSettings:
-    """Whom the world follows, from one real or emulated robot's reported pose.
+class FollowerSettings(ProcessSettings):
+    """Whom the world follows: a real or emulated robot at ``host``, by its reported pose.
 
     Attributes:
-        host: Of the robot.
         world: Shared file to write its pose to.
-        parent_pid: It ends with this process; None to follow until the robot falls silent.
     """
 
     host: str
     world: Path
-    parent_pid: int | None = None
 
 
 def follow(settings: FollowerSettings) -> None:
@@ -202,9 +185,8 @@ def follow(settings: FollowerSettings) -> None:
 
 def main() -> None:
     """Run as a process."""
-    settings = settings_from(FollowerSettings)
     try:
-        follow(settings)
+        follow(own_settings(FollowerSettings))
     except RigError as error:
         sys.exit(f"pose follower: {error}")
 

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import http.server
 import json
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from drivers.emulators.arm.controller import ControllerSettings
+from drivers.emulators.force_sensor.box import BoxSettings
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.process import EmulatedProcess
 from tacauchy_rig.core.config.model import RobotModel
+from tacauchy_rig.core.run import Vector6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,12 +39,10 @@ def emulate_ur(tmp_path: Path) -> Iterator[EmulateUr]:
     """Return a function that starts a controller; those it started end with the test."""
     started: list[EmulatedProcess] = []
 
-    def start(model: RobotModel = RobotModel.E_SERIES, *more: str) -> EmulatedUr:
+    def start(model: RobotModel = RobotModel.E_SERIES, **more: Any) -> EmulatedUr:
         host = free_loopback_host()
-        arguments = ["drivers.emulators.arm.controller", "--host", host, "--model", model.value]
-        process = EmulatedProcess(
-            "robot", [*arguments, "--folder", str(tmp_path), *more], folder=tmp_path
-        )
+        settings = ControllerSettings(folder=tmp_path, host=host, model=model, **more)
+        process = EmulatedProcess("robot", "arm.controller", settings, folder=tmp_path)
         started.append(process)
         process.wait_ready()
         return EmulatedUr(host=host, folder=tmp_path, model=model, process=process)
@@ -63,21 +63,17 @@ def run_box() -> Callable[..., AbstractContextManager[str]]:
 
 
 @contextmanager
-def _running_box(folder: Path, *extra: str, load: str = "0.5,-0.25,3,0,0,0") -> Iterator[str]:
-    command = [sys.executable, "-m", "drivers.emulators.force_sensor.box"]
-    command += ["--folder", str(folder), "--load", load, *extra]
-    with (folder / "box.log").open("wb") as log:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
-        try:
-            assert process.stdout is not None
-            ready = process.stdout.readline()
-            (folder / "ready.json").write_bytes(ready)
-            yield json.loads(ready)["port"]
-        finally:
-            process.terminate()
-            process.wait(5)
-            if process.stdout is not None:
-                process.stdout.close()
+def _running_box(
+    folder: Path, *, load: Vector6 = (0.5, -0.25, 3.0, 0.0, 0.0, 0.0), **more: Any
+) -> Iterator[str]:
+    settings = BoxSettings(folder=folder, load=load, **more)
+    process = EmulatedProcess("box", "force_sensor.box", settings, folder=folder)
+    try:
+        ready = process.wait_ready()
+        (folder / "ready.json").write_text(json.dumps(ready))
+        yield ready["port"]
+    finally:
+        process.stop()
 
 
 @pytest.fixture(scope="session")

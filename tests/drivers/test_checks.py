@@ -63,7 +63,7 @@ def force_sensor(port: str) -> RigConfig:
 
 def test_live_force_sensor_is_measured(run_box: RunBox, tmp_path: Path) -> None:
     """Rate and noise of a live sensor are told with their units."""
-    with run_box(tmp_path, "--noise-n", "0.004") as port:
+    with run_box(tmp_path, noise_n=0.004) as port:
         results = checked(force_sensor(port))
     rate, noise = results["force_sensor.rate"], results["force_sensor.noise"]
     assert rate.value == pytest.approx(100.0, rel=0.05)
@@ -74,9 +74,9 @@ def test_live_force_sensor_is_measured(run_box: RunBox, tmp_path: Path) -> None:
 
 def test_loaded_and_noisy_force_sensors_are_warned_of(run_box: RunBox, tmp_path: Path) -> None:
     """A zero or a noise that the tare would refuse is seen before a run."""
-    with run_box(tmp_path, load="0,0,9,0,0,0") as port:
+    with run_box(tmp_path, load=(0.0, 0.0, 9.0, 0.0, 0.0, 0.0)) as port:
         loaded = checked(force_sensor(port))["force_sensor.noise"]
-    with run_box(tmp_path, "--noise-n", "0.2") as port:
+    with run_box(tmp_path, noise_n=0.2) as port:
         noisy = checked(force_sensor(port))["force_sensor.noise"]
     assert loaded.status is noisy.status is CheckStatus.WARN
     assert "tare_mean" in loaded.remedy
@@ -175,7 +175,7 @@ def test_automatic_exposure_is_warned_of() -> None:
 
 def test_controller_is_asked_who_it_is(emulate_ur: Callable[..., Any]) -> None:
     """A controller that is ready and at home passes; another generation is refused."""
-    host = emulate_ur(RobotModel.E_SERIES, "--home", "0,-0.4,0.23,0,3.14159265,0").host
+    host = emulate_ur(home=(0.0, -0.4, 0.23, 0.0, 3.14159265, 0.0)).host
     results = checked(configured(robot__driver="ur5", robot__host=host))
     assert results["robot.controller"].status is CheckStatus.OK
     assert "e-series, software 5." in results["robot.controller"].finding

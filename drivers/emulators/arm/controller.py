@@ -205,7 +205,7 @@ class UrController:
 
     def _reset_safety(self) -> None:
         mended = STOPS | {FaultKind.UNLOCK}
-        self._service.end_faults(mended)
+        self._service.end_faults(mended, now_s=time.monotonic())
         # Forgotten here too, or the same stop told of in the next cycle would pass for this one.
         self._active = {kind: on for kind, on in self._active.items() if kind not in mended}
         self.body.safety.reset()

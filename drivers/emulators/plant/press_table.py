@@ -7,25 +7,86 @@ dry run's cylinder (about a minute each).
 from __future__ import annotations
 
 import bisect
+import hashlib
 import logging
 import os
 import zipfile
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from drivers.emulators.plant.quad_mesh import GelDisc, PressCase
 from drivers.emulators.plant.tips import CylinderTip, Tip
-from drivers.emulators.plant.truth import FRICTION
+from drivers.emulators.plant.truth import FRICTION, GelDisc
 from tacauchy_rig.core.arrays import FloatArray
 
 POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)
 SHIPPED = Path(__file__).with_name("tables")
 _TILT_KEY = "leaning"  # of ``tilt_displacement`` in the files
 _DEEPEST_SHARE = 0.4  # of the gel's thickness
+# Raise them when the numbers or the fields change, so that old tables are not used: a ball's, a
+# face's.
+_BALL_VERSION, _FACE_VERSION = 2, 3
 
 log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressCase:
+    """Everything a table depends on. Young's modulus is not here: forces scale with it.
+
+    Attributes:
+        friction: Coulomb coefficient between tip and gel.
+        max_depth_m: Depth of the last row asked for [m]; a table may end a little earlier where
+            the gel finds no equilibrium any more.
+    """
+
+    tip: Tip = field(default_factory=lambda: CylinderTip(diameter_m=5e-3))
+    gel: GelDisc = field(default_factory=GelDisc)
+    poisson: float = 0.48
+    max_depth_m: float = 1.0e-3
+    friction: float = 0.0
+
+    @property
+    def has_face(self) -> bool:
+        """The tip has a flat face, which may be tilted; a ball looks alike from all sides."""
+        return isinstance(self.tip, CylinderTip)
+
+    def file_name(self) -> str:
+        """Return a name made from the content."""
+        numbers = {name: value for name, value in asdict(self).items() if value != 0.0}
+        version = _FACE_VERSION if self.has_face else _BALL_VERSION
+        content = f"{version} {type(self.tip).__name__} {_rounded(numbers)}"
+        digest = hashlib.sha256(content.encode()).hexdigest()[:16]
+        return f"{type(self.tip).__name__.lower()}-{self.tip.diameter_m * 1e3:g}mm-{digest}.npz"
+
+
+def _rounded(values: dict[str, Any]) -> list[tuple[str, Any]]:
+    """Return the items in order, with digits that survive a round trip through text."""
+    found: list[tuple[str, Any]] = []
+    for name, value in sorted(values.items()):
+        if isinstance(value, dict):
+            found.append((name, _rounded(value)))
+        elif not isinstance(value, tuple):
+            found.append((name, f"{value:.9g}"))
+        elif value:  # a gel of one material has the name it had before there were layers
+            found.append((name, [f"{share:.9g} {ratio:.9g}" for share, ratio in value]))
+    return found
+
+
+def case_for(
+    tip: Tip, poisson: float, *, gel: GelDisc | None = None, friction: float = 0.0
+) -> PressCase:
+    """Return the case of the emulated gel under ``tip``, as deep as presses on it go."""
+    disc = gel or GelDisc()
+    depth_m = 1.0e-3 if isinstance(tip, CylinderTip) else min(1.5e-3, 0.32 * tip.diameter_m)
+    depth_m = min(depth_m, _DEEPEST_SHARE * disc.thickness_m)
+    return PressCase(tip=tip, gel=disc, poisson=poisson, max_depth_m=depth_m, friction=friction)
+
+
+def _nothing() -> FloatArray:
+    return np.zeros(0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,9 +115,9 @@ class PressTable:
     radius_rest: FloatArray
     height_rest: FloatArray
     displacement: FloatArray
-    tilt_displacement: FloatArray = field(default_factory=lambda: np.zeros(0))
-    moment: FloatArray = field(default_factory=lambda: np.zeros(0))
-    side_force: FloatArray = field(default_factory=lambda: np.zeros(0))
+    tilt_displacement: FloatArray = field(default_factory=_nothing)
+    moment: FloatArray = field(default_factory=_nothing)
+    side_force: FloatArray = field(default_factory=_nothing)
 
     def at(self, depth: float) -> tuple[float, float]:
         """Return force [m^2] and stiffness [m] at a depth of the table, over Young's modulus.
@@ -80,11 +141,10 @@ class PressTable:
         """Write the table so that readers never see half of it."""
         path.parent.mkdir(parents=True, exist_ok=True)
         fresh = path.with_name(f".{os.getpid()}-{path.name}")
+        content = asdict(self)
+        content["displacement"] = self.displacement.astype(np.float32)
+        content[_TILT_KEY] = content.pop("tilt_displacement").astype(np.float32)
         with fresh.open("wb") as file:
-            fields = ("displacement", "tilt_displacement")
-            shortened = {name: getattr(self, name).astype(np.float32) for name in fields}
-            content = asdict(self) | shortened
-            content[_TILT_KEY] = content.pop("tilt_displacement")
             np.savez_compressed(file, **content)
         fresh.replace(path)
 
@@ -98,19 +158,12 @@ class PressTable:
         return cls(**fields)
 
 
-def case_for(
-    tip: Tip, poisson: float, *, gel: GelDisc | None = None, friction: float = 0.0
-) -> PressCase:
-    """Return the case of the emulated gel under ``tip``, as deep as presses on it go."""
-    disc = gel or GelDisc()
-    deepest_m = _DEEPEST_SHARE * disc.thickness_m
-    depth_m = 1.0e-3 if isinstance(tip, CylinderTip) else min(1.5e-3, 0.32 * tip.diameter_m)
-    depth_m = min(depth_m, deepest_m)
-    return PressCase(tip=tip, gel=disc, poisson=poisson, max_depth_m=depth_m, friction=friction)
-
-
 def press_table(case: PressCase) -> PressTable:
-    """Return the table for ``case``: shipped, cached, or computed now and cached."""
+    """Return the table for ``case``: shipped, cached, or computed now and cached.
+
+    Raises:
+        ConvergenceError: No equilibrium was found in the first half of the depth asked for.
+    """
     name = case.file_name()
     cached = cache_folder() / name
     for path in (SHIPPED / name, cached):

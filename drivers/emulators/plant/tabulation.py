@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from drivers.emulators.plant.axisymmetric import Equilibrium, GelSolver
-from drivers.emulators.plant.neo_hookean import NeoHookean
-from drivers.emulators.plant.quad_mesh import Grading, PressCase, QuadMesh, line_shape, mesh_disc
+from drivers.emulators.plant.press_table import PressCase
+from drivers.emulators.plant.quad_mesh import Grading, QuadMesh, line_shape, mesh_disc
 from drivers.emulators.plant.tilt import TiltResponse, tilt_response
 from drivers.emulators.plant.tips import CylinderTip
 from tacauchy_rig.core.arrays import FloatArray
@@ -27,28 +25,24 @@ def tabulate(case: PressCase) -> dict[str, FloatArray]:
     Raises:
         ConvergenceError: No equilibrium was found in the first half of the depth asked for.
     """
-    mesh = mesh_disc(case.gel, _grading(case))
-    solver = GelSolver(mesh, NeoHookean(poisson=case.poisson), friction=case.friction)
+    mesh, top_m = mesh_disc(case.gel, _grading(case)), case.gel.thickness_m
+    solver = GelSolver(mesh, case.tip, poisson=case.poisson, friction=case.friction)
     depth_count = round(case.max_depth_m / _DEPTH_STEP_M)
-    regular = np.linspace(0.0, case.max_depth_m, depth_count + 1)[1:]
-    depths = [depth for depth in _FIRST_DEPTHS_M if depth < 0.9 * regular[0]] + list(regular)
+    regular = np.linspace(0.0, case.max_depth_m, depth_count + 1)[1:].tolist()
     solved = [0.0]
-    states = [Equilibrium(displacement=np.zeros_like(mesh.nodes), force=0.0, contact_radius_m=0.0)]
-    tilts = [TiltResponse(displacement=np.zeros_like(mesh.nodes), moment=0.0, side_force=0.0)]
-    for depth in depths:
+    states = [Equilibrium(displacement=np.zeros_like(mesh.nodes))]
+    tilts = [TiltResponse(displacement=np.zeros_like(mesh.nodes))]
+    for depth in [*(first for first in _FIRST_DEPTHS_M if first < 0.9 * regular[0]), *regular]:
         try:
-            states.append(_advance(solver, case, solved, states, float(depth)))
+            states.append(_advance(solver, top_m, solved, states, depth))
         except ConvergenceError:
             if depth < 0.5 * case.max_depth_m:
                 raise
             break
-        solved.append(float(depth))
+        solved.append(depth)
         if case.has_face:
-            tilts.append(
-                tilt_response(solver, states[-1], case.tip, case.gel.thickness_m - float(depth))
-            )
-    sample = _surface_sampler(mesh)
-    rest = sample(mesh.nodes)
+            tilts.append(tilt_response(solver, states[-1]))
+    rest = _on_surface(mesh, mesh.nodes)
     force = np.array([state.force for state in states])
     table = {
         "depths": np.array(solved),
@@ -56,11 +50,13 @@ def tabulate(case: PressCase) -> dict[str, FloatArray]:
         "stiffness": CubicSpline(solved, force)(solved, 1),
         "contact_radius": np.array([state.contact_radius_m for state in states]),
         "radius_rest": rest[:, 0],
-        "height_rest": rest[:, 1] - case.gel.thickness_m,
-        "displacement": np.stack([sample(state.displacement) for state in states]),
+        "height_rest": rest[:, 1] - top_m,
+        "displacement": np.stack([_on_surface(mesh, each.displacement) for each in states]),
     }
     if case.has_face:
-        table["tilt_displacement"] = np.stack([sample(tilt.displacement) for tilt in tilts])
+        table["tilt_displacement"] = np.stack(
+            [_on_surface(mesh, tilt.displacement) for tilt in tilts]
+        )
         table["moment"] = np.array([tilt.moment for tilt in tilts])
         table["side_force"] = np.array([tilt.side_force for tilt in tilts])
     return table
@@ -68,24 +64,22 @@ def tabulate(case: PressCase) -> dict[str, FloatArray]:
 
 def _advance(
     solver: GelSolver,
-    case: PressCase,
+    top_m: float,
     solved: list[float],
     states: list[Equilibrium],
     depth: float,
 ) -> Equilibrium:
     """Go from the last solved depth to ``depth``, extrapolating first, then in smaller steps."""
-    last, held = states[-1].displacement, states[-1].grip
-    ahead = last
+    last = ahead = states[-1].displacement
     if len(states) > 1:
         ratio = (depth - solved[-1]) / (solved[-1] - solved[-2])
         ahead = last + ratio * (last - states[-2].displacement)
     tries = [(ahead, 1), *((last, 2**cut) for cut in range(_CUT_LIMIT))]
-    for state, step_count in tries:
-        grip = held
+    for start, step_count in tries:
+        state, grip = start, states[-1].grip
         try:
-            for z in np.linspace(solved[-1], depth, step_count + 1)[1:]:
-                tip_z_m = case.gel.thickness_m - float(z)
-                found = solver.press(case.tip, tip_z_m, state, grip=grip)
+            for step_depth in np.linspace(solved[-1], depth, step_count + 1)[1:].tolist():
+                found = solver.press(top_m - step_depth, state, grip=grip)
                 state, grip = found.displacement, found.grip
         except ConvergenceError as error:
             failure = error
@@ -108,13 +102,8 @@ def _grading(case: PressCase) -> Grading:
     )
 
 
-def _surface_sampler(mesh: QuadMesh) -> Callable[[FloatArray], FloatArray]:
-    """Return what evaluates a nodal field along the quadratic edges of the top, axis outwards."""
+def _on_surface(mesh: QuadMesh, nodal: FloatArray) -> FloatArray:
+    """Return a nodal field along the quadratic edges of the top, axis outwards."""
     shape, _ = line_shape(np.linspace(-1.0, 1.0, _POINTS_PER_EDGE + 1)[:-1])
-    edges = mesh.top_edges
-
-    def sample(nodal: FloatArray) -> FloatArray:
-        inner = np.einsum("qi,eia->eqa", shape, nodal[edges]).reshape(-1, 2)
-        return np.vstack([inner, nodal[edges[-1, 2]]])
-
-    return sample
+    inner = np.einsum("qi,eia->eqa", shape, nodal[mesh.top_edges])
+    return np.vstack([inner.reshape(-1, 2), nodal[mesh.top_edges[-1, 2]]])

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from pydantic import TypeAdapter
 
-from drivers.emulators.plant.quad_mesh import GelDisc
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.run_files import read_bytes
@@ -21,6 +20,28 @@ _POISSON_OFFSETS = (-0.01, -0.005, 0.0, 0.005, 0.01)  # few, because each needs 
 _POISSON_LIMIT = 0.49
 FRICTION = 0.5
 """Between indenter and gel where nothing else is asked for: the paper's section III-C."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GelDisc:
+    """The gel at rest.
+
+    Attributes:
+        radius_m: Radius of the disc [m].
+        thickness_m: Height of its highest point above the clamped base [m].
+        dome_radius_m: Radius of the domed top [m]; inf is flat.
+        layers: From the base upwards, each with its share of the height and its modulus over that
+            of the uppermost; empty for a gel of one material.
+    """
+
+    radius_m: float = 12.9e-3
+    thickness_m: float = 4.0e-3
+    dome_radius_m: float = 134e-3
+    layers: tuple[tuple[float, float], ...] = ()
+
+    def sag(self, radius: FloatArray) -> FloatArray:
+        """Return how far the surface lies below its highest point at ``radius`` [m]."""
+        return 0.5 * radius**2 / self.dome_radius_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import socket
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drivers.emulators.faults import (
@@ -19,18 +21,26 @@ from drivers.emulators.faults import (
     FaultKind,
     parse_fault,
 )
-from drivers.emulators.process import (
-    FaultInbox,
-    FaultSchedule,
-    control_path,
-    decode_message,
-    encode_message,
-    post_fault,
-)
+from drivers.emulators.process import DeviceSettings, Service, control_path, post_fault
 from tacauchy_rig.core.errors import ConfigError, DeviceError
 
-_POSSIBLE = [(device, kind) for device, kinds in FAULTS_OF_DEVICE.items() for kind in kinds]
 _seconds = st.floats(1e-6, 1e6)
+
+
+@contextmanager
+def _listening(folder: Path, device: Device = Device.ROBOT) -> Iterator[Service]:
+    with closing(Service(DeviceSettings(folder=folder), device)) as service:
+        yield service
+
+
+@pytest.fixture(scope="module", params=list(Device))
+def listener(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[Path, Service]]:
+    """A device that hears what it is told, and its folder."""
+    folder = tmp_path_factory.mktemp("devices")
+    with _listening(folder, request.param) as service:
+        yield folder, service
 
 
 def test_parses_device_kind_start_and_duration() -> None:
@@ -72,52 +82,57 @@ def test_refuses_with_the_reason(text: str, message: str) -> None:
 
 
 @given(
-    pair=st.sampled_from(_POSSIBLE),
+    data=st.data(),
     start_s=st.just(0.0) | _seconds,
     duration_s=st.just(math.inf) | _seconds,
     share=st.floats(0.0, 1.0),
 )
-def test_message_round_trip(
-    pair: tuple[Device, FaultKind], start_s: float, duration_s: float, share: float
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_what_is_sent_is_what_arrives(
+    listener: tuple[Path, Service],
+    data: st.DataObject,
+    start_s: float,
+    duration_s: float,
+    share: float,
 ) -> None:
-    """What is sent is what arrives."""
-    possible = AMOUNTS.get(pair)
+    """Any fault of any device survives the socket, and is on from its start for its duration."""
+    folder, service = listener
+    kind = data.draw(st.sampled_from(sorted(FAULTS_OF_DEVICE[service.device])))
+    possible = AMOUNTS.get((service.device, kind))
     amount = possible and possible.least + share * (possible.most - possible.least)
     fault = Fault(
-        device=pair[0],
-        kind=pair[1],
+        device=service.device,
+        kind=kind,
         start_s=start_s,
         duration_s=duration_s,
         amount=amount,
     )
-    assert decode_message(encode_message(fault)) == fault
+    post_fault(folder, fault)
+    assert service.faults_at(-1.0) == [fault] * (start_s == 0.0)
+    assert service.faults_at(-1.0 + start_s) == [fault]
+    service.end_faults(set(FaultKind), now_s=math.inf)
 
 
-def test_inbox_receives_without_blocking(tmp_path: Path) -> None:
+def test_faults_are_heard_without_blocking(tmp_path: Path) -> None:
     """Faults arrive in order, once; the folder's path may be long."""
     folder = tmp_path / ("long" * 40)
-    inbox = FaultInbox(folder, Device.ROBOT)
-    assert inbox.poll() == []
-    late = parse_fault("robot:delay=100ms+2s")
-    post_fault(folder, late)
-    post_fault(folder, parse_fault("robot:freeze"))
-    first, second = inbox.poll()
-    assert first == late
-    assert math.isinf(second.duration_s)
-    assert inbox.poll() == []
-    inbox.close()
+    with _listening(folder) as service:
+        assert service.faults_at(0.0) == []
+        told = [parse_fault(text) for text in ("robot:delay=100ms+2s", "robot:freeze")]
+        for fault in told:
+            post_fault(folder, fault)
+        assert service.faults_at(0.0) == service.faults_at(1.0) == told
     assert not control_path(folder, Device.ROBOT).exists()
 
 
 @pytest.mark.parametrize("nonsense", [b"[" * 60_000, b'{"kind":' * 8_000, b"\xff\x00", b""])
 def test_nonsense_ends_no_emulator(tmp_path: Path, nonsense: bytes) -> None:
     """Whatever comes, the next fault is heard."""
-    inbox = FaultInbox(tmp_path, Device.ROBOT)
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
-        sender.sendto(nonsense, str(control_path(tmp_path, Device.ROBOT)))
-    post_fault(tmp_path, parse_fault("robot:stall"))
-    assert [fault.kind for fault in inbox.poll()] == [FaultKind.STALL]
-    inbox.close()
+    with _listening(tmp_path) as service:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            sender.sendto(nonsense, str(control_path(tmp_path, Device.ROBOT)))
+        post_fault(tmp_path, parse_fault("robot:stall"))
+        assert [fault.kind for fault in service.faults_at(0.0)] == [FaultKind.STALL]
 
 
 def test_nobody_listens(tmp_path: Path) -> None:
@@ -134,25 +149,25 @@ def test_a_dead_emulators_socket_is_replaced(
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as dead:
         dead.bind(control_path(Path(), Device.CAMERA).name)
     assert control_path(tmp_path, Device.CAMERA).exists()
-    heir = FaultInbox(tmp_path, Device.CAMERA)
-    post_fault(tmp_path, parse_fault("camera:unplug"))
-    assert [fault.kind for fault in heir.poll()] == [FaultKind.UNPLUG]
-    heir.close()
+    with _listening(tmp_path, Device.CAMERA) as heir:
+        post_fault(tmp_path, parse_fault("camera:unplug"))
+        assert [fault.kind for fault in heir.faults_at(0.0)] == [FaultKind.UNPLUG]
 
 
-def test_what_is_forgotten_is_over_and_what_is_to_come_stays() -> None:
+def test_what_is_mended_is_over_and_what_is_to_come_stays(tmp_path: Path) -> None:
     """Unlocking ends the stop that is on, not the one that is planned."""
-    schedule = FaultSchedule()
-    for text in ("robot:protective-stop", "robot:protective-stop@9s", "robot:stall"):
-        schedule.add(parse_fault(text), now_s=0.0)
-    schedule.forget(STOPS, now_s=1.0)
-    assert [fault.kind for fault in schedule.active(1.0)] == [FaultKind.STALL]
-    assert FaultKind.PROTECTIVE_STOP in {fault.kind for fault in schedule.active(9.0)}
+    with _listening(tmp_path) as service:
+        for text in ("robot:protective-stop", "robot:protective-stop@9s", "robot:stall"):
+            post_fault(tmp_path, parse_fault(text))
+        service.faults_at(0.0)
+        service.end_faults(STOPS, now_s=1.0)
+        assert [fault.kind for fault in service.faults_at(1.0)] == [FaultKind.STALL]
+        assert FaultKind.PROTECTIVE_STOP in {fault.kind for fault in service.faults_at(9.0)}
 
 
-def test_schedule_follows_the_clock() -> None:
+def test_a_fault_follows_the_clock(tmp_path: Path) -> None:
     """A fault is on from its start for its duration, counted from when it was told."""
-    schedule = FaultSchedule()
-    schedule.add(parse_fault("robot:freeze@2s+3s"), now_s=100.0)
-    on = [bool(schedule.active(now_s)) for now_s in (100.0, 101.9, 102.0, 104.9, 105.0)]
+    with _listening(tmp_path) as service:
+        post_fault(tmp_path, parse_fault("robot:freeze@2s+3s"))
+        on = [bool(service.faults_at(now_s)) for now_s in (100.0, 101.9, 102.0, 104.9, 105.0)]
     assert on == [False, False, True, True, False]

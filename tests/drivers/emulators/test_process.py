@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from drivers.emulators.faults import Device
-from drivers.emulators.process import DeviceSettings, keep_time, run_device
+from drivers.emulators.process import DeviceSettings, command_line, keep_time, run_device
 
 
 @pytest.mark.parametrize("mostly_sleeps", [True, False])
@@ -31,7 +31,8 @@ def test_a_folder_that_cannot_be_made_is_refused_in_words(monkeypatch, capsys, t
     """Whatever the device: exit status 2, its name, the reason and a remedy."""
     file = tmp_path / "file"
     file.touch()
-    monkeypatch.setattr(sys, "argv", ["device", "--folder", str(file / "folder")])
+    command = command_line("any", DeviceSettings(folder=file / "folder"))
+    monkeypatch.setattr(sys, "argv", command[2:])
     assert run_device(DeviceSettings, Device.CAMERA, lambda *_: None) == 2
     told = capsys.readouterr().err
     assert told.startswith("emulated camera: Not a directory")

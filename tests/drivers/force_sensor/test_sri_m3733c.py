@@ -110,7 +110,7 @@ def test_crc32_frames(box: tuple[Path, str]) -> None:
 
 def test_older_box_and_plain_replies(run_box: RunBox, tmp_path: Path) -> None:
     """A box that knows SMPR only and answers without a dollar sign is set up all the same."""
-    with run_box(tmp_path, "--rate-command", "SMPR", "--replies", "bare-ok") as port:
+    with run_box(tmp_path, rate_command="SMPR", replies="bare-ok") as port:
         sensor = sensor_at(port)
         identity = sensor.connect()
         sensor.close()
@@ -120,7 +120,7 @@ def test_older_box_and_plain_replies(run_box: RunBox, tmp_path: Path) -> None:
 
 def test_box_that_acknowledges_nothing(run_box: RunBox, tmp_path: Path) -> None:
     """Missing acknowledgements are recorded and not fatal where frames arrive."""
-    with run_box(tmp_path, "--replies", "silent") as port:
+    with run_box(tmp_path, replies="silent") as port:
         sensor = sensor_at(port, connect_timeout=10.0)
         identity = sensor.connect()
         sensor.close()
@@ -177,7 +177,7 @@ def test_garbled_frames_are_counted_and_never_delivered(box: tuple[Path, str]) -
 
 def test_saturation_reads_full_scale(run_box: RunBox, tmp_path: Path) -> None:
     """A saturated channel reads the full scale, and comes back."""
-    with run_box(tmp_path, "--full-scale-n", "40") as port, connected(port) as sensor:
+    with run_box(tmp_path, full_scale_n=40.0) as port, connected(port) as sensor:
         post_fault(tmp_path, parse_fault("force_sensor:saturate+200ms"))
         samples = collect(sensor, lambda found: bool(found) and found[-1].wrench[2] == 40)
         samples += collect(sensor, lambda found: bool(found) and found[-1].wrench[2] < 4)

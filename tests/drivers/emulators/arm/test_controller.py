@@ -22,11 +22,10 @@ from drivers.arm.ur5_wire import DASHBOARD_PORT
 from drivers.emulators.arm.controller import ControllerSettings
 from drivers.emulators.faults import parse_fault
 from drivers.emulators.force_estimate import COARSENESS
-from drivers.emulators.launch import free_loopback_host
-from drivers.emulators.process import arguments_of, post_fault, settings_from
+from drivers.emulators.process import command_line, post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
 from tacauchy_rig.core.config.model import RobotModel
-from tacauchy_rig.core.run import Pose, Vector6
+from tacauchy_rig.core.run import Pose
 from tests.drivers.arm_notes import read_events, read_trace
 from tests.studies.fault_table.observation import arm_after
 
@@ -209,11 +208,10 @@ def test_every_interface_at_once(emulate_ur: Callable[..., Any], model: RobotMod
 
 def test_it_feels_the_gel(emulate_ur: Callable[..., Any], tmp_path: Path) -> None:
     """With a gel in its world, its own estimate of F_z is higher by the gel's force than above."""
-    options = ["--world", str(tmp_path / WORLD_FILE), "--surface-m=0.3,-0.3,0.2", "--seed", "3"]
-    robot = emulate_ur(RobotModel.E_SERIES, *options, "--home=0.3,-0.3,0.199,3.14159265,0,0")
-    settings = settings_from(ControllerSettings, ["--folder", str(tmp_path), *options])
-    gel = settings.plant()
     home = Pose(position=(0.3, -0.3, 0.199), rotation_vector=(3.14159265, 0.0, 0.0))
+    world: Any = {"world": tmp_path / WORLD_FILE, "surface_m": (0.3, -0.3, 0.2), "seed": 3}
+    robot = emulate_ur(home=home.as_vector(), **world)
+    gel = ControllerSettings(folder=tmp_path, **world).plant()
     found = _run("client_force", robot)
     expected = gel.relaxed_force(gel.depth(home))
     assert expected > 2.0
@@ -299,7 +297,7 @@ def test_stop_l_does_not_end_a_velocity(emulate_ur: Callable[..., Any]) -> None:
 
 def test_ready_line_and_world(emulate_ur: Callable[..., Any]) -> None:
     """The true pose is in the shared world before any client came."""
-    robot = emulate_ur(RobotModel.CB3, "--home", "0.1,-0.4,0.15,3.14,0,0", "--seed", "3")
+    robot = emulate_ur(RobotModel.CB3, home=(0.1, -0.4, 0.15, 3.14, 0.0, 0.0), seed=3)
     state = SharedWorld.open(robot.folder / WORLD_FILE).read()
     while state.sequence == 0:
         state = SharedWorld.open(robot.folder / WORLD_FILE).read()
@@ -309,11 +307,9 @@ def test_ready_line_and_world(emulate_ur: Callable[..., Any]) -> None:
 def test_a_taken_address_is_refused(emulate_ur: Callable[..., Any], tmp_path: Path) -> None:
     """A second controller at an address says which, and what to do."""
     robot = emulate_ur()
+    second = ControllerSettings(folder=tmp_path / "second", host=robot.host)
     result = subprocess.run(
-        [
-            *(sys.executable, "-m", "drivers.emulators.arm.controller"),
-            *("--host", robot.host, "--folder", str(tmp_path / "second")),
-        ],
+        command_line("arm.controller", second),
         capture_output=True,
         text=True,
         check=False,
@@ -326,18 +322,20 @@ def test_a_taken_address_is_refused(emulate_ur: Callable[..., Any], tmp_path: Pa
 
 def test_ends_with_its_parent(tmp_path: Path) -> None:
     """An emulator whose parent was killed does not stay behind."""
-    host = free_loopback_host()
     starter = (
-        "import os, subprocess, sys\n"
-        "child = subprocess.Popen([sys.executable, '-m', 'drivers.emulators.arm.controller',\n"
-        "    '--host', sys.argv[1], '--folder', sys.argv[2], '--parent-pid', str(os.getpid())],\n"
-        "    stdout=subprocess.PIPE)\n"
-        "child.stdout.readline()\n"
-        "print(child.pid, flush=True)\n"
+        "import pathlib, os, sys\n"
+        "from drivers.emulators.arm.controller import ControllerSettings\n"
+        "from drivers.emulators.launch import free_loopback_host\n"
+        "from drivers.emulators.process import EmulatedProcess\n"
+        "folder = pathlib.Path(sys.argv[1])\n"
+        "settings = ControllerSettings(folder=folder, host=free_loopback_host())\n"
+        "child = EmulatedProcess('robot', 'arm.controller', settings, folder=folder)\n"
+        "child.wait_ready()\n"
+        "print(child.process.pid, flush=True)\n"
         "os._exit(0)\n"
     )
     started = subprocess.run(
-        [sys.executable, "-c", starter, host, str(tmp_path)],
+        [sys.executable, "-c", starter, str(tmp_path)],
         stdout=subprocess.PIPE,
         check=True,
         timeout=30,
@@ -356,19 +354,6 @@ def _lives(process_id: int) -> bool:
         return False
     # A zombie that nobody waits for counts as ended.
     return Path(f"/proc/{process_id}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-
-
-def test_arguments_are_checked(capsys: pytest.CaptureFixture[str]) -> None:
-    """A home that is not a pose is refused in words."""
-    given = ["--folder", "x", "--home=-0.1,0,0.2,0,0,0", "--model", "cb3"]
-    settings = settings_from(ControllerSettings, given)
-    expected: Vector6 = (-0.1, 0.0, 0.2, 0.0, 0.0, 0.0)
-    assert settings.home == expected
-    assert settings.model is RobotModel.CB3
-    assert settings_from(ControllerSettings, arguments_of(settings)) == settings
-    with pytest.raises(SystemExit):
-        settings_from(ControllerSettings, ["--folder", "x", "--home", "1,2,3"])
-    assert "--home: " in capsys.readouterr().err
 
 
 if __name__ == "__main__":

@@ -5,11 +5,9 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import os
 import re
 import socket
 import subprocess
-import sys
 import time
 import urllib.request
 from collections.abc import Iterator
@@ -41,7 +39,7 @@ from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import render_press
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import EmulatedUnit, draw_truth
-from drivers.emulators.process import post_fault
+from drivers.emulators.process import EmulatedProcess, command_line, post_fault
 from drivers.emulators.shared_world import SharedWorld
 from tacauchy_rig.core.run import Pose
 
@@ -223,22 +221,11 @@ def test_a_press_that_is_rendered_slowly_is_seen_late_and_not_still(tmp_path: Pa
 def camera(tmp_path: Path) -> Iterator[RunningCamera]:
     """Start an emulated camera of 640x480 at 25 fps."""
     world = SharedWorld.create(tmp_path / "world.bin")
-    with (
-        (tmp_path / "camera.log").open("wb") as log,
-        subprocess.Popen(
-            [
-                *(sys.executable, "-m", "drivers.emulators.camera.stream"),
-                *("--folder", str(tmp_path), "--seed", "7", f"--surface-m=0,0,{SURFACE_Z}"),
-            ],
-            stdout=subprocess.PIPE,
-            stderr=log,
-        ) as process,
-    ):
-        assert process.stdout is not None
-        ready = json.loads(process.stdout.readline())
-        yield RunningCamera(process, tmp_path, ready, world)
-        process.terminate()
-        assert process.wait(10) == 0
+    settings = CameraSettings(folder=tmp_path, seed=7, surface_m=(0.0, 0.0, SURFACE_Z))
+    camera = EmulatedProcess("camera", "camera.stream", settings, folder=tmp_path)
+    yield RunningCamera(camera.process, tmp_path, camera.wait_ready(), world)
+    camera.stop()
+    assert camera.process.returncode == 0
     world.close()
 
 
@@ -322,14 +309,9 @@ def test_faults_reach_a_running_camera(camera: RunningCamera, capture: cv2.Video
 
 def test_a_taken_port_is_said(camera: RunningCamera, tmp_path: Path) -> None:
     """The message names the address and the remedy; no traceback."""
-    port = camera.ready["url"].rsplit(":", 1)[1].split("/")[0]
-    command = [sys.executable, "-m", "drivers.emulators.camera.stream", "--port", port]
-    found = subprocess.run(
-        [*command, "--folder", str(tmp_path / "other")],
-        capture_output=True,
-        check=False,
-        env=os.environ,
-    )
+    port = int(camera.ready["url"].rsplit(":", 1)[1].split("/")[0])
+    other = CameraSettings(folder=tmp_path / "other", port=port)
+    found = subprocess.run(command_line("camera.stream", other), capture_output=True, check=False)
     assert found.returncode == 2
     assert f"127.0.0.1:{port} cannot be listened on" in found.stderr.decode()
     assert "Traceback" not in found.stderr.decode()

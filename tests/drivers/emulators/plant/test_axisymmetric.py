@@ -7,11 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
-from drivers.emulators.plant.axisymmetric import STICK_PER_M, GelSolver, Springs
-from drivers.emulators.plant.neo_hookean import NeoHookean
-from drivers.emulators.plant.quad_mesh import GelDisc, Grading, mesh_disc
+from drivers.emulators.plant.axisymmetric import (
+    STICK_PER_M,
+    GelSolver,
+    NeoHookean,
+    Springs,
+    solved,
+)
+from drivers.emulators.plant.quad_mesh import Grading, mesh_disc
 from drivers.emulators.plant.tips import CylinderTip, SphereTip
+from drivers.emulators.plant.truth import GelDisc
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import ConvergenceError
 
@@ -25,17 +34,17 @@ class BondedPunch(GelSolver):
 
     def press_tied(self, patch: Int64Array, depth_m: float, start: FloatArray) -> tuple[float, Any]:
         """Return the reaction over Young's modulus [m^2] and the displacement [m]."""
-        far = (SphereTip(diameter_m=1e-3), 1.0)
+        self._tip_z_m = 1.0  # far above
         held = np.union1d(self._clamped, np.concatenate([2 * patch, 2 * patch + 1]))
         u = start.ravel()
         step = np.zeros_like(u)
         step[2 * patch], step[2 * patch + 1] = -u[2 * patch], -depth_m - u[2 * patch + 1]
         free = np.setdiff1d(np.arange(u.size), held)
         # The rest follows linearly first, so that no element is turned inside out.
-        residual, stiffness = self._linearise(u, *far)
-        step += self._direction(residual + stiffness @ step, stiffness, free)
-        solution = self._newton(u + step, held, *far)
-        reaction = float(self._internal_force(solution)[2 * patch + 1].sum())
+        residual, stiffness = self._linearise(u)
+        step += solved(stiffness, -(residual + stiffness @ step), free)
+        solution = self._newton(u + step, held)
+        reaction = float(self._linearise(solution)[0][2 * patch + 1].sum())
         return -reaction, solution.reshape(-1, 2)
 
 
@@ -44,7 +53,7 @@ def test_bonded_punch_agrees_with_two_other_codes() -> None:
     reference = {0.1e-3: 0.36350, 0.3e-3: 1.11033, 0.6e-3: 2.29093}  # depth [m]: force [N]
     coarse = Grading(fine_from_m=2.3e-3, fine_to_m=2.7e-3, fine_size_m=4e-5)
     mesh = mesh_disc(LAYER, coarse)
-    solver = BondedPunch(mesh, NeoHookean(poisson=0.45))
+    solver = BondedPunch(mesh, SphereTip(diameter_m=1e-3), poisson=0.45)
     top = np.unique(mesh.top_edges)
     patch = top[mesh.nodes[top, 0] <= PUNCH_RADIUS + 1e-9]
     state = np.zeros_like(mesh.nodes)
@@ -59,10 +68,10 @@ def test_flat_punch_agrees_with_the_finite_layer(poisson: float, kappa: float) -
     """F = 2 a E d kappa / (1 - nu^2), frictionless, a/h = 0.5556 (Hayes et al. 1972)."""
     wide = GelDisc(radius_m=24e-3, thickness_m=4.5e-3, dome_radius_m=math.inf)
     sharp = Grading(fine_from_m=2.4e-3, fine_to_m=2.6e-3, fine_size_m=1e-5, top_size_m=1e-5)
-    solver = GelSolver(mesh_disc(wide, sharp), NeoHookean(poisson=poisson))
-    depth = 5e-6
     tip = CylinderTip(diameter_m=2 * PUNCH_RADIUS, fillet_m=0.0)
-    found = solver.press(tip, wide.thickness_m - depth, np.zeros_like(solver.mesh.nodes))
+    solver = GelSolver(mesh_disc(wide, sharp), tip, poisson=poisson)
+    depth = 5e-6
+    found = solver.press(wide.thickness_m - depth, np.zeros_like(solver.mesh.nodes))
     expected = 2 * PUNCH_RADIUS * depth * kappa / (1 - poisson**2)
     assert found.force == pytest.approx(expected, rel=0.005)
     assert found.contact_radius_m == pytest.approx(PUNCH_RADIUS, rel=0.01)
@@ -71,11 +80,10 @@ def test_flat_punch_agrees_with_the_finite_layer(poisson: float, kappa: float) -
 def test_small_ball_agrees_with_hertz() -> None:
     """F = 4/3 E/(1 - nu^2) sqrt(R) d^(3/2) while the contact is small against the layer."""
     grading = Grading(fine_from_m=0.0, fine_to_m=0.2e-3, fine_size_m=1e-5, top_size_m=1e-5)
-    solver = GelSolver(mesh_disc(LAYER, grading), NeoHookean(poisson=0.45))
-    ball = SphereTip(diameter_m=2e-3)
+    solver = GelSolver(mesh_disc(LAYER, grading), SphereTip(diameter_m=2e-3), poisson=0.45)
     state = np.zeros_like(solver.mesh.nodes)
     for depth in (1e-6, 3e-6):
-        found = solver.press(ball, LAYER.thickness_m - depth, state)
+        found = solver.press(LAYER.thickness_m - depth, state)
         state = found.displacement
     hertz = 4 / 3 / (1 - 0.45**2) * math.sqrt(1e-3) * depth**1.5
     assert found.force == pytest.approx(hertz, rel=0.015)
@@ -84,19 +92,17 @@ def test_small_ball_agrees_with_hertz() -> None:
 
 def test_out_of_contact_nothing_moves() -> None:
     """A tip above the gel leaves it exactly as it was."""
-    solver = GelSolver(mesh_disc(LAYER, RIM), NeoHookean(poisson=0.48))
-    found = solver.press(
-        CylinderTip(diameter_m=5e-3), LAYER.thickness_m + 1e-6, np.zeros_like(solver.mesh.nodes)
-    )
+    solver = GelSolver(mesh_disc(LAYER, RIM), CylinderTip(diameter_m=5e-3), poisson=0.48)
+    found = solver.press(LAYER.thickness_m + 1e-6, np.zeros_like(solver.mesh.nodes))
     assert found.force == 0.0
     assert not found.displacement.any()
 
 
 def test_a_hopeless_step_is_refused() -> None:
     """Pressing through the base in one step ends in a message, not in numbers."""
-    solver = GelSolver(mesh_disc(LAYER, RIM), NeoHookean(poisson=0.48))
+    solver = GelSolver(mesh_disc(LAYER, RIM), CylinderTip(diameter_m=5e-3), poisson=0.48)
     with pytest.raises(ConvergenceError, match="emulated gel"):
-        solver.press(CylinderTip(diameter_m=5e-3), 1e-4, np.zeros_like(solver.mesh.nodes))
+        solver.press(1e-4, np.zeros_like(solver.mesh.nodes))
 
 
 DOWN = np.tile([0.0, -1.0], (3, 1))
@@ -132,3 +138,32 @@ def test_a_grip_is_remembered() -> None:
     back = Springs(slipped, _at(1.0 / STICK_PER_M), DOWN, LIMIT)
     pull, _ = back.linearised(_at(0.9 / STICK_PER_M))
     assert pull[:, 0] == pytest.approx([0.0, 0.1, 0.0], abs=1e-9)
+
+
+REST = np.eye(3).ravel()
+
+
+@given(arrays(np.float64, 9, elements=st.floats(-0.15, 0.15)), st.floats(0.3, 0.495))
+def test_stress_and_tangent_are_derivatives(change: np.ndarray, poisson: float) -> None:
+    """Stress is the energy's gradient and the tangent the stress's, at any deformation."""
+    law, step = NeoHookean(poisson=poisson), 1e-6
+    stress, tangent = law.linearised(REST + change)
+    for i, shift in enumerate(step * np.eye(9)):
+        low, high = REST + change - shift, REST + change + shift
+        assert stress[i] == pytest.approx((law.energy(high) - law.energy(low)) / 2e-6, abs=1e-5)
+        column = (law.linearised(high)[0] - law.linearised(low)[0]) / 2e-6
+        np.testing.assert_allclose(tangent[:, i], column, atol=1e-4)
+
+
+def test_rest_is_stress_free_and_small_strain_is_hooke() -> None:
+    """Uniaxial tension gives Young's modulus one; the paper's printed law has stress at rest."""
+    law, strain = NeoHookean(poisson=0.48), 1e-6
+    np.testing.assert_allclose(law.linearised(REST)[0], 0.0, atol=1e-15)
+    pulled, _ = law.linearised(REST + strain * np.diag([-0.48, -0.48, 1.0]).ravel())
+    assert pulled[8] / strain == pytest.approx(1.0, rel=1e-4)
+    assert pulled[0] / strain == pytest.approx(0.0, abs=1e-3)
+
+
+def test_inside_out_costs_infinite_energy() -> None:
+    """An inverted element is refused by its energy, so that a line search backs off."""
+    assert NeoHookean(poisson=0.48).energy(np.diag([-1.0, 1.0, 1.0]).ravel()) == np.inf

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from drivers.emulators.plant.axisymmetric import Equilibrium, GelSolver
-from drivers.emulators.plant.neo_hookean import NeoHookean
-from drivers.emulators.plant.quad_mesh import GelDisc, Grading, mesh_disc
+from drivers.emulators.plant.quad_mesh import Grading, mesh_disc
 from drivers.emulators.plant.tilt import TiltResponse, tilt_response
 from drivers.emulators.plant.tips import CylinderTip
+from drivers.emulators.plant.truth import GelDisc
 
 TIP = CylinderTip(diameter_m=2e-3, fillet_m=5e-5)
 GEL = GelDisc(radius_m=20e-3, thickness_m=20e-3, dome_radius_m=np.inf)
@@ -19,16 +19,13 @@ DEPTH_M = 1e-5
 
 def _pressed(friction: float) -> tuple[Equilibrium, TiltResponse, float]:
     """Return a shallow press into a thick gel, its tilt, and dF/d(depth)."""
-    solver = GelSolver(mesh_disc(GEL, GRADING), NeoHookean(poisson=0.3), friction=friction)
-    state = Equilibrium(
-        displacement=np.zeros_like(solver.mesh.nodes), force=0.0, contact_radius_m=0.0
-    )
+    solver = GelSolver(mesh_disc(GEL, GRADING), TIP, poisson=0.3, friction=friction)
+    state = Equilibrium(displacement=np.zeros_like(solver.mesh.nodes))
     forces = []
     for depth in (0.5 * DEPTH_M, DEPTH_M):
-        tip_z_m = GEL.thickness_m - depth
-        state = solver.press(TIP, tip_z_m, state.displacement, grip=state.grip)
+        state = solver.press(GEL.thickness_m - depth, state.displacement, grip=state.grip)
         forces.append(state.force)
-    tilt = tilt_response(solver, state, TIP, GEL.thickness_m - DEPTH_M)
+    tilt = tilt_response(solver, state)
     return state, tilt, (forces[1] - forces[0]) / (0.5 * DEPTH_M)
 
 

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from drivers.emulators.faults import FAULTS_OF_DEVICE, Device, FaultKind
-from drivers.emulators.process import FaultInbox
+from drivers.emulators.process import DeviceSettings, Service
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.core.errors import ConfigError
 
@@ -22,13 +22,14 @@ def _run(*words: object) -> str:
 
 def test_a_running_device_is_told_of_a_fault(tmp_path: Path) -> None:
     """It hears what was told, which is written as JSON; a fault that nobody knows is refused."""
-    inbox = FaultInbox(tmp_path, Device.FORCE_SENSOR)
+    service = Service(DeviceSettings(folder=tmp_path), Device.FORCE_SENSOR)
     words = ["--json", tmp_path / "told.json"]
     try:
         _run("fault", tmp_path, "force_sensor:freeze@1s+2s", *words)
-        (heard,) = inbox.poll()
+        assert service.faults_at(0.0) == []
+        (heard,) = service.faults_at(1.0)
     finally:
-        inbox.close()
+        service.close()
     assert (heard.kind, heard.start_s, heard.duration_s) == (FaultKind.FREEZE, 1.0, 2.0)
     assert json.loads((tmp_path / "told.json").read_text())["fault"] == "force_sensor:freeze@1s+2s"
     with pytest.raises(ConfigError, match="melt"):
