@@ -56,25 +56,8 @@ ChoiceT = TypeVar("ChoiceT", bound=StrEnum)
 
 STOPS = frozenset({FaultKind.PROTECTIVE_STOP, FaultKind.EMERGENCY_STOP})
 SILENT_FORCE_FAULTS = frozenset(
-    {
-        FaultKind.SCALE,
-        FaultKind.STICK,
-        FaultKind.STICK_NOISILY,
-        FaultKind.SIGN,
-        FaultKind.SWAP_AXES,
-        FaultKind.OLD_DATA,
-    }
+    map(FaultKind, ("scale", "stick", "stick-noisily", "sign", "swap-axes", "old-data"))
 )
-_ANY_DEVICE = frozenset({FaultKind.DROP, FaultKind.DELAY, FaultKind.STALL})
-_SENSORS = _ANY_DEVICE | {FaultKind.GARBLE, FaultKind.UNPLUG, FaultKind.SATURATE}
-
-FAULTS_OF_DEVICE: dict[Device, frozenset[FaultKind]] = {
-    Device.ROBOT: _ANY_DEVICE
-    | STOPS
-    | {FaultKind.FREEZE, FaultKind.UNLOCK, FaultKind.WRONG_POSE, FaultKind.CLOCK_JUMP},
-    Device.FORCE_SENSOR: _SENSORS | SILENT_FORCE_FAULTS | {FaultKind.FREEZE},
-    Device.CAMERA: _SENSORS | {FaultKind.FREEZE_IMAGE, FaultKind.REPEAT_IMAGE},
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +65,6 @@ class Amount:
     """How much of a fault there can be.
 
     Attributes:
-        dimension: Of the amount.
         usual: As one writes it; empty where the device decides.
         least: Smallest possible [SI unit].
         most: Largest possible [SI unit].
@@ -98,21 +80,34 @@ OLDEST_S = 60.0
 """Nothing older than this is sent again [s]."""
 _LONGEST_LOOP = 100.0
 
-AMOUNTS: dict[tuple[Device, FaultKind], Amount] = {
-    (Device.ROBOT, FaultKind.DELAY): Amount(Dimension.TIME, "200 ms", 0.0, OLDEST_S),
-    (Device.ROBOT, FaultKind.WRONG_POSE): Amount(Dimension.SPEED, "0.1 mm/s", -0.1, 0.1),
-    (Device.ROBOT, FaultKind.CLOCK_JUMP): Amount(Dimension.TIME, "10 s", -86400.0, 86400.0),
-    (Device.FORCE_SENSOR, FaultKind.DROP): Amount(Dimension.RATIO, "50 %", 0.0, 1.0),
-    (Device.FORCE_SENSOR, FaultKind.GARBLE): Amount(Dimension.RATIO, "30 %", 0.0, 1.0),
-    (Device.FORCE_SENSOR, FaultKind.DELAY): Amount(Dimension.TIME, "200 ms", 0.0, OLDEST_S),
-    (Device.FORCE_SENSOR, FaultKind.SATURATE): Amount(Dimension.FORCE, "", -1e6, 1e6),
-    (Device.FORCE_SENSOR, FaultKind.SCALE): Amount(Dimension.RATIO, "0.5", -1e3, 1e3),
-    (Device.FORCE_SENSOR, FaultKind.OLD_DATA): Amount(Dimension.TIME, "3 s", 0.0, OLDEST_S),
-    (Device.CAMERA, FaultKind.DROP): Amount(Dimension.RATIO, "30 %", 0.0, 1.0),
-    (Device.CAMERA, FaultKind.GARBLE): Amount(Dimension.RATIO, "30 %", 0.0, 1.0),
-    (Device.CAMERA, FaultKind.DELAY): Amount(Dimension.TIME, "500 ms", 0.0, OLDEST_S),
-    (Device.CAMERA, FaultKind.REPEAT_IMAGE): Amount(Dimension.RATIO, "5", 2.0, _LONGEST_LOOP),
+_ROBOT = {*STOPS, FaultKind.FREEZE, FaultKind.DROP, FaultKind.STALL, FaultKind.UNLOCK}
+_SENSOR = {FaultKind.FREEZE, FaultKind.UNPLUG, FaultKind.STALL, *SILENT_FORCE_FAULTS}
+_CAMERA = {FaultKind.UNPLUG, FaultKind.SATURATE, FaultKind.STALL, FaultKind.FREEZE_IMAGE}
+FAULTS_OF_DEVICE: dict[Device, dict[FaultKind, Amount | None]] = {
+    Device.ROBOT: dict.fromkeys(_ROBOT)
+    | {
+        FaultKind.DELAY: Amount(Dimension.TIME, "200 ms", 0.0, OLDEST_S),
+        FaultKind.WRONG_POSE: Amount(Dimension.SPEED, "0.1 mm/s", -0.1, 0.1),
+        FaultKind.CLOCK_JUMP: Amount(Dimension.TIME, "10 s", -86400.0, 86400.0),
+    },
+    Device.FORCE_SENSOR: dict.fromkeys(_SENSOR)
+    | {
+        FaultKind.DROP: Amount(Dimension.RATIO, "50 %", 0.0, 1.0),
+        FaultKind.GARBLE: Amount(Dimension.RATIO, "30 %", 0.0, 1.0),
+        FaultKind.DELAY: Amount(Dimension.TIME, "200 ms", 0.0, OLDEST_S),
+        FaultKind.SATURATE: Amount(Dimension.FORCE, "", -1e6, 1e6),
+        FaultKind.SCALE: Amount(Dimension.RATIO, "0.5", -1e3, 1e3),
+        FaultKind.OLD_DATA: Amount(Dimension.TIME, "3 s", 0.0, OLDEST_S),
+    },
+    Device.CAMERA: dict.fromkeys(_CAMERA)
+    | {
+        FaultKind.DROP: Amount(Dimension.RATIO, "30 %", 0.0, 1.0),
+        FaultKind.GARBLE: Amount(Dimension.RATIO, "30 %", 0.0, 1.0),
+        FaultKind.DELAY: Amount(Dimension.TIME, "500 ms", 0.0, OLDEST_S),
+        FaultKind.REPEAT_IMAGE: Amount(Dimension.RATIO, "5", 2.0, _LONGEST_LOOP),
+    },
 }
+"""The kinds that each device knows, with their amounts; None is a kind without."""
 
 _PLAN = re.compile(r"^\s*([^:@+=\s]+):([^:@+=\s]+)(?:=([^@+]+))?(?:@([^@+]+))?(?:\+([^@+]+))?\s*$")
 _EXAMPLE = (
@@ -129,7 +124,7 @@ class Fault:
         duration_s: How long it lasts [s]; infinite for ever. At the end of a stop or an
             unplugging somebody has unlocked the arm or plugged the device in again.
         start_s: When it begins, after the emulator is told of it [s]; 0 is at once.
-        amount: How much of it, in the SI unit of ``AMOUNTS``; the usual one if None.
+        amount: How much of it [SI unit]; the usual one if None.
     """
 
     device: Device
@@ -139,30 +134,27 @@ class Fault:
     amount: float | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in FAULTS_OF_DEVICE[self.device]:
-            possible = ", ".join(sorted(FAULTS_OF_DEVICE[self.device]))
+        name, known = f"fault {self.device}:{self.kind}", FAULTS_OF_DEVICE[self.device]
+        if self.kind not in known:
             raise ConfigError(
-                f"fault: a {self.device.value} cannot {self.kind.value}",
-                remedy=f"{self.device.value} knows: {possible}",
+                f"fault: a {self.device} cannot {self.kind}",
+                remedy=f"{self.device} knows: {', '.join(sorted(known))}",
             )
         if not (self.duration_s > 0.0 and 0.0 <= self.start_s < math.inf):
             raise ConfigError(
-                f"fault {self.device.value}:{self.kind.value}: start {self.start_s} s and duration "
-                f"{self.duration_s} s are impossible",
+                f"{name}: start {self.start_s} s and duration {self.duration_s} s are impossible",
                 remedy="give a start of 0 s or later and a duration above 0 s",
             )
-        if self.amount is not None:
-            self._require_amount(self.amount)
-
-    def _require_amount(self, amount: float) -> None:
-        name = f"fault {self.device.value}:{self.kind.value}"
-        possible = AMOUNTS.get((self.device, self.kind))
+        if self.amount is None:
+            return
+        possible = known[self.kind]
         if possible is None:
             raise ConfigError(f"{name} takes no amount", remedy="leave out = and what follows it")
-        if not possible.least <= amount <= possible.most:
+        if not possible.least <= self.amount <= possible.most:
             raise ConfigError(
-                f"{name}: {amount:g} is not from {possible.least:g} to {possible.most:g} [SI unit]",
-                remedy=f"for example {self.kind.value}={possible.usual}",
+                f"{name}: {self.amount:g} is not from {possible.least:g} to {possible.most:g} "
+                "[SI unit]",
+                remedy=f"for example {self.kind}={possible.usual}",
             )
 
     @property
@@ -170,7 +162,7 @@ class Fault:
         """How much of it [SI unit], as asked or as usual; NaN where only the device knows."""
         if self.amount is not None:
             return self.amount
-        possible = AMOUNTS.get((self.device, self.kind))
+        possible = FAULTS_OF_DEVICE[self.device][self.kind]
         if possible is None or not possible.usual:
             return math.nan
         return parse_quantity(possible.usual, dimension=possible.dimension, field="fault")
@@ -187,24 +179,25 @@ def parse_fault(text: str) -> Fault:
         raise ConfigError(f"fault: {text!r} is not understood", remedy=_EXAMPLE)
     device_name, kind_name, amount, start, duration = match.groups()
     device, kind = _named(Device, "device", device_name), _named(FaultKind, "kind", kind_name)
-    known = AMOUNTS.get((device, kind))
-    dimension = Dimension.RATIO if known is None else known.dimension
+    known = FAULTS_OF_DEVICE[device].get(kind)
     return Fault(
         device=device,
         kind=kind,
-        start_s=_seconds(start) if start else 0.0,
-        duration_s=_seconds(duration) if duration else math.inf,
-        amount=parse_quantity(amount, dimension=dimension, field="fault") if amount else None,
+        start_s=_parsed(start or "0 s", Dimension.TIME),
+        duration_s=_parsed(duration, Dimension.TIME) if duration else math.inf,
+        amount=_parsed(amount, known.dimension if known else Dimension.RATIO) if amount else None,
     )
 
 
 def written_faults(device: Device) -> str:
     """Return the kinds that ``device`` knows, as one writes them, with their usual amounts."""
-    kinds = [kind for kind in FaultKind if kind in FAULTS_OF_DEVICE[device]]
-    amounts = [AMOUNTS.get((device, kind)) for kind in kinds]
+    amounts = FAULTS_OF_DEVICE[device]
     return ", ".join(
-        f"{kind}={amount.usual.replace(' ', '')}" if amount and amount.usual else kind.value
-        for kind, amount in zip(kinds, amounts, strict=True)
+        f"{kind}={amount.usual.replace(' ', '')}"
+        if (amount := amounts[kind]) and amount.usual
+        else kind.value
+        for kind in FaultKind
+        if kind in amounts
     )
 
 
@@ -216,8 +209,8 @@ def _named(choices: type[ChoiceT], what: str, name: str) -> ChoiceT:
     return choices(name)
 
 
-def _seconds(text: str) -> float:
-    return parse_quantity(text, dimension=Dimension.TIME, field="fault")
+def _parsed(text: str, dimension: Dimension) -> float:
+    return parse_quantity(text, dimension=dimension, field="fault")
 
 
 class FaultyLine:

@@ -5,13 +5,14 @@ They are the same for emulated and mock devices: the counters advance, the stamp
 
 from __future__ import annotations
 
-import itertools
-import math
 import random
 from collections import deque
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Iterable
+
+import numpy as np
 
 from drivers.emulators.faults import OLDEST_S, Fault, FaultKind
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.run import FZ, Vector6, vector6
 
 _FX = 0
@@ -33,38 +34,33 @@ class SilentWrenchFaults:
         self._full_scale_n = full_scale_n
         self._past: deque[tuple[int, Vector6]] = deque()
         self._reported: deque[Vector6] = deque(maxlen=_NOISE_SAMPLES)
-        self._held: tuple[Vector6, Vector6, Vector6] | None = None  # newest, mean and noise
+        self._held: tuple[Vector6, FloatArray, FloatArray] | None = None  # newest, mean and noise
         self._count = 0
 
     def reading(self, true: Vector6, faults: Iterable[Fault], *, stamp_ns: int) -> Vector6:
         """Return Fx, Fy, Fz [N], Mx, My, Mz [N m] as ``faults`` make them of what is true."""
         self._count += 1
         active = {fault.kind: fault for fault in faults}
-        self._remember(true, stamp_ns)
+        self._past.append((stamp_ns, true))
+        while stamp_ns - self._past[0][0] > OLDEST_S * 1e9:
+            self._past.popleft()
         reported = self._changed(true, active, stamp_ns)
         sticks = active.keys() & {FaultKind.FREEZE, FaultKind.STICK, FaultKind.STICK_NOISILY}
         if not sticks:
             self._held = None
-        if not sticks or self._lacks_noise(sticks):
+        # It is too early to stick noisily while its noise is not known yet.
+        is_early = FaultKind.STICK_NOISILY in sticks and len(self._reported) < _NOISE_SAMPLES
+        if not sticks or is_early:
             self._reported.append(reported)
             return reported
         if self._held is None:
             self._reported.append(reported)
-            self._held = (
-                reported,
-                _mean(list(self._reported)[-_MEAN_SAMPLES:]),
-                _noise(self._reported),
-            )
+            before = np.array(self._reported)
+            # From neighbours: a slow rise is no noise.
+            steps = np.diff(before, axis=0)
+            noise = np.sqrt(0.5 * np.sum(steps**2, axis=0) / max(len(steps), 1))
+            self._held = (reported, before[-_MEAN_SAMPLES:].mean(axis=0), noise)
         return self._stuck(FaultKind(min(sticks)), *self._held)
-
-    def _lacks_noise(self, sticks: Set[FaultKind]) -> bool:
-        """Return whether it is too early to stick noisily: its noise is not known yet."""
-        return FaultKind.STICK_NOISILY in sticks and len(self._reported) < _NOISE_SAMPLES
-
-    def _remember(self, true: Vector6, stamp_ns: int) -> None:
-        self._past.append((stamp_ns, true))
-        while stamp_ns - self._past[0][0] > OLDEST_S * 1e9:
-            self._past.popleft()
 
     def _changed(self, true: Vector6, active: dict[FaultKind, Fault], stamp_ns: int) -> Vector6:
         if not active:
@@ -89,31 +85,16 @@ class SilentWrenchFaults:
         known = [values for stamp, values in self._past if stamp <= stamp_ns]
         return known[-1] if known else self._past[0][1]
 
-    def _stuck(self, kind: FaultKind, newest: Vector6, mean: Vector6, noise: Vector6) -> Vector6:
+    def _stuck(
+        self, kind: FaultKind, newest: Vector6, mean: FloatArray, noise: FloatArray
+    ) -> Vector6:
         if kind is FaultKind.FREEZE:
             return newest
         if kind is FaultKind.STICK:
             digit = _LAST_DIGIT * (self._count % 2)
             return vector6(value + digit for value in newest)
-        noisy = zip(mean, noise, strict=True)
+        noisy = zip(mean.tolist(), noise.tolist(), strict=True)
         return vector6(value + self._random.gauss(0.0, sigma) for value, sigma in noisy)
-
-
-def _mean(samples: Sequence[Vector6]) -> Vector6:
-    return vector6(math.fsum(each) / len(samples) for each in zip(*samples, strict=True))
-
-
-def _noise(samples: Sequence[Vector6]) -> Vector6:
-    """Return each channel's standard deviation, from neighbours: a slow rise is no noise."""
-    steps = [
-        [(after - before) ** 2 for before, after in zip(*pair, strict=True)]
-        for pair in itertools.pairwise(samples)
-    ]
-    if not steps:
-        return (0.0,) * 6
-    return vector6(
-        math.sqrt(0.5 * math.fsum(channel) / len(steps)) for channel in zip(*steps, strict=True)
-    )
 
 
 class SilentImageFaults:

@@ -8,8 +8,7 @@ import struct
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from drivers.arm.ur5_wire import (
     DASHBOARD_PORT,
@@ -68,38 +67,34 @@ class Connection:
 
     def receive(self, now_s: float) -> bytes:
         """Return what has arrived and is due."""
-        chunks: list[bytes] = []
         while self.alive:
             try:
                 data = self.socket.recv(_RECEIVE_SIZE)
             except BlockingIOError:
                 break
             except OSError:
-                self.alive = False
-                break
-            if not data:
-                self.alive = False
-            elif self.delay_s > 0.0 or self._late_in:
-                self._late_in.append((now_s + self.delay_s, data))
-            else:
-                chunks.append(data)
-        while self._late_in and self._late_in[0][0] <= now_s:
-            chunks.append(self._late_in.popleft()[1])
-        return b"".join(chunks)
+                data = b""
+            self.alive = bool(data)
+            self._late_in.append((now_s + self.delay_s, data))
+        return _due(self._late_in, now_s)
 
     def send(self, data: bytes, now_s: float) -> None:
         """Send ``data``, or keep it until it is due or the client reads."""
-        if self.delay_s > 0.0 or self._late_out:
-            self._late_out.append((now_s + self.delay_s, data))
-        else:
-            self._push(data)
+        self._late_out.append((now_s + self.delay_s, data))
+        self.service(now_s)
 
     def service(self, now_s: float) -> None:
         """Send what has become due."""
-        while self._late_out and self._late_out[0][0] <= now_s:
-            self._push(self._late_out.popleft()[1])
-        if self._unsent:
-            self._push(b"")
+        self._unsent += _due(self._late_out, now_s)
+        if not (self.alive and self._unsent):
+            return
+        try:
+            del self._unsent[: self.socket.send(self._unsent)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self.alive = False
+        self.alive = self.alive and len(self._unsent) < _BACKLOG_LIMIT
 
     def close(self, *, reset: bool = False) -> None:
         """Close; with ``reset`` the client sees a broken connection instead of an orderly end."""
@@ -108,34 +103,28 @@ class Connection:
         self.alive = False
         self.socket.close()
 
-    def _push(self, data: bytes) -> None:
-        if not self.alive:
-            return
-        if self._unsent:
-            self._unsent += data
-            data = bytes(self._unsent)
-            self._unsent.clear()
-        try:
-            sent = self.socket.send(data)
-        except BlockingIOError:
-            sent = 0
-        except OSError:
-            self.alive = False
-            return
-        if sent < len(data):
-            self._unsent += data[sent:]
-            self.alive = len(self._unsent) < _BACKLOG_LIMIT
+
+ConnectionT = TypeVar("ConnectionT", bound=Connection)
 
 
-class Port(ABC):
+def _due(waiting: deque[tuple[float, bytes]], now_s: float) -> bytes:
+    """Take out what is due, in order: nothing overtakes what was delayed longer."""
+    found = []
+    while waiting and waiting[0][0] <= now_s:
+        found.append(waiting.popleft()[1])
+    return b"".join(found)
+
+
+class Port(ABC, Generic[ConnectionT]):
     """A listening socket and its clients."""
 
     greeting: ClassVar[bytes] = b""
+    connect: ClassVar[Callable[[socket.socket], Any]] = Connection
 
     def __init__(self, host: str, number: int) -> None:
         self.number = number
         self._delay_s = 0.0
-        self._connections: list[Connection] = []
+        self._connections: list[ConnectionT] = []
         self._address = (host, number)
         self._listener: socket.socket | None = None
         self.open()
@@ -176,7 +165,7 @@ class Port(ABC):
                 link, _ = self._listener.accept()
             except OSError:
                 break
-            connection = Connection(link)
+            connection = self.connect(link)
             connection.delay_s = self._delay_s
             self._connections.append(connection)
             if self.greeting:
@@ -191,66 +180,64 @@ class Port(ABC):
             connection.close()
 
     @abstractmethod
-    def _hear(self, connection: Connection, data: bytes, now_s: float) -> None:
+    def _hear(self, connection: ConnectionT, data: bytes, now_s: float) -> None:
         """Take what a client sent."""
 
 
-@dataclass(slots=True, eq=False)
-class _Client:
-    """What the controller remembers of one RTDE connection."""
+class _RtdeConnection(Connection):
+    """A connected client of the RTDE port, with what it has set up."""
 
-    reader: PacketReader = field(default_factory=PacketReader)
-    output: OutputRecipe | None = None
-    inputs: list[InputRecipe] = field(default_factory=list)
-    every_cycles: int = 1
-    started: bool = False
+    def __init__(self, link: socket.socket) -> None:
+        super().__init__(link)
+        self.reader = PacketReader()
+        self.output: OutputRecipe | None = None
+        self.inputs: list[InputRecipe] = []
+        self.every_cycles = 1
+        self.started = False
 
 
-class RtdePort(Port):
+class RtdePort(Port[_RtdeConnection]):
     """The RTDE server: handshakes, state out, registers in.
 
     Attributes:
         written: Names of the input fields that clients wrote in the last ``service``.
     """
 
+    connect = _RtdeConnection
+
     def __init__(self, host: str, body: ControllerBody) -> None:
         super().__init__(host, RTDE_PORT)
         self.written: set[str] = set()
         self._body = body
-        self._clients: dict[Connection, _Client] = {}
-        self._owners: dict[str, _Client] = {}
+        self._owners: dict[str, _RtdeConnection] = {}
 
     def service(self, now_s: float) -> None:
         """Serve the clients; see ``Port.service``."""
         self.written.clear()
         super().service(now_s)
-        for connection in self._clients.keys() - set(self._connections):
-            gone = self._clients.pop(connection)
-            self._owners = {n: owner for n, owner in self._owners.items() if owner is not gone}
+        self._owners = {name: owner for name, owner in self._owners.items() if owner.alive}
 
     def send_state(self, cycle: int, now_s: float) -> None:
         """Send the newest state to every client whose turn this cycle is."""
-        outputs = self._body.outputs
-        for connection, client in self._clients.items():
+        for client in self._connections:
             if client.started and client.output is not None and cycle % client.every_cycles == 0:
-                packet = client.output.pack(outputs)
-                if not connection.is_congested:
-                    connection.send(packet, now_s)
+                packet = client.output.pack(self._body.outputs)
+                if not client.is_congested:
+                    client.send(packet, now_s)
 
-    def _hear(self, connection: Connection, data: bytes, now_s: float) -> None:
-        client = self._clients.setdefault(connection, _Client())
+    def _hear(self, connection: _RtdeConnection, data: bytes, now_s: float) -> None:
         try:
-            for kind, body in client.reader.feed(data):
+            for kind, body in connection.reader.feed(data):
                 if kind == PacketKind.DATA:
-                    recipe = client.inputs[body[0] - 1]
+                    recipe = connection.inputs[body[0] - 1]
                     recipe.unpack_into(body[1:], self._body.inputs)
                     self.written.update(recipe.names)
-                elif (reply := self._reply(client, kind, body)) is not None:
+                elif (reply := self._reply(connection, kind, body)) is not None:
                     connection.send(pack_packet(kind, reply), now_s)
         except (DeviceError, IndexError, struct.error):
             connection.alive = False
 
-    def _reply(self, client: _Client, kind: int, body: bytes) -> bytes | None:
+    def _reply(self, client: _RtdeConnection, kind: int, body: bytes) -> bytes | None:
         if kind == PacketKind.REQUEST_PROTOCOL_VERSION:
             return bytes([int.from_bytes(body[:2], "big") == PROTOCOL_VERSION])
         if kind == PacketKind.GET_URCONTROL_VERSION:
@@ -264,7 +251,7 @@ class RtdePort(Port):
             return bytes([client.started or kind == PacketKind.PAUSE])
         return None
 
-    def _set_up_outputs(self, client: _Client, body: bytes) -> bytes:
+    def _set_up_outputs(self, client: _RtdeConnection, body: bytes) -> bytes:
         (frequency,) = _FREQUENCY.unpack_from(body)
         names = split_names(body[_FREQUENCY.size :])
         known = [name for name in names if name in self._body.outputs]
@@ -277,7 +264,7 @@ class RtdePort(Port):
         client.output = OutputRecipe(1, names)
         return b"\x01" + ",".join(client.output.types).encode()
 
-    def _set_up_inputs(self, client: _Client, names: list[str]) -> bytes:
+    def _set_up_inputs(self, client: _RtdeConnection, names: list[str]) -> bytes:
         types = []
         for name in names:
             if name not in INPUT_TYPES:
@@ -293,20 +280,7 @@ class RtdePort(Port):
         return bytes([len(client.inputs)]) + ",".join(types).encode()
 
 
-class _TextPort(Port):
-    """A port that keeps each client's text until there is something to do with it."""
-
-    def _hear(self, connection: Connection, data: bytes, now_s: float) -> None:
-        replies, connection.partial = self._take(connection.partial + data)
-        for reply in replies:
-            connection.send(reply, now_s)
-
-    @abstractmethod
-    def _take(self, text: bytes) -> tuple[list[bytes], bytes]:
-        """Do what a client's text asks for; return the replies and what is not complete yet."""
-
-
-class DashboardPort(_TextPort):
+class DashboardPort(Port[Connection]):
     """The dashboard server: one line in, one line out.
 
     Args:
@@ -326,13 +300,18 @@ class DashboardPort(_TextPort):
     ) -> None:
         super().__init__(host, DASHBOARD_PORT)
         self._body = body
-        self._stop_program = stop_program
-        self._reset_safety = reset_safety
+        self._actions = {
+            "stop": (stop_program, "Stopped"),
+            "unlock protective stop": (reset_safety, "Protective stop releasing"),
+            "power on": (reset_safety, "Powering on"),
+            "restart safety": (reset_safety, "Restarting safety"),
+        }
 
-    def _take(self, text: bytes) -> tuple[list[bytes], bytes]:
-        *lines, rest = text.split(b"\n")
-        answers = [self._answer(line.decode("latin-1").strip()) for line in lines]
-        return [f"{answer}\n".encode() for answer in answers], rest
+    def _hear(self, connection: Connection, data: bytes, now_s: float) -> None:
+        *lines, connection.partial = (connection.partial + data).split(b"\n")
+        for line in lines:
+            answer = self._answer(line.decode("latin-1").strip())
+            connection.send(f"{answer}\n".encode(), now_s)
 
     def _answer(self, command: str) -> str:
         body = self._body
@@ -356,22 +335,16 @@ class DashboardPort(_TextPort):
             fixed["is in remote control"] = "true" if body.remote_control else "false"
         if command in fixed:
             return fixed[command]
-        if command == "stop":
-            self._stop_program()
-            return "Stopped"
-        if command in ("unlock protective stop", "power on", "restart safety"):
-            self._reset_safety()
-            return {
-                "unlock protective stop": "Protective stop releasing",
-                "power on": "Powering on",
-                "restart safety": "Restarting safety",
-            }[command]
+        if command in self._actions:
+            action, answer = self._actions[command]
+            action()
+            return answer
         if command.startswith("popup "):
             return "showing popup"
         return f"could not understand: {command!r}"
 
 
-class ScriptPort(_TextPort):
+class ScriptPort(Port[Connection]):
     """The port that takes programs.
 
     Args:
@@ -382,12 +355,13 @@ class ScriptPort(_TextPort):
         super().__init__(host, SCRIPT_PORT)
         self._start_program = start_program
 
-    def _take(self, text: bytes) -> tuple[list[bytes], bytes]:
+    def _hear(self, connection: Connection, data: bytes, now_s: float) -> None:  # noqa: ARG002
+        text = connection.partial + data
         end = _SCRIPT_END.search(text)
         if end is None:
-            return [], text[-_SCRIPT_LIMIT:]
-        program = text[: end.end()]
+            connection.partial = text[-_SCRIPT_LIMIT:]
+            return
+        program, connection.partial = text[: end.end()], text[end.end() :]
         if _CONTROL_PROGRAM.search(program):
             offset = _REGISTER_OFFSET.search(program)
             self._start_program(int(offset.group(1)) if offset else 0)
-        return [], text[end.end() :]

@@ -13,7 +13,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drivers.emulators.faults import (
-    AMOUNTS,
     FAULTS_OF_DEVICE,
     STOPS,
     Device,
@@ -98,7 +97,7 @@ def test_what_is_sent_is_what_arrives(
     """Any fault of any device survives the socket, and is on from its start for its duration."""
     folder, service = listener
     kind = data.draw(st.sampled_from(sorted(FAULTS_OF_DEVICE[service.device])))
-    possible = AMOUNTS.get((service.device, kind))
+    possible = FAULTS_OF_DEVICE[service.device][kind]
     amount = possible and possible.least + share * (possible.most - possible.least)
     fault = Fault(
         device=service.device,

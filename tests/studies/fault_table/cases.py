@@ -227,7 +227,7 @@ def all_cases() -> tuple[FaultCase, ...]:
         Fault(device=device, kind=kind)
         for device in Device
         for kind in FaultKind
-        if kind in FAULTS_OF_DEVICE[device] - {FaultKind.UNLOCK}
+        if kind in FAULTS_OF_DEVICE[device].keys() - {FaultKind.UNLOCK}
     ]
     deadly = (BlowKind.KILL, BlowKind.MEMORY)
     causes += [Blow(kind, victim) for kind in deadly for victim in Victim]
