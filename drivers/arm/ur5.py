@@ -6,7 +6,6 @@ import logging
 import math
 import time
 from collections import deque
-from dataclasses import dataclass
 
 from drivers.arm.ur5_link import LineMove, UrLink
 from drivers.arm.ur5_probe import probe_controller, require_ready
@@ -28,41 +27,6 @@ _TURN_SPEED_CAP_RAD_S = 0.2
 _STOP_DECELERATION_M_S2 = 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotionCaps:
-    """Largest values that are ever sent.
-
-    Attributes:
-        speed: Of the tip [m/s].
-        turn_speed: Of the tool [rad/s].
-        acceleration: Of the tip [m/s^2].
-    """
-
-    speed: float
-    turn_speed: float
-    acceleration: float
-
-    def require(
-        self, device: str, *, speed: float, turn_speed: float = 0.0, acceleration: float
-    ) -> None:
-        """Refuse a motion that is too fast.
-
-        Raises:
-            SafetyError: Beyond a cap, negative, or not a number.
-        """
-        for name, asked, limit, unit in (
-            ("speed", speed * 1e3, self.speed * 1e3, "mm/s"),
-            ("turning speed", turn_speed, self.turn_speed, "rad/s"),
-            ("acceleration", acceleration * 1e3, self.acceleration * 1e3, "mm/s^2"),
-        ):
-            # Written so that a NaN is refused too.
-            if not 0.0 <= asked <= limit * _CAP_ROUNDING:
-                raise SafetyError(
-                    f"{device}: {name} {asked:g} {unit} is beyond the limit of {limit:g} {unit}",
-                    remedy="lower it, or raise the robot's limit in the configuration",
-                )
-
-
 class Ur5:
     """One arm. One owner, one thread; best a process of its own, ended after any DeviceError.
 
@@ -78,11 +42,10 @@ class Ur5:
 
     def __init__(self, config: RigConfig) -> None:
         robot = config.robot
-        speeds = (robot.approach_speed, robot.search_speed, robot.press_speed, robot.retract_speed)
         self._robot = robot
         self._device = f"robot {robot.host}"
-        self._caps = MotionCaps(
-            speed=max(speeds), turn_speed=_TURN_SPEED_CAP_RAD_S, acceleration=robot.acceleration
+        self._speed_cap_m_s = max(
+            robot.approach_speed, robot.search_speed, robot.press_speed, robot.retract_speed
         )
         self._stale_limit_s = config.limits.stale_robot
         self._tcp_offset = (*robot.tcp_offset, 0.0, 0.0, 0.0)
@@ -157,7 +120,7 @@ class Ur5:
         """
         if not all(map(math.isfinite, target.as_vector())):
             raise SafetyError(f"{self._device}: target {target.as_vector()} is not a pose")
-        self._caps.require(self._device, speed=speed, acceleration=acceleration)
+        self._require_slow(speed=speed, acceleration=acceleration)
         link = self._require_link()
         # Two of the controller's threads that drive the arm at once would end its program.
         self.stop()
@@ -181,9 +144,7 @@ class Ur5:
             DeviceError: The controller refused.
         """
         speed, turn_speed = math.hypot(*velocity[:3]), math.hypot(*velocity[3:])
-        self._caps.require(
-            self._device, speed=speed, turn_speed=turn_speed, acceleration=acceleration
-        )
+        self._require_slow(speed=speed, turn_speed=turn_speed, acceleration=acceleration)
         link = self._require_link()
         if self._line is not None:
             self.stop()
@@ -243,6 +204,25 @@ class Ur5:
             self.stop()
             self._link.close()
             self._link = None
+
+    def _require_slow(self, *, speed: float, turn_speed: float = 0.0, acceleration: float) -> None:
+        """Refuse a motion beyond a cap, negative, or not a number.
+
+        Raises:
+            SafetyError: It is.
+        """
+        for name, asked, limit, unit in (
+            ("speed", speed * 1e3, self._speed_cap_m_s * 1e3, "mm/s"),
+            ("turning speed", turn_speed, _TURN_SPEED_CAP_RAD_S, "rad/s"),
+            ("acceleration", acceleration * 1e3, self._robot.acceleration * 1e3, "mm/s^2"),
+        ):
+            # Written so that a NaN is refused too.
+            if not 0.0 <= asked <= limit * _CAP_ROUNDING:
+                raise SafetyError(
+                    f"{self._device}: {name} {asked:g} {unit} is beyond the limit of "
+                    f"{limit:g} {unit}",
+                    remedy="lower it, or raise the robot's limit in the configuration",
+                )
 
     def _send_velocity(self, link: UrLink, velocity: Vector6, acceleration: float) -> None:
         link.command(

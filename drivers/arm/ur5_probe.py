@@ -11,6 +11,7 @@ import socket
 import struct
 import time
 from dataclasses import dataclass
+from typing import Self
 
 from drivers.arm.ur5_wire import (
     DASHBOARD_PORT,
@@ -93,8 +94,7 @@ def probe_controller(host: str, *, timeout_s: float = 5.0) -> ControllerReport:
         pass
     with _Port(host, DASHBOARD_PORT, deadline_s) as port:
         serial, remote_control = _ask_dashboard(port)
-    with _Port(host, RTDE_PORT, deadline_s) as port:
-        rtde = _RtdeDialogue(port)
+    with _RtdePort(host, RTDE_PORT, deadline_s) as rtde:
         version = rtde.handshake()
         # Another client owns the register that takes commands.
         in_use = b"IN_USE" in rtde.ask(PacketKind.SETUP_INPUTS, _COMMAND_REGISTER)
@@ -185,7 +185,7 @@ class _Port:
                 remedy="check the cable, and that this computer is in the robot's subnet",
             ) from error
 
-    def __enter__(self) -> _Port:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -249,11 +249,11 @@ def _ask_dashboard(port: _Port) -> tuple[str, bool | None]:
     return serial, {"true": True, "false": False}.get(next_line().lower())
 
 
-class _RtdeDialogue:
+class _RtdePort(_Port):
     """The handshake of an RTDE client, one reply for each request."""
 
-    def __init__(self, port: _Port) -> None:
-        self._port = port
+    def __init__(self, host: str, port: int, deadline_s: float) -> None:
+        super().__init__(host, port, deadline_s)
         self._reader = PacketReader()
         self._waiting: list[tuple[int, bytes]] = []
 
@@ -262,7 +262,7 @@ class _RtdeDialogue:
         request = struct.pack(">H", PROTOCOL_VERSION)
         if self.ask(PacketKind.REQUEST_PROTOCOL_VERSION, request)[:1] != b"\x01":
             raise DeviceError(
-                f"{self._port.place} refuses protocol version {PROTOCOL_VERSION}",
+                f"{self.place} refuses protocol version {PROTOCOL_VERSION}",
                 remedy="update the controller's software (3.3 or newer)",
             )
         reply = self.ask(PacketKind.GET_URCONTROL_VERSION)
@@ -281,18 +281,18 @@ class _RtdeDialogue:
         recipe = OutputRecipe(reply[0], _OUTPUTS)
         if self.ask(PacketKind.START)[:1] != b"\x01":
             raise DeviceError(
-                f"{self._port.place} does not start sending data", remedy="restart the controller"
+                f"{self.place} does not start sending data", remedy="restart the controller"
             )
         states = [recipe.unpack(self._next(PacketKind.DATA)) for _ in range(_PACKETS_SEEN)]
         if states[-1]["timestamp"][0] <= states[0]["timestamp"][0]:
             raise DeviceError(
-                f"{self._port.place} repeats the same time stamp", remedy="restart the controller"
+                f"{self.place} repeats the same time stamp", remedy="restart the controller"
             )
         return states
 
     def ask(self, kind: PacketKind, body: bytes = b"") -> bytes:
         """Send a request and return the body of its reply."""
-        self._port.send(pack_packet(kind, body))
+        self.send(pack_packet(kind, body))
         return self._next(kind)
 
     def _next(self, kind: PacketKind) -> bytes:
@@ -301,7 +301,7 @@ class _RtdeDialogue:
                 got, body = self._waiting.pop(0)
                 if got == kind:
                     return body
-            data = self._port.receive()
+            data = self.receive()
             try:
                 self._waiting += self._reader.feed(data)
             except DeviceError as error:
@@ -309,6 +309,6 @@ class _RtdeDialogue:
 
     def _strange(self, reply: bytes) -> DeviceError:
         return DeviceError(
-            f"{self._port.place} answers {reply[:40]!r}",
+            f"{self.place} answers {reply[:40]!r}",
             remedy="this is not a UR controller with RTDE: correct the address",
         )

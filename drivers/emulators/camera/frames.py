@@ -11,9 +11,8 @@ import cv2
 import numpy as np
 
 from drivers.emulators.plant.gel import Plant
-from drivers.emulators.plant.optics import GelCamera, Region, enlarged, rendering_factor
+from drivers.emulators.plant.optics import GelCamera, Region
 from drivers.emulators.plant.truth import PlantTruth
-from drivers.emulators.plant.view import view_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import DeviceError
 
@@ -119,10 +118,7 @@ class FrameFactory:
     ) -> None:
         self.plant = plant
         self._encode = encode
-        self._factor = rendering_factor(plant.truth, (width, height))
-        self._camera = GelCamera(
-            plant.truth, view_of(plant.truth, (width, height)).scaled(self._factor)
-        )
+        self._camera = GelCamera(plant.truth, (width, height))
         self._noise = NoisePool(plant.truth, width, height)
         self._stamped = height * plant.truth.unit.crop >= STAMP_HEIGHT_PX
         self._lock = threading.Lock()
@@ -153,7 +149,7 @@ class FrameFactory:
             contact = self._contacts.get(key)
         if contact is not None:
             region, seen = contact
-            image[region.slices] = seen
+            image[region] = seen
         return self._sent(image, number)
 
     def compose_overexposed(self, number: int) -> bytes:
@@ -164,13 +160,13 @@ class FrameFactory:
         """Return what a press changes, where and how it is seen; None where that is nothing."""
         place = (key.x * PLACE_STEP_M, key.y * PLACE_STEP_M)
         profile = self.plant.surface_at(key.depth * DEPTH_STEP_M, place, self.plant.truth.tilt_rad)
-        region = self._camera.region(self._camera.relief(profile))
+        region = self._camera.region(profile)
         if region is None:
             return None
         return region, self._camera.render(profile, region=region, light=_gain(key))
 
     def _sent(self, image: ImageArray, number: int) -> bytes:
-        raw = self._noise.added(enlarged(image, self._factor))
+        raw = self._noise.added(self._camera.enlarged(image))
         if self._stamped:
             draw_number(raw, number)
         return self._encode(raw)

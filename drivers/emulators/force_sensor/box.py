@@ -182,7 +182,7 @@ class EmulatedBox:
         return round(1e9 / self._rate_hz)
 
     def _wait(self) -> None:
-        wake_ns = min(self._due_ns, self._stream.next_due_ns or self._due_ns)
+        wake_ns = min(self._due_ns, self._stream.line.next_due_ns or self._due_ns)
         timeout_s = max(wake_ns - time.monotonic_ns(), 0) * 1e-9
         # A port that nobody has open would always be readable: wait for the clock alone then.
         watched: list[PseudoPort | Service] = [self._service]
@@ -198,7 +198,7 @@ class EmulatedBox:
         while self._due_ns <= now_ns:
             self._make_frame(self._due_ns)
             self._due_ns += self._period_ns
-        self._port.write(self._stream.due(now_ns))
+        self._port.write(b"".join(self._stream.line.due(now_ns)))
 
     def _make_frame(self, stamp_ns: int) -> None:
         if not self._commands.streaming and not self._commands.single_count:
@@ -359,12 +359,13 @@ class FrameStream:
         latency_s: From the moment that a frame belongs to until it leaves [s].
 
     Attributes:
+        line: Of frames that wait for their moment to leave.
         number: Package number of the newest frame, not wrapped; it advances in every fault.
     """
 
     def __init__(self, *, seed: int, full_scale_n: float, latency_s: float = 0.0) -> None:
         self._wrench = SilentWrenchFaults(seed=seed, full_scale_n=full_scale_n)
-        self._line = FaultyLine(seed, _garbled)
+        self.line = FaultyLine(seed, _garbled)
         self._latency_ns = round(latency_s * 1e9)
         self.number = -1
 
@@ -376,16 +377,7 @@ class FrameStream:
         active = {fault.kind: fault for fault in faults}
         values = self._wrench.reading(values, active.values(), stamp_ns=stamp_ns)
         data = encode_frame(self.number, values, checksum=checksum)
-        self._line.put(data, active, due_ns=stamp_ns + self._latency_ns)
-
-    @property
-    def next_due_ns(self) -> int | None:
-        """When the next waiting frame leaves; None where none waits."""
-        return self._line.next_due_ns
-
-    def due(self, now_ns: int) -> bytes:
-        """Return the bytes that leave the box by ``now_ns``, in order."""
-        return b"".join(self._line.due(now_ns))
+        self.line.put(data, active, due_ns=stamp_ns + self._latency_ns)
 
 
 def _garbled(data: bytes, source: random.Random) -> bytes:

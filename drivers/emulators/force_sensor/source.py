@@ -47,20 +47,21 @@ class ForceChannel:
             stamp_ns: When; drift counts from the channel's start.
         """
         truth = self._truth
-        back = (-rotation_vector[0], -rotation_vector[1], -rotation_vector[2])
+        x, y, z = rotation_vector
+        back = (-x, -y, -z)
         (fx, fy, fz), (mx, my, mz) = rotated(force, back), rotated(torque, back)
         fy, fz, my, mz = (self._sign * value for value in (fy, fz, my, mz))
         drift = truth.force_drift_n_s * (stamp_ns - self._start_ns) * 1e-9
-        f_noise = truth.force_noise_n * self._noise.standard_normal(3)
-        m_noise = truth.torque_noise_nm * self._noise.standard_normal(3)
-        offset = truth.force_offset_n
+        f_noise = (truth.force_noise_n * self._noise.standard_normal(3)).tolist()
+        m_noise = (truth.torque_noise_nm * self._noise.standard_normal(3)).tolist()
+        offset, talk = truth.force_offset_n, truth.cross_talk
         return (
-            fx + truth.cross_talk[0] * fz + offset[0] + float(f_noise[0]),
-            fy + truth.cross_talk[1] * fz + offset[1] + float(f_noise[1]),
-            fz + offset[2] + drift + float(f_noise[2]),
-            mx + float(m_noise[0]),
-            my + float(m_noise[1]),
-            mz + float(m_noise[2]),
+            fx + talk[0] * fz + offset[0] + f_noise[0],
+            fy + talk[1] * fz + offset[1] + f_noise[1],
+            fz + offset[2] + drift + f_noise[2],
+            mx + m_noise[0],
+            my + m_noise[1],
+            mz + m_noise[2],
         )
 
 

@@ -18,11 +18,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.emulators.plant.optics import render_press
+from drivers.emulators.plant.optics import render_press, view_of
 from drivers.emulators.plant.press_table import case_for, press_table
 from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import EmulatedUnit, PlantTruth
-from drivers.emulators.plant.view import view_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg
 

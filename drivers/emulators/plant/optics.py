@@ -27,9 +27,9 @@ from drivers.emulators.plant.relief import (
     visible_share,
 )
 from drivers.emulators.plant.tips import Tip
-from drivers.emulators.plant.truth import EmulatedUnit, GelLight, PlantTruth
-from drivers.emulators.plant.view import View, marker_reflectance, view_of
-from tacauchy_rig.core.arrays import Float32Array, ImageArray
+from drivers.emulators.plant.truth import EmulatedUnit, GelLight, MarkerGrid, PlantTruth
+from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray
+from tacauchy_rig.core.errors import ConfigError
 
 _LIGHT_AZIMUTH = np.radians([-97.0, 94.0, 183.0])  # red above, green below, blue left
 _LIGHT_DISTANCE = 15.5 / 25.25  # of the pad's longer side, from its middle
@@ -53,63 +53,125 @@ _BAND_PX = 16_000  # pixels worked on together: what the processor's cache holds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Region:
-    """A rectangle of pixels, ends exclusive."""
+class View:
+    """The raw frame's geometry: image right is base +x, image down is base +y.
 
-    left: int
-    top: int
-    right: int
-    bottom: int
+    Attributes:
+        width, height: Of the raw frame [px].
+        m_per_px: Real scale in x and y [m].
+        rotation_rad: Of the camera about its axis.
+        shift_m: Where the gel's centre is seen, from the image's centre [m].
+    """
 
-    @property
-    def slices(self) -> tuple[slice, slice]:
-        """Rows and columns."""
-        return slice(self.top, self.bottom), slice(self.left, self.right)
+    width: int
+    height: int
+    m_per_px: tuple[float, float]
+    rotation_rad: float
+    shift_m: tuple[float, float]
+
+    def gel_points(self) -> tuple[Float32Array, Float32Array]:
+        """Return x and y from the gel's centre for each pixel [m], shape [height, width]."""
+        u = ((np.arange(self.width) + 0.5) - 0.5 * self.width) * self.m_per_px[0]
+        v = ((np.arange(self.height) + 0.5) - 0.5 * self.height) * self.m_per_px[1]
+        u, v = np.meshgrid(u - self.shift_m[0], v - self.shift_m[1])
+        c, s = np.cos(self.rotation_rad), np.sin(self.rotation_rad)
+        return (c * u + s * v).astype(np.float32), (-s * u + c * v).astype(np.float32)
+
+    def pixel(self, x: float, y: float) -> tuple[float, float]:
+        """Return the pixel (column, row) that sees the point (x, y) [m] from the gel's centre."""
+        c, s = float(np.cos(self.rotation_rad)), float(np.sin(self.rotation_rad))
+        u, v = c * x - s * y + self.shift_m[0], s * x + c * y + self.shift_m[1]
+        return (
+            u / self.m_per_px[0] + 0.5 * self.width - 0.5,
+            v / self.m_per_px[1] + 0.5 * self.height - 0.5,
+        )
+
+
+def view_of(truth: PlantTruth, size: tuple[int, int], factor: int = 1) -> View:
+    """Return the true mapping between the gel and raw frames of ``size`` (columns, rows) [px].
+
+    Args:
+        truth: Says what the camera is like.
+        size: Of the raw frames.
+        factor: How many raw pixels a pixel of the view covers in each direction.
+
+    Raises:
+        ConfigError: The size is not one that such a camera has.
+    """
+    width, height = size
+    if not (320 <= width <= 3280 and 240 <= height <= 2464):
+        raise ConfigError(
+            f"emulated camera: {width}x{height} px is not between 320x240 and 3280x2464",
+            remedy="give a size in that range, for example 640x480",
+        )
+    unit = truth.unit
+    kept = 1.0 - 2.0 * unit.crop
+    columns, rows = unit.image_size
+    scale = (
+        unit.pixel_m[0] * columns / (kept * width) * (1.0 + truth.image_scale_error[0]),
+        unit.pixel_m[1] * rows / (kept * height) * (1.0 + truth.image_scale_error[1]),
+    )
+    return View(
+        width=width // factor,
+        height=height // factor,
+        m_per_px=(scale[0] * factor, scale[1] * factor),
+        rotation_rad=truth.image_rotation_rad,
+        shift_m=truth.image_shift_m,
+    )
+
+
+Region = tuple[slice, slice]
+"""Rows and columns of a rectangle of pixels."""
 
 
 class GelCamera:
-    """Renders noise-free frames of one view of the gel."""
+    """Renders noise-free frames of one view of the gel.
 
-    def __init__(self, truth: PlantTruth, view: View) -> None:
-        self.view = view
-        self._markers = truth.unit.markers
-        self._unit = unit = truth.unit
-        self._dome_radius_m = unit.gel.dome_radius_m
+    Frames are rendered no finer than they are scored, and enlarged, as lenses blur: a camera that
+    shows shadows has time for no more pixels.
+
+    Args:
+        truth: The emulated world.
+        size: Width and height of the raw frame [px].
+    """
+
+    def __init__(self, truth: PlantTruth, size: tuple[int, int]) -> None:
+        unit = self._unit = truth.unit
+        self._factor = _rendering_factor(unit, size)
+        view = self._view = view_of(truth, size, self._factor)
         self._x, self._y = view.gel_points()
         self._lights = [
             _Light(i, truth.light_gain[i], unit, self._x, self._y)
             for i in range(len(_LIGHT_AZIMUTH))
         ]
-        self._shade = _vignette(self._x, self._y, unit) * gel_texture(view, seed=truth.seed)
+        texture = gel_texture(view.width, view.height, seed=truth.seed)
+        self._shade = _vignette(self._x, self._y, unit) * texture
         self._blur_px = _BLUR_M / view.m_per_px[0]
         self._response = _response_curve()
 
-    @property
-    def whole(self) -> Region:
-        """The whole frame."""
-        return Region(left=0, top=0, right=self.view.width, bottom=self.view.height)
+    def enlarged(self, image: ImageArray) -> ImageArray:
+        """Return a rendered frame with all pixels of the raw one, smoothly."""
+        if self._factor == 1:
+            return image
+        size = (image.shape[1] * self._factor, image.shape[0] * self._factor)
+        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.uint8)
 
-    def relief(self, profile: SurfaceProfile | None) -> Relief | None:
-        """Return the press as this camera needs it; None without contact."""
-        if profile is None:
-            return None
-        return relief_of(profile, dome_radius_m=self._dome_radius_m)
-
-    def region(self, relief: Relief | None) -> Region | None:
+    def region(self, profile: SurfaceProfile) -> Region | None:
         """Return the pixels that a press changes; None where it changes none."""
+        relief = self._relief(profile)
         if relief is None:
             return None
-        if self._markers is not None:
-            return self.whole
+        if self._unit.markers is not None:
+            return self._whole
         reach = relief.reach_m + 4.0 * _BLUR_M
-        column, row = self.view.pixel(*relief.centre)
-        half_width, half_height = (reach / scale for scale in self.view.m_per_px)
+        column, row = self._view.pixel(*relief.centre)
+        half_width, half_height = (reach / scale for scale in self._view.m_per_px)
         left, right = max(0, int(column - half_width)), int(column + half_width) + 2
         top, bottom = max(0, int(row - half_height)), int(row + half_height) + 2
-        right, bottom = min(right, self.view.width), min(bottom, self.view.height)
+        right, bottom = min(right, self._view.width), min(bottom, self._view.height)
         if right <= left or bottom <= top:
             return None
-        return Region(left=left, top=top, right=right, bottom=bottom)
+        return slice(top, bottom), slice(left, right)
 
     def render(
         self,
@@ -125,60 +187,54 @@ class GelCamera:
             region: Which pixels; all by default.
             light: Gain of all lights, for their drift.
         """
-        wanted = region or self.whole
+        rows, columns = region or self._whole
         margin = int(np.ceil(3.0 * self._blur_px)) + 1
-        padded = Region(
-            left=max(0, wanted.left - margin),
-            top=max(0, wanted.top - margin),
-            right=min(self.view.width, wanted.right + margin),
-            bottom=min(self.view.height, wanted.bottom + margin),
-        )
-        gain = np.full((padded.bottom - padded.top, 1), light, np.float32)
-        if self._markers is not None:
-            gain = marker_reflectance(self._markers, profile, self.view)[padded.slices] * gain
-        linear = self._linear_light(self.relief(profile), padded, gain)
+        padded = _grown(rows, margin, self._view.height), _grown(columns, margin, self._view.width)
+        gain = np.full((padded[0].stop - padded[0].start, 1), light, np.float32)
+        if self._unit.markers is not None:
+            gain = marker_reflectance(self._unit.markers, profile, self._view)[padded] * gain
+        linear = self._linear_light(self._relief(profile), padded, gain)
         blurred = cv2.GaussianBlur(linear, (0, 0), self._blur_px)
-        top, left = wanted.top - padded.top, wanted.left - padded.left
-        rows, columns = wanted.bottom - wanted.top, wanted.right - wanted.left
-        image = np.empty((rows, columns, 3), np.uint8)
-        for band in _bands(rows, columns):
-            light_in_steps = blurred[top:, left : left + columns][band] * _STEPS_PER_UNIT
+        blurred = blurred[rows.start - padded[0].start :, columns.start - padded[1].start :]
+        image = np.empty((rows.stop - rows.start, columns.stop - columns.start, 3), np.uint8)
+        for band in _bands(image):
+            light_in_steps = blurred[band, : image.shape[1]] * _STEPS_PER_UNIT
             image[band] = self._response[
                 np.minimum(light_in_steps, _STEP_COUNT - 1).astype(np.intp)
             ]
         return image
 
+    @property
+    def _whole(self) -> Region:
+        return slice(0, self._view.height), slice(0, self._view.width)
+
+    def _relief(self, profile: SurfaceProfile | None) -> Relief | None:
+        """Return the press as this camera needs it; None without contact."""
+        dome_radius_m = self._unit.gel.dome_radius_m
+        return None if profile is None else relief_of(profile, dome_radius_m=dome_radius_m)
+
     def _linear_light(
         self, relief: Relief | None, region: Region, gain: Float32Array
     ) -> Float32Array:
-        rows, columns = region.bottom - region.top, region.right - region.left
-        linear = np.empty((rows, columns, 3), np.float32)
-        shown = self._shown(relief, region)
-        for band in _bands(rows, columns):
-            part = Region(
-                left=region.left,
-                top=region.top + band.start,
-                right=region.right,
-                bottom=region.top + band.stop,
-            )
-            shade = self._shade[part.slices] * gain[band]
+        rows, columns = region
+        x, y = self._x[region], self._y[region]
+        linear = np.empty((*x.shape, 3), np.float32)
+        # The share of each light that dents leave, None where they leave all of it.
+        shown: list[Float32Array | None] = [None] * len(self._lights)
+        if relief is not None and self._unit.shadows:
+            shown = [
+                visible_share(relief, x, y, tuple(part[region] for part in light.toward))
+                for light in self._lights
+            ]
+        for band in _bands(linear):
+            part = slice(rows.start + band.start, rows.start + band.stop), columns
+            shade = self._shade[part] * gain[band]
             if self._unit.light is GelLight.TRANSLUCENT:
-                linear[band] = self._grey(relief, part, shade)
+                linear[band] = (scattered_light(relief, x[band], y[band]) * shade)[..., None]
             else:
                 shares = [None if share is None else share[band] for share in shown]
                 linear[band] = self._coloured(relief, part, shade, shares)
         return linear
-
-    def _shown(self, relief: Relief | None, region: Region) -> list[Float32Array | None]:
-        """Return the share of each light that dents leave, None where they leave all of it."""
-        if relief is None or not self._unit.shadows:
-            return [None] * len(self._lights)
-        x, y = self._x[region.slices], self._y[region.slices]
-        return [visible_share(relief, x, y, light.toward(region)) for light in self._lights]
-
-    def _grey(self, relief: Relief | None, part: Region, shade: Float32Array) -> Float32Array:
-        light = scattered_light(relief, self._x[part.slices], self._y[part.slices]) * shade
-        return np.repeat(light[..., None], 3, axis=2).astype(np.float32)
 
     def _coloured(
         self,
@@ -187,7 +243,7 @@ class GelCamera:
         shade: Float32Array,
         shares: list[Float32Array | None],
     ) -> Float32Array:
-        x, y = self._x[part.slices], self._y[part.slices]
+        x, y = self._x[part], self._y[part]
         slope_x, slope_y, crease = self._slopes(relief, x, y)
         steepness = slope_x * slope_x + slope_y * slope_y
         inverse: Float32Array = np.reciprocal(np.sqrt(np.float32(1.0) + steepness))
@@ -220,7 +276,11 @@ class GelCamera:
 
 
 class _Light:
-    """One coloured bar of lights, as each pixel sees it."""
+    """One coloured bar of lights, as each pixel sees it.
+
+    Attributes:
+        toward: Unit vectors from the gel to the light, by component.
+    """
 
     def __init__(
         self, index: int, gain: float, unit: EmulatedUnit, x: Float32Array, y: Float32Array
@@ -233,21 +293,17 @@ class _Light:
         to_y = np.float32(away_m * np.sin(azimuth)) - y
         distance = _length(to_x, to_y, np.full_like(to_x, height_m))
         near = (away_m / distance) ** np.float32(_FALLOFF)
-        self._toward: tuple[Float32Array, ...] = (
+        self.toward: tuple[Float32Array, ...] = (
             to_x / distance,
             to_y / distance,
             np.float32(height_m) / distance,
         )
-        x_half, y_half, z_half = *self._toward[:2], self._toward[2] + np.float32(1.0)
+        x_half, y_half, z_half = *self.toward[:2], self.toward[2] + np.float32(1.0)
         length = _length(x_half, y_half, z_half)
         self._half: tuple[Float32Array, ...] = (x_half / length, y_half / length, z_half / length)
         self._direct = (near * np.float32(gain * _DIRECT[index])).astype(np.float32)
         self._shine = (near * np.float32(gain * _HIGHLIGHT[index])).astype(np.float32)
         self._scattered = (np.sqrt(near) * np.float32(gain * _SCATTERED[index])).astype(np.float32)
-
-    def toward(self, region: Region) -> tuple[Float32Array, ...]:
-        """Return the unit vectors from the gel to the light in ``region``, by component."""
-        return tuple(part[region.slices] for part in self._toward)
 
     def shaded(
         self,
@@ -264,16 +320,15 @@ class _Light:
             crease: Share of extra scattered light.
             share: Of the light that is not hidden; None is all of it.
         """
-        cosine = _dot(self._toward, normal, region)
+        cosine = _dot(self.toward, normal, region)
         lit = 0.5 * (cosine + np.sqrt(cosine * cosine + np.float32(_TERMINATOR**2)))
         shine = np.maximum(_dot(self._half, normal, region), 0.0)
         for _ in range(4):
             shine = shine * shine
-        window = region.slices
-        direct: Float32Array = self._direct[window] * lit + self._shine[window] * shine
+        direct: Float32Array = self._direct[region] * lit + self._shine[region] * shine
         if share is not None:
             direct = direct * share
-        light: Float32Array = direct + self._scattered[window] * (1.0 + crease)
+        light: Float32Array = direct + self._scattered[region] * (1.0 + crease)
         return light
 
 
@@ -285,14 +340,19 @@ def _length(x: Float32Array, y: Float32Array, z: Float32Array) -> Float32Array:
 def _dot(
     vectors: tuple[Float32Array, ...], normal: tuple[Float32Array, ...], region: Region
 ) -> Float32Array:
-    x, y, z = (part[region.slices] for part in vectors)
+    x, y, z = (part[region] for part in vectors)
     dot: Float32Array = x * normal[0] + y * normal[1] + z * normal[2]
     return dot
 
 
-def _bands(rows: int, columns: int) -> list[slice]:
+def _bands(image: Float32Array | ImageArray) -> list[slice]:
+    rows, columns = image.shape[:2]
     height = max(1, _BAND_PX // columns)
     return [slice(top, min(top + height, rows)) for top in range(0, rows, height)]
+
+
+def _grown(pixels: slice, margin: int, count: int) -> slice:
+    return slice(max(0, pixels.start - margin), min(count, pixels.stop + margin))
 
 
 def _vignette(x: Float32Array, y: Float32Array, unit: EmulatedUnit) -> Float32Array:
@@ -309,28 +369,45 @@ def _response_curve() -> ImageArray:
     return np.round(255.0 * exposed ** (1.0 / _GAMMA)).astype(np.uint8)
 
 
-def rendering_factor(truth: PlantTruth, size: tuple[int, int]) -> int:
-    """Return how many raw pixels a rendered pixel covers in each direction.
-
-    Frames are rendered no finer than they are scored, and enlarged, as lenses blur: a camera that
-    shows shadows has time for no more pixels.
-
-    Args:
-        truth: Says how finely frames are scored.
-        size: Width and height of the raw frame [px].
-    """
-    scored = truth.unit.image_size[0] / (1.0 - 2.0 * truth.unit.crop)  # columns of a raw frame
+def _rendering_factor(unit: EmulatedUnit, size: tuple[int, int]) -> int:
+    """Return how many raw pixels a rendered pixel covers in each direction."""
+    scored = unit.image_size[0] / (1.0 - 2.0 * unit.crop)  # columns of a raw frame
     common = math.gcd(*size)
     factors = [n for n in range(1, common + 1) if common % n == 0 and size[0] / n >= scored]
     return max(factors, default=1)
 
 
-def enlarged(image: ImageArray, factor: int) -> ImageArray:
-    """Return ``image`` with ``factor`` times as many pixels each way, smoothly."""
-    if factor == 1:
-        return image
-    size = (image.shape[1] * factor, image.shape[0] * factor)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.uint8)
+_REFLECTANCE = 0.12  # of a printed dot, over the paint's
+_EDGE_M = 4e-5  # over which a dot's edge is blurred
+
+
+def moved_dots(grid: MarkerGrid, profile: SurfaceProfile | None) -> FloatArray:
+    """Return the centres on the pressed surface [m], shape [rows * columns, 2]."""
+    rest = grid.rest()
+    if profile is None or profile.depth_m <= 0.0:
+        return rest
+    arm = rest - np.asarray(profile.centre)
+    radius = np.maximum(np.linalg.norm(arm, axis=-1, keepdims=True), 1e-12)
+    shift = np.interp(radius, profile.radius_rest, profile.radius - profile.radius_rest)
+    moved: FloatArray = rest + arm / radius * shift
+    return moved
+
+
+def marker_reflectance(
+    grid: MarkerGrid, profile: SurfaceProfile | None, view: View
+) -> Float32Array:
+    """Return what the dots leave of the paint's reflectance, shape [height, width]."""
+    reflectance = np.ones((view.height, view.width), np.float32)
+    x, y = view.gel_points()
+    for centre_x, centre_y in moved_dots(grid, profile):
+        column, row = view.pixel(float(centre_x), float(centre_y))
+        reach = (grid.radius_m + 3 * _EDGE_M) / min(view.m_per_px)
+        rows = slice(max(0, int(row - reach)), max(0, int(row + reach) + 2))
+        columns = slice(max(0, int(column - reach)), max(0, int(column + reach) + 2))
+        distance = np.hypot(x[rows, columns] - centre_x, y[rows, columns] - centre_y)
+        cover = np.clip((grid.radius_m - distance) / _EDGE_M + 0.5, 0.0, 1.0)
+        reflectance[rows, columns] *= 1.0 - (1.0 - _REFLECTANCE) * cover
+    return reflectance
 
 
 def render_press(
@@ -362,7 +439,7 @@ def render_press(
     if depth_m > 0.0:
         tilt = truth.tilt_rad if tilt_rad is None else tilt_rad
         profile = _plant(truth, tip).surface_at(depth_m, centre_m, tilt)
-    image = enlarged(camera.render(profile), rendering_factor(truth, size))
+    image = camera.enlarged(camera.render(profile))
     if noise_seed is None:
         return image
     noise = np.random.default_rng([truth.seed, 3, noise_seed]).standard_normal(image.shape)
@@ -372,7 +449,7 @@ def render_press(
 
 @lru_cache(maxsize=4)
 def _camera(truth: PlantTruth, size: tuple[int, int]) -> GelCamera:
-    return GelCamera(truth, view_of(truth, size).scaled(rendering_factor(truth, size)))
+    return GelCamera(truth, size)
 
 
 @lru_cache(maxsize=8)

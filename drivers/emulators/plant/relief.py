@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 
 from drivers.emulators.plant.gel import SurfaceProfile
-from drivers.emulators.plant.view import View
 from tacauchy_rig.core.arrays import Float32Array, FloatArray, IntArray
 
 STEP_M = 4e-6
@@ -160,17 +159,15 @@ _LAYERS = (((8, 6), 0.010), ((48, 36), 0.004), ((456, 342), 0.004))
 _SMUDGE_COUNT = 14
 
 
-def gel_texture(view: View, *, seed: int) -> Float32Array:
+def gel_texture(width: int, height: int, *, seed: int) -> Float32Array:
     """Return the paint's reflectance around one, shape [height, width]; the same at any size."""
     random = np.random.default_rng([seed, 2])
-    texture = np.ones((view.height, view.width), np.float32)
+    texture = np.ones((height, width), np.float32)
     for (columns, rows), strength in _LAYERS:
         cells = random.standard_normal((rows, columns)).astype(np.float32)
-        texture += strength * cv2.resize(
-            cells, (view.width, view.height), interpolation=cv2.INTER_CUBIC
-        )
-    column = np.linspace(0.0, 1.0, view.width, dtype=np.float32)
-    row = np.linspace(0.0, 1.0, view.height, dtype=np.float32)[:, None]
+        texture += strength * cv2.resize(cells, (width, height), interpolation=cv2.INTER_CUBIC)
+    column = np.linspace(0.0, 1.0, width, dtype=np.float32)
+    row = np.linspace(0.0, 1.0, height, dtype=np.float32)[:, None]
     for _ in range(_SMUDGE_COUNT):
         centre_x, centre_y = random.uniform(0.05, 0.95, 2)
         size_x, size_y = random.uniform(0.003, 0.010, 2)

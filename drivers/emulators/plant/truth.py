@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
@@ -174,15 +174,69 @@ def draw_truth(
 ) -> PlantTruth:
     """Draw a world; the same seed gives the same world in every process.
 
+    Every property is drawn by its name, so that a new one leaves the others as they were.
+
     Args:
         seed: Any non-negative integer.
         unit: The make of sensor; a GelSight Mini if None.
         friction: Coulomb coefficient between indenter and gel.
         tilt_rad: Tilt of the indenter's axis towards base x and y, in place of the drawn one [rad].
     """
-    drawn = replace(_drawn(seed, unit or EmulatedUnit()), friction=friction)
-    if tilt_rad is not None:
-        drawn = replace(drawn, tilt_rad=tilt_rad)
+
+    def stream(name: str) -> np.random.Generator:
+        return np.random.default_rng([seed, zlib.crc32(name.encode())])
+
+    def normal(name: str) -> float:
+        return float(np.clip(stream(name).standard_normal(), -2.0, 2.0))
+
+    def uniform(name: str, low: float, high: float) -> float:
+        return float(stream(name).uniform(low, high))
+
+    make = unit or EmulatedUnit()
+    offset = _POISSON_OFFSETS[int(uniform("poisson", 0, len(_POISSON_OFFSETS)))]
+    pose_angle = uniform("pose direction", -np.pi, np.pi)
+    pose_length = uniform("pose error", 1.0e-4, 3.0e-4)
+    drift_sign = 1.0 if uniform("drift sign", -1.0, 1.0) > 0.0 else -1.0
+    drawn = PlantTruth(
+        seed=seed,
+        young_pa=make.young_pa * (1.0 + 0.05 * normal("young")),
+        poisson=round(min(make.poisson + offset, _POISSON_LIMIT), 6),
+        relaxation_weights=(
+            uniform("relaxation fast", 0.02, 0.04),
+            uniform("relaxation slow", 0.03, 0.04),
+        ),
+        relaxation_times_s=(0.3, 3.0),
+        pose_error_m=(pose_length * np.cos(pose_angle), pose_length * np.sin(pose_angle)),
+        surface_error_m=2.0e-4 * normal("surface"),
+        tilt_rad=tilt_rad or (1.5e-3 * normal("tilt x"), 1.5e-3 * normal("tilt y")),
+        light_gain=(
+            1.0 + 0.03 * normal("red"),
+            1.0 + 0.03 * normal("green"),
+            1.0 + 0.03 * normal("blue"),
+        ),
+        light_drift_ratio=uniform("light drift", -0.015, -0.005),
+        light_drift_time_s=uniform("light drift time", 120.0, 300.0),
+        image_noise_levels=uniform("image noise", 1.2, 1.8),
+        image_scale_error=(
+            0.005 * normal("scale x"),
+            0.005 * normal("scale y"),
+        ),
+        image_rotation_rad=0.005 * normal("image rotation"),
+        image_shift_m=(1.5e-4 * normal("shift x"), 1.5e-4 * normal("shift y")),
+        force_noise_n=uniform("force noise", 0.005, 0.010),
+        torque_noise_nm=uniform("torque noise", 1e-4, 2e-4),
+        force_offset_n=(
+            0.3 * normal("offset x"),
+            0.3 * normal("offset y"),
+            0.8 * normal("offset z"),
+        ),
+        force_drift_n_s=drift_sign * uniform("drift", 4e-4, 9e-4),
+        cross_talk=(0.005 * normal("talk x"), 0.005 * normal("talk y")),
+        force_latency_s=uniform("force latency", 0.002, 0.006),
+        camera_latency_s=uniform("camera latency", 0.010, 0.035),
+        friction=friction,
+        unit=make,
+    )
     # Plain floats, so that a truth read back from its file is equal to the one drawn.
     return _TRUTH.validate_json(json.dumps(asdict(drawn)))
 
@@ -205,63 +259,3 @@ def read_truth(path: Path) -> PlantTruth:
         return _TRUTH.validate_json(read_bytes(path, what="the truth"))
     except ValueError as error:
         raise RecordError(f"truth of the emulated world {path}: {error}") from error
-
-
-def _normal(seed: int, name: str) -> float:
-    """Draw within two deviations, from a stream of its own so that new fields change no others."""
-    return float(np.clip(_stream(seed, name).standard_normal(), -2.0, 2.0))
-
-
-def _uniform(seed: int, name: str, low: float, high: float) -> float:
-    return float(_stream(seed, name).uniform(low, high))
-
-
-def _stream(seed: int, name: str) -> np.random.Generator:
-    return np.random.default_rng([seed, zlib.crc32(name.encode())])
-
-
-def _drawn(seed: int, make: EmulatedUnit) -> PlantTruth:
-    """Draw every property by its name, so that a new one leaves the others as they were."""
-    offset = _POISSON_OFFSETS[int(_uniform(seed, "poisson", 0, len(_POISSON_OFFSETS)))]
-    pose_angle = _uniform(seed, "pose direction", -np.pi, np.pi)
-    pose_length = _uniform(seed, "pose error", 1.0e-4, 3.0e-4)
-    drift_sign = 1.0 if _uniform(seed, "drift sign", -1.0, 1.0) > 0.0 else -1.0
-    return PlantTruth(
-        seed=seed,
-        young_pa=make.young_pa * (1.0 + 0.05 * _normal(seed, "young")),
-        poisson=round(min(make.poisson + offset, _POISSON_LIMIT), 6),
-        relaxation_weights=(
-            _uniform(seed, "relaxation fast", 0.02, 0.04),
-            _uniform(seed, "relaxation slow", 0.03, 0.04),
-        ),
-        relaxation_times_s=(0.3, 3.0),
-        pose_error_m=(pose_length * np.cos(pose_angle), pose_length * np.sin(pose_angle)),
-        surface_error_m=2.0e-4 * _normal(seed, "surface"),
-        tilt_rad=(1.5e-3 * _normal(seed, "tilt x"), 1.5e-3 * _normal(seed, "tilt y")),
-        light_gain=(
-            1.0 + 0.03 * _normal(seed, "red"),
-            1.0 + 0.03 * _normal(seed, "green"),
-            1.0 + 0.03 * _normal(seed, "blue"),
-        ),
-        light_drift_ratio=_uniform(seed, "light drift", -0.015, -0.005),
-        light_drift_time_s=_uniform(seed, "light drift time", 120.0, 300.0),
-        image_noise_levels=_uniform(seed, "image noise", 1.2, 1.8),
-        image_scale_error=(
-            0.005 * _normal(seed, "scale x"),
-            0.005 * _normal(seed, "scale y"),
-        ),
-        image_rotation_rad=0.005 * _normal(seed, "image rotation"),
-        image_shift_m=(1.5e-4 * _normal(seed, "shift x"), 1.5e-4 * _normal(seed, "shift y")),
-        force_noise_n=_uniform(seed, "force noise", 0.005, 0.010),
-        torque_noise_nm=_uniform(seed, "torque noise", 1e-4, 2e-4),
-        force_offset_n=(
-            0.3 * _normal(seed, "offset x"),
-            0.3 * _normal(seed, "offset y"),
-            0.8 * _normal(seed, "offset z"),
-        ),
-        force_drift_n_s=drift_sign * _uniform(seed, "drift", 4e-4, 9e-4),
-        cross_talk=(0.005 * _normal(seed, "talk x"), 0.005 * _normal(seed, "talk y")),
-        force_latency_s=_uniform(seed, "force latency", 0.002, 0.006),
-        camera_latency_s=_uniform(seed, "camera latency", 0.010, 0.035),
-        unit=make,
-    )

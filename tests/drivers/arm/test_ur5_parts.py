@@ -14,13 +14,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.arm.ur5 import MotionCaps, Ur5
+from drivers.arm.ur5 import Ur5
 from drivers.arm.ur5_health import ArmHealth, RtdeSockets
 from drivers.arm.ur5_link import Commander
 from drivers.arm.ur5_wire import RTDE_PORT, RobotMode, RuntimeState, SafetyBit, safety_reason
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import DeviceError, SafetyError
-from tacauchy_rig.core.run import ArmSample, Pose
+from tacauchy_rig.core.run import ArmSample, Pose, Vector6
 
 _STALE_S = 0.05
 
@@ -161,35 +161,24 @@ _speed = st.floats(-0.1, 0.1) | st.sampled_from([math.nan, math.inf])
 
 
 @given(velocity=st.tuples(*[_speed] * 6), acceleration=_speed)
-def test_nothing_beyond_a_cap_passes(velocity: tuple[float, ...], acceleration: float) -> None:
-    """Whatever passes is finite and within every cap."""
-    caps = MotionCaps(speed=0.02, turn_speed=0.05, acceleration=0.08)
-    x, y, z, a, b, c = velocity
-    within = (
-        math.hypot(x, y, z) <= caps.speed
-        and math.hypot(a, b, c) <= caps.turn_speed
-        and 0.0 <= acceleration <= caps.acceleration
-    )
-    try:
-        caps.require(
-            "robot x",
-            speed=math.hypot(x, y, z),
-            turn_speed=math.hypot(a, b, c),
-            acceleration=acceleration,
-        )
-    except SafetyError:
-        assert not within
-    else:
-        assert math.hypot(x, y, z) <= caps.speed * (1.0 + 1e-6)
-        assert math.hypot(a, b, c) <= caps.turn_speed * (1.0 + 1e-6)
-        assert 0.0 <= acceleration <= caps.acceleration * (1.0 + 1e-6)
+def test_nothing_beyond_a_cap_passes(velocity: Vector6, acceleration: float) -> None:
+    """Whatever is not refused is finite and within every cap."""
+    config = load_config().config
+    caps = {"retract_speed": 0.02, "approach_speed": 0.02, "acceleration": 0.08}
+    robot = config.robot.model_copy(update=caps)
+    arm = Ur5(config.model_copy(update={"robot": robot}))
+    speed, turn_speed = math.hypot(*velocity[:3]), math.hypot(*velocity[3:])
+    is_within = speed <= 0.02 and turn_speed <= 0.2 and 0.0 <= acceleration <= 0.08
+    with pytest.raises(DeviceError if is_within else SafetyError) as caught:
+        arm.set_velocity(velocity, acceleration=acceleration)
+    assert is_within or "is beyond the limit of" in str(caught.value)
 
 
 def test_caps_name_the_value_and_the_limit() -> None:
     """A refusal says what was asked and what is allowed, with units."""
-    caps = MotionCaps(speed=0.02, turn_speed=0.05, acceleration=0.1)
-    with pytest.raises(SafetyError, match=r"speed 30 mm/s is beyond the limit of 20 mm/s"):
-        caps.require("robot x", speed=0.03, acceleration=0.1)
+    home = Pose(position=(0.0, 0.0, 0.0), rotation_vector=(0.0, 0.0, 0.0))
+    with pytest.raises(SafetyError, match=r"speed 3000 mm/s is beyond the limit of [\d.]+ mm/s"):
+        Ur5(load_config().config).start_move(home, speed=3.0, acceleration=0.1)
 
 
 def test_a_target_that_is_no_number_is_refused() -> None:

@@ -13,7 +13,6 @@ from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import GelCamera
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
-from drivers.emulators.plant.view import view_of
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import show_table, write_json
 from tacauchy_rig.app.gel_health.comparison import Advice, GelState, PressMeasures, compare_presses
@@ -70,7 +69,7 @@ def _seen(truth: PlantTruth, random: np.random.Generator) -> PressMeasures:
     depth_m = np.linspace(0.0, deepest_m, _SAMPLES)
     force_n = np.interp(depth_m, tried_m, forces_n)
     light = 1.0 + truth.light_drift_ratio * float(random.uniform(0.0, 1.0))
-    camera = GelCamera(truth, view_of(truth, _SIZE_PX))
+    camera = GelCamera(truth, _SIZE_PX)
     noise = truth.image_noise_levels * 1.25 / np.sqrt(_FRAMES)  # of a median of frames
     unloaded, pressed = (
         camera.render(profile, light=light).astype(np.float64)

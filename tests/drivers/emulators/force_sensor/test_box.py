@@ -89,7 +89,7 @@ def play(
         values: Vector6 = (0.0, 0.0, float(index), 0.0, 0.0, 0.0)
         stamp_ns = index * PERIOD_NS
         stream.next_frame(values, stamp_ns=stamp_ns, faults=faults, checksum=Checksum.SUM)
-        data += stream.due(stamp_ns)
+        data += b"".join(stream.line.due(stamp_ns))
     return FrameParser(), data
 
 
@@ -150,7 +150,7 @@ def test_stall_sends_nothing_and_counts_on() -> None:
     zero: Vector6 = (0.0,) * 6
     for index, faults in enumerate(([], stall, stall, [])):
         stream.next_frame(zero, stamp_ns=index, faults=faults, checksum=Checksum.SUM)
-    assert [f.counter for f in FrameParser().feed(stream.due(10))] == [0, 3]
+    assert [f.counter for f in FrameParser().feed(b"".join(stream.line.due(10)))] == [0, 3]
 
 
 def test_delay_and_latency_shift_the_moment_only() -> None:
@@ -159,6 +159,6 @@ def test_delay_and_latency_shift_the_moment_only() -> None:
     delay = Fault(device=Device.FORCE_SENSOR, kind=FaultKind.DELAY, amount=0.1)
     zero: Vector6 = (0.0,) * 6
     stream.next_frame(zero, stamp_ns=0, faults=[delay], checksum=Checksum.SUM)
-    assert stream.next_due_ns == 102_000_000
-    assert stream.due(101_999_999) == b""
-    assert len(stream.due(102_000_000)) == 31
+    assert stream.line.next_due_ns == 102_000_000
+    assert stream.line.due(101_999_999) == []
+    assert [len(frame) for frame in stream.line.due(102_000_000)] == [31]

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.emulators.plant.optics import render_press
+from drivers.emulators.plant.optics import render_press, view_of
 from drivers.emulators.plant.tips import CylinderTip, SphereTip
 from drivers.emulators.plant.truth import MarkerGrid, draw_truth
-from drivers.emulators.plant.view import view_of
 from tacauchy_rig.core.errors import ConfigError
 
 TRUTH = draw_truth(7)

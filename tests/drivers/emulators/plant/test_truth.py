@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.emulators.plant.gel import SurfaceProfile
-from drivers.emulators.plant.optics import render_press
+from drivers.emulators.plant.optics import render_press, view_of
 from drivers.emulators.plant.press_table import PressCase, compute_table
 from drivers.emulators.plant.relief import relief_of, visible_share
 from drivers.emulators.plant.tips import SphereTip
@@ -28,7 +28,6 @@ from drivers.emulators.plant.truth import (
     read_truth,
     write_truth,
 )
-from drivers.emulators.plant.view import view_of
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.cli.emulation import emulated_unit
 from tacauchy_rig.core.errors import RecordError
