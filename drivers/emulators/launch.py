@@ -12,8 +12,8 @@ from typing import Any, Self
 from urllib.parse import urlsplit
 
 from drivers.emulators.arm.controller import ControllerSettings
+from drivers.emulators.camera.frame_server import VIDEO_DEVICE, preloaded
 from drivers.emulators.camera.stream import CameraSettings
-from drivers.emulators.camera.video_device import VIDEO_DEVICE, preloaded
 from drivers.emulators.faults import Device, parse_fault
 from drivers.emulators.force_sensor.box import BoxSettings
 from drivers.emulators.plant.gel import Plant

@@ -1,7 +1,6 @@
 """An emulated UR controller: a process of its own that real ur_rtde clients connect to.
 
-Run it with ``python -m drivers.emulators.arm.controller --help``. It prints one JSON line when
-its ports are open, then serves until it is told to end.
+It prints one JSON line when its ports are open, then serves until it is told to end.
 """
 
 from __future__ import annotations

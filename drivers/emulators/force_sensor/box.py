@@ -1,4 +1,4 @@
-"""An emulated M8128-family box as a process: ``python -m drivers.emulators.force_sensor.box``.
+"""An emulated M8128-family box as a process.
 
 It prints one JSON line with the path of its port when that can be opened, and continues
 ``force_trace.jsonl``: for each frame its number, moment, true force and true depth.

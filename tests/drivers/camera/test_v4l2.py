@@ -20,15 +20,15 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.camera.raw_frames import RollWatch
+from drivers.camera.pictures import RollWatch
 from drivers.camera.v4l2 import REQUESTS, Offer, PixelFormat, VideoMode, modes_for
-from drivers.emulators.camera.frames import encode_jpeg
-from drivers.emulators.camera.video_device import (
+from drivers.emulators.camera.frame_server import (
     description_of,
     encode_yuyv,
     preloaded,
     serve_device,
 )
+from drivers.emulators.camera.stream import encode_jpeg
 from tacauchy_rig.core.config.model import VideoDeviceName
 from tacauchy_rig.core.errors import DeviceError
 

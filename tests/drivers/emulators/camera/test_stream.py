@@ -22,18 +22,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.emulators.camera.frames import (
+from drivers.emulators.camera.stream import (
     BIT_COUNT,
     BLOCK_PX,
     BRIGHT,
     DARK,
     STAMP_HEIGHT_PX,
     STAMP_WIDTH_PX,
+    CameraSettings,
+    EmulatedCamera,
+    FaultyOutput,
     FrameFactory,
     PressKey,
     draw_number,
 )
-from drivers.emulators.camera.stream import CameraSettings, EmulatedCamera, FaultyOutput
 from drivers.emulators.faults import Device, Fault, FaultKind, parse_fault
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import render_press

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.emulators.camera.frames import DEPTH_STEP_M, FrameFactory, PressKey
+from drivers.emulators.camera.stream import DEPTH_STEP_M, FrameFactory, PressKey
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from drivers.camera.v4l2 import PixelFormat
-from drivers.emulators.camera.frames import encode_jpeg
-from drivers.emulators.camera.video_device import (
+from drivers.emulators.camera.frame_server import (
     description_of,
+    encode_jpeg,
     encode_yuyv,
     encoder_of,
     without_a_packet,
