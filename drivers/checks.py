@@ -8,6 +8,7 @@ import os
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -57,24 +58,22 @@ def missing_devices(config: RigConfig) -> Iterator[RigError]:
         if section.is_real:
             try:
                 if section.driver == "ur5":
-                    _probe_ready(config)
-                else:
-                    _try_device(load(kind, section.driver)(config, *others))
+                    report = probe_controller(section.host, timeout_s=section.connect_timeout)
+                    require_ready(report, model=section.model)
+                    continue
+                device = load(kind, section.driver)(config, *others)
+                with _connected(device):
+                    if kind is Kind.ARM:  # which may refuse only now
+                        device.state()
             except RigError as error:
                 yield error
 
 
-def _probe_ready(config: RigConfig) -> None:
-    robot = config.robot
-    report = probe_controller(robot.host, timeout_s=robot.connect_timeout)
-    require_ready(report, model=robot.model)
-
-
-def _try_device(device: Any) -> None:
+@contextmanager
+def _connected(device: Any) -> Iterator[DeviceIdentity]:
+    """Connect a device for a while."""
     try:
-        device.connect()
-        if hasattr(device, "state"):  # an arm, which may refuse only now
-            device.state()
+        yield device.connect()
     finally:
         device.close()
 
@@ -108,9 +107,11 @@ def robot_checks(config: RigConfig) -> list[CheckResult]:
     later = ["robot.ready", "robot.home"] if robot.driver == "ur5" else ["robot.home"]
     try:
         if robot.driver != "ur5":
-            identity, position = _connected_arm(config)
-            answers = passed("robot.controller", f"{identity.model} at {identity.address}")
-            return [answers, _home_check(config, position)]
+            # An arm of another package checks for itself whether it is ready.
+            arm: Arm = load(Kind.ARM, robot.driver)(config)
+            with _connected(arm) as identity:
+                home = _home_check(config, arm.state().pose.position)
+            return [passed("robot.controller", f"{identity.model} at {identity.address}"), home]
         report = probe_controller(robot.host, timeout_s=robot.connect_timeout)
     except DeviceError as error:
         unknown = [skipped(name, "no controller answers") for name in later]
@@ -129,15 +130,6 @@ def robot_checks(config: RigConfig) -> list[CheckResult]:
         checked("robot.ready", ready),
         _home_check(config, report.pose),
     ]
-
-
-def _connected_arm(config: RigConfig) -> tuple[DeviceIdentity, Sequence[float]]:
-    """Connect to an arm of another package, which checks for itself whether it is ready."""
-    arm: Arm = load(Kind.ARM, config.robot.driver)(config)
-    try:
-        return arm.connect(), arm.state().pose.position
-    finally:
-        arm.close()
 
 
 def _home_check(config: RigConfig, pose: Sequence[float]) -> CheckResult:
@@ -161,15 +153,13 @@ def _force_sensor_checks(
     section = config.force_sensor
     sensor = load(Kind.FORCE_SENSOR, section.driver)(config, None)
     try:
-        identity = sensor.connect()
-        # While the port is open: the driver has asked the adapter for low latency by now.
-        timer = latency_timer_check(section.port, sys_folder=sys_folder)
-        time.sleep(measure_s)
-        samples, health = sensor.drain(), sensor.health()
+        with _connected(sensor) as identity:
+            # While the port is open: the driver has asked the adapter for low latency by now.
+            timer = latency_timer_check(section.port, sys_folder=sys_folder)
+            time.sleep(measure_s)
+            samples, health = sensor.drain(), sensor.health()
     except DeviceError as error:
         return [failed("force_sensor.stream", error)]
-    finally:
-        sensor.close()
     return [
         passed("force_sensor.stream", f"{identity.model} at {_place(identity)}"),
         timer,
@@ -248,13 +238,11 @@ def _camera_checks(config: RigConfig, measure_s: float) -> list[CheckResult]:
     section = config.camera
     camera = load(Kind.CAMERA, section.driver)(config)
     try:
-        identity = camera.connect()
-        time.sleep(measure_s)
-        frames, health = camera.drain(), camera.health()
+        with _connected(camera) as identity:
+            time.sleep(measure_s)
+            frames, health = camera.drain(), camera.health()
     except DeviceError as error:
         return [failed("camera.stream", error)]
-    finally:
-        camera.close()
     size = f", {section.width}x{section.height} px"
     return [
         passed("camera.stream", f"{identity.model} at {_place(identity, size)}"),

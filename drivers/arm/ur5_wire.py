@@ -301,15 +301,11 @@ def safety_reason(safety_bits: int) -> tuple[str, str] | None:
 
 def robot_mode_name(robot_mode: int) -> str:
     """Return the mode in words, for example ``power off``."""
-    try:
-        return RobotMode(robot_mode).name.lower().replace("_", " ")
-    except ValueError:
-        return f"unknown mode {robot_mode}"
+    known: dict[int, str] = {mode: mode.name.lower().replace("_", " ") for mode in RobotMode}
+    return known.get(robot_mode, f"unknown mode {robot_mode}")
 
 
 def runtime_state_name(runtime_state: int) -> str:
     """Return the program's state in words, for example ``stopped``."""
-    try:
-        return RuntimeState(runtime_state).name.lower()
-    except ValueError:
-        return f"unknown state {runtime_state}"
+    known: dict[int, str] = {state: state.name.lower() for state in RuntimeState}
+    return known.get(runtime_state, f"unknown state {runtime_state}")

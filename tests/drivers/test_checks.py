@@ -213,13 +213,6 @@ def test_all_that_is_missing_is_told_together(tmp_path: Path) -> None:
     assert str(caught.value).count("  -> ") == 3
 
 
-def test_devices_that_the_run_starts_are_not_asked() -> None:
-    """A dry run has nothing to plug in."""
-    config = load_config().config
-    assert not any(each.is_real for each in (config.robot, config.force_sensor, config.camera))
-    assert list(missing_devices(config)) == []
-
-
 def test_those_that_are_there_pass(emulate_ur, run_box, tmp_path: Path) -> None:
     """A ready controller and a streaming box answer, and are let go of again."""
     robot = emulate_ur(RobotModel.E_SERIES)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from drivers.arm.ur5_wire import (
     INPUT_TYPES,
@@ -16,7 +16,7 @@ from drivers.arm.ur5_wire import (
 )
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.rotations import composed
-from tacauchy_rig.core.run import Pose, Vector3, Vector6
+from tacauchy_rig.core.run import Pose, Vector3, Vector6, vector6
 
 VERSIONS: dict[RobotModel, tuple[int, int, int, int]] = {
     RobotModel.CB3: (3, 15, 8, 106339),
@@ -72,11 +72,11 @@ def _zero(type_name: str) -> Value:
     return (0,) * int(layout[:-1] or "1")
 
 
-@dataclass(slots=True)
 class ControllerBody:
-    """Everything that the ports of one emulated controller share.
+    """Everything that the ports of one emulated controller share; powered and idle at first.
 
     Attributes:
+        motion: Of the tip, which begins at home.
         outputs: Value of each RTDE output field, always a tuple.
         inputs: Value of each RTDE input field that a client wrote.
         runtime_state: State of the program.
@@ -84,31 +84,22 @@ class ControllerBody:
         zero_ft_asked: ``zero_ftsensor`` came and has not been applied yet.
     """
 
-    model: RobotModel
-    motion: ToolMotion
-    remote_control: bool = True
-    safety: SafetyStatus = field(default_factory=SafetyStatus)
-    runtime_state: int = RuntimeState.STOPPED
-    tcp_offset: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    payload_kg: float = 0.0
-    zero_ft_asked: bool = False
-    outputs: dict[str, Value] = field(default_factory=dict)
-    inputs: dict[str, Value] = field(default_factory=dict)
-
-    @classmethod
-    def at_home(
-        cls, model: RobotModel, home: Pose, *, remote_control: bool = True
-    ) -> ControllerBody:
-        """Return a powered, idle controller with the tip at ``home``."""
-        body = cls(model=model, motion=ToolMotion(home), remote_control=remote_control)
-        names = [
-            name
-            for name in OUTPUT_TYPES
+    def __init__(self, model: RobotModel, home: Pose, *, remote_control: bool = True) -> None:
+        self.model = model
+        self.motion = ToolMotion(home)
+        self.remote_control = remote_control
+        self.safety = SafetyStatus()
+        self.runtime_state: int = RuntimeState.STOPPED
+        self.tcp_offset: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self.payload_kg = 0.0
+        self.zero_ft_asked = False
+        self.inputs = {name: _zero(type_name) for name, type_name in INPUT_TYPES.items()}
+        self.outputs = {
+            name: _zero(type_name)
+            for name, type_name in OUTPUT_TYPES.items()
             if model is RobotModel.E_SERIES or name not in _E_SERIES_ONLY
-        ]
-        body.outputs = {name: _zero(OUTPUT_TYPES[name]) for name in names}
-        body.inputs = {name: _zero(type_name) for name, type_name in INPUT_TYPES.items()}
-        body.outputs |= {
+        }
+        self.outputs |= {
             "actual_q": _RESTING_JOINTS,
             "target_q": _RESTING_JOINTS,
             "joint_mode": (253,) * 6,
@@ -121,7 +112,6 @@ class ControllerBody:
             "actual_robot_current": (0.6,),
             "actual_tool_accelerometer": (0.0, 0.0, 9.82),
         }
-        return body
 
     def put_int(self, register: int, value: int) -> None:
         """Write an integer output register."""
@@ -255,29 +245,19 @@ class ToolMotion:
             self._follow(self._target_velocity, duration_s)
 
     def _follow(self, target: Vector6, duration_s: float) -> None:
-        v = self.velocity
-        dx, dy, dz, da, db, dc = (t - now for t, now in zip(target, v, strict=True))
-        limit = self._acceleration * duration_s
-        linear, angular = math.hypot(dx, dy, dz), math.hypot(da, db, dc)
-        f = 1.0 if linear <= limit else limit / linear
-        g = 1.0 if angular <= limit else limit / angular
-        new = (
-            v[0] + f * dx, v[1] + f * dy, v[2] + f * dz,
-            v[3] + g * da, v[4] + g * db, v[5] + g * dc,
-        )  # fmt: skip
+        v, limit = self.velocity, self._acceleration * duration_s
+        change = [t - now for t, now in zip(target, v, strict=True)]
+        sizes = (math.hypot(*change[:3]), math.hypot(*change[3:]))
+        shares = [1.0 if size <= limit else limit / size for size in sizes for _ in range(3)]
+        rows = zip(v, shares, change, strict=True)
+        new = vector6(now + share * step for now, share, step in rows)
         # The mean of old and new velocity makes the travelled distance exact for a ramp.
-        half = 0.5 * duration_s
-        x, y, z, *turn = self.pose
-        rotation: Vector3 = (turn[0], turn[1], turn[2])
-        if any(new[3:]) or any(v[3:]):
-            step = (half * (v[3] + new[3]), half * (v[4] + new[4]), half * (v[5] + new[5]))
-            rotation = composed(step, rotation)
-        self.pose = (
-            x + half * (v[0] + new[0]),
-            y + half * (v[1] + new[1]),
-            z + half * (v[2] + new[2]),
-            *rotation,
-        )
+        step = [0.5 * duration_s * (was + now) for was, now in zip(v, new, strict=True)]
+        x, y, z, a, b, c = self.pose
+        rotation: Vector3 = (a, b, c)
+        if any(step[3:]):
+            rotation = composed((step[3], step[4], step[5]), rotation)
+        self.pose = (x + step[0], y + step[1], z + step[2], *rotation)
         self.velocity = new
         if target == _STILL and not any(new):
             self._target_velocity = None

@@ -59,7 +59,7 @@ class UrController:
     def __init__(self, settings: ControllerSettings, service: Service) -> None:
         self._settings = settings
         self._service = service
-        self.body = ControllerBody.at_home(
+        self.body = ControllerBody(
             settings.model, Pose.of(settings.home), remote_control=settings.remote_control
         )
         world = settings.world or settings.folder / WORLD_FILE

@@ -53,7 +53,7 @@ class FrameNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Press:
-    """One press.
+    """One press, or none: the gel without contact.
 
     Attributes:
         number: From one on.
@@ -63,12 +63,12 @@ class _Press:
         circle_px: Column, row and radius of the contact in the image that is scored [px].
     """
 
-    number: int
-    commanded_m: tuple[float, float]
-    depth_m: float
-    touched_m: tuple[float, float]
-    tilt_rad: tuple[float, float]
-    circle_px: tuple[float, float, float]
+    number: int = 0
+    commanded_m: tuple[float, float] = (0.0, 0.0)
+    depth_m: float = 0.0
+    touched_m: tuple[float, float] = (0.0, 0.0)
+    tilt_rad: tuple[float, float] = (0.0, 0.0)
+    circle_px: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def write_ball_presses(
@@ -87,7 +87,7 @@ def write_ball_presses(
     camera = _Camera(truth)
     folder.mkdir(parents=True, exist_ok=True)
     clicks = np.random.default_rng([truth.seed, 4]).standard_normal((first - 1 + count, 3))
-    unloaded = camera.scored(camera.raw(None)) if noise_free else camera.averaged()
+    unloaded = camera.scored(camera.raw(_Press())) if noise_free else camera.averaged()
     cv2.imwrite(str(folder / NO_CONTACT), unloaded)
     circles, positions = [], []
     for press, click in zip(camera.presses(count, first), clicks[first - 1 :], strict=True):
@@ -175,10 +175,8 @@ class _Camera:
                 circle_px=(column, row, radius_m / view.m_per_px[0] * self._ratio[0]),
             )
 
-    def raw(self, press: _Press | None, *, noise_seed: int | None = None) -> ImageArray:
-        """Return the raw frame of a press, or of the gel without contact; no seed is no noise."""
-        if press is None:
-            return render_press(self._truth, _TIP, 0.0, _RAW_SIZE, noise_seed=noise_seed)
+    def raw(self, press: _Press, *, noise_seed: int | None = None) -> ImageArray:
+        """Return the raw frame of a press; no seed is no noise."""
         return render_press(
             self._truth,
             _TIP,
@@ -196,7 +194,7 @@ class _Camera:
     def averaged(self, *, frames: int = 12) -> ImageArray:
         """Return the no-contact frame averaged over its noise, as a lab averages it."""
         stack = [
-            _sent(self.raw(None, noise_seed=1000 + k)).astype(np.float32) for k in range(frames)
+            _sent(self.raw(_Press(), noise_seed=1000 + k)).astype(np.float32) for k in range(frames)
         ]
         return self.scored(np.rint(np.mean(stack, axis=0)).astype(np.uint8))
 

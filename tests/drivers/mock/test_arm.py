@@ -16,16 +16,6 @@ def pass_time(bench, duration_s, *, kick=True):
     bench.world.catch_up()
 
 
-def test_without_its_watchdog_being_fed_it_stops(bench):
-    """A program that dies leaves an arm that stands after a watchdog period and stays locked."""
-    bench.arm.set_velocity((0.0, 0.0, -0.001, 0.0, 0.0, 0.0), acceleration=0.1)
-    pass_time(bench, 1.0, kick=False)
-    assert bench.arm.watchdog_stops == 1
-    assert bench.world.velocity == (0.0,) * 6
-    with pytest.raises(DeviceError, match="protective stop"):
-        bench.arm.state()
-
-
 def test_it_lies_about_its_place_and_time(bench):
     """A wrong pose drifts off the true one, a clock jumps; both are right again afterwards."""
     start_s = bench.world.elapsed_s
@@ -59,27 +49,6 @@ def test_a_stop_ends_with_its_fault_or_at_the_pendant(bench):
                 bench.arm.state()
         else:
             bench.arm.state()
-
-
-def test_it_feels_the_gel_coarsely(bench):
-    """A millimetre into the gel shows in its own estimate as a rise by about that force."""
-    bench.arm.start_move(
-        bench.world.pose.shifted(z=bench.world.surface_z_m - bench.world.pose.position[2] + 1e-3),
-        speed=0.05,
-        acceleration=0.5,
-    )
-    pass_time(bench, 3.0)
-    before = _mean_fz(bench)
-    bench.arm.start_move(bench.world.pose.shifted(z=-2e-3), speed=0.001, acceleration=0.5)
-    pass_time(bench, 3.0)
-    assert _mean_fz(bench) - before == pytest.approx(bench.world.force_n, rel=0.15)
-
-
-def _mean_fz(bench):
-    bench.arm.drain()
-    pass_time(bench, 1.0)
-    states = bench.arm.drain()
-    return sum(state.tcp_force[2] for state in states) / len(states)
 
 
 def test_a_frozen_controller_is_an_error(bench):

@@ -118,7 +118,7 @@ def test_trace_survives_a_cut_row(tmp_path: Path) -> None:
 def test_dashboard_answers_as_its_generation_does(model: RobotModel) -> None:
     """A CB3 does not understand remote control; both stop programs and can be unlocked."""
     host = free_loopback_host()
-    body = ControllerBody.at_home(model, _HOME)
+    body = ControllerBody(model, _HOME)
     stopped: list[str] = []
     dashboard = DashboardPort(
         host,
@@ -199,5 +199,5 @@ def test_script_port_listens() -> None:
 )
 def test_reach(place: Vector3, admitted: bool) -> None:
     """Poses beyond the arm or inside its column are outside the safety limits."""
-    body = ControllerBody.at_home(RobotModel.CB3, _HOME)
+    body = ControllerBody(RobotModel.CB3, _HOME)
     assert body.admits_pose((*place, math.pi, 0.0, 0.0)) is admitted

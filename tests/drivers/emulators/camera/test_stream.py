@@ -73,12 +73,6 @@ def test_a_number_survives_jpeg(number: int) -> None:
     assert read_number(cv2.imdecode(jpeg, cv2.IMREAD_COLOR)) == number
 
 
-def test_no_number_is_read_where_none_is() -> None:
-    """A picture without blocks, or too small for them, has no number."""
-    assert read_number(np.full((240, 320), 128, np.uint8)) is None
-    assert read_number(np.zeros((8, 8), np.uint8)) is None
-
-
 @pytest.fixture(scope="module")
 def factory() -> FrameFactory:
     """Return a factory of 640x480 frames."""

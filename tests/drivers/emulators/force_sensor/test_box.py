@@ -10,7 +10,7 @@ from drivers.emulators.faults import Device, Fault, FaultKind
 from drivers.emulators.force_sensor.box import BoxCommands, FrameStream, ReplyStyle
 from drivers.force_sensor.sri_wire import FrameParser
 from tacauchy_rig.core.config.model import Checksum
-from tacauchy_rig.core.run import ForceSample, Vector6
+from tacauchy_rig.core.run import Vector6
 
 
 @pytest.mark.parametrize(
@@ -74,73 +74,6 @@ def test_any_chunking_of_commands(cuts: list[int]) -> None:
 
 
 PERIOD_NS = 10_000_000
-
-
-def play(
-    count: int, kind: FaultKind | None, amount: float | None = None
-) -> tuple[FrameParser, bytes]:
-    """Stream ``count`` frames of rising values under one fault; return a parser and the bytes."""
-    stream = FrameStream(seed=1, full_scale_n=50.0)
-    faults = []
-    if kind is not None:
-        faults = [Fault(device=Device.FORCE_SENSOR, kind=kind, amount=amount)]
-    data = b""
-    for index in range(count):
-        values: Vector6 = (0.0, 0.0, float(index), 0.0, 0.0, 0.0)
-        stamp_ns = index * PERIOD_NS
-        stream.next_frame(values, stamp_ns=stamp_ns, faults=faults, checksum=Checksum.SUM)
-        data += b"".join(stream.line.due(stamp_ns))
-    return FrameParser(), data
-
-
-def frames_of(count: int, kind: FaultKind | None, amount: float | None = None) -> list[ForceSample]:
-    """Return the frames that a client decodes."""
-    parser, data = play(count, kind, amount)
-    return parser.feed(data)
-
-
-def test_no_fault() -> None:
-    """Every frame leaves at its moment, numbered from zero."""
-    frames = frames_of(5, None)
-    assert [(f.counter, f.wrench[2]) for f in frames] == [(i, float(i)) for i in range(5)]
-
-
-def test_freeze_repeats_values_while_the_number_moves() -> None:
-    """A frozen sensor keeps counting."""
-    frames = frames_of(5, FaultKind.FREEZE)
-    assert [f.counter for f in frames] == list(range(5))
-    assert {f.wrench[2] for f in frames} == {0.0}
-
-
-def test_drop_leaves_gaps() -> None:
-    """Dropped frames take their numbers with them."""
-    parser, data = play(200, FaultKind.DROP, 0.25)
-    frames = parser.feed(data)
-    assert len(frames) == pytest.approx(150, abs=25)
-    assert parser.lost_count == frames[-1].counter - frames[0].counter + 1 - len(frames)
-    assert parser.corrupt_frame_count == 0
-
-
-def test_garble_breaks_the_checksum() -> None:
-    """Garbled frames leave, with wrong bytes."""
-    parser, data = play(200, FaultKind.GARBLE, 0.25)
-    parser.feed(data)
-    assert len(data) == 200 * 31
-    assert parser.corrupt_frame_count == pytest.approx(50, abs=25)
-
-
-def test_saturate_pins_fz() -> None:
-    """Fz reads full scale and the other channels go on."""
-    assert {f.wrench[2] for f in frames_of(3, FaultKind.SATURATE, 12.0)} == {12.0}
-
-
-def test_lies_leave_numbers_and_checksums_alone() -> None:
-    """A sensor that reads a tenth sends whole frames, none missing."""
-    parser, data = play(50, FaultKind.SCALE, 0.1)
-    frames = parser.feed(data)
-    assert [frame.counter for frame in frames] == list(range(50))
-    assert [frame.wrench[2] for frame in frames] == pytest.approx([0.1 * i for i in range(50)])
-    assert (parser.lost_count, parser.corrupt_frame_count) == (0, 0)
 
 
 def test_stall_sends_nothing_and_counts_on() -> None:

@@ -23,7 +23,6 @@ from drivers.emulators.plant.truth import (
     EmulatedUnit,
     GelDisc,
     GelLight,
-    PlantTruth,
     draw_truth,
     read_truth,
     write_truth,
@@ -67,12 +66,6 @@ def test_a_broken_truth_file_is_refused(tmp_path: Path) -> None:
     path.write_text("{}")
     with pytest.raises(RecordError, match=r"truth\.json"):
         read_truth(path)
-
-
-def test_worlds_are_hashable_and_plain() -> None:
-    """A truth is a value: equal, hashable, usable as a cache key."""
-    assert isinstance(hash(draw_truth(5)), int)
-    assert PlantTruth.__slots__
 
 
 BALL = SphereTip(diameter_m=4e-3)
