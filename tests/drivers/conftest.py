@@ -18,7 +18,7 @@ from drivers.emulators.force_sensor.box import BoxSettings
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.process import EmulatedProcess
 from tacauchy_rig.core.config.model import RobotModel
-from tacauchy_rig.core.run import Vector6
+from tacauchy_rig.core.run import Vector3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,9 +63,7 @@ def run_box() -> Callable[..., AbstractContextManager[str]]:
 
 
 @contextmanager
-def _running_box(
-    folder: Path, *, load: Vector6 = (0.5, -0.25, 3.0, 0.0, 0.0, 0.0), **more: Any
-) -> Iterator[str]:
+def _running_box(folder: Path, *, load: Vector3 = (0.5, -0.25, 3.0), **more: Any) -> Iterator[str]:
     settings = BoxSettings(folder=folder, load=load, **more)
     process = EmulatedProcess("box", "force_sensor.box", settings, folder=folder)
     try:

@@ -74,7 +74,7 @@ def test_live_force_sensor_is_measured(run_box: RunBox, tmp_path: Path) -> None:
 
 def test_loaded_and_noisy_force_sensors_are_warned_of(run_box: RunBox, tmp_path: Path) -> None:
     """A zero or a noise that the tare would refuse is seen before a run."""
-    with run_box(tmp_path, load=(0.0, 0.0, 9.0, 0.0, 0.0, 0.0)) as port:
+    with run_box(tmp_path, load=(0.0, 0.0, 9.0)) as port:
         loaded = checked(force_sensor(port))["force_sensor.noise"]
     with run_box(tmp_path, noise_n=0.2) as port:
         noisy = checked(force_sensor(port))["force_sensor.noise"]

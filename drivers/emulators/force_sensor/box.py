@@ -16,7 +16,7 @@ import sys
 import time
 import tty
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Literal, TextIO
@@ -24,12 +24,11 @@ from typing import Literal, TextIO
 from drivers.emulators.faults import Device, Fault, FaultKind, FaultyLine
 from drivers.emulators.force_sensor.source import (
     TRACE_FILE,
-    ConstantSource,
     ForceChannel,
-    PlantSource,
     WrenchSource,
     open_trace,
 )
+from drivers.emulators.plant.truth import PlantTruth, draw_truth
 from drivers.emulators.process import Service, keep_time, run_device
 from drivers.emulators.shared_world import GelSettings, SharedWorld
 from drivers.emulators.silent_faults import SilentWrenchFaults
@@ -42,7 +41,7 @@ from drivers.force_sensor.sri_wire import (
     encode_reply,
 )
 from tacauchy_rig.core.config.model import Checksum
-from tacauchy_rig.core.run import Vector6, vector6
+from tacauchy_rig.core.run import Vector3, Vector6, vector6
 
 _logger = logging.getLogger(__name__)
 
@@ -124,27 +123,20 @@ class EmulatedBox:
         self._service = service
         self._port = port
         self._trace = trace
-        self._source: WrenchSource = ConstantSource(
-            settings.load,
-            noise_n=settings.noise_n,
-            seed=settings.seed,
-            compression_sign=settings.compression_sign,
-        )
-        latency_s = 0.0
+        plant = world = None
+        truth = settings.alone()
         if settings.world is not None:
-            plant = settings.plant()
-            channel = ForceChannel(
-                plant.truth,
-                start_ns=time.monotonic_ns(),
-                compression_sign=settings.compression_sign,
-            )
-            self._source = PlantSource(plant, channel, SharedWorld.create(settings.world))
-            latency_s = plant.truth.force_latency_s
+            plant, world = settings.plant(), SharedWorld.create(settings.world)
+            truth = plant.truth
+        channel = ForceChannel(
+            truth, start_ns=time.monotonic_ns(), compression_sign=settings.compression_sign
+        )
+        self._source = WrenchSource(channel, plant, world)
         self._commands = BoxCommands(
             rate_hz=settings.rate, rate_command=settings.rate_command, style=settings.replies
         )
         self._stream = FrameStream(
-            seed=settings.seed, full_scale_n=settings.full_scale_n, latency_s=latency_s
+            seed=settings.seed, full_scale_n=settings.full_scale_n, latency_s=truth.force_latency_s
         )
         self._zero: Vector6 = (0.0,) * 6
         self._due_ns = time.monotonic_ns()
@@ -239,8 +231,8 @@ class BoxSettings(GelSettings):
         compression_sign: 1 where raw Fz is positive while the indenter is pressed, else -1.
         rate_command: SMPF or SMPR.
         replies: How it ends them: dollar-ok, bare-ok or silent.
-        load: Constant load Fx,Fy,Fz,Mx,My,Mz [N, N m].
-        noise_n: Noise of the constant load [N].
+        load: Constant Fx, Fy and Fz [N].
+        noise_n: Noise of the constant load [N]; a hundredth of it in N m on each moment.
     """
 
     rate: int = 100
@@ -248,8 +240,20 @@ class BoxSettings(GelSettings):
     compression_sign: int = 1
     rate_command: Literal["SMPF", "SMPR"] = "SMPF"
     replies: ReplyStyle = ReplyStyle.DOLLAR_OK
-    load: Vector6 = (0.0,) * 6
+    load: Vector3 = (0.0, 0.0, 0.0)
     noise_n: float = 0.002
+
+    def alone(self) -> PlantTruth:
+        """Return the truth of a sensor that stands alone: its load is a constant offset."""
+        return replace(
+            draw_truth(self.seed),
+            force_offset_n=self.load,
+            force_noise_n=self.noise_n,
+            torque_noise_nm=0.01 * self.noise_n,
+            force_drift_n_s=0.0,
+            cross_talk=(0.0, 0.0),
+            force_latency_s=0.0,
+        )
 
 
 def _serve(settings: BoxSettings, service: Service) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import random
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
@@ -65,6 +64,7 @@ class ForceChannel:
         )
 
 
+_DOWN: Vector3 = (0.0, math.pi, 0.0)  # how a tool hangs
 TRACE_FILE = "force_trace.jsonl"
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
@@ -103,65 +103,35 @@ class EmulatedForce:
     depth_true_m: float | None
 
 
-class ConstantSource:
-    """A constant load with white noise, for a sensor that stands alone.
-
-    Args:
-        load: Fx, Fy, Fz [N], Mx, My, Mz [N m].
-        noise_n: Standard deviation on each force [N]; a hundredth of it in N m on each moment.
-        compression_sign: Times raw Fz it is positive while something presses.
-    """
-
-    def __init__(
-        self, load: Vector6, *, noise_n: float, seed: int, compression_sign: int = 1
-    ) -> None:
-        self._load = load
-        self._sign = compression_sign
-        self._noise = (noise_n,) * 3 + (noise_n * 0.01,) * 3
-        self._random = random.Random(seed)  # noqa: S311 - noise, not a secret
-
-    def read(
-        self,
-        stamp_ns: int,  # noqa: ARG002 - constant in time
-        *,
-        hung_kg: float = 0.0,
-    ) -> EmulatedForce:
-        """Return the load with fresh noise; a weight pulls along the axis."""
-        v = [a + self._random.gauss(0.0, s) for a, s in zip(self._load, self._noise, strict=True)]
-        pull_n = self._sign * hung_kg * GRAVITY_M_S2
-        return EmulatedForce(
-            reading=(v[0], v[1], v[2] - pull_n, v[3], v[4], v[5]),
-            force_true_n=self._sign * self._load[2],
-            depth_true_m=None,
-        )
-
-
-class PlantSource:
+class WrenchSource:
     """The force on the indenter as the gel, the arm's pose and the sensor's electronics make it.
 
     Until an arm has published a pose, the sensor hangs free.
+
+    Args:
+        channel: The sensor's electronics.
+        plant: The gel; None for a sensor that stands alone.
+        world: Says where the arm is.
     """
 
-    def __init__(self, plant: Plant, channel: ForceChannel, world: SharedWorld) -> None:
-        self._plant = plant
-        self._channel = channel
-        self._world = world
+    def __init__(
+        self, channel: ForceChannel, plant: Plant | None = None, world: SharedWorld | None = None
+    ) -> None:
+        self._channel, self._plant, self._world = channel, plant, world
 
     def read(self, stamp_ns: int, *, hung_kg: float = 0.0) -> EmulatedForce:
         """Return the force for the newest pose of the arm; a weight pulls straight down."""
-        state = self._world.read()
-        pose = state.pose
+        rotation_vector, depth = _DOWN, -math.inf
         force, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        depth = -math.inf
-        if state.sequence > 0:
-            force, torque = self._plant.wrench(pose, stamp_ns)
-            depth = self._plant.depth(pose)
+        if self._plant is not None and self._world is not None:
+            state = self._world.read()
+            rotation_vector = state.pose.rotation_vector
+            if state.sequence > 0:
+                force, torque = self._plant.wrench(state.pose, stamp_ns)
+                depth = self._plant.depth(state.pose)
         load = (force[0], force[1], force[2] - hung_kg * GRAVITY_M_S2)
         return EmulatedForce(
-            reading=self._channel.reading(load, torque, pose.rotation_vector, stamp_ns),
+            reading=self._channel.reading(load, torque, rotation_vector, stamp_ns),
             force_true_n=force[2],
             depth_true_m=depth if math.isfinite(depth) else None,
         )
-
-
-WrenchSource = ConstantSource | PlantSource

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.emulators.force_sensor.source import TRACE_FILE, ForceChannel, PlantSource, open_trace
+from drivers.emulators.force_sensor.source import TRACE_FILE, ForceChannel, WrenchSource, open_trace
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth
@@ -29,7 +29,7 @@ def test_reading_is_the_plants_force_with_offset_and_noise(tmp_path: Path, sign:
     truth = draw_truth(7)
     plant = Plant(truth, CylinderTip(diameter_m=5e-3), SURFACE)
     world = SharedWorld.create(tmp_path / "world")
-    source = PlantSource(plant, ForceChannel(truth, start_ns=0, compression_sign=sign), world)
+    source = WrenchSource(ForceChannel(truth, start_ns=0, compression_sign=sign), plant, world)
     free = source.read(0)
     assert (free.force_true_n, free.depth_true_m) == (0.0, None)
 
