@@ -10,12 +10,12 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import queue
 import random
 import socket
 import struct
 import subprocess
 import threading
-from collections import deque
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
@@ -37,24 +37,23 @@ class Reader:
 
     def __init__(self, connection: socket.socket) -> None:
         self.connection = connection
-        self._queue: deque[bytes] = deque(maxlen=_BACKLOG)
-        self._wake = threading.Condition()
+        self._frames: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()  # None hangs up
         self.alive = True
         threading.Thread(target=self._serve, name="reader", daemon=True).start()
 
     def put(self, frame: bytes) -> None:
-        """Queue a frame."""
-        with self._wake:
-            self._queue.append(frame)
-            self._wake.notify()
+        """Queue a frame; for a slow reader the oldest is lost."""
+        if self._frames.qsize() >= _BACKLOG:
+            with contextlib.suppress(queue.Empty):
+                self._frames.get_nowait()
+        self._frames.put(frame)
 
     def hang_up(self) -> None:
         """End the connection."""
         self.alive = False
         with contextlib.suppress(OSError):
             self.connection.shutdown(socket.SHUT_RDWR)
-        with self._wake:
-            self._wake.notify()
+        self._frames.put(None)
 
     def greet(self) -> None:
         """Take what the reader asks for, and answer it."""
@@ -72,12 +71,8 @@ class Reader:
             self.connection.settimeout(5.0)
             self.greet()
             self.connection.settimeout(None)
-            while self.alive:
-                with self._wake:
-                    self._wake.wait_for(lambda: self._queue or not self.alive)
-                    waiting = [self._queue.popleft()] if self._queue else []
-                for frame in waiting:
-                    self.send(frame)
+            for frame in iter(self._frames.get, None):
+                self.send(frame)
         except OSError as error:
             _logger.info("reader left: %s", error)
         finally:
