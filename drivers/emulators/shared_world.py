@@ -135,7 +135,7 @@ def _slot(sequence: int, stamp_ns: int, *numbers: float) -> bytes:
 
 
 def _is_complete(slot: bytes) -> bool:
-    return zlib.crc32(slot[: _STATE.size]) == _CHECKSUM.unpack_from(slot, _STATE.size)[0]
+    return slot[_STATE.size :] == _CHECKSUM.pack(zlib.crc32(slot[: _STATE.size]))
 
 
 POLL_S = 0.004

@@ -8,7 +8,7 @@ import struct
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import ClassVar
 
 from drivers.arm.ur5_wire import (
     DASHBOARD_PORT,
@@ -45,6 +45,9 @@ class Connection:
 
     Attributes:
         partial: Text that is not complete yet.
+        reader: Of the packets of an RTDE client, as is what follows.
+        output, inputs: What it has set up to be sent and to send.
+        every_cycles: How often it is sent a state, once ``started``.
         alive: False once the client is gone; the owner then drops it.
         delay_s: Added to both directions [s], to imitate a slow network.
     """
@@ -56,6 +59,11 @@ class Connection:
         self.alive = True
         self.delay_s = 0.0
         self.partial = b""
+        self.reader = PacketReader()
+        self.output: OutputRecipe | None = None
+        self.inputs: list[InputRecipe] = []
+        self.every_cycles = 1
+        self.started = False
         self._unsent = bytearray()
         self._late_out: deque[tuple[float, bytes]] = deque()
         self._late_in: deque[tuple[float, bytes]] = deque()
@@ -104,9 +112,6 @@ class Connection:
         self.socket.close()
 
 
-ConnectionT = TypeVar("ConnectionT", bound=Connection)
-
-
 def _due(waiting: deque[tuple[float, bytes]], now_s: float) -> bytes:
     """Take out what is due, in order: nothing overtakes what was delayed longer."""
     found = []
@@ -115,16 +120,15 @@ def _due(waiting: deque[tuple[float, bytes]], now_s: float) -> bytes:
     return b"".join(found)
 
 
-class Port(ABC, Generic[ConnectionT]):
+class Port(ABC):
     """A listening socket and its clients."""
 
     greeting: ClassVar[bytes] = b""
-    connect: ClassVar[Callable[[socket.socket], Any]] = Connection
 
     def __init__(self, host: str, number: int) -> None:
         self.number = number
         self._delay_s = 0.0
-        self._connections: list[ConnectionT] = []
+        self._connections: list[Connection] = []
         self._address = (host, number)
         self._listener: socket.socket | None = None
         self.open()
@@ -165,7 +169,7 @@ class Port(ABC, Generic[ConnectionT]):
                 link, _ = self._listener.accept()
             except OSError:
                 break
-            connection = self.connect(link)
+            connection = Connection(link)
             connection.delay_s = self._delay_s
             self._connections.append(connection)
             if self.greeting:
@@ -180,36 +184,22 @@ class Port(ABC, Generic[ConnectionT]):
             connection.close()
 
     @abstractmethod
-    def _hear(self, connection: ConnectionT, data: bytes, now_s: float) -> None:
+    def _hear(self, connection: Connection, data: bytes, now_s: float) -> None:
         """Take what a client sent."""
 
 
-class _RtdeConnection(Connection):
-    """A connected client of the RTDE port, with what it has set up."""
-
-    def __init__(self, link: socket.socket) -> None:
-        super().__init__(link)
-        self.reader = PacketReader()
-        self.output: OutputRecipe | None = None
-        self.inputs: list[InputRecipe] = []
-        self.every_cycles = 1
-        self.started = False
-
-
-class RtdePort(Port[_RtdeConnection]):
+class RtdePort(Port):
     """The RTDE server: handshakes, state out, registers in.
 
     Attributes:
         written: Names of the input fields that clients wrote in the last ``service``.
     """
 
-    connect = _RtdeConnection
-
     def __init__(self, host: str, body: ControllerBody) -> None:
         super().__init__(host, RTDE_PORT)
         self.written: set[str] = set()
         self._body = body
-        self._owners: dict[str, _RtdeConnection] = {}
+        self._owners: dict[str, Connection] = {}
 
     def service(self, now_s: float) -> None:
         """Serve the clients; see ``Port.service``."""
@@ -225,7 +215,7 @@ class RtdePort(Port[_RtdeConnection]):
                 if not client.is_congested:
                     client.send(packet, now_s)
 
-    def _hear(self, connection: _RtdeConnection, data: bytes, now_s: float) -> None:
+    def _hear(self, connection: Connection, data: bytes, now_s: float) -> None:
         try:
             for kind, body in connection.reader.feed(data):
                 if kind == PacketKind.DATA:
@@ -237,7 +227,7 @@ class RtdePort(Port[_RtdeConnection]):
         except (DeviceError, IndexError, struct.error):
             connection.alive = False
 
-    def _reply(self, client: _RtdeConnection, kind: int, body: bytes) -> bytes | None:
+    def _reply(self, client: Connection, kind: int, body: bytes) -> bytes | None:
         if kind == PacketKind.REQUEST_PROTOCOL_VERSION:
             return bytes([int.from_bytes(body[:2], "big") == PROTOCOL_VERSION])
         if kind == PacketKind.GET_URCONTROL_VERSION:
@@ -251,7 +241,7 @@ class RtdePort(Port[_RtdeConnection]):
             return bytes([client.started or kind == PacketKind.PAUSE])
         return None
 
-    def _set_up_outputs(self, client: _RtdeConnection, body: bytes) -> bytes:
+    def _set_up_outputs(self, client: Connection, body: bytes) -> bytes:
         (frequency,) = _FREQUENCY.unpack_from(body)
         names = split_names(body[_FREQUENCY.size :])
         known = [name for name in names if name in self._body.outputs]
@@ -264,7 +254,7 @@ class RtdePort(Port[_RtdeConnection]):
         client.output = OutputRecipe(1, names)
         return b"\x01" + ",".join(client.output.types).encode()
 
-    def _set_up_inputs(self, client: _RtdeConnection, names: list[str]) -> bytes:
+    def _set_up_inputs(self, client: Connection, names: list[str]) -> bytes:
         types = []
         for name in names:
             if name not in INPUT_TYPES:
@@ -280,7 +270,7 @@ class RtdePort(Port[_RtdeConnection]):
         return bytes([len(client.inputs)]) + ",".join(types).encode()
 
 
-class DashboardPort(Port[Connection]):
+class DashboardPort(Port):
     """The dashboard server: one line in, one line out.
 
     Args:
@@ -344,7 +334,7 @@ class DashboardPort(Port[Connection]):
         return f"could not understand: {command!r}"
 
 
-class ScriptPort(Port[Connection]):
+class ScriptPort(Port):
     """The port that takes programs.
 
     Args:

@@ -284,7 +284,7 @@ def dofs_of(nodes: Int64Array, per_node: int) -> Int64Array:
 
 def assembled(dofs: Int64Array, local: FloatArray, size: int) -> FloatArray:
     """Return the sum of local values over the degrees of freedom, shape [size]."""
-    return np.bincount(dofs.ravel(), local.ravel(), minlength=size)
+    return np.asarray(np.bincount(dofs.ravel(), local.ravel(), minlength=size), np.float64)
 
 
 def assembled_matrix(blocks: Sequence[tuple[Int64Array, FloatArray]], size: int) -> csc_matrix:
@@ -437,7 +437,7 @@ def _gel_stiffness(solver: GelSolver, u: FloatArray) -> FloatArray:
     # The mean of a squared cosine around the axis is a half.
     weighted = np.matmul(tangent * (0.5 * solver.weights)[..., None, None], operator)
     flat = operator.reshape(len(operator), -1, operator.shape[-1])
-    return np.matmul(np.swapaxes(flat, 1, 2), weighted.reshape(flat.shape))
+    return np.asarray(np.matmul(np.swapaxes(flat, 1, 2), weighted.reshape(flat.shape)))
 
 
 def _mode_operator(mesh: QuadMesh) -> FloatArray:

@@ -72,7 +72,7 @@ class QuadMesh:
         """
         points, weights = np.polynomial.legendre.leggauss(3)
         value, slope = line_shape(points)
-        shape = np.kron(value, value)
+        shape = np.kron(value, value).astype(np.float64)
         local = np.stack([np.kron(value, slope), np.kron(slope, value)], axis=1)
         corners = self.nodes[self.elements]
         jacobian = np.einsum("gan,enb->egab", local, corners)
