@@ -169,13 +169,12 @@ class Service:
         self.hung_kg = 0.0
         self._parent_pid = settings.parent_pid
         self._faults: list[tuple[float, float, Fault]] = []  # with start and end [s]
-        folder = settings.folder
-        self._path = control_path(folder, device)
-        folder.mkdir(parents=True, exist_ok=True)
+        self._path = control_path(settings.folder, device)
+        settings.folder.mkdir(parents=True, exist_ok=True)
         self._path.unlink(missing_ok=True)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        with _short_address(folder, device) as address:
+        with short_address(self._path) as address:
             self._socket.bind(address)
 
     @property
@@ -299,14 +298,14 @@ def hang_weight(folder: Path, mass_kg: float) -> None:
 
 
 def _post(folder: Path, device: Device, message: Fault | HungWeight) -> None:
+    path = control_path(folder, device)
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
         try:
-            with _short_address(folder, device) as address:
+            with short_address(path) as address:
                 sender.sendto(json.dumps(asdict(message)).encode(), address)
         except OSError as error:
             raise DeviceError(
-                f"emulated {device.value}: nothing listens at "
-                f"{control_path(folder, device)} ({error.strerror or error})",
+                f"emulated {device.value}: nothing listens at {path} ({error.strerror or error})",
                 remedy="start the emulated devices, and name the folder that they printed",
             ) from error
 
@@ -317,10 +316,10 @@ def control_path(folder: Path, device: Device) -> Path:
 
 
 @contextmanager
-def _short_address(folder: Path, device: Device) -> Iterator[str]:
-    """Yield an address of the socket that fits the 107 bytes that Unix sockets allow."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+def short_address(path: Path) -> Iterator[str]:
+    """Yield an address of a socket that fits the 107 bytes that Unix sockets allow."""
+    descriptor = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        yield f"/proc/self/fd/{descriptor}/{control_path(folder, device).name}"
+        yield f"/proc/self/fd/{descriptor}/{path.name}"
     finally:
         os.close(descriptor)

@@ -23,6 +23,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from drivers.emulators.process import short_address
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import VideoDeviceName
 from tacauchy_rig.core.errors import DeviceError
@@ -198,11 +199,8 @@ def serve_device(path: Path, description: str) -> FrameServer:
     frames = path.with_name(f"{path.name}.frames")
     frames.unlink(missing_ok=True)
     listener = socket.socket(socket.AF_UNIX)
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:  # by an address that fits the 107 bytes that Unix sockets allow
-        listener.bind(f"/proc/self/fd/{folder}/{frames.name}")
-    finally:
-        os.close(folder)
+    with short_address(frames) as address:
+        listener.bind(address)
     listener.listen()
     path.write_text(description)
     return _DeviceServer(listener, _DeviceReader, str(path))
