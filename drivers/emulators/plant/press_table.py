@@ -7,16 +7,15 @@ dry run's cylinder (about a minute each).
 from __future__ import annotations
 
 import bisect
-import hashlib
 import logging
 import os
 import zipfile
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from drivers.emulators.plant.quad_mesh import PressCase
 from drivers.emulators.plant.tips import CylinderTip, Tip
 from drivers.emulators.plant.truth import FRICTION, GelDisc
 from tacauchy_rig.core.arrays import FloatArray
@@ -25,54 +24,8 @@ POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)
 SHIPPED = Path(__file__).with_name("tables")
 _TILT_KEY = "leaning"  # of ``tilt_displacement`` in the files
 _DEEPEST_SHARE = 0.4  # of the gel's thickness
-# Raise them when the numbers or the fields change, so that old tables are not used: a ball's, a
-# face's.
-_BALL_VERSION, _FACE_VERSION = 2, 3
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PressCase:
-    """Everything a table depends on. Young's modulus is not here: forces scale with it.
-
-    Attributes:
-        friction: Coulomb coefficient between tip and gel.
-        max_depth_m: Depth of the last row asked for [m]; a table may end a little earlier where
-            the gel finds no equilibrium any more.
-    """
-
-    tip: Tip = field(default_factory=lambda: CylinderTip(diameter_m=5e-3))
-    gel: GelDisc = field(default_factory=GelDisc)
-    poisson: float = 0.48
-    max_depth_m: float = 1.0e-3
-    friction: float = 0.0
-
-    @property
-    def has_face(self) -> bool:
-        """The tip has a flat face, which may be tilted; a ball looks alike from all sides."""
-        return isinstance(self.tip, CylinderTip)
-
-    def file_name(self) -> str:
-        """Return a name made from the content."""
-        numbers = {name: value for name, value in asdict(self).items() if value != 0.0}
-        version = _FACE_VERSION if self.has_face else _BALL_VERSION
-        content = f"{version} {type(self.tip).__name__} {_rounded(numbers)}"
-        digest = hashlib.sha256(content.encode()).hexdigest()[:16]
-        return f"{type(self.tip).__name__.lower()}-{self.tip.diameter_m * 1e3:g}mm-{digest}.npz"
-
-
-def _rounded(values: dict[str, Any]) -> list[tuple[str, Any]]:
-    """Return the items in order, with digits that survive a round trip through text."""
-    found: list[tuple[str, Any]] = []
-    for name, value in sorted(values.items()):
-        if isinstance(value, dict):
-            found.append((name, _rounded(value)))
-        elif not isinstance(value, tuple):
-            found.append((name, f"{value:.9g}"))
-        elif value:  # a gel of one material has the name it had before there were layers
-            found.append((name, [f"{share:.9g} {ratio:.9g}" for share, ratio in value]))
-    return found
 
 
 def case_for(

@@ -6,8 +6,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from drivers.emulators.plant.axisymmetric import Equilibrium, GelSolver, TiltResponse, tilt_response
-from drivers.emulators.plant.press_table import PressCase
-from drivers.emulators.plant.quad_mesh import Grading, QuadMesh, line_shape, mesh_disc
+from drivers.emulators.plant.quad_mesh import (
+    Grading,
+    PressCase,
+    QuadMesh,
+    line_shape,
+    mesh_disc,
+)
 from drivers.emulators.plant.tips import CylinderTip
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
