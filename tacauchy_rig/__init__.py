@@ -12,21 +12,14 @@ behind these names may move from one version to the next. All values are in SI u
 
 from __future__ import annotations
 
-import ast
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from reports.scores.floors import trial_floors as trial_floors
     from reports.scores.metrics import score as score
     from sim.batch.batch import Batch as Batch
-    from sim.batch.environment import Environment as Environment
-    from sim.batch.environment import Trajectory as Trajectory
-    from sim.batch.pilot import Pilot as Pilot
-    from sim.batch.pilot import batch_model as batch_model
-    from sim.batch.sensor_batch import SensorBatch as SensorBatch
-    from sim.batch.sensor_batch import sensor_model as sensor_model
+    from sim.batch.sensor_model import sensor_model as sensor_model
     from sim.effects.plan import plan_effects as plan_effects
     from sim.fields.contact_traction import surface_traction as surface_traction
     from sim.press import PressResult as PressResult
@@ -54,20 +47,37 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-
-def _public_names() -> dict[str, tuple[str, str]]:
-    """Return of each name that is imported above its module and its name there."""
-    tree = ast.parse(Path(__file__).read_text("utf-8"))
-    imports = (each for each in ast.walk(tree) if isinstance(each, ast.ImportFrom))
-    return {
-        name.asname: (each.module or "", name.name)
-        for each in imports
-        for name in each.names
-        if name.asname
-    }
-
-
-_PUBLIC = _public_names()
+_PUBLIC = {
+    "Batch": "sim.batch.batch:Batch",
+    "ContactMode": "sim.scene.scene:ContactMode",
+    "Cylinder": "sim.scene.indenter:Cylinder",
+    "Effect": "sim.scene.scene:Effect",
+    "evidence_of": "tacauchy_rig.app.replay.report:evidence_of",
+    "image_of": "tacauchy_rig.app.replay.rendering:image_of",
+    "load_config": "tacauchy_rig.core.config.load:load_config",
+    "load_sensor": "sim.sensor.sensor:load_sensor",
+    "Motion": "sim.scene.scene:Motion",
+    "open_run": "tacauchy_rig.app.replay.opening:open_run",
+    "plan_effects": "sim.effects.plan:plan_effects",
+    "Plane": "sim.scene.indenter:Plane",
+    "Preset": "sim.scene.scene:Preset",
+    "press": "sim.press:press",
+    "PressResult": "sim.press:PressResult",
+    "read_mesh_indenter": "sim.scene.indenter:read_mesh_indenter",
+    "replay": "tacauchy_rig.app.replay.replay:replay_run",
+    "report": "tacauchy_rig.app.replay.report:report_run",
+    "RigError": "tacauchy_rig.core.errors:RigError",
+    "Scene": "sim.scene.scene:Scene",
+    "scene_from": "sim.press_command:scene_from",
+    "score": "reports.scores.metrics:score",
+    "Sensor": "sim.sensor.sensor:Sensor",
+    "sensor_model": "sim.batch.sensor_model:sensor_model",
+    "Sphere": "sim.scene.indenter:Sphere",
+    "surface_traction": "sim.fields.contact_traction:surface_traction",
+    "Target": "sim.scene.scene:Target",
+    "trial_floors": "reports.scores.floors:trial_floors",
+}
+"""Where each public name is defined, ``module:name``; the imports above say the same."""
 
 __all__ = ["__version__", *_PUBLIC]  # noqa: PLE0604 - names of the table
 
@@ -76,7 +86,7 @@ def __getattr__(name: str) -> Any:
     """Import a public name when it is first used."""
     if name not in _PUBLIC:
         raise AttributeError(f"module 'tacauchy_rig' has no attribute {name!r}")
-    module, attribute = _PUBLIC[name]
+    module, _, attribute = _PUBLIC[name].partition(":")
     value = globals()[name] = getattr(import_module(module), attribute)
     return value
 

@@ -1,329 +1,410 @@
-"""A batch of presses: many environments over one pad and one indenter, in step with each other.
+"""Presses of many indenters on one pad at once, anywhere, without a set-up of their own.
 
-Each has a material, a friction, a place and a trajectory of its own. They descend to equilibrium as
-a single press does (``sim.solve.descents``), with inverses of the stiffness that a pilot press left
-(``sim.batch.inverses``); the one nearest to where the environments are serves them all. Arrays stay
-on the device. On a GPU a step is one CUDA graph with a loop in it.
+Every environment has its own indenter, pose, friction and gel; all share the pad's mesh and the
+inverse of its undeformed stiffness (``sim.batch.contact_inverse``). They descend to equilibrium as
+a single press does. Arrays stay on the device; on a GPU a step, or a whole trajectory, is one CUDA
+graph with a loop.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from sim.batch.environment import (
-    BatchOptions,
-    BatchResult,
-    Environment,
-    Trajectory,
-    goals_of,
-    refuse_unfit,
-)
-from sim.batch.inverses import inverses_for
-from sim.batch.pilot import Pilot
-from sim.batch.steps import StepArrays, Steps
+from sim.batch import frame_kernels as kernels
+from sim.batch.contact_inverse import ContactInverse
+from sim.batch.frames import Frames
+from sim.batch.sensor_model import Rim, bias_of, edge_of, rims_of, stiffness_of
+from sim.contact.indenter_distance import poses_at
 from sim.device import Device, on_host
-from sim.fields.stress import StressProjection
 from sim.material.elastic_body import element_constants
-from sim.solve.descent_state import Status
+from sim.mesh.elements import quarter_hats
+from sim.scene.indenter import Indenter, IndenterSet
+from sim.scene.material import Material
 from sim.solve.descents import Descents
-from sim.solve.equilibrium import EXTENSIONS
+from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 # A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1e-9
-# Steps that an environment remembers: twice as many save no evaluation under an inverse that was
-# made so near, and are read anew in every step.
+# Steps that an environment remembers.
 _REMEMBERED = 8
+# Of the pad's height: the longest way of an indenter in one step, of its tip or of a point so far
+# from it, of a rounded body without friction and of any other, for which the way matters; and the
+# residual with which the steps before the last may end.
+_STEP_SHARES, _ARM_SHARE, _INTERMEDIATE = (0.2, 0.1), 0.75, 1e-2
+_LIFTS = 40
+# Of an edge of the mesh: radius that a sharp edge is given.
+_RIM_SHARE = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchOptions:
+    """Settings of the solver.
+
+    Attributes:
+        residual_relative: Norm of the unbalanced force, and difference of base reaction and
+            indenter force, over the contact force.
+        steps_max: Of a descent.
+        halvings_max: How often a step is halved that does not arrive.
+    """
+
+    residual_relative: float = 1e-3
+    steps_max: int = 300
+    halvings_max: int = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchForces:
+    """Forces on the indenters of a batch, shape [environment_count, ...] each.
+
+    After ``follow`` they have one more dimension in front, the frames'.
+
+    Attributes:
+        wrench: Force [N] and moment about the tip [N m] on the indenter, pad frame, without the
+            mesh's bias, shape [..., 6].
+        raw_wrench: With it, as the mesh is in balance.
+        force_error: What the force may be off by, over its size: 19 of 20 are within. NaN for a
+            model that ``sensor_model`` did not make: its bias is unknown, and stays.
+        contact_area_m2: Of what touches, at rest [m^2].
+        tips_m: Where the tips are [m], in the frame of the poses, shape [..., 3].
+        residual: Norm of the unbalanced force over the contact force's.
+        imbalance: Base reaction against the indenter's force, over the latter.
+        valid: The environment found its equilibrium; its forces are not numbers otherwise.
+        evaluations: Of the forces, for this frame.
+    """
+
+    wrench: FloatArray
+    raw_wrench: FloatArray
+    force_error: FloatArray
+    contact_area_m2: FloatArray
+    tips_m: FloatArray
+    residual: FloatArray
+    imbalance: FloatArray
+    valid: NDArray[np.bool_]
+    evaluations: NDArray[np.int32]
+
+    def __getitem__(self, frame: int) -> BatchForces:
+        """Return one frame's."""
+        return BatchForces(**{name: getattr(self, name)[frame] for name in self.__slots__})
 
 
 class Batch:
-    """Environments over one pad, ready to be pressed again and again.
+    """Environments over one pad.
 
     Args:
-        pilot: Pad, indenter and inverses.
+        model: The pad, whole, without relaxation; ``sensor_model`` makes one for presses anywhere.
+        indenters: The bodies that press.
+        which: The one of every environment, by its place among them, shape [count].
+        friction: Coulomb coefficients, shape [count]; None is the model's. Only a model with
+            friction takes them.
+        materials: Of the gel's layers, from the camera's side, for every environment; None is the
+            model's.
 
     Attributes:
-        model: The pad, on the device.
-        positions: Nodes of every environment [m], a Warp array of vectors, shape
-            [environment_count, node_count]; PyTorch and JAX take it through DLPack.
-        stress: Finds the stress on the surface, on the device.
+        positions: Nodes of every environment [m], a Warp array of vectors, shape [count,
+            node_count]; PyTorch and JAX take it through DLPack, as all arrays named here.
+        poses: Where the indenters are: Warp arrays ``tips`` [m] and ``rotations``.
+        pressure: At the nodes [Pa] when ``tractions`` was called last, shape [count, node_count].
+        shear: On the gel [Pa], Warp vectors, likewise.
+        gel: The environments' elements, for fields of ``positions``.
 
     Raises:
-        ConfigError: The environments do not fit together or to the pilot.
+        ConfigError: The model is a part of a pad or relaxes, or the arguments do not fit together.
     """
 
     def __init__(
         self,
-        pilot: Pilot,
-        environments: Sequence[Environment],
+        model: Model,
+        indenters: Sequence[Indenter],
+        which: Sequence[int] | NDArray[np.integer[Any]],
         *,
+        friction: FloatArray | None = None,
+        materials: Sequence[Sequence[Material]] | None = None,
         options: BatchOptions | None = None,
-        device: str = "cpu",
     ) -> None:
-        refuse_unfit(pilot.model, environments)
-        self.pilot, self.options = pilot, options or BatchOptions()
-        self.environments, self.count = list(environments), len(environments)
-        self.device, self._device = device, Device(device)
-        self.model = model = pilot.model.on(device)
-        gel, surface, young_pa = self._own_materials()
-        young_shares = model.young_pa / young_pa
-        self.inverse = inverses_for(pilot, self._device, count=self.count)
+        self.model, self.indenters, self.count = model, tuple(indenters), len(which)
+        _refuse(model, indenters, which, friction)
+        self.options = options or BatchOptions()
+        self._device = device = Device(model.device)
+        contact, floor_n = model.contact_options, _FLOOR_SHARE * model.young_pa * model.height_m**2
+        own = [model.materials] * self.count
+        if materials is not None:
+            own = [element_constants(model.mesh, each) for each in materials]
+        touched = model.discretisation.touched_element
+        young_pa = np.array([young[touched] for young, _ in own])
+        rims = rims_of(model, indenters)[np.asarray(which)]
+        longest, short = _STEP_SHARES
+        careful = (rims != Rim.ROUND) | contact.is_tangential
+        self._step_m = model.height_m * np.where(careful, short, longest)
+        self._bias, self._floor_n = bias_of(model, rims), floor_n
+        mu = np.full(self.count, contact.friction) if friction is None else np.asarray(friction)
+        self.inverse = ContactInverse(
+            model, count=self.count, young_share=model.young_pa / young_pa
+        )
+        self.gel = model.gel.of(own)
+        stiffness = stiffness_of(model, rims)
         self.descents = Descents(
             model,
-            pilot.indenter,
+            IndenterSet(
+                bodies=self.indenters,
+                which=tuple(int(k) for k in which),
+                rounding_m=_RIM_SHARE * edge_of(model),
+            ),
             self.inverse,
             count=self.count,
-            gel=gel,
-            surface=surface,
+            gel=self.gel,
+            surface=model.surface.of(young_pa.tolist(), mu.tolist(), stiffness.tolist()),
             memory=_REMEMBERED,
-            young_share=young_shares,
+            young_share=model.young_pa / young_pa,
             keeps=True,
         )
-        floor_n = _FLOOR_SHARE * model.young_pa * model.height_m**2
+        self.inverse.serve(self.descents)
         self.descents.set(
-            relative=self.options.residual_relative,
             floor=floor_n,
             steps_max=self.options.steps_max,
             rounding=model.gel.rounding_n,
-            pushed=int(pilot.is_pushed),
             touches=1,
+            gap_least=contact.gap_least_m(contact.extension),
         )
-        self._arrays = StepArrays(
-            pilot, self.environments, self.descents, self.inverse, young_shares, floor_n=floor_n
-        )
-        self._active, self._straight = self._arrays.history.active, self._arrays.straight
-        self.positions = self._arrays.history.last
-        self.stress = StressProjection(model, self.positions, gel=gel)
-        self._steps: dict[int, Steps] = {}
-        # Where the environments are, as ``goals_of`` has it, and their forms of the barrier.
-        self._at = np.zeros((self.count, 4))
-        self._extension = np.zeros(self.count, dtype=np.intp)
+        # Contact begins so far off the indenter, which is held that much higher for it.
+        self._standoff_m = contact.distance_m
+        nodes = (self.count, len(model.nodes))
+        shapes = {"tips": (self.count, 2), "touched": (self.count, 7), "last": nodes}
+        self._history = device.zeroed(kernels.History, (self.count,), **shapes, older=nodes)
+        self.pressure, self.shear = (device.zeros(nodes, kind) for kind in (wp.float64, wp.vec3d))
+        self.positions, self.poses = self.descents.positions, self.descents.poses
+        self._at = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (self.count, 1))
+        self._lifted, self._pushed = np.zeros((2, self.count), dtype=np.bool_)
+        self._frames: dict[int, Frames] = {}
+        self._spreads = self._spreading()
         self.reset()
 
-    def reset(self, which: Sequence[int] | None = None) -> None:
-        """Put environments back to the untouched gel; None is all of them."""
-        chosen = np.arange(self.count) if which is None else np.asarray(which, dtype=np.intp)
-        arrays, history, model = self._arrays, self._arrays.history, self.pilot.model
-        for b in chosen:
-            state = model.rest_state(tip=arrays.tips_m[b], rotation=arrays.rotations[b])
-            self.descents.place(int(b), state, grip_start=state.grip)
-        for array, value in (
-            (history.coordinates, np.zeros((2, 4))),
-            (history.heights, arrays.tips_m[chosen, 2:]),
-            (history.last, model.nodes),
-            (history.older, model.nodes),
-        ):
-            self._assign(array, chosen, value)
-        self._extend(chosen, np.zeros(len(chosen), dtype=np.intp))
-        self._at[chosen] = 0.0
+    @property
+    def tips_m(self) -> FloatArray:
+        """Where the tips are [m], in the frame of the poses, shape [environment_count, 3]."""
+        return self._at[:, :3] - [0.0, 0.0, self._standoff_m]
+
+    def launch_singly(self) -> None:
+        """Launch one by one from now on, so that each can be timed."""
+        for each in self._frames.values():
+            each.recorded = False
+
+    def tractions(self) -> tuple[Any, Any]:
+        """Set ``pressure`` and ``shear`` to what acts on the gel now, and return them.
+
+        A node's is the mean around it, over the parts of its faces that it is the corner of; their
+        sum with the nodes' areas is the raw wrench's force.
+        """
+        self.pressure.zero_()
+        self.shear.zero_()
+        for each in self._spreads:
+            each.launch()
+        return self.pressure, self.shear
+
+    def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
+        """Put environments back to the untouched gel, their indenters away from it."""
+        self._lifted[np.ones(self.count, np.bool_) if mask is None else mask] = False
 
     def step(
         self,
+        poses: FloatArray,
         *,
-        depths_m: FloatArray | None = None,
         loads_n: FloatArray | None = None,
-        shifts_m: FloatArray | None = None,
-        turns_rad: FloatArray | None = None,
         active: NDArray[np.bool_] | None = None,
-    ) -> NDArray[np.bool_]:
-        """Take the environments' indenters somewhere and find the gel's equilibrium.
+    ) -> BatchForces:
+        """Take the indenters to poses, straight from where they are, and find the equilibrium.
+
+        One that was not lowered yet comes down along z from above the gel.
 
         Args:
-            depths_m: Below first touch [m], shape [environment_count]; or
-            loads_n: F_z that pushes them [N], the same shape, for a pilot that is pushed.
-            shifts_m: Along x and y from where they came down [m], shape [environment_count, 2].
-            turns_rad: About z through the tip [rad], shape [environment_count].
-            active: Which take part; None is all of them. The others stay as they are.
-
-        Returns:
-            Which of those that took part arrived; the others are as far as they came.
-
-        Raises:
-            ConfigError: Depths are given where the pilot is pushed, or loads where it is not.
+            poses: Positions of the tips [m] and quaternions (x, y, z, w) from the indenter's frame
+                to the pad's, shape [environment_count, 7].
+            loads_n: F_z that pushes the indenters [N], shape [environment_count]; their heights
+                are found then, and those of ``poses`` are where the search begins for one that was
+                not pushed before.
+            active: Who takes part; None is all. The others stay as they are, their forces are not
+                numbers.
         """
-        given = loads_n if self.pilot.is_pushed else depths_m
-        if given is None:
-            wanted = "loads_n" if self.pilot.is_pushed else "depths_m"
-            raise ConfigError(f"the pilot is made for {wanted}", remedy=f"give {wanted}")
-        goal = goals_of(given, shifts_m, turns_rad)
-        taking = np.ones(self.count, dtype=np.bool_) if active is None else active
-        return self._go(goal, taking)
+        loads = None if loads_n is None else np.asarray(loads_n, dtype=np.float64)[None]
+        return self.follow(np.asarray(poses)[None], loads_n=loads, active=active)[0]
 
-    def _go(self, goal: FloatArray, taking: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Go somewhere, in parts if need be, and return who arrived."""
-        arrived = self._attempt(goal, taking)
-        parts = 2
-        while parts <= self.options.parts_max and (taking & ~arrived).any():
-            arrived |= self._in_parts(goal, taking & ~arrived, parts)
-            parts *= 2
-        self._at[arrived] = goal[arrived]
-        return arrived
+    def follow(
+        self,
+        poses: FloatArray,
+        *,
+        loads_n: FloatArray | None = None,
+        active: NDArray[np.bool_] | None = None,
+    ) -> BatchForces:
+        """Take the indenters along trajectories that are known ahead.
 
-    def press(self, trajectories: Sequence[Trajectory] | Trajectory) -> BatchResult:
-        """Press every environment along its trajectory from the untouched gel.
+        What is found is what ``step`` finds frame by frame, sooner: no environment waits for the
+        slowest one of a frame. Who does not arrive in a frame does not go on to the next.
 
-        Raises:
-            ConfigError: There is not a trajectory for each, or they are unlike in length.
+        Args:
+            poses: As ``step`` takes them, shape [frame_count, environment_count, 7].
+            loads_n: As ``step`` takes them, shape [frame_count, environment_count].
+            active: As ``step`` takes it.
         """
-        if isinstance(trajectories, Trajectory):
-            trajectories = [trajectories] * self.count
-        steps = self.prepare(self._checked(trajectories))
-        goals = np.stack([each.goals for each in trajectories], axis=1)
-        self.reset()
-        steps.goals.assign(goals)
-        evaluations = self.descents.state.evaluations
-        before = on_host(evaluations).copy()
-        self._active.fill_(1)
-        steps.begin()
-        self._device.synchronise()
-        started, frame_count = time.perf_counter(), len(goals)
-        for until in [frame_count] if steps.paced else range(1, frame_count + 1):
-            steps.run(until)
-        self._device.synchronise()
-        results = steps.results()
-        for frame in range(frame_count) if (results["status"] != Status.DONE).any() else ():
-            self._go_on(frame, goals, results)
-        wall_s = time.perf_counter() - started
-        whole = (results["status"] == Status.DONE).all(axis=0)
-        self._at[whole] = goals[-1, whole]
-        return self._result(results, wall_s, (on_host(evaluations) - before).astype(np.int32))
+        goals = self._checked(poses)
+        taking = np.ones(self.count, np.bool_) if active is None else np.asarray(active, np.bool_)
+        if (taking & ~self._lifted).any():
+            self._lower_anew(goals[0], taking & ~self._lifted)
+        self.descents.set(pushed=0)
+        if loads_n is None:
+            _there, frames = self._go(goals, taking, None)
+        else:
+            there, _frames = self._go(goals[:1], taking & ~self._pushed, None)
+            self.descents.set(pushed=1)
+            taking &= there | self._pushed
+            _there, frames = self._go(goals, taking, np.asarray(loads_n, dtype=np.float64))
+        self._pushed[taking] = loads_n is not None
+        return self._forces(frames.found)
 
-    def prepare(self, frame_count: int = 1) -> Steps:
-        """Compile the kernels and, on a GPU, record a step, so that ``press`` need not."""
-        if frame_count not in self._steps:
-            self._active.fill_(0)
-            self._steps[frame_count] = Steps(self._arrays, frame_count)
-        return self._steps[frame_count]
-
-    def _go_on(self, frame: int, goals: FloatArray, results: dict[str, FloatArray]) -> None:
-        """Take those further with care that did not arrive in a frame, or in one before it."""
-        missed = results["status"][frame] != Status.DONE
-        ready = missed & ((results["status"][:frame] == Status.DONE).all(axis=0))
-        if not ready.any():
-            return
-        self._at[ready] = goals[frame - 1, ready] if frame else 0.0
-        arrived = self._go(goals[frame], ready)
-        for name, values in self.prepare(1).results().items():
-            results[name][frame, arrived] = values[0, arrived]
-        # Who arrived first sat idle while the others went on in parts.
-        results["status"][frame, arrived] = Status.DONE
-
-    def watch(self, launch: Callable[[], object]) -> None:
-        """Have something launched at the end of every step: stress, images, a caller's kernel.
-
-        It becomes part of the step's CUDA graph, so that it must not wait for the device.
-        """
-        launch()  # compiles its kernels, which a graph cannot
-        self._arrays.watchers.append(launch)
-        self._steps.clear()
-
-    @property
-    def poses(self) -> Any:
-        """The indenters' poses now: Warp arrays ``tips`` [m] and ``rotations``."""
-        return self.descents.poses
-
-    def _own_materials(self) -> tuple[Any, Any, FloatArray]:
-        """Return the environments' elements and surface, and E of what is touched of each [Pa]."""
-        model, mesh = self.model, self.model.mesh
-        own = [
-            model.materials if each.materials is None else element_constants(mesh, each.materials)
-            for each in self.environments
-        ]
-        touched = model.discretisation.touched_element
-        young_pa = np.array([young[touched] for young, _ in own])
-        usual = model.contact_options.friction
-        friction = [usual if each.friction is None else each.friction for each in self.environments]
-        return model.gel.of(own), model.surface.of(young_pa.tolist(), friction), young_pa
-
-    def _attempt(self, goal: FloatArray, taking: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Go to a goal in one step, and return who arrived."""
-        step = self.prepare(1)
-        step.goals.assign(goal[None])
-        arrived = np.zeros(self.count, dtype=np.bool_)
-        while taking.any():
-            self._active.assign(taking.astype(np.int32))
-            step.begin()
-            step.run(1)
-            status = on_host(self.descents.state.status)
-            arrived |= taking & (status == Status.DONE)
-            near = taking & (status == Status.TOO_NEAR)
-            taking = near & (self._extension + 1 < len(self._extensions))
-            self._extend(np.flatnonzero(taking), self._extension[taking] + 1)
-        return arrived
-
-    def _in_parts(
-        self, goal: FloatArray, failing: NDArray[np.bool_], parts: int
-    ) -> NDArray[np.bool_]:
-        """Go to a goal in so many steps, and return who arrived."""
-        begun = self._at.copy()
-        for part in range(1, parts + 1):
-            self._straight.fill_(1 if part == 1 else 0)
-            there = begun + part / parts * (goal - begun)
-            failing = self._attempt(there, failing)
-            self._at[failing] = there[failing]
-        self._straight.fill_(0)
-        return failing
-
-    @property
-    def _extensions(self) -> tuple[float, ...]:
-        return (self.model.contact_options.extension, *EXTENSIONS)
-
-    def _extend(self, which: NDArray[np.intp], stage: NDArray[np.intp]) -> None:
-        """Give environments another form of the barrier."""
-        self._extension[which] = stage
-        chosen = np.array(self._extensions)[self._extension]
-        least = [self.model.contact_options.gap_least_m(float(each)) for each in chosen]
-        self.descents.surface.extensions.assign(chosen)
-        self.descents.state.gap_least.assign(np.array(least))
-
-    def _checked(self, trajectories: Sequence[Trajectory]) -> int:
-        """Return the number of frames of trajectories that fit together.
-
-        Raises:
-            ConfigError: They do not.
-        """
-        lengths = {each.frame_count for each in trajectories}
-        if len(trajectories) != self.count or len(lengths) != 1:
-            raise ConfigError(
-                f"{len(trajectories)} trajectories of {', '.join(map(str, sorted(lengths)))} "
-                f"frames for {self.count} environments",
-                remedy="give each environment a trajectory, all with the same number of frames",
+    def _go(
+        self, goals: FloatArray, going: NDArray[np.bool_], loads_n: FloatArray | None
+    ) -> tuple[NDArray[np.bool_], Frames]:
+        """Go along goals, pushed by loads where they are given, and return who arrived."""
+        frame_count = len(goals)
+        if frame_count not in self._frames:
+            self._frames[frame_count] = Frames(
+                self.descents, self._history, frame_count, bias=self._bias, floor_n=self._floor_n
             )
-        for number, each in enumerate(trajectories):
-            if each.is_pushed != self.pilot.is_pushed:
-                given, wanted = ("loads", "depths")[:: 1 if each.is_pushed else -1]
-                raise ConfigError(
-                    f"environment {number} has {given}, and the pilot is made for {wanted}",
-                    remedy=f"give {wanted}, or make a pilot for {given}",
-                )
-        return lengths.pop()
+        frames = self._frames[frame_count]
+        enough = self.options.residual_relative
+        quaternions, there = frames.go(
+            self._at,
+            goals,
+            going,
+            parts=self._parts(goals, pushed=loads_n is not None),
+            loads_n=loads_n,
+            enough=(enough, max(enough, _INTERMEDIATE)),
+            halvings_max=self.options.halvings_max,
+        )
+        self._at[going, :3] = on_host(self._history.tips)[going, 0]
+        self._at[going, 3:] = quaternions[going]
+        return there, frames
 
-    def _result(
-        self, results: dict[str, Any], wall_s: float, evaluations: NDArray[np.int32]
-    ) -> BatchResult:
-        symmetry, missed = self.model.mesh.symmetry, results["status"] != Status.DONE
-        for name in ("push", "tips", "residual", "imbalance", "gap"):
-            results[name][missed] = np.nan
-        part = results["push"]
-        return BatchResult(
-            force_n=np.sum([sign * part for sign in symmetry.signs()], axis=0),
-            depth_m=self._arrays.tips_m[:, 2] - results["tips"][..., 2],
-            residual=results["residual"],
-            imbalance=results["imbalance"],
-            gap_m=results["gap"],
-            evaluations=evaluations,
-            wall_s=wall_s,
+    def _parts(self, goals: FloatArray, *, pushed: bool) -> NDArray[np.int32]:
+        """Return in how many parts each frame is gone, shape [frame_count, count]."""
+        starts = np.concatenate([self._at[None], goals[:-1]])
+        travels = goals[..., :3] - starts[..., :3]
+        if pushed:  # its height is found
+            travels[..., 2] = 0.0
+        along = np.abs((goals[..., 3:] * starts[..., 3:]).sum(axis=-1))
+        travel = np.linalg.norm(travels, axis=-1)
+        travel += _ARM_SHARE * self.model.height_m * 2.0 * np.arccos(np.minimum(along, 1.0))
+        parts = np.ceil(travel / self._step_m - 1e-9)
+        return np.asarray(np.maximum(parts, 1.0), dtype=np.int32)
+
+    def _spreading(self) -> tuple[Any, Any]:
+        """Record what sets pressure and shear."""
+        descents, model, record = self.descents, self.model, self._device.record
+        fields, reference = [self.pressure, self.shear], model.reference
+        hats, node_count = quarter_hats(reference.face_points), len(model.nodes)
+        areas = np.zeros(node_count)
+        np.add.at(areas, model.faces, np.einsum("fq,qk->fk", model.surface.areas, hats))
+        made, shape = model.surface.kernels(descents.indenter), descents.contact_buffers[1].shape
+        at = [descents.surface, descents.body, self._device.array(hats, wp.float64)]
+        now = [descents.poses, descents.grip, descents.positions]
+        return (
+            record(made.spread, tuple(shape), [*at, *now, *fields]),
+            record(
+                kernels.per_area,
+                (self.count, node_count),
+                [self._device.array(areas, wp.float64), *fields],
+            ),
         )
 
-    def _assign(self, array: Any, which: NDArray[np.intp], values: Any) -> None:
-        """Set an array's entries of some environments."""
-        host = array.numpy()
-        host[which] = values
-        if self._device.is_gpu:
-            array.assign(host)
+    def _forces(self, found: Any) -> BatchForces:
+        residual, touched = on_host(found.residual).copy(), on_host(found.touched).copy()
+        bias, left = self._bias.of(touched[..., 6])
+        raw, valid = touched[..., :6], np.isfinite(residual)
+        return BatchForces(
+            wrench=raw / (1.0 + bias)[..., None],
+            raw_wrench=raw,
+            force_error=left,
+            contact_area_m2=touched[..., 6],
+            tips_m=on_host(found.tips) - [0.0, 0.0, self._standoff_m],
+            residual=residual,
+            imbalance=on_host(found.imbalance).copy(),
+            valid=valid,
+            evaluations=on_host(found.evaluations).copy(),
+        )
+
+    def _lower_anew(self, goals: FloatArray, new: NDArray[np.bool_]) -> None:
+        """Put indenters over their goals, about to touch the resting gel, which has forgotten."""
+        descents, device, surface = self.descents, self._device, self.model.surface
+        wanted = device.array(new, wp.int32)
+        turns = Rotation.from_quat(goals[:, 3:]).as_matrix()
+        poses = poses_at(goals[:, :3], turns, device)
+        nodes = device.array(self.model.nodes, wp.vec3d)
+        put = [nodes, wanted, poses, self._history, descents.positions]
+        device.launch(kernels.put_back, tuple(descents.positions.shape), put, [])
+        made, buffers = surface.kernels(descents.indenter), surface.buffers(self.count)
+        points, gaps = buffers[2].shape, buffers[2].reshape((self.count, -1))
+        free = surface.grip_arrays(None, self.count)
+        at = [descents.surface, descents.body, wanted, poses]
+        least, threads = self.model.contact_options.distance_m, 256 if device.is_gpu else 1
+        lift = device.record(kernels.lift, (self.count, threads), [gaps, least, poses], threads)
+        for _ in range(_LIFTS):
+            device.launch(made.touch, points, [*at, free, descents.positions], list(buffers))
+            lift.launch()
+        device.launch(kernels.put_back, tuple(descents.positions.shape), put, [])
+        if self.model.contact_options.is_tangential:
+            for grip in (descents.grip, descents.grip_start):
+                device.launch(kernels.let_go, points, [wanted, grip], [])
+                device.launch(made.drag, points, [*at, descents.positions, grip], [])
+        tips, self._pushed[new] = on_host(poses.tips), False
+        self._at[new] = np.column_stack([tips, goals[:, 3:]])[new]
+        self._lifted |= new
+
+    def _checked(self, poses: FloatArray) -> FloatArray:
+        goals = np.array(poses, dtype=np.float64)
+        if goals.shape[1:] != (self.count, 7) or not len(goals) or not np.isfinite(goals).all():
+            raise ConfigError(
+                f"poses of shape {goals.shape}, or with numbers that are not finite, for "
+                f"{self.count} environments",
+                remedy=f"give finite positions [m] and quaternions, shape (..., {self.count}, 7)",
+            )
+        sizes = np.linalg.norm(goals[..., 3:], axis=-1, keepdims=True)
+        if not (sizes > 0.0).all():
+            raise ConfigError(
+                f"pose {int(np.argmin(sizes)) % self.count}: its quaternion is zero",
+                remedy="give (0, 0, 0, 1) for an indenter that is not turned",
+            )
+        goals[..., 3:] /= sizes
+        goals[..., 2] += self._standoff_m
+        return goals
+
+
+def _refuse(
+    model: Model, indenters: Sequence[Indenter], which: Any, friction: FloatArray | None
+) -> None:
+    """End where a batch cannot be made.
+
+    Raises:
+        ConfigError: Says why.
+    """
+    if model.relaxation is not None or model.mesh.symmetry.copies > 1:
+        raise ConfigError(
+            "a batch needs a whole pad of a gel that does not relax",
+            remedy="leave relaxation out, and mesh the pad with sensor_mesh",
+        )
+    if not len(which) or not all(0 <= int(k) < len(indenters) for k in which):
+        raise ConfigError(
+            f"which: {len(which)} numbers of {len(indenters)} indenters",
+            remedy="name the indenter of every environment by its place, from 0",
+        )
+    if friction is not None and not model.contact_options.friction > 0.0:
+        raise ConfigError(
+            "friction: the model is made without",
+            remedy="make the model with a friction above zero",
+        )

@@ -26,8 +26,8 @@ from sim.solve.descent_state import Act, Descent
 CAPACITY = 232
 """Touching nodes of an environment at most; more are left uncorrected."""
 
-# Steps after which the correction is made anew: the first ones change what touches.
-_EARLY, _LATE = wp.constant(4), wp.constant(8)
+# Steps with a correction made anew, the first ones, which change what touches; then every so many.
+_EARLY, _LATE = wp.constant(2), wp.constant(4)
 
 
 @wp.struct
@@ -95,13 +95,15 @@ _LIST = f"""
     SYNC;
 """
 # Sweeps all pivots of a symmetric matrix (Goodnight 1979), some at a time, which leaves its
-# negative inverse.
+# negative inverse. Only what is on and below the diagonal is read and written: memory bounds it.
 _SWEEP = """
     for (int k = 0; k < n; k += WIDE) {
         const int w = wp::min(WIDE, n - k);
         SYNC;
-        for (int e = thread; e < n * WIDE; e += threads)
-            column[e] = e / n < w ? s_at[(size_t)(k + e / n) * size + e % n] : 0.f;
+        for (int e = thread; e < n * WIDE; e += threads) {
+            const int i = k + e / n, j = e % n;
+            column[e] = e / n < w ? s_at[(size_t)wp::max(i, j) * size + wp::min(i, j)] : 0.f;
+        }
         SYNC;
         float *now = pivots, *after = pivots + WIDE * WIDE;
         for (int e = thread; e < WIDE * WIDE; e += threads) {
@@ -134,7 +136,7 @@ _SWEEP = """
             float own[WIDE];
             for (int q = 0; q < WIDE; ++q) own[q] = along[q * n + i];
             #pragma unroll 4
-            for (int j = lane; j < n; j += lanes) {
+            for (int j = lane; j <= i; j += lanes) {
                 float sum = s_row[j];
                 for (int q = 0; q < WIDE; ++q) sum -= own[q] * column[q * n + j];
                 s_row[j] = sum;
@@ -142,11 +144,11 @@ _SWEEP = """
         }
         SYNC;
         for (int e = thread; e < n * w; e += threads) {
-            const int q = e / n, j = e % n;
+            const int i = k + e / n, j = e % n;
             const bool inside = j >= k && j < k + w;
-            const float x = inside ? now[q * WIDE + j - k] : along[e];
-            s_at[(size_t)(k + q) * size + j] = x;
-            if (!inside) s_at[(size_t)j * size + k + q] = x;
+            if (inside && j > i) continue;
+            const float x = inside ? now[(i - k) * WIDE + j - k] : along[e];
+            s_at[(size_t)wp::max(i, j) * size + wp::min(i, j)] = x;
         }
     }
     SYNC;
@@ -165,7 +167,7 @@ _FACTOR = f"""
     SHARED float along[SIZE * WIDE];
     SHARED float pivots[2 * WIDE * WIDE];
     for (int i = row; i < n; i += rows)
-        for (int j = lane; j < n; j += lanes) s_at[(size_t)i * size + j] = 0.f;
+        for (int j = lane; j <= i; j += lanes) s_at[(size_t)i * size + j] = 0.f;
     SYNC;
     const int faces = c.faces.shape[0], corners = c.faces.shape[1], points = c.values.shape[0];
     const wp::mat33f* stiffness = c.stiffness.data + (size_t)b * faces * points;
@@ -177,7 +179,7 @@ _FACTOR = f"""
         for (int e = lane; e < corners * corners; e += lanes) {{
             const int a = e / corners, o = e % corners;
             const int i = own[a] < 0 ? -1 : local[own[a]], j = own[o] < 0 ? -1 : local[own[o]];
-            if (i < 0 || j < 0) continue;
+            if (j < 0 || i < j) continue;
             wp::mat33f sum(0.f);
             for (int q = 0; q < points; ++q)
                 sum += stiffness[f * points + q]
@@ -200,7 +202,7 @@ _FACTOR = f"""
     const size_t wide = 3 * (size_t)nodes;
     for (int i = row; i < n; i += rows) {{
         const float* g = c.compliance.data + (3 * listed[i / 3] + i % 3) * wide;
-        for (int j = lane; j < n; j += lanes) {{
+        for (int j = lane; j <= i; j += lanes) {{
             float sum = share * g[3 * listed[j / 3] + j % 3];
             if (i % 3 == 2 && j % 3 == 2) sum += tied;
             float& own = s_at[(size_t)i * size + j];
@@ -208,6 +210,9 @@ _FACTOR = f"""
         }}
     }}
     {_SWEEP}
+    for (int i = row; i < n; i += rows)
+        for (int j = lane; j < i; j += lanes)
+            s_at[(size_t)j * size + i] = s_at[(size_t)i * size + j];
 """
 _CORRECT = f"""
     {_SHARED}
@@ -220,7 +225,7 @@ _CORRECT = f"""
     const float tip = pushed ? (float)((double)given.data[at + tip_row] / c.held) : 0.f;
     for (int i = thread; i < n; i += threads) {{
         const int r = c.rows.data[3 * listed[i / 3] + i % 3];
-        asked[i] = r < 0 ? 0.f : (float)(unit * (double)found.data[at + r]);
+        asked[i] = r < 0 ? 0.f : (float)(unit * weights.data[r] * (double)found.data[at + r]);
         if (i % 3 == 2) asked[i] -= tip;
     }}
     SYNC;
@@ -234,7 +239,8 @@ _CORRECT = f"""
     SYNC;
     for (int i = thread; i < n; i += threads) {{
         const int r = c.rows.data[3 * listed[i / 3] + i % 3];
-        if (r >= 0) out.data[at + r] = KIND((double)out.data[at + r] - (double)held[i]);
+        if (r >= 0)
+            out.data[at + r] = KIND((double)out.data[at + r] - (double)(weights.data[r] * held[i]));
     }}
     if (pushed && thread == 0) {{
         double sum = (double)given.data[at + tip_row];
@@ -310,6 +316,7 @@ def correct_kernels(kind: Any) -> tuple[Any, Any]:
         pushed: wp.bool,
         tip_row: wp.int32,
         unit: wp.float64,
+        weights: wp.array(dtype=wp.float32),
         given: wp.array2d(dtype=kind),
         found: wp.array2d(dtype=gives),
         out: wp.array2d(dtype=kind),
@@ -322,6 +329,7 @@ def correct_kernels(kind: Any) -> tuple[Any, Any]:
         c: Correction,
         tip_row: wp.int32,
         units: wp.array(dtype=wp.float64),
+        weights: wp.array(dtype=wp.float32),
         given: wp.array2d(dtype=kind),
         found: wp.array2d(dtype=gives),
         out: wp.array2d(dtype=kind),
@@ -330,7 +338,8 @@ def correct_kernels(kind: Any) -> tuple[Any, Any]:
         b, _thread = wp.tid()
         if d.act[b] == Act.SOLVE:
             pushed = d.pushed[b] == 1
-            correct_one(c, b, d.slot[b], pushed, tip_row, units[b], given, found, out, tips)
+            own = units[b]
+            correct_one(c, b, d.slot[b], pushed, tip_row, own, weights, given, found, out, tips)
 
     @wp.kernel(**made)
     def set_tip(

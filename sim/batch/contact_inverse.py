@@ -47,6 +47,7 @@ class ContactInverse:
         surface, rows = surface[(rows >= 0).any(axis=1)], rows[(rows >= 0).any(axis=1)]
         self._rest: Any = (DenseRest if device.is_gpu else FactoredRest)(model, rows, count=count)
         self.kind, self.scaled, self.unit = self._rest.kind, self._rest.scaled, self._rest.unit
+        self.weights = self._rest.weights
         self.row_count, self.column_count = self._rest.row_count, self._rest.column_count
         numbers = np.full(len(model.nodes), -1, dtype=np.int32)
         numbers[surface] = np.arange(len(surface))
@@ -91,12 +92,15 @@ class ContactInverse:
 
         stiffen = device.record(made.stiffen, contact_shape, [*at, c.stiffness, c.touching])
         given = [descents.sources, descents.found, self._corrected, self._tips]
+        weights = self.weights
+        if weights is None:
+            weights = device.array(np.ones(tip_row + 1), wp.float32)
         self._launches = (
             device.record(choose, tuple(c.touching.shape), [state, c]),
             stiffen,
             blocks(list_touching, [c]),
             blocks(factor, [state, c], _THREADS_OF_FACTOR),
-            blocks(correct, [state, c, tip_row, self._units, *given]),
+            blocks(correct, [state, c, tip_row, self._units, weights, *given]),
             device.record(set_tip, (self._count,), [state, tip_row, self._tips, descents.found]),
         )
 

@@ -1,7 +1,11 @@
 """The inverse of the undeformed gel's stiffness, which serves every press on a sensor.
 
 On a processor it is a sparse factor; columns at the surface are solved for when a node is touched
-for the first time. On a GPU it is dense and made there (``sweep_kernels``).
+for the first time. On a GPU it is dense and made there (``sweep_kernels``), so that applying it to
+a batch is one product of two matrices, for tensor cores in float16 with float32 sums: a
+preconditioner needs no more digits. Warp's own tile product takes most of a minute to compile and
+leaves the cores idle for so few columns; here each warp feeds them from a matrix that was laid out
+for them once.
 """
 
 from __future__ import annotations
@@ -13,7 +17,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from sim.batch import sweep_kernels as kernels
-from sim.batch.inverses import DenseProduct, padded_rows, tiling
+from sim.batch.dense_kernel import Tiling, product_kernel
 from sim.device import Device
 from sim.solve.linear_solver import linear_solver
 from sim.solve.model import Model
@@ -22,6 +26,25 @@ from tacauchy_rig.core.errors import ConfigError
 
 # Of a GPU's memory: what a matrix in float32 and its packed half may take.
 _MEMORY_SHARE = 0.8
+# Rows of any block, and terms that a warp takes at once, divide it.
+_ROW_PADDING = 288
+# Few columns need many blocks that read the matrix, many need blocks that use what they read often.
+_TILINGS = {
+    8: Tiling(row_tiles=1, column_tiles=1, depth_warps=8),
+    256: Tiling(row_tiles=6, column_tiles=4, depth_warps=4),
+}
+_LARGEST = Tiling(row_tiles=3, column_tiles=4, row_warps=3, column_warps=4)
+
+
+def tiling(columns: int) -> Tiling:
+    """Return how a product with so many columns is done."""
+    fitting = [limit for limit in _TILINGS if columns <= limit]
+    return _TILINGS[fitting[0]] if fitting else _LARGEST
+
+
+def padded_rows(row_count: int) -> int:
+    """Return a row count that the blocks divide."""
+    return -(-row_count // _ROW_PADDING) * _ROW_PADDING
 
 
 class FactoredRest:
@@ -32,7 +55,7 @@ class FactoredRest:
             were not asked for by ``need`` are zero.
     """
 
-    kind, scaled, unit = wp.float64, False, 1.0
+    kind, scaled, unit, weights = wp.float64, False, 1.0, None
 
     def __init__(self, model: Model, rows: IntArray, *, count: int) -> None:
         self.row_count, self.column_count = model.pattern.dof_count + 1, count
@@ -70,15 +93,25 @@ class FactoredRest:
             out[b, : self.row_count - 1] = self._solver.solve(given[b, : self.row_count - 1])
 
 
-class DenseRest(DenseProduct):
+class DenseRest:
     """A dense inverse on a GPU; ``compliance`` as ``FactoredRest`` has it, all of it known.
+
+    Attributes:
+        kind: Warp type of the vectors that it takes.
+        scaled: It takes them in units of their own size.
+        blocks: 0 for a block of columns that is multiplied, -1 for another, shape [block_count].
+        unit: What the product must be multiplied with; float16 holds nothing above 65,504.
+        weights: What is multiplied, and the product, must be multiplied with these, shape
+            [row_count]: each entry is then as exact as its own diagonal ones, of stiff layers too.
 
     Raises:
         ConfigError: It does not fit into the GPU's memory.
     """
 
+    kind, scaled = wp.float16, True
+
     def __init__(self, model: Model, rows: IntArray, *, count: int) -> None:
-        device = Device(model.device)
+        self._device = device = Device(model.device)
         size = model.pattern.dof_count
         whole = -(-size // kernels.BLOCK) * kernels.BLOCK
         room, free = 7 * whole**2, wp.get_device(device.name).free_memory
@@ -92,30 +125,49 @@ class DenseRest(DenseProduct):
         flat = device.array(rows.reshape(-1), wp.int32)
         self.compliance = device.zeros((rows.size, rows.size), wp.float32)
         device.launch(kernels.block_at, self.compliance.shape, [inverse, flat], [self.compliance])
-        self._tiling, self._device = tiling(count), device
-        self.width, self.row_count = self._tiling.columns, padded_rows(size + 1)
-        block_count = -(-count // self.width)
-        self.blocks, self.column_count = (
-            device.zeros(block_count, wp.int32),
-            block_count * self.width,
-        )
+        self._tiling = tiling(count)
+        # At least a row more than there are: what is fixed reads it.
+        self.row_count = padded_rows(size + 1)
+        block_count = -(-count // self._tiling.columns)
+        self.blocks = device.zeros(block_count, wp.int32)
+        self.column_count = block_count * self._tiling.columns
         # The largest entry of a positive definite matrix is on its diagonal.
         diagonal = device.zeros(size, wp.float32)
         device.launch(kernels.diagonal_of, (size,), [inverse], [diagonal])
         self.unit = float(diagonal.numpy().max())
-        self._matrices = device.zeros((1, self.row_count**2), wp.float16)
+        weights = np.ones(self.row_count)
+        weights[:size] = np.sqrt(diagonal.numpy() / self.unit)
+        self.weights = device.array(weights, wp.float32)
+        self._matrix = device.zeros((1, self.row_count**2), wp.float16)
         shape = (self.row_count // 16, self.row_count // 32, 512)
-        device.launch(
-            kernels.pack, shape, [inverse, size, shape[1], 1.0 / self.unit], [self._matrices]
-        )
+        packed = [inverse, size, shape[1], 1.0 / self.unit, self.weights]
+        device.launch(kernels.pack, shape, packed, [self._matrix])
 
     def need(self, nodes: IntArray) -> None:
         """Do nothing: all rows are known."""
 
     def places(self, state: Any) -> Any:
         """Return a launch that gives who asks the first columns, so that few blocks are read."""
-        count = len(state.slot)
-        return self._device.record(kernels.place, (count,), [state, self.width, self.blocks])
+        inputs = [state, self._tiling.columns, self.blocks]
+        return self._device.record(kernels.place, (len(state.slot),), inputs)
+
+    def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:  # noqa: ARG002
+        """Set ``found`` to the products of the inverse with ``sources``, over unit and weights.
+
+        Args:
+            sources: Float16, shape [column_count, row_count].
+            found: Float32, the same shape.
+        """
+        chosen = self._tiling
+        row_blocks = self.row_count // chosen.rows
+        wp.launch(
+            product_kernel(chosen),
+            dim=row_blocks * len(self.blocks) * chosen.threads,
+            inputs=[self._matrix, self.blocks, sources, row_blocks],
+            outputs=[found],
+            block_dim=chosen.threads,
+            device=self._device.name,
+        )
 
 
 def _dense(model: Model, whole: int, device: Device) -> Any:

@@ -60,9 +60,10 @@ def pack(
     size: wp.int32,
     steps: wp.int32,
     scale: wp.float32,
+    weights: wp.array(dtype=wp.float32),
     packed: wp.array2d(dtype=wp.float16),
 ):
-    """Order a matrix as ``inverses.packed`` does: by row tile, step, half, lane and place."""
+    """Order a matrix as the lanes of a warp take it: by row tile, step, half, lane and place."""
     tile, step, place = wp.tid()
     half = place / 256
     group = place / 32 % 8
@@ -71,7 +72,8 @@ def pack(
     column = 32 * step + 8 * member + 4 * half + 2 * (place / 4 % 2) + place % 2
     if row < size and column < size:
         at = (tile * steps + step) * 512 + place
-        packed[0, at] = wp.float16(matrix[row, column] * scale)
+        entry = matrix[row, column] * scale / (weights[row] * weights[column])
+        packed[0, at] = wp.float16(entry)
 
 
 @wp.kernel(enable_backward=False)

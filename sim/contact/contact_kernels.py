@@ -496,6 +496,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         surface: TouchedSurface,
         body: Any,
         # Data in:
+        wanted: wp.array(dtype=wp.int32),
         poses: Poses,
         grip: GripArrays,
         positions: wp.array2d(dtype=wp.vec3d),
@@ -503,23 +504,24 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         wrench_out: wp.array2d(dtype=wp.float64),
     ):
         b, f, q = wp.tid()
-        x = surface_point(surface, positions[b], f, q)
-        here = posed(body, poses, b)
-        distance, n = gap_of(here, x)
-        v = wp.vec3d()
-        if distance < surface.distance:
-            _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
-            v = n * slope
-            wp.atomic_add(wrench_out, b, 6, surface.areas[f, q])
-        if wp.static(grips):
-            _more, along = held_back(surface, here, grip, b, f, q, x)
-            v += along
-        if wp.dot(v, v) > wp.float64(0.0):
-            force = v * surface.areas[f, q]
-            moment = wp.cross(x - poses.tips[b], force)
-            for k in range(3):
-                wp.atomic_add(wrench_out, b, k, force[k])
-                wp.atomic_add(wrench_out, b, 3 + k, moment[k])
+        if wanted[b] == 1:
+            x = surface_point(surface, positions[b], f, q)
+            here = posed(body, poses, b)
+            distance, n = gap_of(here, x)
+            v = wp.vec3d()
+            if distance < surface.distance:
+                _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
+                v = n * slope
+                wp.atomic_add(wrench_out, b, 6, surface.areas[f, q])
+            if wp.static(grips):
+                _more, along = held_back(surface, here, grip, b, f, q, x)
+                v += along
+            if wp.dot(v, v) > wp.float64(0.0):
+                force = v * surface.areas[f, q]
+                moment = wp.cross(x - poses.tips[b], force)
+                for k in range(3):
+                    wp.atomic_add(wrench_out, b, k, force[k])
+                    wp.atomic_add(wrench_out, b, 3 + k, moment[k])
 
     @wp.kernel(enable_backward=False, module="unique")
     def spread(

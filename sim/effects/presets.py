@@ -70,11 +70,6 @@ RESOLUTIONS = {
 LIGHT = replace(RESOLUTIONS[Preset.FAST], fillet_share=1.0, rounded_share=0.12)
 
 
-# The mesh of a batch: a GPU's block of threads takes 512 elements at once. A gel that keeps its
-# volume flows sideways under the punch, in all of its height, and edges that grow as LIGHT's do not
-# follow that. The same cylinder, 1 mm deep, d_hat 42 um: 5.681 N with LIGHT's 500 tetrahedra,
-# 5.644 N with the 496 of these; preset reference 5.515 N, and 5.486 N is what it tends to.
-BATCH = replace(LIGHT, under_share=0.25, size_max_m=9e-3)
 # A light scene's edges under the indenter, over the pad's height, where nu is above this. A punch
 # of 5 mm, fillet 0.3 mm, 0.5 mm deep with nu 0.499: 5.6 % too stiff without, 4.3 % with; 1.2 times
 # shorter edges throughout 3.3 %. At 0.48 there is 2.3 % without.

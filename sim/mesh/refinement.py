@@ -15,7 +15,7 @@ were wider.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import permutations
 
@@ -38,22 +38,41 @@ _TETS_MAX = 400_000
 _SENSOR_SLOPE = 0.5
 
 
-def brick_mesh(pad: BoxPad, *, spacing_m: float, symmetry: MirrorSymmetry) -> TetMesh:
-    """Mesh a box, or the part that stands for the whole, by cells of at most ``spacing_m`` [m]."""
+def brick_mesh(
+    pad: BoxPad,
+    *,
+    spacing_m: float,
+    symmetry: MirrorSymmetry,
+    interface_shares: Sequence[float] = (),
+) -> TetMesh:
+    """Mesh a box, or the part that stands for the whole, by cells of at most ``spacing_m`` [m].
+
+    Args:
+        interface_shares: Of the height, where layers meet, rising.
+    """
     half_x, half_y = pad.half_extents()
-    ends = (
-        (0.0 if symmetry.mirror_x else -half_x, half_x),
-        (0.0 if symmetry.mirror_y else -half_y, half_y),
-        (0.0, 1.0),
-    )
-    sizes = np.ptp(ends, axis=1) * (1.0, 1.0, pad.height_m)
-    cells = tuple(math.ceil(size / spacing_m) for size in sizes)
-    axes = [np.linspace(*end, count + 1) for end, count in zip(ends, cells, strict=True)]
+    planes = np.array([0.0, *interface_shares, 1.0])
+    counts = [math.ceil(part * pad.height_m / spacing_m) for part in np.diff(planes)]
+    levels = np.interp(np.arange(sum(counts) + 1), np.cumsum([0, *counts]), planes)
+    axes = [
+        _evenly(0.0 if symmetry.mirror_x else -half_x, half_x, spacing_m),
+        _evenly(0.0 if symmetry.mirror_y else -half_y, half_y, spacing_m),
+        levels,
+    ]
+    cells = tuple(len(axis) - 1 for axis in axes)
     vertices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     vertices[:, 2] *= pad.height_at(vertices[:, 0], vertices[:, 1])
     name = f"{cells[0]}x{cells[1]}x{cells[2]} cells"
-    tets = kuhn_tets(cells)
-    return oriented(TetMesh(vertices=vertices, tets=tets, name=name, symmetry=symmetry))
+    tets, layers = kuhn_tets(cells), None
+    if len(interface_shares):
+        above = np.searchsorted(np.cumsum(counts), np.arange(cells[2]), side="right")
+        layers = above[tets.min(axis=1) % len(levels)].astype(np.int32)
+    mesh = TetMesh(vertices=vertices, tets=tets, name=name, symmetry=symmetry, layers=layers)
+    return oriented(mesh)
+
+
+def _evenly(first: float, last: float, spacing: float) -> FloatArray:
+    return np.linspace(first, last, math.ceil((last - first) / spacing) + 1)
 
 
 def kuhn_tets(cells: tuple[int, ...]) -> IntArray:
@@ -96,11 +115,12 @@ def bisected_level(base: TetMesh, pad: Pad, size_at: Callable[[FloatArray], Floa
     return replace(fine, vertices=fine.vertices * share(fine.vertices))
 
 
-def sensor_mesh(pad: BoxPad, *, edge_m: float) -> TetMesh:
+def sensor_mesh(pad: BoxPad, *, edge_m: float, interface_shares: Sequence[float] = ()) -> TetMesh:
     """Mesh a box, flat or domed, that any indenter may press anywhere: fine all over its top.
 
     Args:
         edge_m: Edge length at the surface [m]; a quadratic element has nodes at half of it.
+        interface_shares: Of the height, where layers meet, rising.
 
     Raises:
         ConfigError: It asks for more tetrahedra than can be solved for.
@@ -111,7 +131,9 @@ def sensor_mesh(pad: BoxPad, *, edge_m: float) -> TetMesh:
         depth = pad.height_at(points[:, 0], points[:, 1]) - points[:, 2]
         return (edge_m + _SENSOR_SLOPE * depth).clip(max=coarse_m)
 
-    base = brick_mesh(pad, spacing_m=coarse_m, symmetry=MirrorSymmetry())
+    base = brick_mesh(
+        pad, spacing_m=coarse_m, symmetry=MirrorSymmetry(), interface_shares=interface_shares
+    )
     mesh = bisected_level(base, pad, size_at)
     return replace(mesh, name=f"sensor, edges of {edge_m * 1e3:.3g} mm")
 

@@ -143,6 +143,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         # Model:
         dofs: wp.array(dtype=wp.int32),
         scaled: wp.bool,
+        weights: wp.array(dtype=wp.float32),
         # Data in and out:
         d: Descent,
         evaluated: Evaluated,
@@ -150,7 +151,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         # Data out:
         sources_out: wp.array2d(dtype=Any),
     ):
-        # With ``scaled`` what the inverse is asked for is in units of the residual.
+        # With ``scaled`` what the inverse is asked for is in units of the residual; times weights.
         b, thread = wp.tid()
         act = d.act[b]
         learns = d.learns[b] == 1
@@ -208,7 +209,8 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
             if scaled:
                 scale = wp.float64(1.0) / d.residual[b]
             for row in range(thread, dof_count + 1, wp.block_dim()):
-                sources_out[d.slot[b], row] = sources_out.dtype(scale * memory.direction[b, row])
+                asked = scale * wp.float64(weights[row]) * memory.direction[b, row]
+                sources_out[d.slot[b], row] = sources_out.dtype(asked)
 
     @wp.kernel(**made)
     def turn(
@@ -217,6 +219,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         dofs: wp.array(dtype=wp.int32),
         scaled: wp.bool,
         units: wp.array(dtype=wp.float64),
+        weights: wp.array(dtype=wp.float32),
         # Data in:
         found: wp.array2d(dtype=Any),
         # Data in and out:
@@ -226,7 +229,8 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         evaluated: Evaluated,
         busy_out: wp.array(dtype=wp.int32),
     ):
-        # The inverse's answer is ``found`` times ``units``, and times the residual if ``scaled``.
+        # The inverse's answer is ``found`` times ``units`` and ``weights``, and times the residual
+        # if ``scaled``.
         b, thread = wp.tid()
         act = d.act[b]
         dof_count = dofs.shape[0]
@@ -240,7 +244,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
             for row in range(thread, dof_count + 1, wp.block_dim()):
                 r = wp.float64(0.0)
                 if act == Act.SOLVE:
-                    r = scale * wp.float64(found[d.slot[b], row])
+                    r = scale * wp.float64(weights[row]) * wp.float64(found[d.slot[b], row])
                 elif row == dof_count:
                     r = -wp.sign(memory.gradient[b, row]) * limits.tip_step
                 if row == dof_count and d.pushed[b] == 0:

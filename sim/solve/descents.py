@@ -46,6 +46,8 @@ class Inverse(Protocol):
         row_count: Rows of the vectors that it takes and gives, at least the unknowns and the tip.
         scaled: It wants what it takes in units of the residual.
         unit: What it gives must be multiplied with this.
+        weights: What it takes and gives must be multiplied with these, shape [row_count]; None is
+            1.
         column_count: Vectors that it takes at once.
     """
 
@@ -53,6 +55,7 @@ class Inverse(Protocol):
     row_count: int
     scaled: bool
     unit: float
+    weights: Any
     column_count: int
 
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:
@@ -140,6 +143,10 @@ class Descents:
         self.busy = device.zeros(1, wp.int32)
         shares = np.ones(count) if young_share is None else young_share
         self._units = device.array(inverse.unit * shares, wp.float64)
+        ones = np.ones(len(model.pattern.free_dofs) + 1)
+        self._weights = inverse.weights
+        if self._weights is None:
+            self._weights = device.array(ones, wp.float32)
         self._dofs = device.array(model.pattern.free_dofs, wp.int32)
         patience = [*patience, *[(_NEVER, 0.0)] * 3][:3]
         self._limits = filled(
@@ -285,9 +292,9 @@ class Descents:
             for again in (False, True)
         )
         asks = [self.state, evaluated, self.memory, self.sources]
-        self._prepare = recorded(prepare, [self._dofs, scaled, *asks])
-        found = [self.found, *own, evaluated, self.busy]
-        self._turn = recorded(turn, [self._limits, self._dofs, scaled, units, *found])
+        self._prepare = recorded(prepare, [self._dofs, scaled, self._weights, *asks])
+        found = [units, self._weights, self.found, *own, evaluated, self.busy]
+        self._turn = recorded(turn, [self._limits, self._dofs, scaled, *found])
         self.renew_gel()
         self._touch, self._hold = self._contact_launches(surface)
 

@@ -101,39 +101,6 @@ class NotPositiveDefiniteError(ArithmeticError):
     """The matrix has a negative or zero pivot: the caller projects or shifts it."""
 
 
-class BorderedSolver:
-    """A factor with one more row and column, last: those of a pushed indenter's height.
-
-    Args:
-        border: The column [N/m], shape [dof_count]; None holds the indenter.
-        corner: Its diagonal entry [N/m].
-        least: What must be left of that once the nodes follow, for a load to have a direction.
-    """
-
-    def __init__(
-        self,
-        solver: LinearSolver,
-        border: FloatArray | None = None,
-        corner: float = 0.0,
-        *,
-        least: float = 0.0,
-    ) -> None:
-        self._solver, self._border, self._corner, self._least = solver, border, corner, least
-        if border is not None:
-            self._along = solver.solve(border)
-            self._corner -= float(border @ self._along)
-
-    def solve(self, vectors: FloatArray) -> FloatArray:
-        """Solve, shape [..., dof_count + 1]; the height of what is held is zero."""
-        found = np.zeros_like(vectors)
-        nodes = self._solver.solve(vectors[..., :-1])
-        if self._border is not None and self._corner > self._least:
-            found[..., -1] = (vectors[..., -1] - nodes @ self._border) / self._corner
-            nodes -= found[..., -1:] * self._along
-        found[..., :-1] = nodes
-        return found
-
-
 class SuperLuSolver:
     """Fallback for machines without MKL: SciPy's SuperLU in symmetric mode, in float64."""
 
@@ -274,7 +241,7 @@ class StiffnessFactor:
         held: The indenter is; else its height is the last unknown.
     """
 
-    kind, scaled, unit, column_count = wp.float64, False, 1.0, 1
+    kind, scaled, unit, weights, column_count = wp.float64, False, 1.0, None, 1
 
     def __init__(
         self, model: Model, indenter: Indenter, potentials: Sequence[Potential] = ()
@@ -283,7 +250,8 @@ class StiffnessFactor:
         self._quick: LinearSolver = linear_solver(model.pattern)
         self._exact: LinearSolver | None = None
         self._solver = self._quick
-        self._bordered: BorderedSolver | None = None
+        # Of a pushed indenter's height: its column [N/m], and what the nodes answer it with.
+        self._border: tuple[FloatArray, FloatArray] | None = None
         self._contact_n_m, self._corner = np.zeros(0), 0.0
         self._least = _HELD * model.young_pa * model.height_m
         self.made, self.attempt, self.held = 0, 0, True
@@ -319,7 +287,7 @@ class StiffnessFactor:
                 logger.debug("Hessian not positive definite (attempt %d)", attempt)
                 continue
             self.attempt = attempt
-            self._bordered, self._contact_n_m = None, contact.stiffness
+            self._border, self._contact_n_m = None, contact.stiffness
             self._corner = float(contact.stiffness[..., 2, 2].sum())
             return
         raise ConvergenceError(
@@ -334,8 +302,14 @@ class StiffnessFactor:
 
     def apply(self, asked: NDArray[np.int32] | None, sources: Any, found: Any) -> None:  # noqa: ARG002
         """Set ``found`` to the inverse times ``sources``, shape [1, row_count]."""
-        whole = BorderedSolver(self._solver) if self.held else self._pushed()
-        solved = whole.solve(on_host(sources)[0])
+        right = on_host(sources)[0]
+        solved = np.append(self._solver.solve(right[:-1]), 0.0)
+        if not self.held and self.touches:
+            border, along = self._pushed()
+            corner = self._corner - float(border @ along)
+            if corner > self._least:
+                solved[-1] = (right[-1] - solved[:-1] @ border) / corner
+                solved[:-1] -= solved[-1] * along
         if self._model.device == "cpu":
             found.numpy()[0] = solved
         else:
@@ -345,12 +319,12 @@ class StiffnessFactor:
         """Solve for the unknowns without the indenter's height."""
         return self._solver.solve(right)
 
-    def _pushed(self) -> BorderedSolver:
-        if self._bordered is None:
+    def _pushed(self) -> tuple[FloatArray, FloatArray]:
+        if self._border is None:
             pushed = self._model.surface.scatter(-self._contact_n_m[..., 2])
             border = self._model.pattern.unknowns(pushed)
-            self._bordered = BorderedSolver(self._solver, border, self._corner, least=self._least)
-        return self._bordered
+            self._border = border, self._solver.solve(border)
+        return self._border
 
     def _in_double_precision(self) -> LinearSolver:
         if self._exact is None:

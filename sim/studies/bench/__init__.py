@@ -12,5 +12,6 @@ class Part(StrEnum):
     THREADS = "threads"
     RENDERING = "rendering"
     UNLIKE = "unlike"
+    MOVING = "moving"
     ALONE = "alone"
     SCENES = "scenes"

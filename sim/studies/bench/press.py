@@ -2,38 +2,39 @@
 
 from __future__ import annotations
 
-import json
-import math
 import shlex
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 import warp as wp
+from scipy.spatial.transform import Rotation
 
-from sim.batch.batch import Batch
-from sim.batch.environment import BatchOptions, BatchResult, Environment, Trajectory
-from sim.batch.pilot import Pilot, batch_model
+from sim.batch.batch import Batch, BatchForces, BatchOptions
+from sim.batch.sensor_model import sensor_model
 from sim.correction import correction
 from sim.effects.end_state import carried_over, has_own_way, way_of
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import PRESET_TOLERANCE, plan_effects
 from sim.effects.scene_path import path_for
 from sim.error import keeping, keeping_corrected, parse_tolerance
+from sim.fields.stress import StressProjection
 from sim.optics.surface_images import SurfaceImages
 from sim.press import measure
 from sim.press_command import scene_from
 from sim.scene.indenter import tilted
 from sim.scene.material import Material
+from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset, Scene
 from sim.sensor.sensor import load_sensor
-from sim.solve.loading_path import Hold, LoadingPath
+from sim.solve.loading_path import Hold, LoadingPath, touch_height
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from sim.studies.bench.scenes import FRAME_COUNT, Manner, ScenePress
 from sim.studies.objects.shapes import OBJECTS
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 
 # The least of so many presses counts, if they do not take longer than this together [s].
@@ -50,7 +51,7 @@ def press_scene(stated: Mapping[str, Any], manner: Manner) -> dict[str, Any]:
     scene, is_stated = within(stated_scene(stated), manner.tolerance, corrected=alone)
     if alone:
         return asdict(press_in_frames(scene, promised=is_stated, device=manner.device))
-    return asdict(press_batch(scene, json.dumps(dict(stated)), manner))
+    return asdict(press_batch(scene, manner))
 
 
 def press_reference(stated: Mapping[str, Any], preset: Preset) -> dict[str, Any]:
@@ -192,175 +193,163 @@ _PARTS = {
     "judge": "judge",
     "prepare": "prepare",
     "product": "inverse",
+    "factor": "inverse",
+    "correct": "inverse",
     "turn": "turn",
     "hold": "hold",
 }
 _REST = "rest"
-_BALANCE = 1e-5
-# The environments after the first differ by up to so much in modulus and Poisson's ratio, and are
-# pressed so much less deep.
-_SPREAD, _POISSON_SPREAD = 0.1, 0.01
-# Of the load, at which a pilot slides once more: over their moduli, loads are 0.82 to 1 of its own.
-_LESS = 0.93
-# By scene and mesh: batches of one scene in one process share the pilot and its inverses, which
-# the first has in its set-up.
-_PILOTS: dict[tuple[str, bool], Pilot] = {}
+# Edge length of the sensor's mesh [m], and the residual over the contact force.
+_EDGE_M, _BALANCE = 1.7e-3, 1e-3
+# The environments after the first differ by up to so much in modulus, and are pressed so much less
+# deep or hard.
+_SPREAD = 0.1
+# Of the pad's height: where the search for a load's depth begins.
+_SEARCH_SHARE = 0.02
 
 
-def press_batch(scene: Scene, key: str, manner: Manner) -> ScenePress:
-    """Press a scene in environments a little unlike it; the first is the scene itself.
+def press_batch(scene: Scene, manner: Manner) -> ScenePress:
+    """Press a scene on its sensor's mesh, in environments a little unlike it, from rest on.
 
-    Args:
-        key: Names the scene; equal ones share a pilot.
+    The first is the scene itself. Set-up compiles the kernels.
     """
     started = time.perf_counter()
-    if manner.own_mesh:
-        scene = replace(scene, refinement=1.0)
-    trajectory = trajectory_of(scene, frame_count=FRAME_COUNT)
-    named = (key, manner.own_mesh)
-    if named not in _PILOTS:
-        middle = amid(scene)
-        own = manner.own_mesh
-        model = batch_model(middle) if own else path_for(middle, plan_effects(middle)).model
-        _PILOTS[named] = pilot_for(scene, model, trajectory)
-    spent = time.process_time()
-    chosen = spread(scene, trajectory, manner.environments or 1)
+    model, count = _sensors_model(scene, manner.device), manner.environments or 1
+    gels, shares = spread(scene, count)
+    options = BatchOptions(residual_relative=_BALANCE)
+    batch = Batch(model, [scene.indenter], np.zeros(count, int), materials=gels, options=options)
+    trajectory = trajectory_of(scene, model, shares=shares)
     seen_by = scene.sensor if manner.images else ""
-    batch, results = pressed(_PILOTS[named], chosen, seen_by=seen_by, device=manner.device)
-    cpu_s = (time.process_time() - spent) / len(results)
-    setup_s = time.perf_counter() - started - sum(result.wall_s for result in results)
-    found = min(results, key=lambda result: result.wall_s)
-    if found.failed.any():
-        raise ConvergenceError(
-            f"{found.failed.sum()} of {batch.count} did not reach the last frame"
-        )
-    x, y, z = found.force_n[-1, 0]
-    depths, forces = found.depth_m[:, 0], found.force_n[:, 0, 2]
+    pressed(batch, *trajectory, seen_by=seen_by)
+    setup_s = time.perf_counter() - started
+    times = []
+    for _ in range(_PRESSES):
+        wall, cpu = time.perf_counter(), time.process_time()
+        found = pressed(batch, *trajectory, seen_by=seen_by)
+        times.append((time.perf_counter() - wall, time.process_time() - cpu))
+    wall_s, cpu_s = min(times)
+    failed = ~found[-1].valid
+    if failed.any():
+        raise ConvergenceError(f"{failed.sum()} of {count} did not reach the last frame")
+    x, y, z = found[-1].wrench[0, :3].tolist()
+    heights, forces = [each.tips_m[0, 2] for each in found], [each.wrench[0, 2] for each in found]
     last = pressing_frames(scene) - 1
     return ScenePress(
-        preset=scene.preset.value,
-        edges=1.0 / scene.refinement,
+        preset="sensor's mesh",
+        edges=1.0,
         promised=False,
-        tet_count=len(batch.model.elements),
-        unknown_count=batch.model.pattern.dof_count,
+        tet_count=len(model.elements),
+        unknown_count=model.pattern.dof_count,
         setup_s=setup_s,
-        wall_s=found.wall_s,
+        wall_s=wall_s,
         cpu_s=cpu_s,
-        iterations=round(float(found.evaluations.mean())),
-        force_n=(float(x), float(y), float(z)),
+        iterations=round(float(sum(each.evaluations.mean() for each in found))),
+        force_n=(x, y, z),
         moment_nm=None,
-        depth_m=float(depths[-1]),
-        stiffness_n_m=float((forces[last] - forces[last - 1]) / (depths[last] - depths[last - 1])),
-        balance=float(np.abs(found.imbalance[-1]).max()),
-        parts_s=batch_parts(batch, chosen, wall_s=found.wall_s),
+        depth_m=float(_touch_m(scene, model) - heights[-1]),
+        stiffness_n_m=float(
+            (forces[last] - forces[last - 1]) / (heights[last - 1] - heights[last])
+        ),
+        balance=float(np.abs(found[-1].imbalance).max()),
+        parts_s=batch_parts(batch, *trajectory, wall_s=wall_s),
     )
 
 
-def trajectory_of(scene: Scene, *, frame_count: int) -> Trajectory:
-    """Return a scene's trajectory in equal frames: down, then, in half of them, its motion."""
-    motion, target = scene.motion, scene.target
-    pressing = pressing_frames(scene, frame_count)
+def _sensors_model(scene: Scene, device: str) -> Model:
+    assert isinstance(scene.pad, BoxPad)  # noqa: S101 - every sensor's is
+    return sensor_model(
+        scene.pad,
+        scene.material,
+        layers=scene.layers,
+        edge_m=_EDGE_M,
+        friction=scene.friction,
+        device=device,
+    )
+
+
+def _touch_m(scene: Scene, model: Model) -> float:
+    """Return the height of the tip that touches the pad at rest [m], the scene's tilt included."""
+    tilt = tilted(*scene.motion.tilt_rad)
+    touch_m = touch_height(
+        model, scene.indenter, model.nodes, centre_m=scene.centre_m, rotation=tilt
+    )
+    return touch_m - model.contact_options.distance_m
+
+
+def trajectory_of(
+    scene: Scene, model: Model, *, shares: FloatArray, frame_count: int = FRAME_COUNT
+) -> tuple[FloatArray, FloatArray | None]:
+    """Return a scene's poses in equal frames, and its loads [N]: down, then its motion.
+
+    Args:
+        shares: Of the depth or the load, by environment.
+
+    Returns:
+        Poses as ``Batch.follow`` takes them, and loads where the scene's force is given, shape
+        [frame_count, environment_count].
+    """
+    goals, target = goals_of(scene, frame_count), scene.target
+    down, shift_m, turn_rad = goals[:, :1] * shares, goals[:, 1:3], goals[:, 3]
+    poses = np.zeros((*down.shape, 7))
+    poses[..., :2] = (scene.centre_m + shift_m)[:, None]
+    depth = _SEARCH_SHARE * model.height_m if target.depth_m is None else down * target.depth_m
+    poses[..., 2] = _touch_m(scene, model) - depth
+    turns = Rotation.from_rotvec(turn_rad[:, None] * [0.0, 0.0, 1.0])
+    turns *= Rotation.from_matrix(tilted(*scene.motion.tilt_rad))
+    poses[..., 3:] = turns.as_quat()[:, None]
+    return poses, None if target.force_n is None else down * target.force_n
+
+
+def goals_of(scene: Scene, frame_count: int = FRAME_COUNT) -> FloatArray:
+    """Return shares of the depth or load, shifts [m] and turns [rad] of frames, shape [..., 4]."""
+    motion, pressing = scene.motion, pressing_frames(scene, frame_count)
     frames = np.arange(1, frame_count + 1)
-    down = np.minimum(1.0, frames / pressing)
     beside = np.maximum(0.0, frames - pressing) / max(1, frame_count - pressing)
-    return Trajectory(
-        depths_m=None if target.depth_m is None else down * target.depth_m,
-        loads_n=None if target.force_n is None else down * target.force_n,
-        shifts_m=np.outer(beside, motion.shift_m),
-        turns_rad=beside * motion.twist_rad,
-    )
+    down = np.minimum(1.0, frames / pressing)
+    return np.column_stack([down, np.outer(beside, [*motion.shift_m, motion.twist_rad])])
 
 
-def scaled(trajectory: Trajectory, share: float) -> Trajectory:
-    """Return a trajectory to a share of its depths or loads."""
-    if trajectory.depths_m is not None:
-        return replace(trajectory, depths_m=share * trajectory.depths_m)
-    return replace(trajectory, loads_n=share * trajectory.along)
+def spread(scene: Scene, count: int) -> tuple[list[tuple[Material, ...]], FloatArray]:
+    """Return gels of a scene and of others a little unlike it, and shares of its depth or load.
 
-
-def spread(
-    scene: Scene, trajectory: Trajectory, count: int
-) -> list[tuple[Environment, Trajectory]]:
-    """Return the scene itself and others a little unlike it, always the same ones.
-
-    Gels are up to a tenth stiffer, with Poisson's ratios up to 0.01 smaller, and pressed up to a
-    tenth less deep or hard.
+    Gels are up to a tenth stiffer, and pressed up to a tenth less deep or hard; always the same.
     """
-    random = np.random.default_rng(0)
-    found = []
-    for number in range(count):
-        stiffer, thinner, weaker = random.random(3) if number else np.zeros(3)
-        own = tuple(
-            replace(
-                material,
-                young_pa=material.young_pa * (1.0 + _SPREAD * stiffer),
-                poisson=material.poisson - _POISSON_SPREAD * thinner,
-            )
-            for material in scene.materials
-        )
-        found.append((Environment(materials=own), scaled(trajectory, 1.0 - _SPREAD * weaker)))
-    return found
-
-
-def amid(scene: Scene) -> Scene:
-    """Return a scene with a gel for the pilot of those that ``spread`` gives.
-
-    Its Poisson's ratio is in their middle, by what it makes of the bulk modulus; it is as soft as
-    the softest of them, so that its indenter touches as much as any.
-    """
-
-    def amidst(material: Material) -> Material:
-        left = 1.0 - 2.0 * material.poisson
-        middle = math.sqrt(left * (left + 2.0 * _POISSON_SPREAD))
-        return replace(material, poisson=0.5 * (1.0 - middle))
-
-    layers = tuple(replace(each, material=amidst(each.material)) for each in scene.layers)
-    return replace(scene, material=amidst(scene.material), layers=layers)
-
-
-def pilot_for(scene: Scene, model: Model, trajectory: Trajectory) -> Pilot:
-    """Return a pilot that keeps every frame, and goes as far as any that ``spread`` gives.
-
-    One that is pushed slides once more at less load.
-    """
-    return Pilot(
-        model,
-        scene.indenter,
-        trajectory,
-        scene.centre_m,
-        rotation=tilted(*scene.motion.tilt_rad),
-        count=trajectory.frame_count,
-        shares=(_LESS,) if trajectory.is_pushed else (),
-    )
+    stiffer, weaker = _SPREAD * np.random.default_rng(0).random((2, count))
+    stiffer[0] = weaker[0] = 0.0
+    gels = [
+        tuple(replace(each, young_pa=each.young_pa * (1.0 + more)) for each in scene.materials)
+        for more in stiffer.tolist()
+    ]
+    return gels, 1.0 - weaker
 
 
 def pressed(
-    pilot: Pilot,
-    chosen: Sequence[tuple[Environment, Trajectory]],
-    *,
-    seen_by: str = "",
-    device: str,
-) -> tuple[Batch, list[BatchResult]]:
-    """Press a batch several times, kernels and graphs made before.
+    batch: Batch, poses: FloatArray, loads_n: FloatArray | None, *, seen_by: str = ""
+) -> list[BatchForces]:
+    """Press a batch from the untouched gel, and return what each frame found.
 
     Args:
         seen_by: Sensor whose camera has an image and markers of every frame; the surface's stress
-            is then found in each as well. Empty for the forces alone.
+            is then found in each as well, and environments wait for each other. Empty for the
+            forces alone.
     """
-    environments, trajectories = zip(*chosen, strict=True)
-    options = BatchOptions(residual_relative=_BALANCE)
-    batch = Batch(pilot, environments, options=options, device=device)
-    if seen_by:
-        camera = SurfaceImages(batch.model, pilot.indenter, load_sensor(seen_by), count=batch.count)
-        batch.watch(batch.stress.launch)
-        batch.watch(lambda: camera.markers(batch.positions))
-        batch.watch(lambda: camera.images(batch.positions, batch.poses.tips, batch.poses.rotations))
-    batch.prepare(trajectories[0].frame_count)
-    return batch, [batch.press(trajectories) for _ in range(_PRESSES)]
+    batch.reset()
+    if not seen_by:
+        found = batch.follow(poses, loads_n=loads_n)
+        return [found[frame] for frame in range(len(poses))]
+    camera = SurfaceImages(batch.model, batch.indenters[0], load_sensor(seen_by), count=batch.count)
+    stress = StressProjection(batch.model, batch.positions, gel=batch.gel)
+    frames = []
+    for number, pose in enumerate(poses):
+        frames.append(batch.step(pose, loads_n=None if loads_n is None else loads_n[number]))
+        stress.launch()
+        camera.markers(batch.positions)
+        camera.images(batch.positions, batch.poses.tips, batch.poses.rotations)
+    return frames
 
 
 def batch_parts(
-    batch: Batch, chosen: Sequence[tuple[Environment, Trajectory]], *, wall_s: float
+    batch: Batch, poses: FloatArray, loads_n: FloatArray | None, *, wall_s: float
 ) -> dict[str, float]:
     """Time what a step of a press takes, and the stress of all environments once [s].
 
@@ -371,13 +360,14 @@ def batch_parts(
     Args:
         wall_s: Of the press as it is, for what a whole step takes.
     """
-    parts = {"stress": _time_of(batch.stress.launch, device=batch.device)}
-    if batch.device == "cpu":
+    device = batch.model.device
+    stress = StressProjection(batch.model, batch.positions, gel=batch.gel)
+    parts = {"stress": _time_of(stress.launch, device=device)}
+    if device == "cpu":
         return parts
-    trajectories = [trajectory for _, trajectory in chosen]
-    batch.prepare(trajectories[0].frame_count).launch_singly()
+    batch.launch_singly()
     wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
-    batch.press(trajectories)
+    pressed(batch, poses, loads_n)
     times = [
         (next((part for word, part in _PARTS.items() if word in each.name), _REST), each.elapsed)
         for each in wp.timing_end()

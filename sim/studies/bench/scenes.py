@@ -83,13 +83,11 @@ class Manner:
     device: str = "cpu"
     environments: int | None = None  # of a batch; None presses alone
     images: bool = False  # with the image, markers and stress of every frame, in a batch
-    own_mesh: bool = False  # on the mesh that ``batch_model`` makes, in a batch
 
     @property
     def extras(self) -> tuple[str, ...]:
         """What is unlike other batches, in words."""
-        words = {IMAGES: self.images, "the batch's own mesh": self.own_mesh}
-        return tuple(text for text, is_so in words.items() if is_so)
+        return (IMAGES,) if self.images else ()
 
     @property
     def text(self) -> str:

@@ -1,4 +1,4 @@
-"""Presses of unlike indenters at unlike poses in one batch: their time, and their forces."""
+"""Unlike indenters at unlike poses and on unlike paths in one batch: their time, their forces."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.batch.sensor_batch import SensorBatch, sensor_model
+from sim.batch.batch import Batch, BatchOptions
+from sim.batch.sensor_model import sensor_model
 from sim.device import Device
 from sim.error import Tolerance, keeping_corrected
 from sim.press import press
@@ -38,6 +39,14 @@ OFF = "F_z off the finest mesh, median [%]"
 _DEPTHS, _TILT_RAD = (0.02, 0.4), np.radians(15.0)
 # A ball is pressed in by less than its half; an indenter stands so far from the pad's edge [m].
 _BALL_SHARE, _MARGIN_M = 0.45, 3e-3
+# Moving tools: environments and frames on a GPU, and on a processor; frames a second; residuals.
+_MOVING_ON_GPU, _MOVING_ON_CPU, _RATE_HZ = ((60, 1000), (1024, 200)), ((4, 30),), 60.0
+_RESIDUALS = (1e-3, 1e-5)
+# Of the poses' sines: amplitudes [m, rad], and the lowest and highest frequency [1/s]; the mean
+# depth [m]. Tools leave the gel and touch it again, at up to 5 mm/s and 60 degrees/s.
+_AMPLITUDES = (1e-3, 1e-3, 0.5e-3, 0.15, 0.15, 0.25)
+_FREQUENCIES_HZ, _MEAN_DEPTH_M = (0.3, 0.6), 0.15e-3
+_FEW_FRAMES, LOST, _FELT_N = 50, "frames not found", 1e-3
 _COUNT, TOLERANCE = 40, 0.01
 WITHIN, HOLDS = "within 5 % [%]", "within what is stated [%]"
 WITHIN_WANTED, _NEAR = 90.0, 0.05
@@ -122,7 +131,7 @@ def _pressed(
     which, poses = draw_poses(pad, of, count, seed=UNLIKE_SEED)
     started = time.perf_counter()
     model = sensor_model(pad, scene.material, edge_m=edge_m, friction=friction, device=device)
-    batch = SensorBatch(model, of, which)
+    batch = Batch(model, of, which)
     Device(device).synchronise()
     set_up = time.perf_counter() - started
     batch.step(poses)  # compiles its kernels
@@ -152,6 +161,78 @@ def unlike_table(rows: Sequence[Row]) -> Table:
     return table_of_rows(rows, passed=passed, **_prose("unlike", seed=UNLIKE_SEED))
 
 
+def draw_paths(pad: BoxPad, count: int, frame_count: int, *, seed: int) -> FloatArray:
+    """Draw paths of tools in six degrees of freedom, shape [frame_count, count, 7]."""
+    rng = np.random.default_rng(seed)
+    half = np.array(pad.half_extents()) - _MARGIN_M - _AMPLITUDES[0]
+    base = rng.uniform(-half, half, (count, 2))
+    phase = rng.uniform(0.0, 2.0 * np.pi, (count, 6))
+    speed = 2.0 * np.pi * rng.uniform(*_FREQUENCIES_HZ, (count, 6))
+    time_s = np.arange(frame_count)[:, None, None] / _RATE_HZ
+    moved = np.array(_AMPLITUDES) * np.sin(speed * time_s + phase)
+    poses = np.zeros((frame_count, count, 7))
+    poses[..., :2] = base + moved[..., :2]
+    top = pad.height_at(poses[..., 0].ravel(), poses[..., 1].ravel()).reshape(frame_count, count)
+    poses[..., 2] = top - _MEAN_DEPTH_M + moved[..., 2]
+    turns = Rotation.from_rotvec(moved[..., 3:].reshape(-1, 3))
+    poses[..., 3:] = turns.as_quat().reshape(frame_count, count, 4)
+    return poses
+
+
+def measure_moving(scene: Scene) -> Iterator[Row]:
+    """Move drawn indenters over a scene's pad, along paths that are known and frame by frame."""
+    device, pad, of = batch_device(), _box(scene), unlike_bodies()
+    on_gpu = device != "cpu"
+    for edge_m in _EDGES_M if on_gpu else _EDGES_M[:1]:
+        model = sensor_model(pad, scene.material, edge_m=edge_m, device=device)
+        for count, frame_count in _MOVING_ON_GPU if on_gpu else _MOVING_ON_CPU:
+            which = np.random.default_rng(UNLIKE_SEED).integers(0, len(of), count)
+            poses = draw_paths(pad, count, frame_count, seed=UNLIKE_SEED)
+            for residual in _RESIDUALS:
+                options = BatchOptions(residual_relative=residual)
+                yield _moved(Batch(model, of, which, options=options), poses, residual, edge_m)
+
+
+def _moved(batch: Batch, poses: FloatArray, residual: float, edge_m: float) -> Row:
+    frame_count, count, _ = poses.shape
+    batch.follow(poses[:2])  # compiles its kernels
+    batch.reset()
+    batch.step(poses[0])
+    batch.follow(poses[1:3])
+    few = min(_FEW_FRAMES, frame_count - 3)
+    started = time.perf_counter()
+    for pose in poses[3 : 3 + few]:
+        batch.step(pose)
+    step_s = (time.perf_counter() - started) / few
+    batch.reset()
+    batch.step(poses[0])
+    started = time.perf_counter()
+    found = batch.follow(poses[1:])
+    took = time.perf_counter() - started
+    # The residual of a lighter contact is small enough by its size alone.
+    touches = np.linalg.norm(found.raw_wrench[..., :3], axis=-1) > _FELT_N
+    return {
+        "edge [mm]": 1e3 * edge_m,
+        "unknowns": batch.model.pattern.dof_count,
+        "environments": count,
+        "frames": frame_count - 1,
+        "residual asked": residual,
+        "frames/s, known path": (frame_count - 1) * count / took,
+        "frames/s, step by step": count / step_s,
+        LOST: int((~found.valid).sum()),
+        "residual, most": float(found.residual[touches].max()),
+        "imbalance, most": float(np.abs(found.imbalance[touches]).max()),
+        "evaluations, mean": float(found.evaluations.mean()),
+        "evaluations, most": int(found.evaluations.max()),
+    }
+
+
+def moving_table(rows: Sequence[Row]) -> Table:
+    """Return what moving tools take; every frame has to be found, and in balance."""
+    passed = all(row[LOST] == 0 and row["residual, most"] <= row["residual asked"] for row in rows)
+    return table_of_rows(rows, passed=passed, **_prose("moving", seed=UNLIKE_SEED))
+
+
 def measure_alone(
     scene: Scene,
     *,
@@ -167,7 +248,7 @@ def measure_alone(
     forces, poses = np.array([force for force, _ in found]), np.array([at for _, at in found])
     for edge_m in edges_m:
         model = sensor_model(pad, scene.material, edge_m=edge_m)
-        felt = SensorBatch(model, bodies, range(count)).step(poses)
+        felt = Batch(model, bodies, range(count)).step(poses)
         off = felt.wrench[:, 2] / forces - 1.0
         yield {
             "edge [mm]": 1e3 * edge_m,

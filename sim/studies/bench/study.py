@@ -46,6 +46,7 @@ _TABLES: dict[Part, Callable[[Sequence[parts.Row]], Table]] = {
     Part.THREADS: parts.threads_table,
     Part.RENDERING: rendering.rendering_table,
     Part.UNLIKE: sensor_batches.unlike_table,
+    Part.MOVING: sensor_batches.moving_table,
     Part.ALONE: sensor_batches.alone_table,
 }
 # Presets of references; the next is taken where one does not come to its end.
@@ -219,6 +220,7 @@ class Bench(Study):
             Part.THREADS: parts.measure_threads,
             Part.RENDERING: rendering.measure_rendering,
             Part.UNLIKE: sensor_batches.measure_unlike,
+            Part.MOVING: sensor_batches.measure_moving,
             Part.ALONE: sensor_batches.measure_alone,
         }
         return list(measures[part](scene))

@@ -11,7 +11,7 @@ from typing import Any
 from sim.studies.bench.scenes import FRAME_COUNT
 from tacauchy_rig.core.errors import RecordError
 
-GPU_FILES = "h200_*.json"
+GPU_FILES = "h100_scenes.json"
 CPU_FILE = "scenes.json"
 # What the paper ran at once.
 ENVIRONMENTS = 60
@@ -35,7 +35,7 @@ class SceneSpeed:
 class Speeds:
     """What the kept benchmarks say."""
 
-    gpu: tuple[SceneSpeed, ...]  # of an H200, every scene alone and in 60 environments
+    gpu: tuple[SceneSpeed, ...]  # of an H100, every scene alone and in 60 environments
     cpu_frames_per_s: float | None  # the paper's punch on one thread, where it was timed
     cpu_machine: str  # what that ran on
 

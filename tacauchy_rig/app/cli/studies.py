@@ -206,14 +206,6 @@ def bench(
             "surface's stress in every frame.",
         ),
     ] = False,
-    own_mesh: Annotated[
-        bool,
-        typer.Option(
-            "--own-mesh",
-            help="Of the scenes in batches: on the mesh that a batch makes itself, the same for "
-            "every tolerance.",
-        ),
-    ] = False,
     reference: Annotated[
         bool,
         typer.Option(
@@ -242,7 +234,7 @@ def bench(
 
     alone = [Manner(tolerance=each, device=device) for each in tolerances or ("5%",)]
     batches = [Manner(device=device, environments=count) for count in environments or ()]
-    manners = [replace(each, images=images, own_mesh=own_mesh) for each in batches or alone]
+    manners = [replace(each, images=images) for each in batches or alone]
     return Bench(
         terms=SceneTerms(indenter=indenter, sensor=sensor, depth="1mm", preset=Preset.FAST),
         forces_n=load_config(None).config.protocol.force_targets,

@@ -9,16 +9,16 @@ import pytest
 import warp as wp
 
 from sim.batch.contact_inverse import ContactInverse
-from sim.batch.inverses import packed
-from sim.batch.rest_inverse import inverted
-from sim.batch.sensor_batch import sensor_model
+from sim.batch.rest_inverse import DenseRest, inverted, padded_rows, tiling
+from sim.batch.sensor_model import sensor_model
 from sim.batch.sweep_kernels import pack
 from sim.contact.indenter_distance import AnyBody, Poses, body_of, nearby_gap, posed, poses_at
 from sim.device import Device
 from sim.scene.indenter import Cylinder, Indenter, IndenterSet, Sphere, tilted
 from sim.solve.descent_state import Act
 from sim.solve.descents import Descents
-from tests.sim.batch.test_sensor_batch import BLOCK, GEL, PAD
+from tacauchy_rig.core.errors import ConfigError
+from tests.sim.batch.test_batch import BLOCK, GEL, PAD
 
 CPU = Device("cpu")
 
@@ -32,12 +32,65 @@ def test_sweeping_inverts() -> None:
     assert np.abs(found @ matrix - np.eye(192)).max() < 1e-5
 
 
-def test_a_device_packs_as_the_host_does() -> None:
-    """The order in which the product's lanes read a matrix."""
-    matrix = np.random.default_rng(2).normal(size=(288, 288)).astype(np.float32)
+def test_a_lane_finds_its_entries() -> None:
+    """Lane 4 g + m takes rows g and g + 8, and of the columns those it takes of a vector."""
+    rng = np.random.default_rng(0)
+    matrix = rng.integers(-500, 500, (288, 288)).astype(np.float32)
     out = CPU.zeros((1, 288**2), wp.float16)
-    CPU.launch(pack, (18, 9, 512), [CPU.array(matrix, wp.float32), 288, 9, 1.0], [out])
-    np.testing.assert_array_equal(out.numpy()[0], packed(matrix.astype(np.float16)).reshape(-1))
+    given = [CPU.array(matrix, wp.float32), 288, 9, 1.0, CPU.array(np.ones(288), wp.float32)]
+    CPU.launch(pack, (18, 9, 512), given, [out])
+    found = out.numpy().reshape(18, 9, 2, 32, 8)
+    for tile, step, half, group, member in rng.integers([18, 9, 2, 8, 4], size=(50, 5)):
+        row, column = 16 * tile + group, 32 * step + 8 * member + 4 * half
+        wanted = [
+            matrix[row + upper, column + low + odd]
+            for low in (0, 2)
+            for upper in (0, 8)
+            for odd in (0, 1)
+        ]
+        assert found[tile, step, half, 4 * group + member].tolist() == wanted
+
+
+@pytest.mark.parametrize("count", [1, 8, 9, 60, 64, 65, 256, 257, 1024])
+def test_paddings_are_what_blocks_divide(count: int) -> None:
+    """Rows hold a whole number of blocks, and no fewer than asked."""
+    assert 1000 <= padded_rows(1000) < 1000 + 288
+    assert padded_rows(1000) % tiling(count).rows == 0
+    assert padded_rows(1000) % 32 == 0
+
+
+def test_an_inverse_that_does_not_fit_on_a_gpu_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both sizes are named before anything is made."""
+    monkeypatch.setattr(type(wp.get_device("cpu")), "free_memory", 1_000)
+    model = sensor_model(PAD, GEL, edge_m=4e-3)
+    with pytest.raises(ConfigError, match=f"{model.pattern.dof_count} unknowns.* GB"):
+        DenseRest(model, np.zeros((1, 3), dtype=np.int32), count=1)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("count", [1, 8, 60, 320])
+def test_product(count: int) -> None:
+    """The packed inverse undoes the undeformed stiffness; a block without a matrix rests."""
+    model = sensor_model(PAD, GEL, edge_m=3e-3, device="cuda:0")
+    size = model.pattern.dof_count
+    upper = model.pattern.upper(model.rest_hessian_data()).toarray()
+    whole = upper + np.triu(upper, 1).T
+    inverse = DenseRest(model, np.zeros((1, 3), dtype=np.int32), count=count)
+    wanted = np.random.default_rng(2).standard_normal((inverse.column_count, size))
+    asked = wanted @ whole
+    scale = np.abs(asked).max()
+    sources = np.zeros((inverse.column_count, inverse.row_count), dtype=np.float16)
+    weights = inverse.weights.numpy()[:size]
+    sources[:, :size] = asked / scale * weights
+    on = Device("cuda:0")
+    out = on.zeros(sources.shape, wp.float32)
+    inverse.blocks.assign(np.arange(len(inverse.blocks), dtype=np.int32) % 2 - 1)
+    inverse.apply(None, on.array(sources, wp.float16), out)
+    found = inverse.unit * scale * out.numpy()[:, :size].astype(np.float64) * weights
+    rounded = sources[:, :size].astype(np.float64) / weights * scale @ np.linalg.inv(whole)
+    rests = np.repeat(inverse.blocks.numpy(), len(found) // len(inverse.blocks)) < 0
+    assert np.abs(found[rests]).max(initial=0.0) == 0.0
+    assert np.abs((found - rounded)[~rests]).max(initial=0.0) <= 5e-3 * np.abs(rounded).max()
 
 
 @pytest.mark.parametrize("pushed", [False, True])

@@ -22,17 +22,12 @@ def _run(code: str) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_the_example_presses_anywhere() -> None:
-    """A ball and a punch feel a force upwards, each its own."""
-    felt = _run(_EXAMPLES[0])["felt"]
-    assert felt.valid.all()
-    assert (felt.wrench[:, 2] > 0.0).all()
-
-
-@pytest.mark.slow
-def test_the_example_presses_eight_gels() -> None:
-    """Stiffer gels push back harder, in proportion, and are in balance."""
-    found = _run(_EXAMPLES[1] + _EXAMPLES[2])["found"]
-    forces = found.force_n[-1, :, 2]
-    assert np.allclose(forces / forces[0], np.linspace(0.4, 0.5, 8) / 0.4, rtol=1e-4)
-    assert np.abs(found.imbalance).max() <= 1e-6
+def test_the_examples_press_anywhere_and_draw() -> None:
+    """A ball and a punch feel a force upwards, each its own, and each is seen."""
+    names = _run(_EXAMPLES[0] + _EXAMPLES[1])
+    found = names["found"]
+    assert found.valid.all()
+    assert (found.wrench[:, 2] > 0.0).all()
+    images = names["images"].numpy()
+    assert images.shape[0] == 2
+    assert np.abs(images[0].astype(float) - images[1]).max() > 5.0

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.batch.environment import Trajectory
 from sim.device import Device, on_host
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model
@@ -27,8 +26,8 @@ from sim.scene.triangle_surface import TriangleSurface, closed_surface
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
-from sim.studies.bench.press import moves, pressing_frames, spread, trajectory_of
-from sim.studies.bench.scenes import FRAME_COUNT, ScenePress
+from sim.studies.bench.press import goals_of, moves, pressing_frames, spread
+from sim.studies.bench.scenes import ScenePress
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
@@ -58,7 +57,7 @@ class PeerPad:
     scene: Scene
     model: Model  # ours on linear tetrahedra of the whole pad
     body: TriangleSurface
-    trajectory: Trajectory  # where the indenter goes, by depth
+    goals: FloatArray  # depths, shifts [m] and turns [rad] of the frames, shape [frame_count, 4]
     touch_m: float  # height of its tip at first touch
     resistance: float  # kappa [Pa/m^2]: energy kappa (d^2 - d_hat^2)^2 ln (d_hat/d)^2 of a pair
     stiffness_n_m: float  # dF_z / d(depth) of our press in the last frame that goes down
@@ -89,16 +88,14 @@ class PeerPresses:
     """
 
     def __init__(self, pad: PeerPad, count: int) -> None:
-        chosen = spread(pad.scene, pad.trajectory, count)
+        gels, shares = spread(pad.scene, count)
         self.pad, self.count = pad, count
-        environments = [each for each, _ in chosen]
-        self._gel = pad.model.gel.of(
-            [element_constants(pad.model.mesh, each.materials or ()) for each in environments]
-        )
+        self._gel = pad.model.gel.of([element_constants(pad.model.mesh, each) for each in gels])
         law_pa = on_host(self._gel.parameters)
         self.shear_pa, self.bulk_pa = law_pa[..., 0], law_pa[..., 1]
         self.start = np.repeat(pad.poses(np.zeros((1, 4))), count, axis=0)
-        self.poses = np.stack([pad.poses(trajectory.goals) for _, trajectory in chosen], axis=1)
+        less = [pad.goals * [share, 1.0, 1.0, 1.0] for share in shares.tolist()]
+        self.poses = np.stack([pad.poses(goals) for goals in less], axis=1)
         columns, number = int(np.ceil(np.sqrt(count))), np.arange(count)
         pitch = _APART * float(np.ptp(pad.model.nodes, axis=0).max())
         x, y = (
@@ -150,7 +147,7 @@ class PeerPresses:
             unknown_count=pad.model.pattern.dof_count,
             force_n=(float(x), float(y), float(z)),
             moment_nm=None,
-            depth_m=float(pad.trajectory.along[-1]),
+            depth_m=float(pad.goals[-1, 0]),
             stiffness_n_m=pad.stiffness_n_m,
             balance=balance,
             **taken,
@@ -168,13 +165,13 @@ def peer_pad(scene: Scene) -> PeerPad:
     points = [move(path) for move in moves(scene)]
     linear = replace(scene, effects=(*scene.effects, *_LINEAR_AND_WHOLE))
     model = build_model(linear, plan=plan_effects(linear))
-    trajectory = trajectory_of(scene, frame_count=FRAME_COUNT)
-    depths_m = np.array([point.depth_m for point in points])
+    goals = goals_of(scene)
+    goals[:, 0] = [point.depth_m for point in points]
     return PeerPad(
         scene=scene,
         model=model,
         body=triangles(scene.indenter),
-        trajectory=replace(trajectory, depths_m=depths_m, loads_n=None),
+        goals=goals,
         touch_m=path.touch_m,
         resistance=_resistance(model, path, points[-1]),
         stiffness_n_m=points[pressing_frames(scene) - 1].stiffness_n_m,

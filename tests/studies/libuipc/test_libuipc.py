@@ -15,7 +15,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sim.batch.environment import Trajectory
 from sim.scene.indenter import Cylinder, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Motion, Preset, Target
@@ -83,10 +82,7 @@ def test_poses_go_the_scenes_way(pad: PeerPad) -> None:
     """Beside the middle, along, turned about z after the tilt."""
     motion = Motion(tilt_rad=(0.1, 0.0), twist_rad=0.2)
     moved = replace(pad, scene=replace(pad.scene, centre_m=(1e-3, 2e-3), motion=motion))
-    trajectory = Trajectory(
-        depths_m=np.array([0.1e-3]), shifts_m=np.array([[3e-4, 0.0]]), turns_rad=np.array([0.2])
-    )
-    (pose,) = moved.poses(trajectory.goals)
+    (pose,) = moved.poses(np.array([[0.1e-3, 3e-4, 0.0, 0.2]]))
     assert pose[:3, 3] == pytest.approx([1.3e-3, 2e-3, pad.touch_m - 0.1e-3])
     axis = pose[:3, :3] @ [0.0, 0.0, 1.0]
     assert axis == pytest.approx(
@@ -97,9 +93,8 @@ def test_poses_go_the_scenes_way(pad: PeerPad) -> None:
 def test_a_load_becomes_the_depths_that_our_press_found() -> None:
     """Down until 1 N, then along; friction is the scene's."""
     pad = peer_pad(replace(stated_scene(all_scenes()["ball, sliding"]), preset=Preset.FAST))
-    assert not pad.trajectory.is_pushed
-    assert np.all(np.diff(pad.trajectory.along[:10]) > 0.0)
-    assert pad.trajectory.goals[-1, 1:3] == pytest.approx([0.3e-3, 0.0])
+    assert np.all(np.diff(pad.goals[:10, 0]) > 0.0)
+    assert pad.goals[-1, 1:3] == pytest.approx([0.3e-3, 0.0])
     assert pad.model.contact_options.friction == pytest.approx(0.5)
     assert pad.resistance > 0.0
 

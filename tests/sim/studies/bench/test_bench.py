@@ -190,11 +190,10 @@ def test_parts_and_scenes_share_a_page() -> None:
     assert study.facts(results)["growth"] == _GROWTH
 
 
-@pytest.mark.parametrize("manner", [Manner(images=True), Manner(own_mesh=True)])
-def test_options_that_do_not_fit_together_are_refused(manner: Manner) -> None:
+def test_options_that_do_not_fit_together_are_refused() -> None:
     """Before anything is pressed, with the remedy."""
     with pytest.raises(ConfigError, match="for batches"):
-        _bench(manner)
+        _bench(Manner(images=True))
 
 
 WASTE = "sum(range(3_000_000)); print(42)"

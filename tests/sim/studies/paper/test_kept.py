@@ -25,7 +25,7 @@ def write(folder: Path, *, environments: tuple[int, ...] = (1, 60)) -> None:
         ]
         for count in environments
     ]
-    (folder / "h200_made_up.json").write_text(json.dumps({"groups": groups}))
+    (folder / "h100_scenes.json").write_text(json.dumps({"groups": groups}))
 
 
 def test_the_slowest_scene_is_taken(tmp_path: Path) -> None:

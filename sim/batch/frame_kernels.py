@@ -1,52 +1,89 @@
-"""Warp kernels of a step to other poses: where each environment starts, and what it found."""
+"""Warp kernels of frames: where each environment goes next, where it starts, what it found.
+
+An environment goes from the pose of one frame to the next in parts, each a descent to equilibrium.
+It goes on as soon as it has arrived, whatever the others do.
+"""
 
 from __future__ import annotations
 
 import warp as wp
 
-from sim.batch.step_kernels import start_descent
 from sim.contact.contact_kernels import GripArrays
 from sim.contact.indenter_distance import Poses
-from sim.solve.descent_state import Descent, Status
+from sim.solve.descent_state import Descent, Mode, Status
 from sim.solve.memory_kernels import Memory
 
 # A step continues the one before if it is so many times as long at most, and leads the same way.
 _LONGER, _SAME = wp.constant(wp.float64(3.0)), wp.constant(wp.float64(0.9))
 _NOTHING = wp.constant(wp.float64(1e-300))
-
-
+# How often a load is corrected at most, and the change of a bias that is none.
+_CORRECTIONS, _SAME_BIAS = wp.constant(8), wp.constant(wp.float64(5e-4))
 # Where an environment is between two parts of its way.
 _WAITS, _UNDER_WAY = wp.constant(0), wp.constant(1)
 
 
 @wp.struct
-class Ways:
-    """Where the environments go in a step, shape [environment_count] each."""
+class Motions:
+    """Where the environments go, shape [frame_count, environment_count] where nothing is said."""
 
-    tips: wp.array(dtype=wp.vec3d)  # where the way begins [m]
-    travels: wp.array(dtype=wp.vec3d)  # from there to its end [m]
-    rotations: wp.array(dtype=wp.mat33d)  # where it begins, indenter frame to pad frame
-    turns: wp.array(dtype=wp.vec3d)  # rotation vector from there to its end [rad]
-    parts: wp.array(dtype=wp.int32)  # in how many parts it is gone
-    done: wp.array(dtype=wp.int32)  # parts that are behind
-    loads: wp.array(dtype=wp.float64)  # that push the indenter [N]
-    # residual over the contact force that is enough at the end, and before, shape [2]
+    tips: wp.array2d(dtype=wp.vec3d)  # where a frame begins [m]
+    travels: wp.array2d(dtype=wp.vec3d)  # from there to its end [m]
+    rotations: wp.array2d(dtype=wp.mat33d)  # where it begins, indenter frame to pad frame
+    turns: wp.array2d(dtype=wp.vec3d)  # rotation vector from there to its end [rad]
+    parts: wp.array2d(dtype=wp.int32)  # in how many parts it is gone
+    loads: wp.array2d(dtype=wp.float64)  # that push the indenter [N]
+    frame: wp.array(dtype=wp.int32)  # frames that are behind, shape [environment_count]
+    done: wp.array(dtype=wp.int32)  # parts of the next one that are, likewise
+    # residual over the contact force that is enough at a frame's end, and before, shape [2]
     enough: wp.array(dtype=wp.float64)
 
 
 @wp.struct
-class PoseHistory:
+class History:
     """Where the environments were, shape [environment_count, ...] each."""
 
-    moves: wp.array(dtype=wp.int32)  # 1 where an environment has parts of its way to go
+    moves: wp.array(dtype=wp.int32)  # 1 where an environment has frames to go to
     stage: wp.array(dtype=wp.int32)  # it waits for its next part, or is under way
     arrives: wp.array(dtype=wp.int32)  # 1 where it has just arrived
     starts: wp.array(dtype=wp.int32)  # 1 where it has just begun a part
     settled: wp.array(dtype=wp.int32)  # parts since it was put back
+    corrected: wp.array(dtype=wp.int32)  # how often the load of the next frame was
+    evaluated: wp.array(dtype=wp.int32)  # evaluations up to the last frame
+    bias: wp.array(dtype=wp.float64)  # of the last force, over it
+    touched: wp.array2d(dtype=wp.float64)  # wrench, and area in contact, shape [..., 7]
     tips: wp.array2d(dtype=wp.vec3d)  # in the last two states, latest first [m], shape [..., 2]
     last: wp.array2d(dtype=wp.vec3d)  # nodes of the last state [m], shape [..., node_count]
     older: wp.array2d(dtype=wp.vec3d)  # of the one before
     share: wp.array(dtype=wp.float64)  # of the last step that the next one's start goes on by
+
+
+@wp.struct
+class Found:
+    """What frames gave, shape [frame_count, environment_count, ...] each."""
+
+    touched: wp.array3d(dtype=wp.float64)  # raw wrench [N, N m], and area [m^2], shape [..., 7]
+    tips: wp.array2d(dtype=wp.vec3d)  # [m]
+    residual: wp.array2d(dtype=wp.float64)  # norm of the unbalanced force over the contact force
+    # base reaction against the indenter's force, over the latter
+    imbalance: wp.array2d(dtype=wp.float64)
+    evaluations: wp.array2d(dtype=wp.int32)
+
+
+@wp.func
+def start_descent(d: Descent, memory: Memory, b: wp.int32, lags: wp.bool):
+    """Let an environment begin a descent, with nothing learnt of another."""
+    memory.counts[b] = 0
+    memory.next[b] = 0
+    d.status[b] = Status.RUNNING
+    d.mode[b] = Mode.BEGIN
+    d.wanted[b] = 1
+    d.rough[b] = 1
+    d.checked[b] = 1
+    d.steps[b] = 0
+    d.since[b] = 0
+    d.recorded[b] = 0
+    d.gripped_at[b] = wp.float64(1e300)
+    d.grip_change[b] = wp.where(lags, wp.float64(1e300), wp.float64(0.0))
 
 
 @wp.func
@@ -64,9 +101,9 @@ def begin(
     # Model:
     lags: wp.bool,
     # Data in:
-    ways: Ways,
+    motions: Motions,
     # Data in and out:
-    history: PoseHistory,
+    history: History,
     poses: Poses,
     d: Descent,
     memory: Memory,
@@ -80,9 +117,10 @@ def begin(
         busy_out[0] = 1
         history.starts[b] = 1
         history.stage[b] = _UNDER_WAY
-        part, parts = ways.done[b] + 1, ways.parts[b]
+        f = motions.frame[b]
+        part, parts = motions.done[b] + 1, motions.parts[f, b]
         gone = wp.float64(part) / wp.float64(parts)
-        goal = ways.tips[b] + ways.travels[b] * gone
+        goal = motions.tips[f, b] + motions.travels[f, b] * gone
         ahead = goal - history.tips[b, 0]
         behind = history.tips[b, 0] - history.tips[b, 1]
         if d.pushed[b] == 1:
@@ -97,16 +135,15 @@ def begin(
         if d.pushed[b] == 1:
             goal[2] += share * behind[2]
         poses.tips[b] = goal
-        poses.rotations[b] = turn_by(ways.turns[b] * gone) * ways.rotations[b]
-        d.load[b] = ways.loads[b]
-        d.relative[b] = ways.enough[wp.where(part == parts, 0, 1)]
+        poses.rotations[b] = turn_by(motions.turns[f, b] * gone) * motions.rotations[f, b]
+        d.load[b] = motions.loads[f, b] * (wp.float64(1.0) + history.bias[b])
+        d.relative[b] = motions.enough[wp.where(part == parts, 0, 1)]
         start_descent(d, memory, b, lags)
-        d.checked[b] = 1
 
 
 @wp.kernel(enable_backward=False)
 def predict(
-    history: PoseHistory,
+    history: History,
     positions_out: wp.array2d(dtype=wp.vec3d),
     elastic_out: wp.array2d(dtype=wp.vec3d),
     contact_out: wp.array2d(dtype=wp.vec3d),
@@ -121,7 +158,7 @@ def predict(
 
 
 @wp.kernel(enable_backward=False)
-def arrive(d: Descent, poses: Poses, ways: Ways, history: PoseHistory):
+def arrive(d: Descent, poses: Poses, history: History):
     """Note who has arrived, and who will not; launches over [environment_count]."""
     b = wp.tid()
     history.arrives[b] = 0
@@ -132,18 +169,79 @@ def arrive(d: Descent, poses: Poses, ways: Ways, history: PoseHistory):
             history.settled[b] = history.settled[b] + 1
             history.tips[b, 1] = history.tips[b, 0]
             history.tips[b, 0] = poses.tips[b]
-            ways.done[b] = ways.done[b] + 1
-        if d.status[b] != Status.DONE or ways.done[b] == ways.parts[b]:
+            for k in range(7):
+                history.touched[b, k] = wp.float64(0.0)
+        else:
             history.moves[b] = 0
 
 
 @wp.kernel(enable_backward=False)
-def remember(positions: wp.array2d(dtype=wp.vec3d), history: PoseHistory):
+def note(
+    # Model:
+    floor: wp.float64,
+    bias: wp.array(dtype=wp.float64),
+    slope: wp.float64,
+    # Data in:
+    d: Descent,
+    poses: Poses,
+    # Data in and out:
+    motions: Motions,
+    history: History,
+    # Data out:
+    found: Found,
+):
+    """Note what was found by who has arrived; launches over [environment_count].
+
+    A load is to be met without the mesh's bias (``sensor_model``), which is known once the contact
+    is: it is corrected until its bias stands still.
+    """
+    b = wp.tid()
+    if history.arrives[b] == 1:
+        f = motions.frame[b]
+        ends = motions.done[b] + 1 == motions.parts[f, b]
+        own = bias[b]
+        if history.touched[b, 6] > wp.float64(0.0):
+            own += slope * wp.pow(history.touched[b, 6], wp.float64(-0.75))
+        change = wp.abs(own - history.bias[b])
+        history.bias[b] = own
+        again = d.pushed[b] == 1 and change > _SAME_BIAS
+        if ends and again and history.corrected[b] < _CORRECTIONS:
+            history.corrected[b] = history.corrected[b] + 1
+        else:
+            history.corrected[b] = 0
+            motions.done[b] = motions.done[b] + 1
+            if ends:
+                load = wp.max(d.scale[b], floor)
+                for k in range(7):
+                    found.touched[f, b, k] = history.touched[b, k]
+                found.tips[f, b] = poses.tips[b]
+                found.residual[f, b] = d.residual[b] / load
+                found.imbalance[f, b] = d.vertical[b] / load
+                found.evaluations[f, b] = d.evaluations[b] - history.evaluated[b]
+                history.evaluated[b] = d.evaluations[b]
+                motions.done[b] = 0
+                motions.frame[b] = f + 1
+                if f + 1 == motions.parts.shape[0]:
+                    history.moves[b] = 0
+
+
+@wp.kernel(enable_backward=False)
+def remember(positions: wp.array2d(dtype=wp.vec3d), history: History):
     """Take over the nodes of who has arrived; launches over [environment_count, node_count]."""
     b, n = wp.tid()
     if history.arrives[b] == 1:
         history.older[b, n] = history.last[b, n]
         history.last[b, n] = positions[b, n]
+
+
+@wp.kernel(enable_backward=False)
+def copy_grip(wanted: wp.array(dtype=wp.int32), grip: GripArrays, grip_out: GripArrays):
+    """Copy what points hold where it is wanted; launches over the points."""
+    b, f, q = wp.tid()
+    if wanted[b] == 1:
+        grip_out.held[b, f, q] = grip.held[b, f, q]
+        grip_out.anchors[b, f, q] = grip.anchors[b, f, q]
+        grip_out.loads[b, f, q] = grip.loads[b, f, q]
 
 
 @wp.kernel(enable_backward=False)
@@ -154,7 +252,7 @@ def put_back(
     wanted: wp.array(dtype=wp.int32),
     poses: Poses,
     # Data out:
-    history: PoseHistory,
+    history: History,
     positions_out: wp.array2d(dtype=wp.vec3d),
 ):
     """Put environments back to the untouched gel; launches over [environment_count, node_count]."""
@@ -167,6 +265,7 @@ def put_back(
             history.tips[b, 0] = poses.tips[b]
             history.tips[b, 1] = poses.tips[b]
             history.settled[b] = 0
+            history.bias[b] = wp.float64(0.0)
 
 
 @wp.kernel(enable_backward=False)

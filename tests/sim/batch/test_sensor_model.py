@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.batch.sensor_bias import Rim, force_bias
+from sim.batch.sensor_model import Rim, bias_of, edge_of, sensor_model
+from tests.sim.batch.test_batch import GEL, PAD
 
 
 def test_a_contact_as_wide_as_an_edge_is_more_off_than_a_wide_one() -> None:
     """Bias and what may remain fall as contacts grow, and with the mesh's edges."""
-    area = np.pi * np.array([1e-3, 3e-3]) ** 2
+    coarse, fine = (sensor_model(PAD, GEL, edge_m=edge) for edge in (4e-3, 2e-3))
+    area = np.pi * (np.array([1.0, 3.0]) * edge_of(coarse)) ** 2
     rims = np.full(2, Rim.ROUND)
-    bias, left = force_bias(area, edge_m=1e-3, height_m=4e-3, rims=rims)
-    finer, finer_left = force_bias(area, edge_m=0.5e-3, height_m=4e-3, rims=rims)
+    bias, left = bias_of(coarse, rims).of(area)
+    finer, finer_left = bias_of(fine, rims).of(area)
     assert bias[0] > bias[1]
     assert left[0] > left[1]
     assert (finer_left < left).all()
@@ -21,8 +23,7 @@ def test_a_contact_as_wide_as_an_edge_is_more_off_than_a_wide_one() -> None:
 
 def test_without_contact_nothing_is_infinite() -> None:
     """An indenter in the air has a bias that does no harm, as has one that was not found."""
-    bias, left = force_bias(
-        np.array([0.0, np.nan]), edge_m=1e-3, height_m=4e-3, rims=np.full(2, Rim.SHARP)
-    )
+    model = sensor_model(PAD, GEL, edge_m=4e-3)
+    bias, left = bias_of(model, np.full(2, Rim.SHARP)).of(np.array([0.0, np.nan]))
     assert np.isfinite(bias).all()
     assert np.isfinite(left).all()
