@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +16,19 @@ import tacauchy_rig
 def test_each_public_name_exists(name: str) -> None:
     """A renamed module or function must be renamed in the table too."""
     assert getattr(tacauchy_rig, name) is not None
+
+
+def test_type_checkers_see_the_same_names() -> None:
+    """The imports for type checkers and the table of lazy imports agree."""
+    tree = ast.parse(Path(tacauchy_rig.__file__).read_text("utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    imported = {
+        alias.asname: f"{node.module}:{alias.name}"
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert imported == tacauchy_rig._PUBLIC
 
 
 def test_importing_the_package_loads_no_simulator() -> None:

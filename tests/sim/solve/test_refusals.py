@@ -42,7 +42,7 @@ def test_a_small_ball_stays_outside_of_a_coarse_gel() -> None:
 
 def test_a_depth_beyond_the_base_is_refused_before_anything_is_solved() -> None:
     """A tilted punch's rim reaches it before its middle."""
-    path = LoadingPath(small_model(symmetric=True), Sphere(diameter_m=4e-3))
+    path = LoadingPath(small_model(), Sphere(diameter_m=4e-3))
     with pytest.raises(ConfigError, match="at its base"):
         path.advance(4.1e-3)
     assert path.last is None

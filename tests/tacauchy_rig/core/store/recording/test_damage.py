@@ -95,6 +95,28 @@ def test_a_flipped_bit_never_changes_a_value(
         assert messages <= written, offset
 
 
+@given(start=st.integers(0, 5000), length=st.integers(1, 2000), fill=st.binary(min_size=1))
+def test_a_hole_costs_only_what_it_covers(
+    folder: Path, original: Original, start: int, length: int, fill: bytes
+) -> None:
+    """Messages before and after an overwritten stretch are kept."""
+    content = bytearray(original.finished)
+    end = min(start + length, len(content))
+    content[start:end] = (fill * length)[: end - start]
+    recording = _opened(folder, bytes(content))
+    touched = sum(
+        1
+        for (low, _), (high, _) in zip(
+            original.acknowledged, original.acknowledged[1:], strict=False
+        )
+        if start < high and end > low
+    )
+    assert recording.message_count >= len(original.messages) - 2 * touched
+    assert {message.data for message in recording.raw_messages()} <= {
+        message.data for message in original.messages
+    }
+
+
 def test_a_hole_in_the_middle_is_described(folder: Path, original: Original) -> None:
     """It is said which bytes are damaged, what is lost and what is readable."""
     content = bytearray(original.finished)
