@@ -3,31 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from reports.comparison.criteria import judge_model, judge_modulus, judge_record
-from reports.comparison.results import RunStatistics, StreamSummary, TrialResult, ValidationReport
+from reports.comparison.results import (
+    RunStatistics,
+    TrialResult,
+    ValidationReport,
+    judge_model,
+    judge_modulus,
+    judge_record,
+)
 from reports.comparison.sentences import abstract_of, limits_of, read_scores, verdict_of
-from reports.comparison.truth import recover_truth
 from reports.evidence.evidence import (
+    EmulatedWorld,
     ImageGeometry,
     RunEvidence,
-    StreamTiming,
     TrialEvidence,
+    TruthComparison,
 )
-from reports.scores.contact import score_contact
-from reports.scores.correction import correct
+from reports.scores.contact import correct, score_contact
 from reports.scores.floors import (
     Ceiling,
     CrossScores,
     Floors,
+    ForceMargin,
     Skill,
     WrongForceMatrix,
     contact_residuals,
     cross_scores,
+    force_margins,
     score_noise,
     skill,
     trial_ceiling,
@@ -35,9 +42,9 @@ from reports.scores.floors import (
     wrong_force_matrices,
 )
 from reports.scores.force_agreement import Scatter, compare_force, scatter_between
-from reports.scores.force_margin import ForceMargin, force_margins
 from reports.scores.metrics import ImageScores, Metric, psnr_of_mean_mse, score, t_interval
 from tacauchy_rig.core.rgb import to_grey
+from tacauchy_rig.core.run import FZ, TrialRecord
 
 _MEASURED = ("force_measured_n", "force_deviation_n", "force_drift_n", "depth_measured_m")
 
@@ -91,7 +98,7 @@ def _compare_trial(
     }
     force = compare_force(
         trial,
-        tolerance_n=evidence.thresholds.max_force_mismatch_n,
+        tolerance_n=evidence.thresholds.max_force_mismatch,
         model=model,
         contact_force_n=evidence.contact_force_n,
         scatter=scatter,
@@ -106,8 +113,7 @@ def _compare_trial(
             contact=seen["contact"],
             corrections=seen["corrections"],
             force=force,
-            found_offset_m=(0.0, 0.0) if model is None else model.found_offset_m,
-            has_rim=model is None or not model.indenter.startswith("sphere"),
+            model=model,
         ),
     )
     return TrialResult(
@@ -166,9 +172,20 @@ def _pressed(trial: TrialEvidence) -> dict[str, Any]:
         **{name: getattr(record, name, None) for name in _MEASURED},
         "depth_simulated_m": None if replay is None else replay.depth_simulated_m,
         "rates": {} if record is None else dict(record.rates),
-        "streams": tuple(summarize_stream(s) for s in trial.streams if len(s.intervals_s)),
+        "streams": trial.streams,
         "dwell_frame_count": 0 if trial.images is None else trial.images.frame_count,
-        "replay": _replay_facts(trial),
+        "replay": {}
+        if replay is None
+        else {
+            "newton_iterations": replay.newton_iterations,
+            "search_iterations": replay.search_iterations,
+            "wall_s": dict(replay.wall_s),
+            "balance_relative": replay.balance_relative,
+            "gap_min_m": replay.gap_min_m,
+            "min_jacobian": replay.min_jacobian,
+            "force_error_estimate_relative": replay.force_error_estimate,
+            "force_error_basis": replay.force_error_basis,
+        },
     }
 
 
@@ -191,38 +208,6 @@ def _skills(
         )
         for m in Metric
     }
-
-
-def _replay_facts(trial: TrialEvidence) -> dict[str, object]:
-    replay = trial.replay
-    if replay is None:
-        return {}
-    return {
-        "newton_iterations": replay.newton_iterations,
-        "search_iterations": replay.search_iterations,
-        "wall_s": dict(replay.wall_s),
-        "balance_relative": replay.balance_relative,
-        "gap_min_m": replay.gap_min_m,
-        "min_jacobian": replay.min_jacobian,
-        "force_error_estimate_relative": replay.force_error_estimate,
-        "force_error_basis": replay.force_error_basis,
-    }
-
-
-def summarize_stream(stream: StreamTiming) -> StreamSummary:
-    """Reduce arrival intervals to rate, losses and percentiles."""
-    intervals = stream.intervals_s
-    median, late = np.percentile(intervals, [50, 99]) * 1e3
-    return StreamSummary(
-        name=stream.name,
-        nominal_rate_hz=stream.nominal_rate_hz,
-        rate_hz=float(len(intervals) / intervals.sum()),
-        sample_count=len(intervals) + 1,
-        lost_count=stream.lost_count,
-        interval_median_ms=float(median),
-        interval_p99_ms=float(late),
-        interval_max_ms=float(intervals.max() * 1e3),
-    )
 
 
 def _statistics(trials: Sequence[TrialResult], evidence: RunEvidence) -> RunStatistics:
@@ -258,3 +243,127 @@ def _scale_mm_px(geometry: ImageGeometry) -> tuple[float, float] | None:
     if geometry.scale_x_m_px is None or geometry.scale_y_m_px is None:
         return None
     return geometry.scale_x_m_px * 1e3, geometry.scale_y_m_px * 1e3
+
+
+_PER_SI = {"N": 1.0, "mm": 1e3, "kPa": 1e-3, "mN": 1e3, "mN/s": 1e3, "mrad": 1e3}
+"""Of each unit in a newton, metre, pascal, newton per second or radian."""
+
+
+def recover_truth(
+    evidence: RunEvidence, trials: Sequence[TrialResult]
+) -> tuple[TruthComparison, ...]:
+    """Put every true value that the pipeline can see beside what it made of it."""
+    world = evidence.world
+    if world is None:
+        return ()
+    return (
+        *_dwell_means(world, trials),
+        *_surface(world, evidence),
+        *_contact_place(world, evidence, trials),
+        *_tilt(world, evidence),
+        *_modulus(world, evidence, trials),
+        *_force_channel(world, evidence),
+    )
+
+
+def _compared(
+    name: str, unit: str, true: float, recovered: float, trial: int = 0
+) -> TruthComparison:
+    """Set two SI values side by side in a unit for readers."""
+    factor = _PER_SI[unit]
+    return TruthComparison(
+        name=name, true=true * factor, recovered=recovered * factor, unit=unit, trial=trial
+    )
+
+
+def _dwell_means(world: EmulatedWorld, trials: Sequence[TrialResult]) -> Iterator[TruthComparison]:
+    """Yield the forces of all trials, then their depths."""
+    dwells = [(trial, world.dwells[trial.index]) for trial in trials if trial.index in world.dwells]
+    for t, true in dwells:
+        if t.force_measured_n is not None:
+            force_n = t.force_measured_n
+            yield _compared("mean force in the dwell", "N", true[0], force_n, t.index)
+    for t, true in dwells:
+        if t.depth_measured_m is not None:
+            depth_m = t.depth_measured_m
+            yield _compared("mean depth in the dwell", "mm", true[1], depth_m, t.index)
+
+
+def _surface(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:
+    name, error_m = "height of the gel above the expected", world.values.get("surface_error_m")
+    for record in _records(evidence):
+        if isinstance(error_m, float) and record.contact_z_m is not None:
+            found_m = record.contact_z_m - world.surface_expected_m
+            yield _compared(name, "mm", error_m, found_m, record.index)
+
+
+def _contact_place(
+    world: EmulatedWorld, evidence: RunEvidence, trials: Sequence[TrialResult]
+) -> Iterator[TruthComparison]:
+    """Add what the camera's calibration knows of the place to what the images are still off."""
+    calibrated = (0.0, 0.0) if evidence.model is None else evidence.model.image_centre_m
+    poses = [t.corrections.pose for t in trials if t.corrections and t.corrections.pose]
+    parts = [world.values.get(name) for name in ("pose_error_m", "image_shift_m")]
+    known = [part for part in parts if isinstance(part, list | tuple)]
+    for axis, name in enumerate("xy"):
+        found = [p.x_mm if name == "x" else p.y_mm for p in poses]
+        off_mm = [value for value in found if value is not None]
+        if off_mm and len(known) == len(parts):
+            yield TruthComparison(
+                name=f"contact seen off its place along {name}",
+                true=sum(float(part[axis]) for part in known) * 1e3,
+                recovered=calibrated[axis] * 1e3 + float(np.mean(off_mm)),
+                unit="mm",
+            )
+
+
+def _tilt(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:
+    """Yield the tilt fitted to moments, whether it was applied or not."""
+    true = world.values.get("tilt_rad")
+    found = {} if evidence.model is None else {each.name: each for each in evidence.model.found}
+    for axis, name in enumerate("xy"):
+        each = found.get(f"lean towards {name}")  # the name that replays on disk have
+        value = None if each is None else each.value
+        if value is not None and isinstance(true, list | tuple):
+            yield _compared(f"tilt of the tool towards {name}", "mrad", float(true[axis]), value)
+
+
+def _modulus(
+    world: EmulatedWorld, evidence: RunEvidence, trials: Sequence[TrialResult]
+) -> Iterator[TruthComparison]:
+    """Scale the stated modulus by measured over predicted force; linear in the modulus."""
+    model, true = evidence.model, world.values.get("young_pa")
+    ratios = [
+        t.force_measured_n / t.force.force_predicted_n
+        for t in trials
+        if t.force_measured_n is not None and t.force.force_predicted_n
+    ]
+    if model is not None and isinstance(true, float) and ratios:
+        stated_pa = model.young_pa / (model.modulus_factor or 1.0)
+        found_pa = stated_pa * float(np.mean(ratios))
+        yield _compared("modulus, from force at the measured depth", "kPa", true, found_pa)
+
+
+def _force_channel(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:
+    tared = [
+        (r.tare_before, r.tare_after)
+        for r in _records(evidence)
+        if r.tare_before is not None and r.tare_after is not None
+    ]
+    noise, drift = world.values.get("force_noise_n"), world.values.get("force_drift_n_s")
+    if not tared or not isinstance(noise, float) or not isinstance(drift, float):
+        return
+    variances = [tare.deviation[FZ] ** 2 for pair in tared for tare in pair]
+    found_n = math.sqrt(float(np.mean(variances)))
+    yield _compared("noise of a force sample", "mN", noise, found_n)
+    slopes = [
+        (after.mean[FZ] - before.mean[FZ]) / ((after.start_ns - before.start_ns) * 1e-9)
+        for before, after in tared
+        if after.start_ns > before.start_ns
+    ]
+    if slopes:
+        yield _compared("drift of the force sensor", "mN/s", drift, float(np.mean(slopes)))
+
+
+def _records(evidence: RunEvidence) -> list[TrialRecord]:
+    return [t.record for t in evidence.trials if t.record is not None]

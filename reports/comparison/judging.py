@@ -14,16 +14,17 @@ import numpy as np
 
 from reports.comparison.compare import compare_images
 from reports.evidence.evidence import RunEvidence, TrialEvidence
-from reports.scores.contact import ContactScores, score_contact
-from reports.scores.correction import Corrections
+from reports.scores.contact import ContactScores, Corrections, score_contact
 from reports.scores.floors import (
     CeilingKind,
     Floors,
+    ForceMargin,
     Skill,
+    force_margins,
     trial_ceiling,
     trial_floors,
 )
-from reports.scores.force_margin import ForceMargin, force_margins
+from reports.scores.force_agreement import difference
 from reports.scores.metrics import ImageScores, MeanInterval, Metric, score, t_interval
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator
@@ -215,9 +216,8 @@ def judge(
     """
     known = {} if ours is None else ours.presses
     entries = ([] if ours is None else [ours]) + list(others)
-    judged = tuple(_judged(evidence, entry, known, is_ours=entry is ours) for entry in entries)
     return Judgement(
-        simulators=judged,
+        simulators=tuple(_judged(evidence, e, known, is_ours=e is ours) for e in entries),
         floors=_floors(evidence),
         ceiling=_ceiling(evidence),
         evidence=evidence,
@@ -228,16 +228,15 @@ def _judged(
     evidence: RunEvidence, entry: Outputs, ours: Mapping[int, PressOutput], *, is_ours: bool
 ) -> JudgedSimulator:
     trials = tuple(
-        replace(trial, simulated_image=_of(entry, trial).image) for trial in evidence.trials
+        replace(trial, simulated_image=entry.presses.get(trial.index, PressOutput()).image)
+        for trial in evidence.trials
     )
     shown = replace(evidence, trials=trials)
     margins = force_margins(trials)
     presses = []
-    for trial in trials:
-        if trial.index not in entry.presses:
-            continue
+    for trial in (each for each in trials if each.index in entry.presses):
         seen = compare_images(trial, shown, {trial.index: _own(trial)})
-        output = _of(entry, trial)
+        output = entry.presses[trial.index]
         presses.append(
             JudgedPress(
                 index=trial.index,
@@ -265,22 +264,18 @@ def _own(trial: TrialEvidence) -> dict[int, ImageScores]:
     return {trial.index: score(trial.images.real, trial.simulated_image)}
 
 
-def _of(entry: Outputs, trial: TrialEvidence) -> PressOutput:
-    return entry.presses.get(trial.index, PressOutput())
-
-
 def _force(trial: TrialEvidence, output: PressOutput, driven: Driven | None) -> dict[str, Any]:
     """Return by how much the one of force and depth is off that the simulator was not told."""
-    record = trial.record
-    measured = None if record is None else record.force_measured_n
-    depth = None if record is None else record.depth_measured_m
-    error = relative = off = None
-    if driven is Driven.DEPTH and output.force_n is not None and measured is not None:
-        error = output.force_n - measured
-        relative = error / measured if measured else None
-    if driven is Driven.FORCE and output.depth_m is not None and depth is not None:
-        off = output.depth_m - depth
-    return {"force_error_n": error, "force_error_relative": relative, "depth_error_m": off}
+    measured_n, is_told_depth = trial.force_measured_n, driven is Driven.DEPTH
+    error_n = difference(output.force_n, measured_n) if is_told_depth else None
+    off_m = difference(output.depth_m, trial.depth_measured_m)
+    return {
+        "force_error_n": error_n,
+        "force_error_relative": error_n / measured_n
+        if error_n is not None and measured_n
+        else None,
+        "depth_error_m": off_m if driven is Driven.FORCE else None,
+    }
 
 
 _FIELDS = (
@@ -408,17 +403,13 @@ def contests(judgement: Judgement) -> tuple[Contest, ...]:
 
 
 def _against(ours: JudgedSimulator, other: JudgedSimulator) -> Iterator[Contest]:
-    mine, theirs = _by_index(ours), _by_index(other)
+    mine, theirs = ({press.index: press for press in one.presses} for one in (ours, other))
     shared = sorted(set(mine) & set(theirs))
-    for each in ALL:
-        if each.larger_is_better is None:
-            continue
+    for each in (one for one in ALL if one.larger_is_better is not None):
         pairs = [(mine[i].value(each.key), theirs[i].value(each.key)) for i in shared]
         both = [(a, b) for a, b in pairs if a is not None and b is not None]
-        if not both:
-            continue
         sign = -1.0 if each.larger_is_better else 1.0
-        first, second = (t_interval(values).mean for values in zip(*both, strict=True))
+        first, second = (t_interval([pair[k] for pair in both]).mean for k in (0, 1))
         if first is not None and second is not None:
             yield Contest(
                 other=other.simulator.title,
@@ -427,7 +418,3 @@ def _against(ours: JudgedSimulator, other: JudgedSimulator) -> Iterator[Contest]
                 theirs=each.factor * second,
                 difference=t_interval([sign * each.factor * (b - a) for a, b in both]),
             )
-
-
-def _by_index(simulator: JudgedSimulator) -> Mapping[int, JudgedPress]:
-    return {press.index: press for press in simulator.presses}

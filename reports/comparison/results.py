@@ -1,36 +1,19 @@
-"""What a comparison found: plain values, the same names as in ``summary.json``."""
+"""What a comparison found, and what trials and run must meet, with remedies."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from reports.evidence.evidence import RunEvidence, TruthComparison
-from reports.scores.contact import ContactScores
-from reports.scores.correction import Corrections
-from reports.scores.floors import Ceiling, Floors, Skill, WrongForceMatrix
+from reports.evidence.evidence import RunEvidence, StreamSummary, TrialEvidence, TruthComparison
+from reports.scores.contact import ContactScores, Corrections
+from reports.scores.floors import Ceiling, Floors, ForceMargin, Skill, WrongForceMatrix
 from reports.scores.force_agreement import ForceAgreement
-from reports.scores.force_margin import ForceMargin
 from reports.scores.metrics import ImageScores, MeanInterval
-from tacauchy_rig.core.run import Criterion
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StreamSummary:
-    """Arrival of one stream's samples, measured from the recording.
-
-    Attributes:
-        rate_hz: Samples over the time they took.
-        interval_p99_ms: 99th percentile of the time between arrivals [ms].
-    """
-
-    name: str
-    nominal_rate_hz: float | None
-    rate_hz: float
-    sample_count: int
-    lost_count: int | None
-    interval_median_ms: float
-    interval_p99_ms: float
-    interval_max_ms: float
+from tacauchy_rig.core.config.model import ReportSection
+from tacauchy_rig.core.run import Criterion, Outcome
+from tacauchy_rig.core.simulated import ReplayModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,3 +105,283 @@ class ValidationReport:
     matrices: tuple[WrongForceMatrix, ...]
     truth: tuple[TruthComparison, ...]
     evidence: RunEvidence
+
+
+MAX_SETTLED_CHANGE = 0.05
+"""Of the contact's change. A force that drifts as fast as `protocol.dwell_force_rate` admits moves
+by 0.06 N in a dwell, 5 % of the lightest press. Gels creep by 5 to 8 % in all, mostly before."""
+
+NOT_THERE = "press and replay this trial first: `tacauchy-rig resume RUN`, then `replay RUN`"
+
+
+def judge_record(trial: TrialEvidence) -> Iterator[Criterion]:
+    """Yield what protocol, recording and hashes say of a trial; what is missing fails."""
+    yield _protocol(trial)
+    if trial.images is not None and trial.images.settled_change is not None:
+        yield Criterion.at_most(
+            "settled_images",
+            trial.images.settled_change,
+            MAX_SETTLED_CHANGE,
+            remedy="the pose was constant while the images changed: the camera delivers old images "
+            "(end other programs, see `tacauchy-rig doctor`: camera), or its light changes",
+        )
+    yield from trial.checks
+
+
+def _protocol(trial: TrialEvidence) -> Criterion:
+    record = trial.record
+    if record is not None and record.outcome is Outcome.IMPORTED:
+        return Criterion(
+            name="press",
+            passed=False,
+            measured=math.nan,
+            limit="a protocol supervised the press",
+            unit="",
+            remedy="the press was imported, so this cannot be checked",
+        )
+    if record is None:
+        remedy = "`tacauchy-rig resume RUN` continues with the first missing trial"
+    else:
+        failed = [c for c in record.criteria if not c.passed]
+        remedy = (
+            " ".join([record.reason, *(f"{c.name}: {c.remedy or c.limit}" for c in failed)]).strip()
+            or "`tacauchy-rig resume RUN` repeats the trial"
+        )
+    passed = record is not None and record.passed
+    limit = "the attempt ran to its end and met every check of the protocol"
+    return Criterion.judged(
+        "press", float(passed), passed=passed, limit=limit, unit="", remedy=remedy
+    )
+
+
+MARGIN, RESIDUAL, OFFSET, PREDICTION, MODULUS, MODULUS_TRIALS = (
+    "force_margin",
+    "contact_residual",
+    "contact_offset",
+    "predicted_force",
+    "modulus_factor",
+    "modulus_trials",
+)
+
+
+def judge_model(
+    trial: TrialEvidence,
+    thresholds: ReportSection,
+    *,
+    margin: ForceMargin | None,
+    contact: ContactScores | None,
+    corrections: Corrections | None,
+    force: ForceAgreement,
+    model: ReplayModel | None = None,
+) -> tuple[Criterion, ...]:
+    """Return the criteria that a trial's replay must meet; what is missing fails.
+
+    The fitted shift of the indenter still counts as offset; advice about an edge is only for
+    indenters that have one.
+    """
+    return (
+        _margin(thresholds, margin),
+        _residual(
+            thresholds,
+            contact,
+            has_rim=model is None or not model.indenter.startswith("sphere"),
+        ),
+        _offset(
+            thresholds,
+            corrections if trial.place_known else None,
+            (0.0, 0.0) if model is None else model.found_offset_m,
+        ),
+        _prediction(thresholds, force),
+        _mismatch(thresholds, force),
+    )
+
+
+def _margin(thresholds: ReportSection, margin: ForceMargin | None) -> Criterion:
+    value = math.nan if margin is None else margin.in_spreads
+    limit = thresholds.min_force_margin
+    if margin is None:
+        remedy = NOT_THERE
+    elif math.isnan(value):
+        remedy = "a margin needs a dwell of at least four frames and a visible contact"
+    else:
+        remedy = (
+            f"the image of {margin.rival} fits this press equally well: the replay's images belong"
+            " to other presses or to none, or the target forces are too close to distinguish"
+        )
+    return Criterion.judged(
+        MARGIN,
+        value,
+        passed=value >= limit,
+        limit="the correct force leaves a smaller residual in the contact than any wrong force and"
+        f" no contact, by at least {limit:g} times the noise and repeat scatter",
+        unit="spreads",
+        remedy=remedy,
+    )
+
+
+def _residual(
+    thresholds: ReportSection, contact: ContactScores | None, *, has_rim: bool
+) -> Criterion:
+    value = math.nan if contact is None else contact.relative_residual
+    limit = thresholds.max_contact_residual
+    return Criterion.judged(
+        RESIDUAL,
+        value,
+        passed=value <= limit,
+        limit=f"at most {limit:g} of the contact's image change unexplained (no contact: 1)",
+        unit="",
+        remedy=NOT_THERE
+        if math.isnan(value)
+        else "look at the difference images: a ring points to the"
+        f" {'fillet or the ' * has_rim}pose, a tint to the light, a disc to the force;"
+        " calibrate scale and optics for this sensor",
+    )
+
+
+def _offset(
+    thresholds: ReportSection, corrections: Corrections | None, found_offset_m: tuple[float, float]
+) -> Criterion:
+    pose, value = None if corrections is None else corrections.pose, math.nan
+    if pose is not None and pose.x_mm is not None and pose.y_mm is not None:
+        x_mm, y_mm = (1e3 * found for found in found_offset_m)
+        value = math.hypot(x_mm + pose.x_mm, y_mm + pose.y_mm)
+    limit = thresholds.max_contact_offset * 1e3
+    return Criterion.judged(
+        OFFSET,
+        value,
+        passed=value <= limit,
+        limit=f"the contact in the image is at most {limit:g} mm from the simulated one",
+        unit="mm",
+        remedy="`tacauchy-rig calibrate scale` finds the place at the image's centre: write it as"
+        " camera.centre_x and centre_y into the sensor's file, and check the tool's centre",
+    )
+
+
+def _prediction(thresholds: ReportSection, force: ForceAgreement) -> Criterion:
+    error, known = force.prediction_error_n, force.known_uncertainty_n
+    value = math.nan if error is None or not known else error / known
+    limit = thresholds.coverage_factor
+    return Criterion.judged(
+        PREDICTION,
+        value,
+        passed=abs(value) <= limit,
+        limit=f"the force predicted at the measured depth deviates by at most {limit:g} times its"
+        f" standard uncertainty{f' of {known:.3g} N' if known else ''}",
+        unit="uncertainties",
+        remedy="the measured depth exceeds all simulated depths: check modulus and gel"
+        if math.isnan(value) and force.mismatch_n is not None
+        else NOT_THERE
+        if math.isnan(value)
+        else "gel, indenter or force sensor differ from their stated values: check the sensor's"
+        " file, the indenter, and the cell with a known weight",
+    )
+
+
+def _mismatch(thresholds: ReportSection, force: ForceAgreement) -> Criterion:
+    mismatch = math.nan if force.mismatch_n is None else force.mismatch_n
+    limit = thresholds.max_force_mismatch
+    return Criterion.judged(
+        "force_mismatch",
+        mismatch,
+        passed=abs(mismatch) <= limit,
+        limit=f"|simulated - measured| at most {limit:g} N",
+        unit="N",
+        remedy=NOT_THERE
+        if math.isnan(mismatch)
+        else "lower replay.force_tolerance and replay the run: `tacauchy-rig replay RUN`",
+    )
+
+
+def judge_modulus(model: ReplayModel | None, thresholds: ReportSection) -> Iterator[Criterion]:
+    """Yield the criteria of a modulus that the run's own depths decided; none where it was stated.
+
+    A fit takes up whatever is wrong with forces and depths alike, so it must stay within what the
+    sensor's file allows, and rest on enough presses.
+    """
+    if model is None or model.modulus_factor is None:
+        return
+    stated, trials = model.young_uncertainty_relative, model.modulus_trials or 0
+    limit = math.nan if stated is None else thresholds.coverage_factor * stated
+    yield Criterion.judged(
+        MODULUS,
+        model.modulus_factor,
+        passed=abs(model.modulus_factor - 1.0) <= limit,
+        limit=f"within {100.0 * limit:.3g} % of 1, which is {thresholds.coverage_factor:g} times"
+        " the standard uncertainty in the sensor's file"
+        if stated is not None
+        else "the sensor's file states the uncertainty of its modulus",
+        unit="times the stated modulus",
+        remedy="check the force sensor with a known weight, its unit and range; then the gel's"
+        " modulus and height in the sensor's file, and the indenter's sizes",
+    )
+    fewest = thresholds.min_modulus_trials
+    yield Criterion.judged(
+        MODULUS_TRIALS,
+        float(trials),
+        passed=trials >= fewest,
+        limit=f"at least {fewest} trials have the depths and forces that the modulus fit needs",
+        unit="trials",
+        remedy='replay with replay.modulus = "stated", or press more trials: the fit'
+        " omits depths that no simulated press reached",
+    )
+
+
+COUNTS = (MARGIN, RESIDUAL, PREDICTION, OFFSET)
+COUNTS_OF_RUN = (MODULUS, MODULUS_TRIALS)
+"""Criteria that a wrong model can miss; what holds by construction is not among them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadlineRow:
+    """One criterion over all trials.
+
+    Attributes:
+        worst: Of the trials; None where one of them has no value.
+        met: Trials that met it, out of ``trials``.
+    """
+
+    name: str
+    worst: float | None
+    unit: str
+    limit: str
+    met: int
+    trials: int
+
+    @property
+    def passed(self) -> bool:
+        """Every trial met it."""
+        return self.met == self.trials
+
+
+def headline_of(
+    trials: Sequence[TrialResult], run_criteria: Sequence[Criterion]
+) -> tuple[HeadlineRow, ...]:
+    """Return what counts: of the trials first, then of the run as a whole."""
+    by_trial = [[c for t in trials for c in t.criteria if c.name == name] for name in COUNTS]
+    of_run = [[c] for c in run_criteria if c.name in COUNTS_OF_RUN]
+    return tuple(_row(found) for found in (*by_trial, *of_run) if found)
+
+
+def worst_of(criteria: Sequence[Criterion]) -> Criterion:
+    """Return the case of one criterion that is furthest off; one that has no value comes first."""
+    return max(criteria, key=lambda criterion: badness(criterion.name, criterion.measured))
+
+
+def badness(name: str, measured: float | None) -> float:
+    """Return how far off a case of a criterion is; infinite where nothing is known of it."""
+    if measured is None or math.isnan(measured):
+        return math.inf
+    return -measured if name == MARGIN else abs(measured)
+
+
+def _row(criteria: Sequence[Criterion]) -> HeadlineRow:
+    worst = worst_of(criteria)
+    alike = len({c.limit for c in criteria}) == 1
+    return HeadlineRow(
+        name=worst.name,
+        worst=None if math.isnan(worst.measured) else worst.measured,
+        unit=worst.unit,
+        limit=worst.limit if alike else f"{worst.limit} (of that trial)",
+        met=sum(c.passed for c in criteria),
+        trials=len(criteria),
+    )

@@ -1,24 +1,28 @@
-"""What is read of an attempt: its recording is opened once, each of its frames decoded once."""
+"""What is read of an attempt, each frame decoded once, and what a replay keeps of a press."""
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
 
 from reports.evidence.evidence import (
     Curve,
     ImageGeometry,
-    StreamTiming,
+    IntermediateFrame,
+    IntermediateState,
+    StreamSummary,
     TrialImages,
 )
-from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
+from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb
 from tacauchy_rig.core.run import FZ, ImageFrame, TrialRecord
@@ -37,12 +41,7 @@ def settled_change(pressed: Sequence[ImageArray], reference: ImageArray) -> floa
     reference. Noise has no part in that image but by chance: of N values with a deviation s beside
     a contact c it leaves s / (c sqrt(N)), whether or not a camera repeats its noise.
 
-    Args:
-        pressed: Frames of the dwell in order, shape [height, width, 3] each.
-        reference: The gel without contact.
-
-    Returns:
-        0 for pictures that show one contact; None for fewer than three frames.
+    Of pictures that show one contact it is 0; None for fewer than three frames.
     """
     count = len(pressed) // THIRDS
     if count == 0:
@@ -67,12 +66,6 @@ logger = logging.getLogger(__name__)
 
 class AttemptReading:
     """One attempt at a trial; what is asked for is read when it is first asked for, and kept.
-
-    Attributes:
-        store: The run that it belongs to.
-        record: What the protocol wrote of it.
-        recording: Its streams.
-        geometry: How its frames become scored images.
 
     Raises:
         RecordError: The recording is missing or damaged.
@@ -143,14 +136,10 @@ class AttemptReading:
 
         None without a tare or a dwell, or where a component is not known.
         """
-        tare, start_ns, end_ns = (
-            self.record.tare_before,
-            self.record.dwell_start_ns,
-            self.record.dwell_end_ns,
-        )
+        record, tare = self.record, self.record.tare_before
         if tare is None:
             return None
-        samples = self.force.between(start_ns, end_ns)
+        samples = self.force.between(record.dwell_start_ns, record.dwell_end_ns)
         if len(samples) < MIN_SAMPLES or not np.isfinite(samples).all():
             return None
         variance = samples.var(axis=0, ddof=1) / len(samples)
@@ -181,25 +170,21 @@ class AttemptReading:
         return 0.5 * sum(dwell) - float(touched[0]) if len(touched) else None
 
     @property
-    def streams(self) -> tuple[StreamTiming, ...]:
-        """When the samples of each stream arrived, and how many are missing.
+    def streams(self) -> tuple[StreamSummary, ...]:
+        """How regularly the samples of each stream arrived, and how many are missing.
 
         Nothing of an imported run: its stamps are its source's, and its counters count its samples.
         """
-        config = self.store.config
+        config, force = self.store.config, self.force
         if config.is_imported:
             return ()
         stamps, counters = self.recording.frame_stamps()
-        return (
-            stream_timing(
-                "force",
-                self.force.stamp_ns,
-                counter=self.force.counter,
-                nominal_rate_hz=config.force_sensor.rate,
-            ),
-            stream_timing("image", stamps, counter=counters, nominal_rate_hz=config.camera.rate),
-            stream_timing("arm", self.arm.stamp_ns),
+        found = (
+            summarize_stream("force", force.stamp_ns, force.counter, config.force_sensor.rate),
+            summarize_stream("image", stamps, counters, config.camera.rate),
+            summarize_stream("arm", self.arm.stamp_ns),
         )
+        return tuple(stream for stream in found if stream is not None)
 
     @property
     def _force_late_ns(self) -> int:
@@ -230,11 +215,8 @@ class AttemptReading:
 class RunReading:
     """The attempts of a run that count: of each trial the latest passed, or else the latest ended.
 
-    Args:
-        store: The run.
-        geometry: How frames become scored images; the sensor's file knows it.
-
     Attributes:
+        geometry: How frames become scored images; the sensor's file knows it.
         records: What the protocol wrote, by trial; None for one that has not ended.
     """
 
@@ -326,24 +308,114 @@ def _ranked(stack: ImageArray, rank: int) -> ImageArray:
     return value
 
 
-def stream_timing(
+def summarize_stream(
     name: str,
     stamp_ns: Int64Array,
-    *,
     counter: Int64Array | None = None,
     nominal_rate_hz: float | None = None,
-) -> StreamTiming:
-    """Return the arrival intervals of a stream, and its losses where it has a counter."""
-    lost = None
-    if counter is not None and len(counter):
-        lost = int(counter[-1] - counter[0] + 1 - len(counter))
-    return StreamTiming(
+) -> StreamSummary | None:
+    """Reduce a stream's arrivals to rate, losses and percentiles; None of fewer than two."""
+    if len(stamp_ns) < 2:
+        return None
+    intervals_s = _seconds(np.diff(stamp_ns))
+    median, late = np.percentile(intervals_s, [50, 99]) * 1e3
+    return StreamSummary(
         name=name,
         nominal_rate_hz=nominal_rate_hz,
-        intervals_s=_seconds(np.diff(stamp_ns)),
-        lost_count=lost,
+        rate_hz=float(len(intervals_s) / intervals_s.sum()),
+        sample_count=len(stamp_ns),
+        lost_count=None if counter is None else int(counter[-1] - counter[0] + 1 - len(counter)),
+        interval_median_ms=float(median),
+        interval_p99_ms=float(late),
+        interval_max_ms=float(intervals_s.max() * 1e3),
     )
 
 
 def _seconds(duration_ns: Int64Array) -> FloatArray:
     return np.asarray(duration_ns * 1e-9, dtype=np.float64)
+
+
+def surface_values(
+    fields: Mapping[str, NDArray[Any]], name: str, x_m: FloatArray, y_m: FloatArray
+) -> FloatArray | None:
+    """Return a replayed trial's pressure or shear at places of the pad; None without one.
+
+    Of a vector the components along x and y, on a last axis of 2.
+    """
+    if not {"node_m", name} <= fields.keys():
+        return None
+    values = fields[name] if fields[name].ndim == 1 else fields[name][:, :2]
+    at = LinearNDInterpolator(fields["node_m"][:, :2], values, fill_value=0.0)
+    return np.asarray(at(x_m, y_m), dtype=np.float64)
+
+
+NEAR = 0.05
+"""Of a press's force: a frame that was taken at a force farther off is not shown."""
+_KEYS = {"force_n", "depth_m", "image", "dent_m", "pressure_pa"}
+
+
+def intermediate_states(
+    passed: Mapping[str, AnyArray], attempt: AttemptReading | None
+) -> tuple[IntermediateState, ...]:
+    """Return the states that a replay kept, the smallest force first; the last is the press's own.
+
+    ``passed``, the arrays of ``passed.npz``, is empty of a replay from before it was kept.
+    """
+    if not passed.keys() >= _KEYS:
+        return ()
+    frames = _frames(passed["force_n"], attempt)
+    return tuple(
+        IntermediateState(
+            force_n=float(passed["force_n"][k]),
+            depth_m=float(passed["depth_m"][k]),
+            image=passed["image"][k],
+            dent_m=passed["dent_m"][k],
+            pressure_pa=passed["pressure_pa"][k],
+            frame=frame,
+        )
+        for k, frame in enumerate(frames)
+    )
+
+
+def _frames(force_n: FloatArray, attempt: AttemptReading | None) -> list[IntermediateFrame | None]:
+    """Return the recorded frame nearest in force to each; of the last, what the dwell shows."""
+    if attempt is None:
+        return [None] * len(force_n)
+    near_n = NEAR * float(force_n[-1])
+    rising = [_nearest(attempt, float(each), near_n) for each in force_n[:-1]]
+    record, held = attempt.record, None
+    if attempt.images is not None:
+        held = IntermediateFrame(
+            image=attempt.images.real,
+            force_n=record.force_measured_n,
+            depth_m=record.depth_measured_m,
+        )
+    return [*rising, held]
+
+
+def _nearest(attempt: AttemptReading, force_n: float, near_n: float) -> IntermediateFrame | None:
+    """Return the frame before the dwell taken nearest to a force; None if that is not near."""
+    curve, stamps, depth = attempt.force_curve, attempt.frame_stamps, attempt.depth_curve
+    before = stamps.time_s < 0.0  # the curves' time begins with the dwell
+    start_ns = attempt.record.reference_end_ns
+    if start_ns is not None:
+        before &= stamps.value > start_ns
+    if curve is None or not len(curve.time_s) or not before.any():
+        return None
+    time_s, stamp_ns = stamps.time_s[before], stamps.value[before]
+    carried_n = np.interp(time_s, curve.time_s, curve.value)
+    k = int(np.argmin(np.abs(carried_n - force_n)))
+    if not abs(carried_n[k] - force_n) <= near_n:
+        return None
+    # Stamps went through a float: a microsecond is more than what that rounds.
+    around = attempt.recording.frames(int(stamp_ns[k]) - 1000, int(stamp_ns[k]) + 1000)
+    image = next((seen for seen in map(decode_frame, around) if seen is not None), None)
+    if image is None:
+        return None
+    return IntermediateFrame(
+        image=crop_and_resize(image, attempt.geometry),
+        force_n=float(carried_n[k]),
+        depth_m=float(np.interp(time_s[k], depth.time_s, depth.value))
+        if depth and len(depth.time_s)
+        else None,
+    )

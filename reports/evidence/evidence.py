@@ -13,6 +13,7 @@ from typing import Any
 
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.calibrated import CalibratedOptics
+from tacauchy_rig.core.config.model import ReportSection
 from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.figure_style import IMPORTED_MARK, SIMULATED_MARK
 from tacauchy_rig.core.force_check import ForceCheck
@@ -108,21 +109,26 @@ class IntermediateState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StreamTiming:
-    """When the samples of one stream arrived, measured from the recording.
+class StreamSummary:
+    """Arrival of one stream's samples, measured from the recording.
 
     Attributes:
         name: ``force``, ``image`` or ``arm``.
         nominal_rate_hz: What the configuration asks for; None when it does not say.
-        intervals_s: Time between consecutive arrivals [s], shape [n - 1].
+        rate_hz: Samples over the time they took.
         lost_count: Samples that the native counter shows and the recording lacks; None for a
             stream without a counter.
+        interval_p99_ms: 99th percentile of the time between arrivals [ms].
     """
 
     name: str
     nominal_rate_hz: float | None
-    intervals_s: FloatArray
+    rate_hz: float
+    sample_count: int
     lost_count: int | None
+    interval_median_ms: float
+    interval_p99_ms: float
+    interval_max_ms: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,26 +147,18 @@ class TruthComparison:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrueDwell:
-    """True mean force [N] and depth [m] of the emulated indenter over a dwell."""
-
-    force_n: float
-    depth_m: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class EmulatedWorld:
     """What only a report may know of a dry run.
 
     Attributes:
         values: Content of ``truth.json``, units in the keys.
         surface_expected_m: Height of the gel that the configuration expects [m].
-        dwells: True force and depth by trial, where the emulator's trace has them.
+        dwells: True mean force [N] and depth [m] by trial, where the emulator's trace has them.
     """
 
     values: dict[str, Any]
     surface_expected_m: float
-    dwells: dict[int, TrueDwell] = field(default_factory=dict)
+    dwells: dict[int, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,10 +192,20 @@ class TrialEvidence:
     dwell_s: tuple[float, float] | None = None
     checks: tuple[Criterion, ...] = ()
     force_depth_simulated: ForceDepthCurve | None = None
-    streams: tuple[StreamTiming, ...] = ()
+    streams: tuple[StreamSummary, ...] = ()
     place_known: bool = True
     intermediate: tuple[IntermediateState, ...] = ()
     kind: int = 0
+
+    @property
+    def force_measured_n(self) -> float | None:
+        """Mean force in the dwell [N]; None where it is not recorded."""
+        return None if self.record is None else self.record.force_measured_n
+
+    @property
+    def depth_measured_m(self) -> float | None:
+        """Mean depth in the dwell [m], likewise."""
+        return None if self.record is None else self.record.depth_measured_m
 
     @property
     def press_key(self) -> PressKey:
@@ -209,27 +217,6 @@ class TrialEvidence:
     def is_wrong_for(self, other: TrialEvidence) -> bool:
         """Return whether it was pressed to another force, all else alike."""
         return self.kind == other.kind and self.press_key != other.press_key
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Thresholds:
-    """What a replay must reach, from the ``[report]`` table of ``rig.toml``.
-
-    Attributes:
-        min_force_margin: Of the own force over wrong ones, in its scatter.
-        max_contact_residual: Share of the contact's change that may stay unexplained.
-        max_contact_offset_m: Between where the contact is seen and where it is simulated [m].
-        coverage_factor: Of the uncertainty of predicted force and of the fitted modulus.
-        min_modulus_trials: Fewest trials that may decide the modulus.
-        max_force_mismatch_n: Between simulated and measured force, which holds by construction [N].
-    """
-
-    min_force_margin: float
-    max_contact_residual: float
-    max_contact_offset_m: float
-    coverage_factor: float
-    min_modulus_trials: int
-    max_force_mismatch_n: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -277,7 +264,6 @@ class RunEvidence:
         weighed_after: A known weight was hung on the cell after the last trial, and it was right.
         unchecked_allowed: Whether it may press without such a check whatever its arm feels.
         world: The emulated world of a dry run; comparisons with it are made by ``compare``.
-        truth: Further comparisons, made by the caller.
         checks: What journal, description and replay say of each other.
         imported: Where the run is from, if others recorded it.
         optics: What its presses gave when optics were calibrated from them.
@@ -287,7 +273,7 @@ class RunEvidence:
 
     trials: tuple[TrialEvidence, ...]
     simulated: bool
-    thresholds: Thresholds
+    thresholds: ReportSection
     geometry: ImageGeometry = field(default_factory=ImageGeometry)
     provenance: dict[str, Any] = field(default_factory=dict)
     journal: JournalSummary = field(default_factory=JournalSummary)
@@ -301,7 +287,6 @@ class RunEvidence:
     weighed_after: bool = False
     unchecked_allowed: bool = False
     world: EmulatedWorld | None = None
-    truth: tuple[TruthComparison, ...] = ()
     checks: tuple[Criterion, ...] = ()
     imported: Imported | None = None
     optics: CalibratedOptics | None = None
@@ -326,11 +311,8 @@ class RunEvidence:
     @property
     def marks(self) -> tuple[str, ...]:
         """What every page and figure has to say of where its numbers are from."""
-        holding = {
-            IMPORTED_MARK: self.imported is not None,
-            SIMULATED_MARK: self.simulated,
-        }
-        return tuple(mark for mark, holds in holding.items() if holds)
+        imported = () if self.imported is None else (IMPORTED_MARK,)
+        return (*imported, SIMULATED_MARK) if self.simulated else imported
 
     @property
     def camera(self) -> str:

@@ -11,18 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from reports.evidence.attempt import AttemptReading, RunReading, readable
+from reports.evidence.attempt import AttemptReading, RunReading, intermediate_states, readable
 from reports.evidence.evidence import (
     EmulatedWorld,
     JournalSummary,
     RunEvidence,
-    Thresholds,
     TrialEvidence,
-    TrueDwell,
 )
-from reports.evidence.replayed import intermediate_states
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.config.model import ReportSection, RigConfig
+from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.force_check import ForceCheck
@@ -68,40 +65,44 @@ def load_evidence(
     series = force_series(store)
     _require_a_result(check, run)
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
-    curves = {} if replay is None else {i: stated_curve(replay, i) for i in replayed}
     seen, damaged = _simulated(run, replay if simulated_images is None else None)
     if simulated_images is not None:
         seen = {index: {"simulated_image": image} for index, image in simulated_images.items()}
     trials = tuple(
         TrialEvidence(
             index=index,
-            force_target_n=_target_n(store, index, run.records[index]),
-            record=run.records[index],
+            force_target_n=_target_n(store, index, record),
+            record=record,
             replay=replayed.get(index),
-            force_depth_simulated=curves.get(index),
-            kind=0 if replay is None else _kind(replay, index),
+            force_depth_simulated=stated_curve(replay, index)
+            if replay is not None and index in replayed
+            else None,
+            kind=0 if replay is None else replay.models.index(model_of(replay.models, index)),
             checks=(
-                *_checks(check, index, run.records[index]),
+                *_checks(check, index, record),
                 *damaged.get(index, ()),
-                *_doubts(series, run.records[index]),
+                *_doubts(series, record),
             ),
-            place_known=_is_place_known(store, index),
+            place_known=index not in store.imported_trials
+            or store.imported_trials[index].place_m is not None,
             **seen.get(index, {}),
             **_recorded(run.attempt(index)),
         )
-        for index in run.records
+        for index, record in run.records.items()
     )
+    picture, journal = store.paths.calibration_picture, store.paths.journal
     return RunEvidence(
         trials=trials,
         simulated=store.simulated,
-        thresholds=_thresholds(config.report),
+        thresholds=config.report,
         geometry=run.geometry,
         provenance={
             **_provenance(store, replay),
             "recorded": _recorded_at(store, run.records),
             "journal_head": check.journal_head,
         },
-        journal=summarize_journal(_events(store)),
+        # A journal that is gone is a criterion missed, not the end of a report.
+        journal=summarize_journal(read_journal(journal) if journal.exists() else []),
         contact_force_n=config.protocol.contact_force,
         stated=stated_of_run(config, force_check),
         model=None if replay is None else replay.model,
@@ -115,7 +116,9 @@ def load_evidence(
         checks=check.run,
         imported=store.imported.load(),
         optics=readable(store.optics.load),
-        optics_picture=_bytes_of(store.paths.calibration_picture),
+        optics_picture=read_bytes(picture, what="the picture of the optics")
+        if picture.is_file()
+        else b"",
         notes=(*check.notes, *_of_other_attempts(check, run)),
     )
 
@@ -145,32 +148,12 @@ def stated_of_run(config: RigConfig, check: ForceCheck | None) -> dict[str, Stat
     return stated | {name: Stated(value=v, source="rig.toml") for name, v in plain.items()}
 
 
-def _bytes_of(path: Path) -> bytes:
-    return read_bytes(path, what="the picture of the optics") if path.is_file() else b""
-
-
 def _target_n(store: RunStore, index: int, record: TrialRecord | None) -> float:
     """Return what was asked of a press [N]; of an imported one what was measured, or NaN."""
     if not store.config.is_imported:
         return store.config.protocol.force_targets[index - 1]
     measured = None if record is None else record.force_measured_n
     return math.nan if measured is None else measured
-
-
-def _is_place_known(store: RunStore, index: int) -> bool:
-    trial = store.imported_trials.get(index)
-    return trial is None or trial.place_m is not None
-
-
-def _thresholds(report: ReportSection) -> Thresholds:
-    return Thresholds(
-        min_force_margin=report.min_force_margin,
-        max_contact_residual=report.max_contact_residual,
-        max_contact_offset_m=report.max_contact_offset,
-        coverage_factor=report.coverage_factor,
-        min_modulus_trials=report.min_modulus_trials,
-        max_force_mismatch_n=report.max_force_mismatch,
-    )
 
 
 def _require_a_result(check: RunCheck, run: RunReading) -> None:
@@ -218,22 +201,11 @@ def _of_other_attempts(check: RunCheck, run: RunReading) -> Iterator[str]:
             )
 
 
-def _events(store: RunStore) -> list[JournalEvent]:
-    """Return the journal; one that is gone is a criterion missed, not the end of a report."""
-    journal = store.paths.journal
-    return read_journal(journal) if journal.exists() else []
+_RECORDED = ("images", "streams", "dwell_s", "force_curve", "depth_curve")
 
 
 def _recorded(attempt: AttemptReading | None) -> dict[str, Any]:
-    if attempt is None:
-        return {}
-    return {
-        "images": attempt.images,
-        "streams": attempt.streams,
-        "dwell_s": attempt.dwell_s,
-        "force_curve": attempt.force_curve,
-        "depth_curve": attempt.depth_curve,
-    }
+    return {} if attempt is None else {name: getattr(attempt, name) for name in _RECORDED}
 
 
 def stated_curve(replay: Replay, trial: int) -> ForceDepthCurve | None:
@@ -243,10 +215,6 @@ def stated_curve(replay: Replay, trial: int) -> ForceDepthCurve | None:
     alike = [t for t in replay.trials if model_of(replay.models, t.index) is model]
     fitted = [[(d, f / stiffer) for d, f in each.force_history] for each in alike]
     return ForceDepthCurve.merged([model.stated_force_history or (), *fitted])
-
-
-def _kind(replay: Replay, trial: int) -> int:
-    return replay.models.index(model_of(replay.models, trial))
 
 
 def _simulated(
@@ -354,8 +322,10 @@ def _world(store: RunStore, records: Mapping[int, TrialRecord | None]) -> Emulat
     )
 
 
-def read_true_dwells(trace: Path, windows: Mapping[int, tuple[int, int]]) -> dict[int, TrueDwell]:
-    """Average the true force and depth over each trial's dwell.
+def read_true_dwells(
+    trace: Path, windows: Mapping[int, tuple[int, int]]
+) -> dict[int, tuple[float, float]]:
+    """Return the mean true force [N] and depth [m] over each trial's dwell.
 
     Args:
         trace: ``force_trace.jsonl`` of the emulated force sensor, one frame a line. A trace that
@@ -375,7 +345,7 @@ def read_true_dwells(trace: Path, windows: Mapping[int, tuple[int, int]]) -> dic
                 if start <= stamp <= end:
                     samples[index].append((force, depth))
     means = {i: np.mean(v, axis=0) for i, v in samples.items() if len(v) >= MIN_TRACE_SAMPLES}
-    return {i: TrueDwell(force_n=float(m[0]), depth_m=float(m[1])) for i, m in means.items()}
+    return {i: (float(m[0]), float(m[1])) for i, m in means.items()}
 
 
 def _trace_rows(lines: Iterator[str]) -> Iterator[tuple[int, float, float]]:

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 
 from reports.comparison.results import ValidationReport
 from reports.figures.forces import draw_force_depth, draw_time_curves
-from reports.figures.images import LINEAR_LEVELS, draw_images, draw_matrices
-from reports.figures.scores import draw_scores
+from reports.figures.images import LINEAR_LEVELS, draw_images, draw_matrices, draw_scores
 from tacauchy_rig.core.figure_style import STYLE, save_figure
 from tacauchy_rig.core.page import prose
 
@@ -23,12 +22,7 @@ THEIRS = ("images", "scores")
 def draw_figures(
     report: ValidationReport, folder: Path, other: Executor | None = None
 ) -> list[dict[str, str]]:
-    """Draw and write every figure that this run has data for.
-
-    Args:
-        report: What is drawn.
-        folder: Where to.
-        other: A process that draws some of them meanwhile.
+    """Draw and write every figure that this run has data for, some in the other process.
 
     Returns:
         The figures' names, each of ``name.pdf`` and ``name.png`` in ``folder``, and captions.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
 from importlib.resources import files
@@ -15,7 +16,7 @@ import matplotlib as mpl
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from reports.comparison.criteria import (
+from reports.comparison.results import (
     COUNTS,
     COUNTS_OF_RUN,
     MARGIN,
@@ -59,8 +60,8 @@ def intermediate_pictures(evidence: RunEvidence) -> dict[int, list[dict[str, str
 
 def gradient(colors: str) -> str:
     """Return a colour map as what CSS calls a gradient, from zero on the left."""
-    stops = mpl.colormaps[colors](np.linspace(0.0, 1.0, _STOPS))
-    return f"linear-gradient(to right, {', '.join(mpl.colors.to_hex(stop) for stop in stops)})"
+    stops = map(mpl.colors.to_hex, mpl.colormaps[colors](np.linspace(0.0, 1.0, _STOPS)))
+    return f"linear-gradient(to right, {', '.join(stops)})"
 
 
 def _shown_trials(evidence: RunEvidence) -> list[TrialEvidence]:
@@ -107,15 +108,13 @@ def _data(image: ImageArray) -> str:
 
 
 ABSENT = "\u2013"
-KEY_UNITS = {
-    "hz": "Hz",
-    "ms": "ms",
-    "s": "s",
-    "n": "N",
-    "m": "m",
-    "mm": "mm",
-    "pa": "Pa",
-    "px": "px",
+KEY_UNITS = {"hz": "Hz", "n": "N", "pa": "Pa"} | {
+    unit: unit for unit in ("s", "ms", "m", "mm", "px")
+}
+NO_SKILL = {
+    SkillStatus.ABOVE_CEILING: ">1",
+    SkillStatus.NOT_DISCRIMINATING: "n.d.",
+    SkillStatus.NO_CEILING: "n.c.",
 }
 
 
@@ -126,16 +125,11 @@ def render_html(
     images: Path,
     intermediate: Mapping[int, Sequence[Mapping[str, str]]],
 ) -> str:
-    """Render the page.
+    """Render ``summary.json`` with the PNG files of two folders, which are put into the page.
 
-    Args:
-        summary: The value of ``summary.json``.
-        figures: Folder of the figures' PNG files, which are put into the page.
-        images: Folder of the trials' images, which are put into the page.
-        intermediate: Of some trials, the pictures of each state as data URLs, by kind.
+    ``intermediate`` holds, of some trials, the pictures of each state as data URLs, by kind.
     """
-    script = report_script()
-    environment = page_environment(summary)
+    script, environment = report_script(), page_environment(summary)
     environment.globals |= {
         "figure_data": lambda name: png_data(figures / f"{name}.png"),
         "image_data": lambda name: png_data(images / name),
@@ -159,11 +153,7 @@ def report_script() -> str:
 
 
 def page_environment(summary: Mapping[str, Any]) -> Environment:
-    """Return what pages are rendered by: number formats, scores, and whose the images are.
-
-    Args:
-        summary: Its ``provenance`` and ``simulated`` say whose.
-    """
+    """Return what pages are rendered by: number formats, scores, and whose the images are."""
     environment = Environment(
         loader=PackageLoader("reports"),
         autoescape=True,
@@ -172,12 +162,7 @@ def page_environment(summary: Mapping[str, Any]) -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {
-        "number": number,
-        "signed": signed,
-        "plain": plain,
-        "words": words,
-        "named": named,
-        "interval": interval,
+        write.__name__: write for write in (number, signed, plain, words, named, interval)
     }
     environment.globals |= {
         "metrics": {metric.value: metric for metric in Metric},
@@ -260,13 +245,8 @@ def skill_of(trials: Sequence[Mapping[str, Any]], metric: str) -> str:
     skills = [skill for trial in trials if (skill := at(trial, f"skill.{metric}"))]
     known = [skill["value"] for skill in skills if skill["status"] == SkillStatus.STATED]
     parts = [f"{number(sum(known) / len(known), 2)} ({len(known)})"] if known else []
-    for status, text in (
-        (SkillStatus.ABOVE_CEILING, ">1"),
-        (SkillStatus.NOT_DISCRIMINATING, "n.d."),
-        (SkillStatus.NO_CEILING, "n.c."),
-    ):
-        count = sum(skill["status"] == status for skill in skills)
-        parts += [f"{text} ({count})"] if count else []
+    counts = Counter(skill["status"] for skill in skills)
+    parts += [f"{text} ({counts[status]})" for status, text in NO_SKILL.items() if counts[status]]
     return ", ".join(parts) or ABSENT
 
 
@@ -282,6 +262,36 @@ def overview(
         for row in summary["headline"]
         if (group := known.get(row["name"]))
     }
+
+    def worst(name: str, digits: int = 3, unit: str = "") -> str:
+        return number(rows[name]["worst"]["measured"] if name in rows else None, digits, unit=unit)
+
+    cells = {
+        RESIDUAL: {
+            "name": "Residual in the contact: share of the image change left unexplained",
+            "mean": interval(statistics["contact_relative_residual"], 3),
+            "worst": worst(RESIDUAL),
+            "floor": "1",
+            "required": f"at most {limits['max_contact_residual']:g}",
+        },
+        MARGIN: {
+            "name": "Margin of the correct force over wrong forces and no contact",
+            "worst": worst(MARGIN, 1, " times the scatter"),
+            "required": f"at least {limits['min_force_margin']:g} times the scatter",
+        },
+        PREDICTION: {
+            "name": "Error of the force predicted at the measured depth (%)",
+            "mean": interval(statistics["prediction_error_relative"], 1, 100.0),
+            "worst": _worst_prediction(summary["trials"]),
+            "required": f"at most {limits['coverage_factor']:g} standard uncertainties (±: 2)",
+        },
+        OFFSET: {
+            "name": "Distance between simulated and seen contact (mm)",
+            "worst": worst(OFFSET),
+            "required": f"at most {1e3 * limits['max_contact_offset_m']:g}",
+        },
+        MODULUS: {"name": "Fitted over nominal modulus", "mean": worst(MODULUS)},
+    }
     if metrics["ssim"]["mean"] is not None or floors["ssim"]["mean"] is not None:
         yield {
             "name": "SSIM of the whole frame",
@@ -289,39 +299,9 @@ def overview(
             "floor": interval(floors["ssim"], 4),
             "required": "not a criterion",
         }
-    if row := rows.get(RESIDUAL):
-        yield _judged(row) | {
-            "name": "Residual in the contact: share of the image change left unexplained",
-            "mean": interval(statistics["contact_relative_residual"], 3),
-            "worst": number(row["worst"]["measured"]),
-            "floor": "1",
-            "required": f"at most {limits['max_contact_residual']:g}",
-        }
-    if row := rows.get(MARGIN):
-        yield _judged(row) | {
-            "name": "Margin of the correct force over wrong forces and no contact",
-            "worst": number(row["worst"]["measured"], 1, unit=" times the scatter"),
-            "required": f"at least {limits['min_force_margin']:g} times the scatter",
-        }
-    if row := rows.get(PREDICTION):
-        yield _judged(row) | {
-            "name": "Error of the force predicted at the measured depth (%)",
-            "mean": interval(statistics["prediction_error_relative"], 1, 100.0),
-            "worst": _worst_prediction(summary["trials"]),
-            "required": f"at most {limits['coverage_factor']:g} standard uncertainties (±: 2)",
-        }
-    if row := rows.get(OFFSET):
-        yield _judged(row) | {
-            "name": "Distance between simulated and seen contact (mm)",
-            "worst": number(row["worst"]["measured"]),
-            "required": f"at most {1e3 * limits['max_contact_offset_m']:g}",
-        }
-    if row := rows.get(MODULUS):
-        yield _judged(row) | {
-            "name": "Fitted over nominal modulus",
-            "mean": number(row["worst"]["measured"]),
-            "required": row["limit"],
-        }
+    for name, cell in cells.items():
+        if name in rows:
+            yield _judged(rows[name]) | {"required": rows[name]["limit"]} | cell
     matched = [abs(m) for t in summary["trials"] if (m := t["force_mismatch_n"]) is not None]
     if matched:
         yield {

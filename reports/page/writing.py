@@ -15,9 +15,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import AsinhNorm
 
-from reports.comparison.criteria import headline_of
-from reports.comparison.fitted import fits_of
-from reports.comparison.results import TrialResult, ValidationReport
+from reports.comparison.results import TrialResult, ValidationReport, headline_of
+from reports.comparison.sentences import fits_of
 from reports.evidence.evidence import RunEvidence
 from reports.figures.draw import draw_figures
 from reports.figures.images import DIFFERENCE_COLORS, difference_scale, luminance_difference
@@ -41,7 +40,7 @@ SCHEMA = 1
 def build_summary(report: ValidationReport) -> dict[str, Any]:
     """Return the JSON value of ``summary.json``; units stand in the keys, nothing is NaN."""
     evidence = report.evidence
-    geometry = evidence.geometry
+    geometry, limits = evidence.geometry, evidence.thresholds
     return {
         "schema": SCHEMA,
         "simulated": evidence.simulated,
@@ -55,7 +54,14 @@ def build_summary(report: ValidationReport) -> dict[str, Any]:
         "criteria": to_plain(report.criteria),
         "reading": list(report.reading),
         "limits": list(report.limits),
-        "thresholds": to_plain(evidence.thresholds),
+        "thresholds": {
+            "min_force_margin": limits.min_force_margin,
+            "max_contact_residual": limits.max_contact_residual,
+            "max_contact_offset_m": limits.max_contact_offset,
+            "coverage_factor": limits.coverage_factor,
+            "min_modulus_trials": limits.min_modulus_trials,
+            "max_force_mismatch_n": limits.max_force_mismatch,
+        },
         "image": {
             "width_px": geometry.width_px,
             "height_px": geometry.height_px,
@@ -211,10 +217,7 @@ def write_report(
 ) -> ReportPaths:
     """Write all files of a report into ``folder``; an older report there is overwritten.
 
-    Args:
-        report: The run, judged.
-        folder: Where to.
-        other: A process that draws some of the figures meanwhile.
+    Another process, if there is one, draws some of the figures meanwhile.
 
     Raises:
         RecordError: The folder cannot be written.
@@ -262,14 +265,7 @@ def _write(report: ValidationReport, paths: ReportPaths, other: Executor | None)
 
 
 def _write_pictures(evidence: RunEvidence, folder: Path) -> dict[int, dict[str, str]]:
-    """Write the images of every trial.
-
-    Returns:
-        Per trial, file names by kind: ``real``, ``reference``, ``simulated``, ``difference``.
-
-    Raises:
-        RecordError: A file cannot be written.
-    """
+    """Write the images of every trial; return their file names by trial and kind."""
     folder.mkdir(parents=True, exist_ok=True)
     scale = difference_scale(map(luminance_difference, evidence.trials))
     names: dict[int, dict[str, str]] = {}

@@ -7,14 +7,14 @@ a flat colour, a wrong force) and the ceiling that a repeat of the same press re
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from types import EllipsisType
 
 import numpy as np
 
-from reports.evidence.evidence import TrialEvidence, TrialImages
+from reports.evidence.evidence import PressKey, TrialEvidence, TrialImages
 from reports.scores.contact import (
     contact_footprint,
     contact_region,
@@ -22,7 +22,7 @@ from reports.scores.contact import (
     relative_residual,
 )
 from reports.scores.metrics import ImageScores, Metric, score
-from tacauchy_rig.core.arrays import BoolArray, ImageArray
+from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 
 NOISE_MULTIPLE = 3.0
 CONTACT_RESIDUAL = "contact_relative_residual"
@@ -194,15 +194,8 @@ def press_over(
     """Return what another trial's replay shows, over this trial's own no-contact frame.
 
     Light that drifted between the trials would otherwise tell them apart, and a score would
-    seem to know the force.
-
-    Args:
-        images: Of this trial.
-        other: The other one.
-        region: Of the pixels that are wanted, shape [n, 3]; without, the whole image is returned.
-
-    Returns:
-        None when the other trial has no images.
+    seem to know the force. With a region only its pixels are returned, shape [n, 3]; None when
+    the other trial has no images.
     """
     if other.simulated_image is None or other.images is None:
         return None
@@ -214,11 +207,7 @@ def press_over(
 
 
 def cross_scores(trials: Sequence[TrialEvidence]) -> CrossScores:
-    """Score every real press against the simulated ones of its kind, laid over its own frame.
-
-    Returns:
-        By the trial of the real image, then by that of the simulated one.
-    """
+    """Score every real press (first key) against the simulated ones of its kind, over its frame."""
     return {
         row.index: {
             column.index: score(row.images.real, image)
@@ -236,9 +225,7 @@ def wrong_force_matrices(
 ) -> tuple[WrongForceMatrix, ...]:
     """Set every real press against every simulated one, for the five scores and the contact.
 
-    Args:
-        trials: Those without images, or alone of their kind, have neither row nor column.
-        scores: Their ``cross_scores``.
+    Trials without images, or alone of their kind, have neither row nor column.
     """
     shown = [t for t in trials if t.images is not None and t.simulated_image is not None]
     complete = [t for t in shown if any(other.is_wrong_for(t) for other in shown)]
@@ -300,3 +287,163 @@ def _wins(row: Sequence[float], position: int, wrong: Sequence[bool], larger: bo
     sign = 1.0 if larger else -1.0
     rivals = [v for v, is_wrong in zip(row, wrong, strict=True) if is_wrong]
     return all(sign * row[position] > sign * v for v in rivals if not math.isnan(v))
+
+
+MIN_REPEATS = 2  # presses to one force that have a scatter
+PER_MEDIAN = 1.4826  # standard deviation over the median of the sizes, of normal noise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceMargin:
+    """How clearly a real press is told from wrong forces by its image.
+
+    Attributes:
+        value: Smallest residual that a wrong force or no contact leaves, minus that of the own
+            force; negative where a wrong one wins. NaN where no contact shows.
+        spread: How far ``value`` scatters for nothing but noise of the images or, where forces were
+            pressed more than once and that is more, from press to press. None where neither is
+            known.
+        rival: What came second: a force, or no contact.
+    """
+
+    value: float
+    spread: float | None
+    rival: str
+
+    @property
+    def in_spreads(self) -> float:
+        """The margin over its scatter; NaN where that is not known, but for one that is lost."""
+        if not self.spread:
+            return math.nan if self.value > 0.0 else self.value
+        return self.value / self.spread
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Reading:
+    """One trial's margin.
+
+    Attributes:
+        change: Between the margins of the two halves of the dwell; NaN without halves.
+        sensitivity: Standard deviation of the margin for noise of one grey level that is the same
+            everywhere and has no memory [1/grey level].
+    """
+
+    press_key: PressKey
+    value: float
+    rival: str
+    change: float = math.nan
+    sensitivity: float = math.nan
+
+    @property
+    def noise(self) -> float:
+        """Noise [grey level] that would change the margin as the halves do; NaN if none would."""
+        return self.change / self.sensitivity if self.sensitivity > 0.0 else math.nan
+
+
+def force_margins(trials: Sequence[TrialEvidence]) -> Mapping[int, ForceMargin]:
+    """Return the margin of each trial that has images and a simulated image, by its index.
+
+    A trial tells its own noise only once, by the two halves of its dwell. So all trials together
+    tell how much noise there is, and each margin's sensitivity what it does there. The difference
+    of two halves scatters by twice the variance of either, which covers the whole dwell (half of
+    it) and the no-contact frame (of fewer frames). The median over the trials tells it, so that a
+    dwell whose images changed blinds none of the others; its own halves count for itself.
+    """
+    readings = {
+        trial.index: _read(trial.images, trial.simulated_image, trial, trials)
+        for trial in trials
+        if trial.images is not None and trial.simulated_image is not None
+    }
+    noise = _deviation([r.noise for r in readings.values()])
+    repeated = _repeat_deviation(list(readings.values()))
+
+    def spread(reading: _Reading) -> float | None:
+        known = (repeated, noise * reading.sensitivity, abs(reading.change))
+        return max((value for value in known if not math.isnan(value)), default=None)
+
+    return {
+        index: ForceMargin(value=r.value, spread=spread(r), rival=r.rival)
+        for index, r in readings.items()
+    }
+
+
+def _read(
+    images: TrialImages, own: ImageArray, trial: TrialEvidence, trials: Sequence[TrialEvidence]
+) -> _Reading:
+    change = image_change(images.real, images.reference)
+    footprint = contact_footprint(change)
+    if footprint is None:
+        return _Reading(press_key=trial.press_key, value=math.nan, rival="")
+    region = contact_region(footprint)
+    bare = images.reference[region].astype(np.float64)
+
+    def change_of(pixels: ImageArray) -> FloatArray:
+        return (pixels.astype(np.float64) - bare).ravel()
+
+    real, ours = change_of(images.real[region]), change_of(own[region])
+    shown = _rivals(trial, images, trials, region)
+    rivals = {name: change_of(pixels) for name, pixels in shown.items()}
+    rival = min(rivals, key=lambda name: _residual(real, rivals[name]))
+    theirs = rivals[rival]
+    first, second = (
+        math.nan if half is None else _margin(change_of(half[region]), ours, theirs)
+        for half in (images.first_half, images.second_half)
+    )
+    return _Reading(
+        press_key=trial.press_key,
+        value=_margin(real, ours, theirs),
+        rival=rival,
+        change=first - second,
+        sensitivity=_sensitivity(real, ours, theirs),
+    )
+
+
+def _rivals(
+    trial: TrialEvidence, images: TrialImages, trials: Sequence[TrialEvidence], region: BoolArray
+) -> dict[str, ImageArray]:
+    """Return pixels that must not explain a press as well as its own image's, by their name."""
+    wrong = [t for t in trials if t.is_wrong_for(trial)]
+    shown = {_named(t): press_over(images, t, region) for t in wrong}
+    found = {name: image for name, image in shown.items() if image is not None}
+    return {**found, "no contact": images.reference[region]}
+
+
+def _named(trial: TrialEvidence) -> str:
+    known = not math.isnan(trial.force_target_n)
+    return f"{trial.force_target_n:g} N" if known else f"trial {trial.index}"
+
+
+def _residual(real: FloatArray, simulated: FloatArray) -> float:
+    return float(np.linalg.norm(real - simulated) / np.linalg.norm(real))
+
+
+def _margin(real: FloatArray, ours: FloatArray, theirs: FloatArray) -> float:
+    return _residual(real, theirs) - _residual(real, ours)
+
+
+def _sensitivity(real: FloatArray, ours: FloatArray, theirs: FloatArray) -> float:
+    """Return the norm of the margin's gradient with respect to the real change."""
+    size = float(np.linalg.norm(real))
+
+    def gradient(simulated: FloatArray) -> FloatArray:
+        off = real - simulated
+        length = float(np.linalg.norm(off))
+        return np.asarray(off / (length * size) - real * (length / size**3)) if length else 0 * real
+
+    return float(np.linalg.norm(gradient(theirs) - gradient(ours)))
+
+
+def _repeat_deviation(readings: Sequence[_Reading]) -> float:
+    """Return the standard deviation of the margins of one force; NaN where none was repeated."""
+    by_force: dict[PressKey, list[float]] = {}
+    for reading in readings:
+        by_force.setdefault(reading.press_key, []).append(reading.value)
+    deviations = [np.std(each, ddof=1) for each in by_force.values() if len(each) >= MIN_REPEATS]
+    known = [deviation for deviation in deviations if math.isfinite(deviation)]
+    return math.sqrt(float(np.mean(np.square(known)))) if known else math.nan
+
+
+def _deviation(values: Sequence[float]) -> float:
+    """Return the standard deviation about zero, from the median so that one value hardly counts."""
+    known = [abs(value) for value in values if math.isfinite(value)]
+    return PER_MEDIAN * float(np.median(known)) if known else math.nan

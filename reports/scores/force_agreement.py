@@ -13,15 +13,13 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy.special import stdtrit
 
 from reports.evidence.evidence import TrialEvidence
+from reports.scores.metrics import student_t
 from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import FZ
 from tacauchy_rig.core.simulated import ForceInput, ReplayModel
-
-CONFIDENCE = 0.95
 
 
 class TermGroup(StrEnum):
@@ -85,7 +83,7 @@ def combine(terms: Sequence[UncertaintyTerm]) -> Combined | None:
     return Combined(
         value_n=total,
         degrees_of_freedom=freedom if math.isfinite(freedom) else None,
-        expanded_n=total * float(stdtrit(freedom, 0.5 + 0.5 * CONFIDENCE)),
+        expanded_n=total * student_t(freedom),
         largest=largest.name,
         without_largest_n=math.hypot(*others),
     )
@@ -118,8 +116,7 @@ class Scatter:
 def scatter_of(presses: Sequence[tuple[float, float, float]]) -> Scatter:
     """Find how presses scatter, from those of one target or else about a line over the force.
 
-    Args:
-        presses: Target, measured and predicted force of each [N].
+    Of each press the target, measured and predicted force are given [N].
     """
     groups: dict[float, list[float]] = {}
     for target_n, measured_n, predicted_n in presses:
@@ -151,16 +148,10 @@ def uncertainty_budget(
     scatter: Scatter,
     stated: Mapping[str, Stated],
 ) -> tuple[UncertaintyTerm, ...]:
-    """List what is known and what is not of the uncertainty of a trial's force.
+    """List what is known and what is not of the uncertainty of a trial's predicted force.
 
-    Args:
-        trial: Record and replay of the trial.
-        model: The replay's model; what the force depends on, and by how much.
-        predicted_n: Simulated force at the measured depth [N].
-        touched_m: Depth of the simulator at the contact force [m].
-        scatter: Of the run's presses.
-        stated: What the run states of cell, heights and delays, by the fields of
-            ``[uncertainty]``, and ``search_speed`` [m/s] and ``contact_force`` [N].
+    ``stated`` is by the fields of ``[uncertainty]``, and ``search_speed`` [m/s] and
+    ``contact_force`` [N]; ``touched_m`` is the depth of the simulator at the latter.
     """
     return (
         *_of_model(trial, model, predicted_n),
@@ -171,38 +162,31 @@ def uncertainty_budget(
 def _of_model(
     trial: TrialEvidence, model: ReplayModel | None, force_n: float | None
 ) -> Iterator[UncertaintyTerm]:
-    replay = trial.replay
+    replay, relative = trial.replay, None if model is None else model.young_uncertainty_relative
     yield UncertaintyTerm(
         name="mesh, element and barrier of the simulator",
         group=TermGroup.NUMERICS,
         value_n=_share(None if replay is None else replay.force_error_estimate, force_n),
         basis="no replay" if replay is None else replay.force_error_basis,
     )
-    relative = None if model is None else model.young_uncertainty_relative
-    yield UncertaintyTerm(
-        name="modulus of the gel",
-        group=TermGroup.INPUTS,
-        value_n=_share(relative, force_n),
-        basis="unknown: the material states no uncertainty for this unit"
-        if relative is None
-        else f"{relative:.1%}: {'' if model is None else model.young_source or 'stated'}",
+    yield _input(
+        "modulus of the gel",
+        _share(relative, force_n),
+        "unknown: the material states no uncertainty for this unit"
+        if model is None or relative is None
+        else f"{relative:.1%}: {model.young_source or 'stated'}",
     )
     inputs = () if model is None else model.force_inputs
     if not inputs:
-        yield UncertaintyTerm(
-            name="the press's other inputs",
-            group=TermGroup.INPUTS,
-            value_n=None,
-            basis="unknown: replay the run again to estimate them",
-        )
-    depth_m = None if trial.record is None else trial.record.depth_measured_m
+        unknown = "unknown: replay the run again to estimate them"
+        yield _input("the press's other inputs", None, unknown)
     for each in inputs:
-        yield UncertaintyTerm(
-            name=each.name,
-            group=TermGroup.INPUTS,
-            value_n=_share(_change(each, depth_m), force_n),
-            basis=each.basis,
-        )
+        value_n = _share(_change(each, trial.depth_measured_m), force_n)
+        yield _input(each.name, value_n, each.basis)
+
+
+def _input(name: str, value_n: float | None, basis: str) -> UncertaintyTerm:
+    return UncertaintyTerm(name=name, group=TermGroup.INPUTS, value_n=value_n, basis=basis)
 
 
 def _change(each: ForceInput, depth_m: float | None) -> float | None:
@@ -220,8 +204,8 @@ def _of_data(
 ) -> Iterator[UncertaintyTerm]:
     record = trial.record
     yield _data("height of first contact", *_height(trial, touched_m, stated))
-    measured = None if record is None else record.force_measured_n
-    yield _data("calibration of the force cell", *_by(stated, "force_scale", measured))
+    cell = _by(stated, "force_scale", trial.force_measured_n)
+    yield _data("calibration of the force cell", *cell)
     drift = None if record is None else record.force_drift_n
     yield _data(
         "drift of the force cell's zero",
@@ -235,10 +219,8 @@ def _of_data(
         "not recorded" if noise is None else "standard deviation of one sample, not of the mean",
     )
     rate = None if record is None else record.force_rate_n_s
-    yield _data(
-        "synchrony of force and height",
-        *_by(stated, "delay", None if rate is None else abs(rate)),
-    )
+    delay = _by(stated, "delay", None if rate is None else abs(rate))
+    yield _data("synchrony of force and height", *delay)
     yield _data(
         "repeatability of the press",
         _share(scatter.relative, force_n),
@@ -347,25 +329,19 @@ def compare_force(
     scatter: Scatter = UNKNOWN_SCATTER,
     stated: Mapping[str, Stated] | None = None,
 ) -> ForceAgreement:
-    """Compare the forces of one trial under both claims.
+    """Compare the forces of one trial under both claims; what is missing gives None.
 
     Args:
-        trial: Record and replay of the trial; what is missing gives None.
         tolerance_n: Largest mismatch that counts as matched [N].
-        model: The replay's model; what the force depends on enters the budget.
         contact_force_n: Force at which the press called the gel touched [N]. The simulator is a
             little deep at that force, and measured depth counts from there.
-        scatter: How the run's presses differ.
-        stated: What the run states of cell, heights and delays.
     """
-    record, replay = trial.record, trial.replay
-    measured = None if record is None else record.force_measured_n
-    depth = None if record is None else record.depth_measured_m
+    replay, measured, depth = trial.replay, trial.force_measured_n, trial.depth_measured_m
     simulated = None if replay is None else replay.force_simulated_n
     predicted, touched = predict(trial, contact_force_n)
     if depth is not None and touched is not None:
         depth += touched
-    error = _difference(predicted, measured)
+    error = difference(predicted, measured)
     budget = uncertainty_budget(
         trial,
         model,
@@ -377,11 +353,11 @@ def compare_force(
     combined = combine(budget)
     return ForceAgreement(
         tolerance_n=tolerance_n,
-        mismatch_n=_difference(simulated, measured),
+        mismatch_n=difference(simulated, measured),
         force_predicted_n=predicted,
         prediction_error_n=error,
         prediction_error_relative=error / measured if error is not None and measured else None,
-        depth_error_m=_difference(None if replay is None else replay.depth_simulated_m, depth),
+        depth_error_m=difference(None if replay is None else replay.depth_simulated_m, depth),
         touch_depth_m=touched,
         known_uncertainty_n=None if combined is None else combined.value_n,
         combined=combined,
@@ -394,22 +370,21 @@ def scatter_between(trials: Sequence[TrialEvidence], *, contact_force_n: float) 
     """Find how the presses of a run scatter in measured over predicted force."""
     presses = []
     for trial in trials:
-        measured = None if trial.record is None else trial.record.force_measured_n
         predicted, _ = predict(trial, contact_force_n)
-        if measured is not None and predicted:
-            presses.append((trial.force_target_n, measured, predicted))
+        if trial.force_measured_n is not None and predicted:
+            presses.append((trial.force_target_n, trial.force_measured_n, predicted))
     return scatter_of(presses)
 
 
 def predict(trial: TrialEvidence, contact_force_n: float) -> tuple[float | None, float | None]:
     """Return the simulated force at the measured depth [N], and how deep contact was there [m]."""
-    curve = trial.force_depth_simulated
-    depth = None if trial.record is None else trial.record.depth_measured_m
+    curve, depth = trial.force_depth_simulated, trial.depth_measured_m
     touched = None if curve is None else curve.depth_at(contact_force_n)
     if curve is None or depth is None or touched is None:
         return None, None
     return curve.force_at(depth + touched), touched
 
 
-def _difference(first: float | None, second: float | None) -> float | None:
+def difference(first: float | None, second: float | None) -> float | None:
+    """Return the difference of two values; None where one is not known."""
     return None if first is None or second is None else first - second

@@ -213,16 +213,19 @@ def t_interval(values: Sequence[float]) -> MeanInterval:
     """
     finite = np.array([v for v in values if math.isfinite(v)], dtype=np.float64)
     count = int(finite.size)
-    if count == 0:
-        return MeanInterval(mean=None, low=None, high=None, deviation=None, count=0)
-    mean = float(finite.mean())
-    if count == 1:
-        return MeanInterval(mean=mean, low=None, high=None, deviation=None, count=1)
+    mean = float(finite.mean()) if count else None
+    if mean is None or count == 1:
+        return MeanInterval(mean=mean, low=None, high=None, deviation=None, count=count)
     deviation = float(finite.std(ddof=1))
-    half = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2)) * deviation / math.sqrt(count)
+    half = student_t(count - 1) * deviation / math.sqrt(count)
     return MeanInterval(
         mean=mean, low=mean - half, high=mean + half, deviation=deviation, count=count
     )
+
+
+def student_t(degrees_of_freedom: float) -> float:
+    """Return how many standard deviations the half width of an interval at ``CONFIDENCE`` is."""
+    return float(stdtrit(degrees_of_freedom, 0.5 + CONFIDENCE / 2))
 
 
 def psnr_of_mean_mse(mse_values: Sequence[float]) -> float:

@@ -27,9 +27,10 @@ from reports.scores.contact import (
     contact_region,
     image_change,
     rectangle_around,
+    register_changes,
     relative_residual,
+    shift_change,
 )
-from reports.scores.correction import register_changes, shift_change
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 from tacauchy_rig.core.simulated import FoundCause, ResidualSplit, TrialSplit
 

@@ -19,15 +19,14 @@ from reports.evidence.evidence import (
     ImageGeometry,
     JournalSummary,
     RunEvidence,
-    StreamTiming,
-    Thresholds,
+    StreamSummary,
     TrialEvidence,
     TrialImages,
-    TruthComparison,
 )
 from reports.page import writing
 from reports.page.writing import ReportPaths, write_report
 from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.model import ReportSection
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import (
     ArmSample,
@@ -178,25 +177,18 @@ def trial_evidence(index: int, force_n: float, rng: np.random.Generator) -> Tria
         force_depth_simulated=ForceDepthCurve(
             depth_m=depths, force_n=1.01 * STIFFNESS_N_M * depths
         ),
-        streams=(
-            StreamTiming(
-                name="force",
-                nominal_rate_hz=100.0,
-                intervals_s=np.abs(rng.normal(0.01, 0.0006, 1100)),
-                lost_count=0,
-            ),
-            StreamTiming(
-                name="image",
-                nominal_rate_hz=25.0,
-                intervals_s=np.abs(rng.normal(0.04, 0.002, 280)),
-                lost_count=0,
-            ),
-            StreamTiming(
-                name="arm",
-                nominal_rate_hz=None,
-                intervals_s=np.abs(rng.normal(0.008, 0.0004, 1400)),
-                lost_count=None,
-            ),
+        streams=tuple(
+            StreamSummary(
+                name=name,
+                nominal_rate_hz=rate_hz,
+                rate_hz=rate_hz or 125.0,
+                sample_count=1000,
+                lost_count=None if rate_hz is None else 0,
+                interval_median_ms=10.0,
+                interval_p99_ms=12.0,
+                interval_max_ms=13.0,
+            )
+            for name, rate_hz in (("force", 100.0), ("image", 25.0), ("arm", None))
         ),
     )
 
@@ -205,20 +197,16 @@ def run_evidence(*, seed: int = 3, simulated: bool = True) -> RunEvidence:
     """Return six passing trials of a made-up run."""
     rng = np.random.default_rng(seed)
     trials = tuple(trial_evidence(i, f, rng) for i, f in enumerate(FORCES_N, start=1))
-    truth = tuple(
-        TruthComparison(name="pressing force", true=f, recovered=f * 1.003, unit="N", trial=i)
-        for i, f in enumerate(FORCES_N, start=1)
-    )
     return RunEvidence(
         trials=trials,
         simulated=simulated,
-        thresholds=Thresholds(
+        thresholds=ReportSection.model_construct(
             min_force_margin=3.0,
             max_contact_residual=0.9,  # the made-up light is 3 % brighter in the dwell
-            max_contact_offset_m=6e-5,
+            max_contact_offset=6e-5,
             coverage_factor=2.0,
             min_modulus_trials=4,
-            max_force_mismatch_n=0.08,
+            max_force_mismatch=0.08,
         ),
         geometry=ImageGeometry(scale_x_m_px=6.34e-5, scale_y_m_px=6.34e-5),
         provenance={
@@ -238,11 +226,6 @@ def run_evidence(*, seed: int = 3, simulated: bool = True) -> RunEvidence:
         },
         journal=JournalSummary(attempt_count=7, fault_count=1, faults=("camera: unplugged",)),
         model=made_model(),
-        truth=(
-            *truth,
-            TruthComparison(name="light gain", true=1.03, recovered=1.027, unit=""),
-            TruthComparison(name="pose error along x", true=0.032, recovered=0.031, unit="mm"),
-        ),
     )
 
 

@@ -14,9 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from reports.evidence.attempt import RunReading, readable
+from reports.evidence.attempt import RunReading, readable, surface_values
 from reports.evidence.evidence import RunEvidence
-from reports.evidence.replayed import pressure_at, shear_at
 from reports.scores.force_agreement import predict
 from sim.scene.indenter import Indenter, describe
 from sim.scene.pad import Pad
@@ -117,14 +116,14 @@ def replay_outputs(run: RunReading, evidence: RunEvidence) -> Outputs | None:
             missing.append(trial.index)
             continue
         kept = readable(partial(store.load_replay_fields, REPLAY_NAME, trial.index))
-        heights = {} if kept is None else kept.height
+        heights, fields = ({}, {}) if kept is None else (kept.height, kept.fields)
         has_heights = {"loaded_m", "rest_m"} <= heights.keys()
         presses[trial.index] = PressOutput(
             image=trial.simulated_image,
             force_n=predict(trial, evidence.contact_force_n)[0],
             height_m=heights["loaded_m"] - heights["rest_m"] if has_heights else None,
-            pressure_pa=None if kept is None else pressure_at(kept.fields, x_m, y_m),
-            shear_pa=None if kept is None else shear_at(kept.fields, x_m, y_m),
+            pressure_pa=surface_values(fields, "contact_pressure_pa", x_m, y_m),
+            shear_pa=surface_values(fields, "contact_shear_pa", x_m, y_m),
         )
     return Outputs(simulator=_who(replay), presses=presses, left_out=tuple(missing))
 

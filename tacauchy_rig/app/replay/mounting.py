@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from reports.evidence.attempt import AttemptReading
 from reports.evidence.fits import TRIALS_MIN, TiltFit, fit_modulus, fit_tilt
-from reports.scores.contact import contact_footprint, contact_region, image_change
-from reports.scores.correction import register_changes
+from reports.scores.contact import contact_footprint, contact_region, image_change, register_changes
 from sim.effects.plan import output_tolerances, plan_effects
 from sim.sensitivity import can_tilt, press_tilted, restoring_moments, tilt_costs
 from sim.sensor.camera_geometry import CameraGeometry

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from reports.comparison.compare import compare
-from reports.comparison.criteria import judge_model, judge_modulus
-from reports.comparison.results import ValidationReport
+from reports.comparison.results import (
+    MODULUS,
+    MODULUS_TRIALS,
+    PREDICTION,
+    ValidationReport,
+    headline_of,
+    judge_model,
+    judge_modulus,
+)
 from reports.evidence.evidence import RunEvidence
-from reports.scores.force_margin import ForceMargin
+from reports.scores.floors import ForceMargin
 from tacauchy_rig.core.run import Criterion
 from tests.made_model import made_model
 
@@ -55,7 +63,6 @@ def test_residual_and_offset_have_limits(report: ValidationReport) -> None:
     """Just below and just above; what was not rendered fails."""
     contact, corrections = report.trials[0].contact, report.trials[0].corrections
     assert contact is not None
-    assert corrections is not None
     assert corrections.pose is not None
     for residual, met in ((0.89, True), (0.91, False)):
         found = judged(report, contact=replace(contact, relative_residual=residual))
@@ -65,9 +72,8 @@ def test_residual_and_offset_have_limits(report: ValidationReport) -> None:
         found = judged(report, corrections=replace(corrections, pose=pose))
         assert found["contact_offset"].passed is met
     pose = replace(corrections.pose, x_mm=0.0, y_mm=0.0)
-    found = judged(
-        report, corrections=replace(corrections, pose=pose), found_offset_m=(0.0, 0.061e-3)
-    )
+    moved = made_model(found_offset_m=(0.0, 0.061e-3))
+    found = judged(report, corrections=replace(corrections, pose=pose), model=moved)
     assert not found["contact_offset"].passed
     nothing = judged(report, contact=None, corrections=None, margin=None)
     missed = {name for name, c in nothing.items() if not c.passed}
@@ -93,7 +99,6 @@ def test_force_mismatch_limit(evidence: RunEvidence, force_n: float, met: bool) 
     """0.08 N counts in both directions."""
     trial = evidence.trials[0]
     assert trial.replay is not None
-    assert trial.record is not None
     assert trial.record.force_measured_n is not None
     replay = replace(trial.replay, force_simulated_n=trial.record.force_measured_n + force_n)
     changed = compare(replace(evidence, trials=(replace(trial, replay=replay),)))
@@ -135,3 +140,19 @@ def test_a_modulus_of_too_few_trials_fails(evidence: RunEvidence) -> None:
     _, trials = judge_modulus(model, evidence.thresholds)
     assert not trials.passed
     assert list(judge_modulus(made_model(), evidence.thresholds)) == []
+
+
+def _criterion(name: str, measured: float, limit: str) -> Criterion:
+    return Criterion(name=name, passed=False, measured=measured, limit=limit, unit="%")
+
+
+def test_what_was_asked_of_the_worst_is_said() -> None:
+    """A predicted force is asked to be within its own uncertainty, which differs."""
+    of_run = (_criterion(MODULUS, 3.0, "within 5"), _criterion(MODULUS_TRIALS, 2.0, "3 or more"))
+    assert [row.limit for row in headline_of((), of_run)] == ["within 5", "3 or more"]
+    trials = [
+        SimpleNamespace(criteria=(_criterion(PREDICTION, measured, f"within {limit}"),))
+        for measured, limit in ((2.0, 8), (-9.0, 7), (4.0, 6))
+    ]
+    (row,) = headline_of(trials, ())
+    assert (row.worst, row.limit) == (-9.0, "within 7 (of that trial)")

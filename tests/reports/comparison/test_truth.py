@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from reports.comparison.compare import compare
+from reports.comparison.compare import compare, recover_truth
 from reports.comparison.results import ValidationReport
-from reports.comparison.truth import recover_truth
-from reports.evidence.evidence import EmulatedWorld, RunEvidence, TrueDwell
+from reports.evidence.evidence import EmulatedWorld, RunEvidence
 from tacauchy_rig.core.run import Tare
 from tacauchy_rig.core.simulated import FoundValue
 from tests.made_model import made_model
@@ -24,7 +23,7 @@ WORLD = EmulatedWorld(
         "force_drift_n_s": -5e-4,
     },
     surface_expected_m=0.1998,
-    dwells={1: TrueDwell(force_n=1.25, depth_m=1.8e-4)},
+    dwells={1: (1.25, 1.8e-4)},
 )
 
 
@@ -54,7 +53,7 @@ def test_each_quantity_is_recovered(report: ValidationReport, evidence: RunEvide
         for t in evidence.trials
         if t.record is not None
     )
-    run = replace(evidence, trials=trials, world=WORLD, truth=())
+    run = replace(evidence, trials=trials, world=WORLD)
     found = {c.name: c for c in recover_truth(run, report.trials)}
     assert found["mean force in the dwell"].true == 1.25
     assert found["mean depth in the dwell"].unit == "mm"
@@ -80,7 +79,7 @@ def test_a_lean_stands_beside_its_truth(report: ValidationReport, evidence: RunE
         name="lean towards x", value=0.016, uncertainty=0.002, unit="rad", taken=True, basis=""
     )
     unknown = replace(known, name="lean towards y", value=None, uncertainty=None, taken=False)
-    run = replace(evidence, world=world, model=made_model(found=(known, unknown)), truth=())
+    run = replace(evidence, world=world, model=made_model(found=(known, unknown)))
     found = {c.name: c for c in recover_truth(run, report.trials)}
     tilt = found["tilt of the tool towards x"]
     assert (tilt.true, tilt.recovered, tilt.unit) == (17.0, 16.0, "mrad")
@@ -89,5 +88,5 @@ def test_a_lean_stands_beside_its_truth(report: ValidationReport, evidence: RunE
 
 def test_real_run_has_no_truth(evidence: RunEvidence) -> None:
     """Without an emulated world there is nothing to compare with."""
-    real = replace(evidence, trials=evidence.trials[:1], truth=(), simulated=False)
+    real = replace(evidence, trials=evidence.trials[:1], simulated=False)
     assert compare(real).truth == ()

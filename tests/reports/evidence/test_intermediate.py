@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from reports.evidence.attempt import AttemptReading
+from reports.evidence.attempt import AttemptReading, intermediate_states, surface_values
 from reports.evidence.evidence import ImageGeometry
-from reports.evidence.replayed import intermediate_states
 from tacauchy_rig.core.run import ForceSample, ImageFrame
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
@@ -71,13 +70,11 @@ def test_frames_are_of_the_rise_and_the_last_of_the_dwell(
     assert [state.force_n for state in states] == FORCES_N.tolist()
     for state in states[:-1]:
         frame = state.frame
-        assert frame is not None
         assert frame.force_n == pytest.approx(state.force_n, abs=0.02 * press.FORCE_N + 1e-9)
         time_s = frame.image.mean() / 100
         assert press.FORCE_N * (time_s - 1.0) == pytest.approx(frame.force_n, abs=0.02)
         assert frame.depth_m == pytest.approx(2e-4 * frame.force_n / press.FORCE_N, rel=1e-3)
     last = states[-1].frame
-    assert last is not None
     assert last.force_n == press.FORCE_N
     assert last.image.mean() > 200
 
@@ -104,3 +101,14 @@ def test_without_arm_samples_the_frames_have_no_depth(
     frames = [state.frame for state in intermediate_states(passed(), rising)[:-1]]
     assert [None if frame is None else frame.depth_m for frame in frames] == [None, None]
     assert None not in frames
+
+
+def test_shear_is_told_where_it_is_asked_for() -> None:
+    """Along x and y, linear between nodes, nothing beyond them; None where nobody kept it."""
+    corners = np.array([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [0.0, 2.0, 1.0], [2.0, 2.0, 1.0]])
+    shear = np.stack([corners[:, 0], -corners[:, 1], np.full(4, 9.0)], axis=1)
+    places = np.array([[0.5, 1.5, 5.0]]), np.array([[1.0, 0.25, 5.0]])
+    fields = {"node_m": corners, "contact_shear_pa": shear}
+    found = surface_values(fields, "contact_shear_pa", *places)
+    np.testing.assert_allclose(found, [[[0.5, -1.0], [1.5, -0.25], [0.0, 0.0]]])
+    assert surface_values({"node_m": corners}, "contact_shear_pa", *places) is None

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from reports.comparison.results import ValidationReport
 from reports.figures.images import (
@@ -13,14 +16,13 @@ from reports.figures.images import (
     draw_matrices,
     luminance_difference,
 )
-from reports.page.writing import color_difference
+from reports.page.writing import color_difference, write_report
 
 
 def test_no_difference_is_beyond_the_scale(report: ValidationReport) -> None:
     """Not even one pixel that is 120 levels off, and one level still shows beside it."""
     evidence = report.evidence
     image = evidence.trials[2].simulated_image
-    assert image is not None
     spoiled = image.copy()
     spoiled[10, 20] = np.where(image[10, 20] < 128, image[10, 20] + 120, image[10, 20] - 120)
     trials = tuple(
@@ -60,3 +62,29 @@ def test_matrices_are_in_the_order_of_the_forces(report: ValidationReport) -> No
     labels = [[label.get_text() for label in axes.get_yticklabels()] for axes in drawn]
     assert labels[0] == labels[1] == sorted(labels[0])
     np.testing.assert_array_equal(*(axes.images[0].get_array() for axes in drawn))
+
+
+def without_a_term(report: ValidationReport, name: str) -> ValidationReport:
+    """Return a report whose first press, of the smallest force, lacks a term of its budget."""
+    first, *others = report.trials
+    budget = tuple(term for term in first.force.budget if term.name != name)
+    assert len(budget) == len(first.force.budget) - 1
+    trials = (replace(first, force=replace(first.force, budget=budget)), *others)
+    return replace(report, trials=trials)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_term_of_some_presses_stands_in_its_own_row(
+    report: ValidationReport, tmp_path: Path
+) -> None:
+    """A ball has no fillet: what comes after it in a punch's budget is not taken for it."""
+    last = report.trials[-1].force
+    known = [term for term in last.budget if term.value_n]
+    name, value_n = max(((term.name, term.value_n) for term in known), key=lambda t: t[1] or 0.0)
+    lacking = without_a_term(report, name)
+    assert value_n is not None
+    page = write_report(lacking, tmp_path).html.read_text("utf-8")
+    (cells,) = re.findall(rf"<th>[a-z]+: {re.escape(name)}</th>(.*?)</tr>", page)
+    assert cells.startswith("<td>&ndash;</td>")
+    share = 100.0 * (value_n / last.combined.value_n) ** 2
+    assert cells.endswith(f"<td>{share:.1f}</td>")

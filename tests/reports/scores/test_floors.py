@@ -20,6 +20,7 @@ from reports.scores.floors import (
     WrongForceMatrix,
     cross_scores,
     flat_mean_image,
+    force_margins,
     skill,
     trial_ceiling,
     trial_floors,
@@ -36,21 +37,18 @@ def matrices_of(trials: Sequence[TrialEvidence]) -> tuple[WrongForceMatrix, ...]
 def test_no_contact_is_scored_like_any_image(evidence: RunEvidence) -> None:
     """The no-contact floor is the score of the reference frame, no more."""
     images = evidence.trials[0].images
-    assert images is not None
     assert trial_floors(images, []).no_contact == score(images.real, images.reference)
 
 
 def test_full_frame_ssim_hardly_sees_the_contact(report: ValidationReport) -> None:
     """Without any contact SSIM stays above 0.95 here: the reason why floors are shown."""
     for trial in report.trials:
-        assert trial.floors is not None
         assert trial.floors.no_contact.ssim > 0.95
 
 
 def test_flat_mean_keeps_the_mean_colour(evidence: RunEvidence) -> None:
     """The flat floor is one colour: the real image's mean, rounded."""
     images = evidence.trials[0].images
-    assert images is not None
     flat = flat_mean_image(images.real)
     assert len(np.unique(flat.reshape(-1, 3), axis=0)) == 1
     assert np.allclose(flat[0, 0], images.real.reshape(-1, 3).mean(axis=0), atol=0.5)
@@ -61,8 +59,6 @@ def test_wrong_force_floor_is_the_hardest(report: ValidationReport) -> None:
     for matrix in report.matrices[:5]:
         pick = max if matrix.larger_is_better else min
         for k, trial in enumerate(report.trials):
-            assert trial.floors is not None
-            assert trial.floors.wrong_force is not None
             row = [v for j, v in enumerate(matrix.values[k]) if j != k]
             assert trial.floors.wrong_force.value(Metric(matrix.metric)) == pick(row)
 
@@ -152,7 +148,6 @@ def test_one_trial_has_no_wrong_force(evidence: RunEvidence) -> None:
     """A single press cannot be compared with another force."""
     report = compare(replace(evidence, trials=evidence.trials[:1]))
     assert report.matrices == ()
-    assert report.trials[0].floors is not None
     assert report.trials[0].floors.wrong_force is None
 
 
@@ -160,11 +155,9 @@ def test_ceiling_says_where_it_comes_from(evidence: RunEvidence) -> None:
     """Two halves of a dwell are called noise; another press to the same force a repeat."""
     first, second = evidence.trials[:2]
     noise = trial_ceiling(first, [second])
-    assert noise is not None
     assert noise.kind is CeilingKind.NOISE
     repeated = replace(second, force_target_n=first.force_target_n)
     ceiling = trial_ceiling(first, [repeated])
-    assert ceiling is not None
     assert ceiling.kind is CeilingKind.REPEAT
     assert trial_ceiling(replace(first, images=None), [second]) is None
 
@@ -197,3 +190,83 @@ def test_skill(
     found = skill(value, 0.9, ceiling, noise=noise, larger_is_better=larger)
     assert found.status is status
     assert found.value == (None if expected is None else pytest.approx(expected))
+
+
+NOISE_LEVELS = 2.0
+
+
+def shot(made: SimpleNamespace, force_n: float, rng: np.random.Generator) -> TrialEvidence:
+    """Return a trial whose halves differ by noise only, and whose simulated image is right."""
+    pressed = made.background() + made.contact_change(force_n)
+    reference = made.to_image(made.background())
+
+    def half() -> np.ndarray:
+        return made.to_image(pressed + rng.normal(0.0, NOISE_LEVELS, pressed.shape))
+
+    return replace(
+        TrialEvidence(index=round(force_n * 1e3), force_target_n=force_n),
+        images=SimpleNamespace(  # type: ignore[arg-type]
+            real=half(), reference=reference, first_half=half(), second_half=half()
+        ),
+        simulated_image=made.to_image(made.background() + made.contact_change(1.05 * force_n)),
+    )
+
+
+def test_margins_are_those_of_the_matrix(evidence: RunEvidence) -> None:
+    """Best wrong residual minus the own one, with no contact as one of the rivals."""
+    residuals = wrong_force_matrices(evidence.trials, cross_scores(evidence.trials))[-1]
+    assert residuals.metric == CONTACT_RESIDUAL
+    margins = force_margins(evidence.trials)
+    for k, trial in enumerate(evidence.trials):
+        row = list(residuals.values[k])
+        own = row.pop(k)
+        assert margins[trial.index].value == pytest.approx(min(1.0, *row) - own)
+
+
+def test_spread_is_what_noise_does_to_the_margin(made: SimpleNamespace) -> None:
+    """Over many draws the margin of half a dwell scatters by the spread over the root of two."""
+    forces = made.FORCES_N[:3]
+    values: dict[int, list[float]] = {}
+    spreads: dict[int, list[float]] = {}
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        for index, margin in force_margins([shot(made, f, rng) for f in forces]).items():
+            values.setdefault(index, []).append(margin.value)
+            assert margin.spread is not None
+            spreads.setdefault(index, []).append(margin.spread)
+    scatter = [np.std(v, ddof=1) for v in values.values()]
+    stated = [np.sqrt(np.mean(np.square(v))) for v in spreads.values()]
+    ratio = np.array(scatter) * np.sqrt(2.0) / stated
+    assert np.all(ratio > 0.5)
+    assert np.all(ratio < 2.0)
+
+
+def test_repeats_scatter_more_than_noise(evidence: RunEvidence) -> None:
+    """Two presses to one force that differ count as what a repeat leaves."""
+    first, second = evidence.trials[0], evidence.trials[3]
+    again = replace(second, force_target_n=first.force_target_n)
+    margins = force_margins([first, again, *evidence.trials[4:]])
+    apart = np.std([margins[1].value, margins[again.index].value], ddof=1)
+    assert margins[1].spread == pytest.approx(apart)
+
+
+def test_no_contact_is_never_in_front(evidence: RunEvidence) -> None:
+    """With the unloaded frame for every image nothing is told from nothing."""
+    trials = [replace(t, simulated_image=t.images.reference) for t in evidence.trials if t.images]
+    for margin in force_margins(trials).values():
+        assert margin.value == 0.0
+        assert margin.in_spreads == 0.0
+
+
+def test_a_dwell_whose_images_changed_blinds_no_other(made: SimpleNamespace) -> None:
+    """One trial whose camera showed an older press first: its own margin is lost, no other."""
+    rng = np.random.default_rng(0)
+    trials = [shot(made, force, rng) for force in made.FORCES_N[:5]]
+    third = trials[2]
+    stale = SimpleNamespace(**vars(third.images))
+    stale.first_half = trials[1].images.real  # type: ignore[union-attr]
+    trials[2] = replace(third, images=stale)  # type: ignore[arg-type]
+    after = force_margins(trials)
+    assert after[third.index].in_spreads < 3.0
+    for trial in (*trials[:2], *trials[3:]):
+        assert after[trial.index].in_spreads > 10.0

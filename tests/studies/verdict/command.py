@@ -12,8 +12,7 @@ from typing import Annotated
 import typer
 
 from reports.comparison.compare import compare
-from reports.comparison.criteria import headline_of
-from reports.comparison.results import ValidationReport
+from reports.comparison.results import ValidationReport, headline_of
 from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import RunEvidence
 from sim.scene.scene import Preset
