@@ -94,7 +94,9 @@ def test_a_recorded_run_is_read_replayed_and_scored(
     """The three examples on a run, in the order of the page."""
     monkeypatch.chdir(place)
     # The coarse presses that tell uncertainties take most of the time, and no example shows them.
-    monkeypatch.setattr(replay, "_uncertainties", lambda _run, parts, *_: ([() for _ in parts], None))
+    monkeypatch.setattr(
+        replay, "_uncertainties", lambda _run, parts, *_: ([() for _ in parts], None)
+    )
     attempt = run(RUNS["Open a run"], {})["attempt"]
     assert attempt.force_curve.value[attempt.force_curve.time_s > 0.0] == pytest.approx(FORCE_N)
     trial = run(RUNS["Replay it"], {})["trial"]
