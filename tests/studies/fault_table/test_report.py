@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.store.codec import dumps, from_json, loads
 from tests.studies.fault_table.cases import all_cases
 from tests.studies.fault_table.command import fault_page, summary_line
 from tests.studies.fault_table.observation import ArmOutcome, CommandEnd, KeptMessages, Observation
@@ -150,11 +149,6 @@ def test_the_first_line_sums_up():
     text = summary_line([GOOD, slow])
     assert text.startswith("2 cases; 2 ended the run, 0 did not; slowest stop 500 ms (kill:control")
     assert "acknowledged messages lost: 0; resumed to the end: 2" in text
-
-
-def test_an_observation_survives_its_file():
-    """A table is made of cases that were done on another day."""
-    assert from_json(Observation, loads(dumps(GOOD), source="x"), source="x") == GOOD
 
 
 def table(seen):

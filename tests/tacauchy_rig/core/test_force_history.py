@@ -10,7 +10,7 @@ import pytest
 
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.force_check import ForceCheck, judge_weight, parse_weight
-from tacauchy_rig.core.force_history import ForceHistory, judge_forces
+from tacauchy_rig.core.force_history import judge_forces
 from tacauchy_rig.core.run import Outcome, Tare, TrialRecord
 
 TARGETS_N = (1.26, 1.95, 2.65, 3.34, 4.04, 4.73)
@@ -140,8 +140,3 @@ def test_an_arm_that_lies_makes_the_sources_disagree() -> None:
     records = pressed(RIGHT)
     records[3:] = [replace(r, arm_force_n=0.65 * (r.arm_force_n or 0.0)) for r in records[3:]]
     assert judge_forces(records, RobotModel.E_SERIES).fault
-
-
-def test_nothing_pressed_is_nothing_known() -> None:
-    """No trial, no word."""
-    assert judge_forces((), RobotModel.CB3) == ForceHistory(trials=(), sources=())

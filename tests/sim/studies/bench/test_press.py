@@ -153,14 +153,3 @@ def test_a_batch_is_seen_in_every_frame_and_its_launches_are_timed(scene: Scene)
     parts = batch_parts(batch, poses, None, wall_s=1.0)
     assert list(parts) == ["stress"]
     assert parts["stress"] > 0.0
-
-
-@pytest.mark.gpu
-def test_launches_of_a_press_are_timed(scene: Scene) -> None:
-    """Each in the press as it is; none takes no time."""
-    batch, poses = _batch(scene, "cuda:0")
-    pressed(batch, poses, None)
-    parts = batch_parts(batch, poses, None, wall_s=1.0)
-    names = ["stress", "gel", "contact", "judge", "prepare", "inverse", "turn", "rest"]
-    assert list(parts) == [*names, "whole step"]
-    assert min(parts.values()) > 0.0

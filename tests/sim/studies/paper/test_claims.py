@@ -24,11 +24,6 @@ def test_an_impossible_score_is_refused_by_name(value: str) -> None:
         claims_of(ROW.format(value))
 
 
-def test_a_possible_score_is_taken() -> None:
-    """What is within the bounds is read with its section."""
-    assert claims_of(ROW.format(0.9))["scores.ssim"].value == 0.9
-
-
 def test_a_closed_surface_has_the_faces_that_its_vertices_ask_for() -> None:
     """Euler's formula, which the paper's 712 faces and 358 vertices meet."""
     faces = checks()[0]

@@ -58,8 +58,3 @@ def test_the_floor_is_said_of_real_sensors_alone() -> None:
     assert said in page({}, emulated=False)
     assert said not in page({}, emulated=True)
     assert "a sensor, **emulated**" in page({}, emulated=True, ours=True)
-
-
-def test_a_mesh_that_meets_the_table_is_said() -> None:
-    """The search's end is a rule's, not the template's."""
-    assert "One comes within the rule's 5 % in all rows" in page({})

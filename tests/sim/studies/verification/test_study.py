@@ -16,13 +16,6 @@ from sim.studies.verification.balance import (
     measure_drives,
     shift_row,
 )
-from sim.studies.verification.study import SECTIONS
-
-
-def test_every_section_of_the_catalogue_has_a_name_of_the_command_line() -> None:
-    """Names are what ``--only`` takes: lower case and hyphens."""
-    assert all(name.replace("-", "").isalpha() and name == name.lower() for name in SECTIONS)
-
 
 SCENE = Scene(
     pad=DiscPad(radius_m=5e-3, height_m=3e-3),

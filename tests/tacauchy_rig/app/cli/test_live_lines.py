@@ -14,7 +14,6 @@ from tacauchy_rig.app.cli.progress import (
     HOW_TO_STOP,
     MARK,
     PHASES,
-    clock,
     force_bar,
     live_lines,
 )
@@ -72,11 +71,6 @@ def test_a_bar_is_as_wide_as_asked(force_n, target_n, width):
     assert len(bar) == width
     assert set(bar) <= {FULL, EMPTY, MARK}
     assert (MARK in bar) == (target_n <= 6.0)
-
-
-def test_a_clock_says_minutes_when_there_are_some():
-    """Seconds alone below a minute."""
-    assert (clock(9.4), clock(60.0), clock(131.2)) == ("9 s", "1 min 00 s", "2 min 11 s")
 
 
 def test_every_phase_has_words() -> None:
