@@ -252,20 +252,30 @@ class Batch:
             poses: As ``step`` takes them, shape [frame_count, environment_count, 7].
             loads_n: As ``step`` takes them, shape [frame_count, environment_count].
             active: As ``step`` takes it.
+
+        Raises:
+            ConfigError: Poses or loads have another shape, or are not finite.
         """
         goals = self._checked(poses)
+        loads = None if loads_n is None else np.asarray(loads_n, dtype=np.float64)
+        if loads is not None and (loads.shape != goals.shape[:2] or not np.isfinite(loads).all()):
+            raise ConfigError(
+                f"loads_n of shape {loads.shape}, or with numbers that are not finite, for poses "
+                f"of shape {goals.shape}",
+                remedy=f"give finite loads [N], shape {goals.shape[:2]}",
+            )
         taking = np.ones(self.count, np.bool_) if active is None else np.asarray(active, np.bool_)
         if (taking & ~self._lifted).any():
             self._lower_anew(goals[0], taking & ~self._lifted)
         self.descents.set(pushed=0)
-        if loads_n is None:
+        if loads is None:
             _there, frames = self._go(goals, taking, None)
         else:
             there, _frames = self._go(goals[:1], taking & ~self._pushed, None)
             self.descents.set(pushed=1)
-            taking &= there | self._pushed
-            _there, frames = self._go(goals, taking, np.asarray(loads_n, dtype=np.float64))
-        self._pushed[taking] = loads_n is not None
+            taking = taking & (there | self._pushed)
+            _there, frames = self._go(goals, taking, loads)
+        self._pushed[taking] = loads is not None
         return self._forces(frames.found)
 
     def _go(
@@ -327,12 +337,13 @@ class Batch:
         residual, touched = on_host(found.residual).copy(), on_host(found.touched).copy()
         bias, left = self._bias.of(touched[..., 6])
         raw, valid = touched[..., :6], np.isfinite(residual)
+        tips = on_host(found.tips) - [0.0, 0.0, self._standoff_m]
         return BatchForces(
             wrench=raw / (1.0 + bias)[..., None],
             raw_wrench=raw,
-            force_error=left,
+            force_error=np.where(valid, left, np.nan),
             contact_area_m2=touched[..., 6],
-            tips_m=on_host(found.tips) - [0.0, 0.0, self._standoff_m],
+            tips_m=np.where(valid[..., None], tips, np.nan),
             residual=residual,
             imbalance=on_host(found.imbalance).copy(),
             valid=valid,

@@ -71,7 +71,7 @@ class Frames:
             halvings_max: Of a frame's parts.
 
         Returns:
-            Rotation vectors' quaternions where they end, shape [count, 4], and who arrived.
+            Quaternions where they end, shape [count, 4], and who arrived.
         """
         frame_count, count = parts.shape
         starts = np.concatenate([begun[None], goals[:-1]])
@@ -101,10 +101,10 @@ class Frames:
             self._run()
             frame, done = on_host(motions.frame).copy(), on_host(motions.done).copy()
             halved = np.where(frame > at, 0, halved)
-            at = frame
+            at, went = frame, missing.copy()
             missing &= (at < frame_count) & (halved < halvings_max)
             halved += 1
-            which = np.flatnonzero(going & (at < frame_count))
+            which = np.flatnonzero(went & (at < frame_count))
             _go_on_from(ways, at[which], which, done[which])
         quaternions = goals[-1, :, 3:].copy()
         short = np.flatnonzero(at < frame_count)

@@ -267,6 +267,20 @@ def test_poses_that_are_none_are_refused(smooth: Model, poses: FloatArray, named
     assert named in f"{caught.value.message} {caught.value.remedy}"
 
 
+def test_loads_that_do_not_fit_are_refused(smooth: Model) -> None:
+    """Their shape is named; who takes part is the caller's own and stays as it was."""
+    batch, poses = Batch(smooth, [BALL], [0, 0]), np.array([_pose(0, 0, 0.1e-3)] * 2)
+    with pytest.raises(ConfigError, match=r"loads_n of shape \(1, 1\)"):
+        batch.step(poses, loads_n=np.array([0.1]))
+    hasty = Batch(smooth, [BALL], [0, 0], options=replace(EXACT, steps_max=1, halvings_max=1))
+    active = np.array([True, True])
+    found = hasty.step(poses, loads_n=np.array([0.1, 0.1]), active=active)
+    assert active.all()
+    assert not found.valid.any()
+    for numbers in (found.wrench, found.force_error, found.tips_m):
+        assert np.isnan(numbers).all()
+
+
 def test_arguments_that_do_not_fit_are_refused(smooth: Model) -> None:
     """A body that is not there, friction without a model of it, half a pad."""
     with pytest.raises(ConfigError, match="which"):
