@@ -94,6 +94,9 @@ MOVED = {
     },
 }
 """Commands of an earlier version, and what to call instead; for one release."""
+_MOVED_IN = {
+    "calibrate": {"markers": "`calibrate optics`, which finds markers in the no-contact frame"}
+}
 
 _INTERRUPTED = 130
 
@@ -105,9 +108,8 @@ app = typer.Typer(
     help="From a recorded tactile press to a force-matched replay and an honest report.",
 )
 for _name, (_help, _places) in GROUPS.items():
-    app.add_typer(
-        typer.Typer(cls=lazy_group(_places), no_args_is_help=True, help=_help), name=_name
-    )
+    _group = lazy_group(_places, moved=_MOVED_IN.get(_name))
+    app.add_typer(typer.Typer(cls=_group, no_args_is_help=True, help=_help), name=_name)
 
 
 def _version(value: bool) -> None:
