@@ -75,7 +75,7 @@ class ArmHealth:
         """Return the loss of a connection that was closed or replaced."""
         return self.lose(
             "the connection broke",
-            "check the network and the controller, then start again; nothing reconnects by itself",
+            "check the network and the controller; nothing reconnects by itself",
         )
 
     def looked_away(self) -> bool:
@@ -99,7 +99,7 @@ class ArmHealth:
         if known_before and (passed_s < 0.0 or abs(jump_s) > _CLOCK_JUMP_S):
             raise self.lose(
                 f"the controller's clock jumped by {jump_s:+.1f} s against this computer's",
-                "see whether the controller was restarted or its time was set, then start again",
+                "see whether the controller was restarted or its time was set",
             )
         return True
 
@@ -113,7 +113,7 @@ class ArmHealth:
         if age_s > self._limit_s:
             raise self.lose(
                 f"no new data for {age_s * 1e3:.0f} ms (limit {self._limit_s * 1e3:.0f} ms)",
-                "check the cable and the controller, then start again",
+                "check the cable and the controller",
             )
 
     def require_running(self, sample: ArmSample) -> None:
@@ -134,7 +134,7 @@ class ArmHealth:
                 ProgramEndedError(
                     f"{self._device}: the program on the controller ended (runtime state {state})",
                     remedy=f"it ends when it is not fed for {1e3 / self._watchdog_hz:.0f} ms, or "
-                    "at the pendant; see what held this computer up, then start again",
+                    "at the pendant; see what held this computer up",
                 )
             )
 

@@ -361,7 +361,7 @@ class UvcCamera:
             reason = f"it sent nothing for {waited_s:.0f} s"
         return DeviceError(
             f"camera: {path} is gone: {reason or 'its stream ended'}",
-            remedy="check the cable and power, then start again; nothing reconnects by itself",
+            remedy="check the cable and power; nothing reconnects by itself",
         )
 
     def _no_frame(self) -> DeviceError:

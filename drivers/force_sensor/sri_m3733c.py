@@ -236,8 +236,7 @@ class SriM3733c:
 def _gone(path: str, error: Exception) -> DeviceError:
     return DeviceError(
         f"force sensor: the port {path} is gone ({error})",
-        remedy="check the USB cable and the box's power, then start again; nothing reconnects "
-        "by itself",
+        remedy="check the USB cable and the box's power; nothing reconnects by itself",
     )
 
 

@@ -21,6 +21,7 @@ ALWAYS_LATE = (
     "images came late in every attempt: end other programs on this computer, and see `tacauchy-rig "
     "doctor`: camera; `resume --set limits.stale_image=...` admits longer gaps"
 )
+_RESUME = "`tacauchy-rig resume` continues with the next unfinished trial"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,6 +37,13 @@ class ProgrammeResult:
     records: tuple[TrialRecord, ...]
     reason: str = ""
     remedy: str = ""
+
+
+def _remedy(error: RigError, *, doubted: bool) -> str:
+    """Return the error's remedy and, unless the force sensor is in doubt, how the run goes on."""
+    if not error.remedy:
+        return _RESUME
+    return error.remedy if doubted or "resume" in error.remedy else f"{error.remedy}; {_RESUME}"
 
 
 def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) -> ProgrammeResult:
@@ -62,7 +70,7 @@ def run_programme(cycle: Cycle, journal: Journal, plan: Sequence[PlannedTrial]) 
             outcome=Outcome.ABORTED if isinstance(error, AbortedError) else Outcome.FAULT,
             records=tuple(records.values()),
             reason=f"{error.message} {what(sorted(safe))}",
-            remedy=error.remedy or "`tacauchy-rig resume` continues with the next unfinished trial",
+            remedy=_remedy(error, doubted=doubted),
         )
     finally:
         cycle.stop()

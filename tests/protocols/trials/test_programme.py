@@ -8,6 +8,7 @@ import pytest
 
 from protocols.guard.breach import BreachError, Reaction
 from protocols.trials import programme
+from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Outcome
 
 
@@ -133,3 +134,17 @@ def test_an_arm_in_the_gel_does_not_go_on(laboratory):
     low = lab.world.pose.shifted(z=0.1995 - lab.world.pose.position[2])
     lab.cycle.last_state = replace(lab.cycle.last_state, pose=low)
     assert not programme.may_repeat(lab.cycle, late)
+
+
+@pytest.mark.parametrize(
+    ("remedy", "doubted", "told"),
+    [
+        ("check the cable", False, f"check the cable; {programme._RESUME}"),
+        ("end other programs, then `resume`", False, "end other programs, then `resume`"),
+        ("have the cell checked", True, "have the cell checked"),
+        ("", True, programme._RESUME),
+    ],
+)
+def test_a_broken_device_says_how_the_run_goes_on(remedy, doubted, told):
+    """Unless the force sensor is in doubt, or the remedy says it itself."""
+    assert programme._remedy(DeviceError("gone", remedy=remedy), doubted=doubted) == told
