@@ -17,7 +17,6 @@ from drivers.arm.ur5_wire import (
     PacketKind,
     PacketReader,
     pack_packet,
-    split_names,
 )
 from tacauchy_rig.core.errors import DeviceError
 
@@ -103,8 +102,3 @@ def test_says_what_is_wrong() -> None:
         OutputRecipe(1, ["timestamp"]).unpack(b"\x01\x00\x00")
     with pytest.raises(DeviceError, match="2 bytes instead of 4"):
         InputRecipe(["input_int_register_0"]).unpack_into(b"\x00\x00", {})
-
-
-def test_names_end_with_a_comma() -> None:
-    """Clients end a list of names with a comma; it makes no empty name."""
-    assert split_names(b"timestamp,actual_q,") == ["timestamp", "actual_q"]

@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 
 from sim.batch.contact_inverse import ContactInverse
-from sim.batch.rest_inverse import DenseRest, inverted, padded_rows, tiling
+from sim.batch.rest_inverse import DenseRest, inverted
 from sim.batch.sensor_model import sensor_model
 from sim.batch.sweep_kernels import pack
 from sim.contact.indenter_distance import AnyBody, Poses, body_of, nearby_gap, posed, poses_at
@@ -49,14 +49,6 @@ def test_a_lane_finds_its_entries() -> None:
             for odd in (0, 1)
         ]
         assert found[tile, step, half, 4 * group + member].tolist() == wanted
-
-
-@pytest.mark.parametrize("count", [1, 8, 9, 60, 64, 65, 256, 257, 1024])
-def test_paddings_are_what_blocks_divide(count: int) -> None:
-    """Rows hold a whole number of blocks, and no fewer than asked."""
-    assert 1000 <= padded_rows(1000) < 1000 + 288
-    assert padded_rows(1000) % tiling(count).rows == 0
-    assert padded_rows(1000) % 32 == 0
 
 
 def test_an_inverse_that_does_not_fit_on_a_gpu_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
