@@ -15,8 +15,6 @@ from sim.optics.colour.colour_model import LINEAR, Response
 from sim.optics.colour.photometric import BALL_EXPONENTS
 from tests.sim.optics.synthetic_presses import press_scene, presses, true_model
 
-_KNEE = 150.0
-
 
 @given(st.floats(100.0, 254.0), st.floats(0.0, 254.5))
 def test_light_shows_as_the_levels_that_it_was_read_from(knee: float, level: float) -> None:
