@@ -1,4 +1,4 @@
-"""The driver on the how-to page of force sensors is one: it is found, and conforms."""
+"""The driver of the how-to page of force sensors is found, and conforms."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import itertools
 import os
 import pty
 import re
+import shutil
 import threading
 import time
 import tty
@@ -21,7 +22,8 @@ from tacauchy_rig.core.registry import Kind, load
 
 PAGE = Path(__file__).parents[1] / "docs" / "how-to" / "add-a-force-sensor.md"
 RATE_HZ = 80.0
-DRIVER, CHECK = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+DRIVER = Path(__file__).parent / "outside_package" / "press_lab" / "cell.py"
+(CHECK,) = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
 PROJECT, RIG = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
 
 
@@ -62,7 +64,7 @@ def cell() -> Iterator[Cell]:
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the package installed, as pip would, without a network."""
-    (tmp_path / "my_cell.py").write_text(DRIVER, "utf-8")
+    shutil.copy(DRIVER, tmp_path / "my_cell.py")
     metadata = tmp_path / "my_cell-1.0.dist-info"
     metadata.mkdir()
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: my-cell\nVersion: 1.0\n")
@@ -84,7 +86,7 @@ def configured(place: Path, port: str) -> RigConfig:
 def test_it_keeps_what_every_force_sensor_promises(
     place: Path, cell: Cell, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The page's own check, on the page's own driver and configuration."""
+    """The page's own check, driver and configuration."""
     configured(place, cell.port)
     exec(compile(CHECK, str(PAGE), "exec"), {})  # noqa: S102 - our own page
     assert capsys.readouterr().out == "the driver conforms\n"

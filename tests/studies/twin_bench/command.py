@@ -197,7 +197,7 @@ RATES_WANTED_HZ = {"twin": 10.0, "twin_gpu": 30.0}
 RUNS = Path("runs", "twin-bench").resolve()
 _NOTE = (
     "Each row is a run of two presses on emulated devices with a page, and a twin that follows the "
-    "force at the lowest priority. [The twin](../../explanation/twin.md) is explained elsewhere."
+    "force at the lowest priority. [Watch a twin](../../how-to/watch-a-twin.md) explains it."
 )
 
 
