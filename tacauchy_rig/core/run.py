@@ -117,6 +117,11 @@ class ImageFrame:
     height: int
     jpeg: bytes
 
+    @property
+    def kind(self) -> str:
+        """What its bytes are: ``png`` or ``jpeg``."""
+        return "png" if self.jpeg.startswith(b"\x89PNG") else "jpeg"
+
 
 class Phase(StrEnum):
     """Where a trial is; every change is a line of the journal."""

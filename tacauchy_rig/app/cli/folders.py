@@ -1,10 +1,9 @@
-"""Commands on a run folder: ``replay``, ``report``, ``export``, ``recover``."""
+"""Commands on a run folder: ``replay``, ``report``, ``recover``."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -104,32 +103,6 @@ def report(folder: RunFolder, json_file: JsonFile = None) -> None:
     from tacauchy_rig.app.replay.opening import open_run
 
     report_and_exit(open_run(folder), json_file)
-
-
-class ExportKind(StrEnum):
-    """What is written."""
-
-    CSV = "csv"
-    IMAGES = "images"
-
-
-def export(
-    folder: RunFolder,
-    out: Annotated[Path, typer.Argument(help="Folder to write to.")],
-    kind: Annotated[
-        ExportKind, typer.Option("--kind", help="Force and poses as CSV, or frames as JPEG.")
-    ] = ExportKind.CSV,
-    json_file: JsonFile = None,
-) -> None:
-    """Write a run's recordings for other tools.
-
-    Example: tacauchy-rig export runs/20261123-gelsight-mini exported --kind csv
-    """
-    from tacauchy_rig.core.store.recording.export import export_run
-
-    written = export_run(folder, out, images=kind is ExportKind.IMAGES)
-    say(f"wrote {len(written)} files to {out}")
-    write_json(json_file, {"files": written})
 
 
 def recover(folder: RunFolder, json_file: JsonFile = None) -> None:

@@ -46,8 +46,10 @@ ROWS_MOST = 2_000_000
 VERSION = "v3."
 INFO = "meta/info.json"
 EPISODES = "meta/episodes"
-DATA = "data/chunk-{chunk:03d}/file-{file:03d}.parquet"
-VIDEOS = "videos/{key}/chunk-{chunk:03d}/file-{file:03d}.mp4"
+_FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}"
+DATA, VIDEOS = f"data/{_FILE}.parquet", f"videos/{{video_key}}/{_FILE}.mp4"
+PLACE = ("chunk_index", "file_index")
+"""Of a file, by which an episode names it."""
 EPISODES_MOST = 1000
 """That a run takes: `data.episodes` names some of more."""
 INDEX, TIME = "episode_index", "timestamp"
@@ -147,9 +149,9 @@ def _episodes(
     source: Source, data: LeRobotData, image: str, *, is_video: bool
 ) -> list[dict[str, Any]]:
     """Return where the episodes that are taken lie."""
-    columns = [INDEX, "data/chunk_index", "data/file_index"]
+    columns = [INDEX, *(f"data/{n}" for n in PLACE)]
     if is_video:
-        columns += [f"videos/{image}/{n}" for n in ("chunk_index", "file_index", "from_timestamp")]
+        columns += [f"videos/{image}/{n}" for n in (*PLACE, "from_timestamp")]
     folder = source.folder(EPISODES, field="the dataset")
     found: dict[int, dict[str, Any]] = {}
     for path in sorted(folder.glob("*/[!.]*.parquet")):
@@ -227,7 +229,7 @@ def _presses(
     columns = [INDEX, TIME, data.force.feature]
     columns += [data.pose.feature] if data.pose else []
     columns += [image] if info["features"][image]["dtype"] == "image" else []
-    name = DATA.format(chunk=int(episode["data/chunk_index"]), file=int(episode["data/file_index"]))
+    name = DATA.format(**{n: int(episode[f"data/{n}"]) for n in PLACE})
     table = _read_parquet(source, name, columns)
     table = table.take(np.flatnonzero(np.asarray(table.column(INDEX)) == index))
     time_s = _numbers(table, name, TIME)[:, 0]
@@ -338,8 +340,7 @@ def _video_frames(
     source: Source, key: str, episode: Mapping[str, Any], stamps: Mapping[int, int]
 ) -> list[Frame]:
     """Return frames of an episode's video, by number and stamp [ns]."""
-    chunk, file = (int(episode[f"videos/{key}/{n}"]) for n in ("chunk_index", "file_index"))
-    name = VIDEOS.format(key=key, chunk=chunk, file=file)
+    name = VIDEOS.format(video_key=key, **{n: int(episode[f"videos/{key}/{n}"]) for n in PLACE})
     path = source.path(name, field="its video", most_bytes=LARGE_BYTES)
     found = png_frames(path, name, stamps)
     if len(found) < len(stamps):

@@ -51,7 +51,7 @@ COMMANDS: dict[str, Sequence[str]] = {
     "recover": ("recover", "RUN"),
     "resume": ("resume", "RUN", "--press-only", "--again", "9"),
     "export csv": ("export", "RUN", "OUT/csv"),
-    "export images": ("export", "RUN", "OUT/images", "--kind", "images"),
+    "export lerobot": ("export", "RUN", "OUT/lerobot", "--to", "lerobot"),
     "judge": ("judge", "--run", "RUN", "--out", "OUT/judged", "--baseline", "rigid"),
     "judge --task": ("judge", "--run", "RUN", "--out", "OUT/task", "--task"),
     "check-press": ("check-press", "RUN", "RUN"),

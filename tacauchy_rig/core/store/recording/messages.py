@@ -27,7 +27,6 @@ POSE_FIELDS = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 VELOCITY_FIELDS = ("vx_m_s", "vy_m_s", "vz_m_s", "wx_rad_s", "wy_rad_s", "wz_rad_s")
 TCP_FORCE_FIELDS = tuple(f"tcp_{name}" for name in WRENCH_FIELDS)
 ARM_STATES = ("runtime_state", "safety_bits", "robot_mode")
-_PNG = b"\x89PNG"  # how such a file begins
 _LATEST_STAMP_S = 1e9  # of a camera's clock, which counts from the start; later ones are no stamps
 
 
@@ -153,8 +152,7 @@ def _encoded(
 
 def _encoded_frame(frame: ImageFrame) -> RawMessage:
     """Encode a frame; the driver's own stamp becomes MCAP's publish time."""
-    kind = "png" if frame.jpeg.startswith(_PNG) else "jpeg"
-    message = ImageMessage(frame_id="camera", format=kind, data=frame.jpeg)
+    message = ImageMessage(frame_id="camera", format=frame.kind, data=frame.jpeg)
     message.timestamp.seconds, message.timestamp.nanos = divmod(frame.stamp_ns, 10**9)
     stamp_s = frame.device_stamp_s
     if stamp_s is None or not 0 <= stamp_s < _LATEST_STAMP_S:

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
+from tacauchy_rig.app.exporting.formats import Format, export
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, Outcome, Tare, TrialRecord
 from tacauchy_rig.core.store.journal import append_event
-from tacauchy_rig.core.store.recording.export import export_run
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.tacauchy_rig.core.store.test_force_series import weigh
@@ -52,7 +52,7 @@ def test_an_attempt_that_is_doubted_is_not_accepted(store: RunStore, tmp_path: P
     append_event(store.paths.journal, start)
     for scale, accepted in ((1.0, "1"), (0.8, "0")):
         weigh(store, scale)
-        export_run(store.paths.root, tmp_path / accepted)
+        export(store.paths.root, tmp_path / accepted, Format.CSV)
         assert _table(tmp_path / accepted / "trials.csv")[1]["accepted"] == accepted
 
 
@@ -63,8 +63,7 @@ def _table(path: Path) -> list[dict[str, str]]:
 
 def test_csv_holds_raw_and_tared_force(store: RunStore, tmp_path: Path, samples: Any) -> None:
     """Every sample is there, raw to the last bit, tared, and signed as a pressing force."""
-    written = export_run(store.paths.root, tmp_path / "out")
-    assert len(written) == 5
+    export(store.paths.root, tmp_path / "out", Format.CSV)
     rows = _table(tmp_path / "out" / "trial-01-attempt-2" / "force.csv")
     assert len(rows) == 20
     for index, row in enumerate(rows):
@@ -84,7 +83,7 @@ def test_csv_holds_raw_and_tared_force(store: RunStore, tmp_path: Path, samples:
 
 def test_what_is_not_known_stays_empty(store: RunStore, tmp_path: Path) -> None:
     """An attempt without a result has raw force and no tared one, and is not accepted."""
-    export_run(store.paths.root, tmp_path / "out")
+    export(store.paths.root, tmp_path / "out", Format.CSV)
     row = _table(tmp_path / "out" / "trial-01-attempt-1" / "force.csv")[3]
     assert row["fz_n"] != ""
     assert (row["fz_n_tared"], row["pressing_force_n"]) == ("", "")
@@ -98,7 +97,7 @@ def test_what_is_not_known_stays_empty(store: RunStore, tmp_path: Path) -> None:
 
 def test_images_are_the_recorded_bytes(store: RunStore, tmp_path: Path, samples: Any) -> None:
     """Each frame is a file of its own, untouched, listed with its stamps."""
-    export_run(store.paths.root, tmp_path / "out", images=True)
+    export(store.paths.root, tmp_path / "out", Format.CSV)
     folder = tmp_path / "out" / "trial-01-attempt-2"
     rows = _table(folder / "frames.csv")
     assert len(rows) == 5
@@ -116,17 +115,16 @@ def test_a_torn_recording_is_exported_with_a_warning(
     path = store.paths.recording(1, 1)
     path.write_bytes(path.read_bytes()[:-9_000])
     with caplog.at_level(logging.WARNING):
-        export_run(store.paths.root, tmp_path / "out")
+        export(store.paths.root, tmp_path / "out", Format.CSV)
     assert "unfinished" in caplog.text
     assert _table(tmp_path / "out" / "trial-01-attempt-1" / "force.csv")
 
 
 def test_nothing_is_overwritten(store: RunStore, tmp_path: Path) -> None:
-    """A second export to the same folder is refused; the other kind is welcome there."""
-    export_run(store.paths.root, tmp_path / "out")
-    export_run(store.paths.root, tmp_path / "out", images=True)
-    with pytest.raises(RecordError, match=r"trials\.csv: exists already") as caught:
-        export_run(store.paths.root, tmp_path / "out")
+    """A second export to the same folder is refused."""
+    export(store.paths.root, tmp_path / "out", Format.CSV)
+    with pytest.raises(RecordError, match="out: exists already") as caught:
+        export(store.paths.root, tmp_path / "out", Format.CSV)
     assert "new folder" in caught.value.remedy
 
 
@@ -136,5 +134,6 @@ def test_a_run_without_recordings(tmp_path: Path) -> None:
         tmp_path, load_config(), config_text=default_text(), simulated=True, versions={}
     )
     with pytest.raises(RecordError, match="holds no recording to export") as caught:
-        export_run(store.paths.root, tmp_path / "out")
+        export(store.paths.root, tmp_path / "out", Format.CSV)
     assert "tacauchy-rig resume" in caught.value.remedy
+    assert not list(tmp_path.glob("*out*")), "what fails leaves nothing behind"

@@ -1,0 +1,33 @@
+"""``export``: runs, presses, calibrations and sensors in other programs' formats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tacauchy_rig.app.cli.options import JsonFile
+from tacauchy_rig.app.cli.output import say, write_json
+from tacauchy_rig.app.exporting.formats import Format
+
+
+def export(
+    source: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.")],
+    out: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder to write to.")],
+    to: Annotated[Format, typer.Option("--to", help="The format to write.")] = Format.CSV,
+    json_file: JsonFile = None,
+) -> None:
+    """Write what other programs read.
+
+    Example: tacauchy-rig export runs/20261123-gelsight-mini exported --to lerobot
+    """
+    from tacauchy_rig.app.exporting.formats import export as write
+    from tacauchy_rig.core.long_task import doing
+
+    with doing("exporting"):
+        write(source, out, to)
+    written = sorted(path for path in out.rglob("*") if path.is_file())
+    size_mb = sum(path.stat().st_size for path in written) / 1e6
+    say(f"wrote {len(written)} files, {size_mb:.1f} MB, to {out}")
+    write_json(json_file, {"files": written})

@@ -1,0 +1,1 @@
+"""Runs, presses, calibrations and sensors in other programs' formats."""

@@ -1,0 +1,221 @@
+"""A press as every format takes it: streams in SI with stamps, images, windows, numbers, fields."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from tacauchy_rig.app.importing.presses import Samples, Window
+from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray, IndexArray, Int64Array
+from tacauchy_rig.core.errors import ConfigError, RecordError, command_line
+from tacauchy_rig.core.long_task import doing
+from tacauchy_rig.core.rgb import decode_rgb
+from tacauchy_rig.core.run import ImageFrame, TrialRecord
+from tacauchy_rig.core.simulated import REPLAY_NAME
+from tacauchy_rig.core.store.run_store import RunStore
+
+_NUMBERS = (
+    *("force_target_n", "force_measured_n", "force_deviation_n", "force_drift_n"),
+    *("contact_z_m", "depth_measured_m", "arm_force_n"),
+)
+_KEPT = ("displacement_m", "contact_pressure_pa", "contact_shear_pa", "node_rest_m", "faces")
+"""Of a replay's fields what others ask for."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Episode:
+    """One press.
+
+    Attributes:
+        force: Wrenches in the force sensor's frame, raw [N, N m].
+        pose: Of the tip in the robot's base frame [m, rad]; None where nobody recorded it.
+        velocity: Of the tip at the pose's stamps [m/s, rad/s], shape [n, 6].
+        arm_wrench: What the arm itself felt then [N, N m], shape [n, 6]; NaN where it did not say.
+        frames: Yields all images, in order.
+        stamps_ns: Of the images, shape [n].
+        windows: First and last stamp [ns] of ``tare``, ``reference`` (no contact) and ``dwell``.
+        outputs: Numbers with their unit in the name, and words; None is not known.
+        fields: Returns the simulated arrays, units in the names; none of what was not replayed.
+    """
+
+    name: str
+    force: Samples
+    pose: Samples | None
+    velocity: FloatArray
+    arm_wrench: FloatArray
+    frames: Callable[[], Iterator[ImageFrame]]
+    stamps_ns: Int64Array
+    windows: Mapping[str, Window]
+    outputs: Mapping[str, float | str | None]
+    fields: Callable[[], Mapping[str, AnyArray]]
+
+    @property
+    def tared(self) -> Samples:
+        """The force without its zero before the press; raw where that is not known."""
+        if "tare" not in self.windows:
+            return self.force
+        zero = self.force.within(self.windows["tare"]).value.mean(axis=0)
+        return Samples(stamp_ns=self.force.stamp_ns, value=self.force.value - zero)
+
+
+def episodes_of(store: RunStore) -> Iterator[Episode]:
+    """Yield the attempts of a run that count, one a trial.
+
+    Raises:
+        RecordError: None of them has a recording, or one is damaged.
+    """
+    found = [store.counting(index) for index in store.trial_indices()]
+    records = [r for r in found if r and store.paths.recording(r.index, r.attempt).exists()]
+    if not records:
+        raise RecordError(
+            f"{store.paths.root}: holds no recording to export",
+            remedy=f"`{command_line('resume', store.paths.root)}` presses what is missing",
+        )
+    for record in records:
+        episode = _episode(store, record)
+        with doing(f"exporting {episode.name}"):
+            yield episode
+
+
+def _episode(store: RunStore, record: TrialRecord) -> Episode:
+    recording = store.recording(record.index, record.attempt)
+    force, arm = recording.force(), recording.arm()
+    tare = record.tare_before
+    bounds = {
+        "tare": (None, None) if tare is None else (tare.start_ns, tare.end_ns),
+        "reference": (record.reference_start_ns, record.reference_end_ns),
+        "dwell": (record.dwell_start_ns, record.dwell_end_ns),
+    }
+    numbers = {name: getattr(record, name) for name in _NUMBERS}
+    words = {"outcome": record.outcome.value, "run": store.paths.root.name}
+    return Episode(
+        name=f"trial-{record.index:02d}",
+        force=Samples(stamp_ns=force.stamp_ns, value=force.wrench),
+        pose=Samples(stamp_ns=arm.stamp_ns, value=arm.pose) if len(arm.stamp_ns) else None,
+        velocity=arm.velocity,
+        arm_wrench=arm.tcp_force,
+        frames=recording.frames,
+        stamps_ns=recording.frame_stamps()[0],
+        windows={k: (a, b) for k, (a, b) in bounds.items() if a is not None and b is not None},
+        outputs={**{k: v if v == v else None for k, v in numbers.items()}, **words},
+        fields=lambda: _fields(store, record.index),
+    )
+
+
+def _fields(store: RunStore, trial: int) -> dict[str, AnyArray]:
+    """Return what the replay of a trial gave; nothing where it was not replayed."""
+    if not store.paths.replay_trial(REPLAY_NAME, trial).is_dir():
+        return {}
+    found = store.load_replay_fields(REPLAY_NAME, trial)
+    kept = {name: found.fields[name] for name in _KEPT if name in found.fields}
+    seen = {f"height_{name}": each for name, each in found.height.items() if name != "contact"}
+    return kept | seen | ({} if found.image is None else {"image_simulated": found.image})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rows:
+    """An episode at an even rate: each row has what was newest at its time.
+
+    Attributes:
+        time_s: Since the first row, shape [n].
+        frame: Number of the image, shape [n].
+        wrench: Tared, shape [n, 6].
+        window: The samples of force up to each row, the newest last, shape [n, k, 6].
+        state: Pose of the tip, shape [n, 6]; None where nobody recorded it.
+    """
+
+    time_s: FloatArray
+    frame: IndexArray
+    wrench: FloatArray
+    window: FloatArray
+    state: FloatArray | None
+
+
+def even_rows(episodes: list[Episode]) -> tuple[int, list[Rows]]:
+    """Return the camera's rate in whole images a second, and the episodes at that rate.
+
+    Raises:
+        RecordError: No press has two images, or one has no time with all its streams.
+    """
+    steps = [np.diff(each.stamps_ns) for each in episodes]
+    between = [np.diff(each.force.stamp_ns) for each in episodes]
+    image_ns, force_ns = (_median(each) for each in (steps, between))
+    if image_ns is None or force_ns is None:
+        raise RecordError(
+            "the presses have fewer than two images or samples of force, so there is no rate",
+            remedy="export them --to csv",
+        )
+    rate = max(1, round(1e9 / image_ns))
+    count = max(1, round(1e9 / rate / force_ns))
+    return rate, [_rows(each, rate, count) for each in episodes]
+
+
+def _median(steps_ns: list[Int64Array]) -> float | None:
+    steps = np.concatenate(steps_ns)
+    return float(np.median(steps)) if len(steps) else None
+
+
+def _rows(episode: Episode, rate: int, count: int) -> Rows:
+    """Return an episode at a rate [Hz], each row with its newest ``count`` samples of force."""
+    force, pose = episode.tared, episode.pose
+    streams = [episode.stamps_ns, force.stamp_ns[count - 1 :], *([pose.stamp_ns] if pose else [])]
+    common = all(len(each) for each in streams)
+    starts, ends = ([int(each[k]) for each in streams] if common else [1] for k in (0, -1))
+    number = (min(ends) - max(starts)) * rate // 1_000_000_000 + 1
+    if not common or number < 1:
+        raise RecordError(
+            f"{episode.name}: its images, force and pose have no time in common",
+            remedy="leave the trial out of the run, or export it --to rosbag2",
+        )
+    time_s = np.arange(number) / rate
+    stamps = max(starts) + np.rint(1e9 * time_s).astype(np.int64)
+    newest = _newest(force.stamp_ns, stamps)
+    state = None if pose is None else pose.value[_newest(pose.stamp_ns, stamps)]
+    return Rows(
+        time_s=time_s,
+        frame=_newest(episode.stamps_ns, stamps),
+        wrench=force.value[newest],
+        window=force.value[newest[:, None] + np.arange(1 - count, 1)],
+        state=state,
+    )
+
+
+def _newest(stamps_ns: Int64Array, at_ns: Int64Array) -> IndexArray:
+    """Return which of ascending stamps was the newest at some times."""
+    return np.searchsorted(stamps_ns, at_ns, side="right") - 1
+
+
+def images_of(episode: Episode, rows: Rows) -> Iterator[ImageArray]:
+    """Yield the image of each row, RGB.
+
+    Raises:
+        RecordError: One is damaged.
+    """
+    repeats = np.bincount(rows.frame, minlength=len(episode.stamps_ns)).tolist()
+    for number, frame in enumerate(episode.frames()):
+        image = decode_rgb(frame.jpeg) if repeats[number] else None
+        if image is None and repeats[number]:
+            raise RecordError(
+                f"{episode.name}: image {number + 1} is damaged",
+                remedy="`tacauchy-rig recover RUN` tells what can be mended",
+            )
+        yield from [image] * repeats[number] if image is not None else ()
+
+
+def needed(name: str) -> Any:
+    """Return a library of the extra ``export``.
+
+    Raises:
+        ConfigError: It is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ConfigError(
+            f"{name} is not installed, which writes this format",
+            remedy='pip install "tacauchy-rig[export]"',
+        ) from error

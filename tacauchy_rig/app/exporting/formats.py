@@ -1,0 +1,64 @@
+"""The formats that can be written, and what each takes."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from enum import StrEnum
+from importlib import import_module
+from pathlib import Path
+
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.store.durable import write_error
+from tacauchy_rig.core.store.run_store import RunStore
+
+
+class Format(StrEnum):
+    """What can be written."""
+
+    CSV = "csv"
+    LEROBOT = "lerobot"
+    HDF5 = "hdf5"
+    ROSBAG2 = "rosbag2"
+    WEBDATASET = "webdataset"
+
+
+WRITERS: Mapping[Format, tuple[str, str]] = {
+    Format.CSV: ("table", "write_csv"),
+    Format.LEROBOT: ("lerobot", "write_lerobot"),
+    Format.HDF5: ("hdf5", "write_hdf5"),
+    Format.ROSBAG2: ("bag", "write_bag"),
+    Format.WEBDATASET: ("webdataset", "write_webdataset"),
+}
+"""Of each format its module, and what writes it: others are not even loaded."""
+
+
+def export(source: Path, out: Path, form: Format) -> None:
+    """Write a source in a format; what fails leaves no folder behind.
+
+    Raises:
+        RecordError: The source is damaged or no such thing, or ``out`` exists or cannot be written.
+        ConfigError: A library is not there.
+    """
+    module, name = WRITERS[form]
+    write = getattr(import_module(f"tacauchy_rig.app.exporting.{module}"), name)
+    with _new_folder(out) as folder:
+        write(RunStore.open(source), folder)
+
+
+@contextmanager
+def _new_folder(out: Path) -> Iterator[Path]:
+    """Make a folder that gets its name when all of it is written."""
+    if out.exists():
+        raise RecordError(f"{out}: exists already", remedy="name a new folder to export to")
+    folder = out.with_name(f".{out.name}.partial")
+    shutil.rmtree(folder, ignore_errors=True)
+    try:
+        folder.mkdir(parents=True)
+        yield folder
+        folder.rename(out)
+    except OSError as error:
+        raise write_error(Path(error.filename or out), error) from error
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
