@@ -24,7 +24,7 @@ from reports.evidence.evidence import (
     TrialEvidence,
     TruthComparison,
 )
-from reports.scores.contact import correct, score_contact
+from reports.scores.contact import correct, score_contact, touched
 from reports.scores.floors import (
     Ceiling,
     CrossScores,
@@ -139,8 +139,9 @@ def compare_images(
     if images is not None and simulated is not None:
         scores = crossed[trial.index][trial.index]
         grey = score(to_grey(images.real), to_grey(simulated))
-        contact = score_contact(images.real, simulated, images.reference, scale_mm_px=scale)
-        corrections = correct(images.real, simulated, images.reference, scale_mm_px=scale)
+        three = (images.real, simulated, images.reference)
+        contact = score_contact(*three, scale_mm_px=scale, seen=touched(images))
+        corrections = correct(*three, scale_mm_px=scale, seen=touched(images))
     if images is not None:
         wrong = {t.index for t in others if t.is_wrong_for(trial)}
         own = crossed[trial.index]

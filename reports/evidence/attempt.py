@@ -7,12 +7,10 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
-from scipy.interpolate import LinearNDInterpolator
 
 from reports.evidence.evidence import (
     Curve,
@@ -333,20 +331,6 @@ def summarize_stream(
 
 def _seconds(duration_ns: Int64Array) -> FloatArray:
     return np.asarray(duration_ns * 1e-9, dtype=np.float64)
-
-
-def surface_values(
-    fields: Mapping[str, NDArray[Any]], name: str, x_m: FloatArray, y_m: FloatArray
-) -> FloatArray | None:
-    """Return a replayed trial's pressure or shear at places of the pad; None without one.
-
-    Of a vector the components along x and y, on a last axis of 2.
-    """
-    if not {"node_m", name} <= fields.keys():
-        return None
-    values = fields[name] if fields[name].ndim == 1 else fields[name][:, :2]
-    at = LinearNDInterpolator(fields["node_m"][:, :2], values, fill_value=0.0)
-    return np.asarray(at(x_m, y_m), dtype=np.float64)
 
 
 NEAR = 0.05

@@ -15,12 +15,11 @@ from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.calibrated import CalibratedOptics
 from tacauchy_rig.core.config.model import ReportSection
 from tacauchy_rig.core.config.uncertainty import Stated
-from tacauchy_rig.core.figure_style import IMPORTED_MARK, SIMULATED_MARK
 from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.force_history import ForceHistory
 from tacauchy_rig.core.imported import Imported
-from tacauchy_rig.core.run import Criterion, TrialRecord
+from tacauchy_rig.core.run import IMPORTED_MARK, SIMULATED_MARK, Criterion, TrialRecord
 from tacauchy_rig.core.simulated import ReplayModel, ReplayTrial, model_of
 
 PressKey = tuple[float, int, int]
@@ -44,9 +43,9 @@ class ImageGeometry:
     scale_y_m_px: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrialImages:
-    """Images of one trial as the camera saw them.
+    """Images of one trial as the camera saw them; what is found in them can be kept beside.
 
     Attributes:
         real: Pixelwise median over the dwell.

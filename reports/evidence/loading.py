@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from reports.evidence.attempt import AttemptReading, RunReading, intermediate_states, readable
+from reports.evidence.attempt import RunReading, intermediate_states, readable
 from reports.evidence.evidence import (
     EmulatedWorld,
     JournalSummary,
@@ -47,6 +49,7 @@ def load_evidence(
     replay: Replay | None,
     *,
     simulated_images: Mapping[int, ImageArray] | None = None,
+    other: Executor | None = None,
 ) -> RunEvidence:
     """Read all that a report needs.
 
@@ -54,6 +57,7 @@ def load_evidence(
         run: The attempts that count; what was read of them before is not read again.
         replay: Its replay; None where it was not replayed, which every trial then misses.
         simulated_images: What was rendered of it, by trial; None reads it from the run's folder.
+        other: Another process, which checks the run and reads a part of it.
 
     What is damaged is a criterion that is missed, and otherwise as if it were not there.
 
@@ -61,13 +65,18 @@ def load_evidence(
         RecordError: No result of the run can be read, though it has some; or its journal cannot.
     """
     store, config = run.store, run.store.config
-    check, force_check = check_run(store), readable(store.force_check.load)
-    series = force_series(store)
-    _require_a_result(check, run)
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
-    seen, damaged = _simulated(run, replay if simulated_images is None else None)
-    if simulated_images is not None:
-        seen = {index: {"simulated_image": image} for index, image in simulated_images.items()}
+    shown = replay if simulated_images is None else None
+    theirs = list(run.records)[::_READ_BY_OTHER] if other else []
+    begun = other.submit(_checked, store, run.of(theirs), shown) if other else None
+    ours = run.of(run.records.keys() - theirs)
+    read = _read(ours, shown)
+    check, more = begun.result() if begun else (check_run(store), {})
+    _require_a_result(check, run)
+    seen = read | more
+    for index, image in (simulated_images or {}).items():
+        seen[index].fields["simulated_image"] = image
+    force_check, series = readable(store.force_check.load), force_series(store)
     trials = tuple(
         TrialEvidence(
             index=index,
@@ -80,13 +89,12 @@ def load_evidence(
             kind=0 if replay is None else replay.models.index(model_of(replay.models, index)),
             checks=(
                 *_checks(check, index, record),
-                *damaged.get(index, ()),
+                *seen[index].damaged,
                 *_doubts(series, record),
             ),
             place_known=index not in store.imported_trials
             or store.imported_trials[index].place_m is not None,
-            **seen.get(index, {}),
-            **_recorded(run.attempt(index)),
+            **seen[index].fields,
         )
         for index, record in run.records.items()
     )
@@ -201,11 +209,47 @@ def _of_other_attempts(check: RunCheck, run: RunReading) -> Iterator[str]:
             )
 
 
+_READ_BY_OTHER = 4
+"""One trial of so many: the check takes as long as the reading of most."""
 _RECORDED = ("images", "streams", "dwell_s", "force_curve", "depth_curve")
 
 
-def _recorded(attempt: AttemptReading | None) -> dict[str, Any]:
-    return {} if attempt is None else {name: getattr(attempt, name) for name in _RECORDED}
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What was recorded and simulated of a trial, by the fields of its evidence, and damage."""
+
+    fields: dict[str, Any]
+    damaged: tuple[Criterion, ...] = ()
+
+
+def _checked(
+    store: RunStore, run: RunReading, replay: Replay | None
+) -> tuple[RunCheck, dict[int, _Seen]]:
+    return check_run(store), _read(run, replay)
+
+
+def _read(run: RunReading, replay: Replay | None) -> dict[int, _Seen]:
+    """Return what was recorded and simulated of some trials."""
+    replayed = () if replay is None else [trial.index for trial in replay.trials]
+    return {
+        index: _read_trial(run, index, replay if index in replayed else None)
+        for index in run.records
+    }
+
+
+def _read_trial(run: RunReading, index: int, replay: Replay | None) -> _Seen:
+    attempt = run.attempt(index)
+    recorded = {} if attempt is None else {name: getattr(attempt, name) for name in _RECORDED}
+    if replay is None:
+        return _Seen(recorded)
+    try:
+        kept = run.store.load_replay_fields(replay.name, index)
+    except RecordError as error:
+        promise = f"what was simulated of trial {index} is readable"
+        lost = consistency("replay_whole", promise, [error.message], remedy=error.remedy)
+        return _Seen(recorded, (lost,))
+    passed = intermediate_states(kept.passed, attempt)
+    return _Seen({**recorded, "simulated_image": kept.image, "intermediate": passed})
 
 
 def stated_curve(replay: Replay, trial: int) -> ForceDepthCurve | None:
@@ -215,29 +259,6 @@ def stated_curve(replay: Replay, trial: int) -> ForceDepthCurve | None:
     alike = [t for t in replay.trials if model_of(replay.models, t.index) is model]
     fitted = [[(d, f / stiffer) for d, f in each.force_history] for each in alike]
     return ForceDepthCurve.merged([model.stated_force_history or (), *fitted])
-
-
-def _simulated(
-    run: RunReading, replay: Replay | None
-) -> tuple[dict[int, dict[str, Any]], dict[int, tuple[Criterion, ...]]]:
-    """Return what was simulated of a replay, and what is damaged of it, by trial."""
-    seen: dict[int, dict[str, Any]] = {}
-    damaged: dict[int, tuple[Criterion, ...]] = {}
-    if replay is None:
-        return seen, damaged
-    for trial in replay.trials:
-        try:
-            kept = run.store.load_replay_fields(replay.name, trial.index)
-        except RecordError as error:
-            promise = f"what was simulated of trial {trial.index} is readable"
-            lost = consistency("replay_whole", promise, [error.message], remedy=error.remedy)
-            damaged[trial.index] = (lost,)
-        else:
-            seen[trial.index] = {
-                "simulated_image": kept.image,
-                "intermediate": intermediate_states(kept.passed, run.attempt(trial.index)),
-            }
-    return seen, damaged
 
 
 def summarize_journal(events: list[JournalEvent]) -> JournalSummary:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reports.comparison.results import TrialResult, ValidationReport
-from reports.evidence.evidence import Curve, TrialEvidence
+from reports.evidence.evidence import Curve, RunEvidence, TrialEvidence
 from reports.figures.trials import force_title, shown
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.figure_style import (
@@ -34,10 +34,10 @@ KINDS_MOST = 6  # of curves: more hide one another
 MARGIN_S = 1.5
 
 
-def draw_time_curves(report: ValidationReport) -> Figure:
+def draw_time_curves(evidence: RunEvidence) -> Figure:
     """Draw force above depth over time, one column a trial; the dwell that counts is shaded."""
-    trials = shown(report.evidence.trials)
-    figure = new_figure(PAGE_IN, 2.5, marks=report.evidence.marks)
+    trials = shown(evidence.trials)
+    figure = new_figure(PAGE_IN, 2.5, marks=evidence.marks)
     grid = figure.subplots(2, len(trials), sharex="col", sharey="row", squeeze=False)
     for column, trial in enumerate(trials):
         force, depth = grid[0, column], grid[1, column]

@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.projections.polar import PolarAxes
 
 from reports.comparison.results import TrialResult, ValidationReport
-from reports.evidence.evidence import ImageGeometry, TrialEvidence, TrialImages
+from reports.evidence.evidence import ImageGeometry, RunEvidence, TrialEvidence, TrialImages
 from reports.figures.trials import force_label, force_title, label_forces, shown
 from reports.scores.floors import CONTACT_RESIDUAL, WrongForceMatrix
 from reports.scores.metrics import ImageScores, Metric
@@ -41,9 +41,8 @@ LINEAR_LEVELS = 2.0
 DIFFERENCE_COLORS = "PuOr_r"
 
 
-def draw_images(report: ValidationReport) -> Figure:
+def draw_images(evidence: RunEvidence) -> Figure:
     """Draw three rows of images, one column a trial; differences share one scale."""
-    evidence = report.evidence
     trials = shown(evidence.trials)
     geometry = evidence.geometry
     panel = (PAGE_IN - MARGINS_IN) / max(len(trials), 3)

@@ -32,7 +32,7 @@ from reports.figures.images import (
 )
 from reports.figures.trials import force_title, shown
 from reports.page.html import page_environment, png_data
-from reports.scores.contact import contact_crop, contact_footprint, image_change
+from reports.scores.contact import contact_crop, touched
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.figure_style import GREY, PAGE_IN, STYLE, new_figure, save_figure
 from tacauchy_rig.core.store.codec import to_plain
@@ -102,8 +102,8 @@ def _draw_column(
 
 
 def _crop(images: TrialImages) -> tuple[slice, slice]:
-    footprint = contact_footprint(image_change(images.real, images.reference))
-    return (slice(None), slice(None)) if footprint is None else contact_crop(footprint)
+    seen = touched(images)
+    return (slice(None), slice(None)) if seen is None else contact_crop(seen.footprint)
 
 
 def _scale(trials: Sequence[TrialEvidence], drawn: Sequence[JudgedSimulator]) -> AsinhNorm:

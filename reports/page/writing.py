@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Mapping
-from concurrent.futures import Executor
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -204,6 +205,7 @@ class ReportPaths:
     """Where the parts of a report lie."""
 
     def __init__(self, folder: Path) -> None:
+        self.folder = folder
         self.html = folder / "report.html"
         self.summary = folder / "summary.json"
         self.junit = folder / "junit.xml"
@@ -213,31 +215,48 @@ class ReportPaths:
 
 
 def write_report(
-    report: ValidationReport, folder: Path, other: Executor | None = None
+    report: ValidationReport,
+    folder: Path,
+    other: Executor | None = None,
+    recorded: Future[list[str]] | None = None,
 ) -> ReportPaths:
     """Write all files of a report into ``folder``; an older report there is overwritten.
 
-    Another process, if there is one, draws some of the figures meanwhile.
+    Another process, if there is one, draws some of the figures, or ``recorded`` is what it drew.
 
     Raises:
         RecordError: The folder cannot be written.
     """
     paths = ReportPaths(folder)
-    try:
+    with _refusing(folder):
+        _write(report, paths, draw_figures(report, paths.figures, other, recorded))
+    return paths
+
+
+def make_room(folder: Path) -> None:
+    """Take files from a report's folder that have another name anywhere, which keeps its content.
+
+    Raises:
+        RecordError: The folder cannot be written.
+    """
+    with _refusing(folder):
         for path in folder.rglob("*"):
             if path.is_file() and path.stat().st_nlink > 1:
-                path.unlink()  # its other name, anywhere, keeps its content
-        _write(report, paths, other)
+                path.unlink()
+
+
+@contextmanager
+def _refusing(folder: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise RecordError(
             f"report in {folder}: cannot be written: {error.strerror or error}",
             remedy="check space and permissions, then `tacauchy-rig report RUN` writes it again",
         ) from error
-    return paths
 
 
-def _write(report: ValidationReport, paths: ReportPaths, other: Executor | None) -> None:
-    figures = draw_figures(report, paths.figures, other)
+def _write(report: ValidationReport, paths: ReportPaths, figures: list[dict[str, str]]) -> None:
     pictures = _write_pictures(report.evidence, paths.images)
     if picture := report.evidence.optics_picture:
         (paths.images / OPTICS_PICTURE).write_bytes(picture)

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy import ndimage
 
+from reports.evidence.evidence import TrialImages
 from reports.scores.metrics import (
     ImageScores,
     check_image_pair,
@@ -22,7 +24,7 @@ from reports.scores.metrics import (
     structural_similarity_index,
     zero_mean_correlation,
 )
-from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
+from tacauchy_rig.core.arrays import BoolArray, Float32Array, FloatArray, ImageArray
 
 SMOOTHING_PX = 2.0
 PEAK_FRACTION = 0.5
@@ -33,6 +35,13 @@ MIN_AREA_FRACTION = 0.002
 REGION_MARGIN = 0.25
 CROP_RADII = 1.5  # half of the crop's side: the mark, and half of its radius around it
 MIN_CROP_PX = 16  # SSIM's window of 11 px moves in it
+
+
+class Touched(NamedTuple):
+    """Where an image shows a contact; the region is the footprint with the gel's skirt."""
+
+    footprint: BoolArray
+    region: BoolArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,11 +94,10 @@ def contact_footprint(change: FloatArray) -> BoolArray | None:
         NOISE_FACTOR * smoothed_noise(change),
         MIN_CHANGE_LEVELS,
     )
-    labels, count = ndimage.label(magnitude > threshold)
-    if count == 0:
-        return None
-    areas = np.bincount(labels.ravel(), minlength=count + 1)[1:]
-    if areas.max() < MIN_AREA_FRACTION * magnitude.size:
+    beyond = (magnitude > threshold).astype(np.uint8)
+    count, labels, statistics, _ = cv2.connectedComponentsWithStats(beyond, connectivity=4)
+    areas = statistics[1:, cv2.CC_STAT_AREA]
+    if count == 1 or areas.max() < MIN_AREA_FRACTION * magnitude.size:
         return None
     kept = 1 + np.flatnonzero(areas >= COMPONENT_FRACTION * areas.max())
     points = np.argwhere(np.isin(labels, kept))[:, ::-1].astype(np.int32)
@@ -111,7 +119,14 @@ def smoothed_noise(change: FloatArray) -> float:
 def contact_region(footprint: BoolArray) -> BoolArray:
     """Widen a footprint by a quarter of its radius, so that the gel's skirt is judged too."""
     margin = max(1, round(REGION_MARGIN * footprint_radius(footprint)))
-    return np.asarray(ndimage.distance_transform_edt(~footprint) <= margin, dtype=np.bool_)
+    return _distance_px(footprint) <= margin
+
+
+def _distance_px(footprint: BoolArray) -> Float32Array:
+    """Return how far each pixel is from a footprint, shape [height, width] [px]."""
+    outside = (~footprint).astype(np.uint8)
+    found = cv2.distanceTransform(outside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(found, dtype=np.float32)
 
 
 def rectangle_around(region: BoolArray, *, margin_px: int) -> tuple[slice, slice]:
@@ -148,12 +163,25 @@ def relative_residual(real: FloatArray, simulated: FloatArray, region: BoolArray
     return float(np.linalg.norm((real - simulated)[region])) / norm if norm > 0.0 else math.nan
 
 
+@lru_cache(maxsize=256)
+def touched(images: TrialImages) -> Touched | None:
+    """Return where a trial's real image shows a contact, found once; None where it shows none."""
+    return touched_by(image_change(images.real, images.reference))
+
+
+def touched_by(change: FloatArray) -> Touched | None:
+    """Return where a change shows a contact; None where it shows none."""
+    footprint = contact_footprint(change)
+    return None if footprint is None else Touched(footprint, contact_region(footprint))
+
+
 def score_contact(
     real: ImageArray,
     simulated: ImageArray,
     reference: ImageArray,
     *,
     scale_mm_px: tuple[float, float] | None = None,
+    seen: Touched | None = None,
 ) -> ContactScores | None:
     """Score the contact of one trial.
 
@@ -161,16 +189,18 @@ def score_contact(
         real: What the camera saw; ``simulated``, what the replay rendered.
         reference: The real no-contact frame; both changes are taken against it.
         scale_mm_px: Gel surface per pixel along x and y [mm/px].
+        seen: Where the real image shows the contact, if that was found before.
 
     Returns:
         The scores, or None when the real image shows no contact. A simulated image without a
         visible contact scores an overlap of 0 and NaN distances.
     """
     real_change, simulated_change = (image_change(seen, reference) for seen in (real, simulated))
-    footprint = contact_footprint(real_change)
-    if footprint is None:
+    seen = seen or touched_by(real_change)
+    if seen is None:
         return None
-    region, crop = contact_region(footprint), contact_crop(footprint)
+    footprint, region = seen
+    crop = contact_crop(footprint)
     other = contact_footprint(simulated_change)
     offset_px, radius_error_px, iou = (math.nan, math.nan), math.nan, 0.0
     if other is not None:
@@ -264,6 +294,7 @@ def correct(
     reference: ImageArray,
     *,
     scale_mm_px: tuple[float, float] | None = None,
+    seen: Touched | None = None,
 ) -> Corrections | None:
     """Fit pose and light residuals and score again; arguments as of ``score_contact``.
 
@@ -271,11 +302,11 @@ def correct(
         None when the real image shows no contact.
     """
     real_change, simulated_change = (image_change(seen, reference) for seen in (real, simulated))
-    footprint = contact_footprint(real_change)
-    if footprint is None:
+    seen = seen or touched_by(real_change)
+    if seen is None:
         return None
-    shift = register_changes(real_change, simulated_change, contact_region(footprint))
-    light = fit_light(real, simulated, footprint)
+    shift = register_changes(real_change, simulated_change, seen.region)
+    light = fit_light(real, simulated, seen.footprint)
     moved = simulated
     if shift is not None:
         moved = _to_image(reference + shift_change(simulated_change, *shift))
@@ -303,6 +334,7 @@ def register_changes(
     x, y = 0.0, 0.0
     reach = footprint_radius(region)
     around = rectangle_around(region, margin_px=1)  # for the gradients at its edge
+    real, simulated = (change - np.median(change, axis=(0, 1)) for change in (real, simulated))
     for smoothing in PYRAMID_PX:
         target = _smooth(real, smoothing)[region].ravel()
         source = _smooth(simulated, smoothing)
@@ -318,8 +350,7 @@ def register_changes(
 
 
 def _smooth(change: FloatArray, sigma_px: float) -> FloatArray:
-    level = change - np.median(change, axis=(0, 1))
-    return np.asarray(cv2.GaussianBlur(level, (0, 0), sigma_px), dtype=np.float64)
+    return np.asarray(cv2.GaussianBlur(change, (0, 0), sigma_px), dtype=np.float64)
 
 
 def _register_step(target: FloatArray, moved: FloatArray, region: BoolArray) -> tuple[float, float]:
@@ -346,7 +377,7 @@ def fit_light(
 ) -> LightResidual | None:
     """Fit gain and offset per channel well outside the contact; None if too little lies there."""
     margin = LIGHT_MARGIN_RADII * footprint_radius(footprint)
-    outside = ndimage.distance_transform_edt(~footprint) > margin
+    outside = _distance_px(footprint) > margin
     fraction = float(outside.mean())
     pair = (simulated, real)
     if fraction < MIN_LIGHT_FRACTION:

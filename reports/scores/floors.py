@@ -16,10 +16,9 @@ import numpy as np
 
 from reports.evidence.evidence import PressKey, TrialEvidence, TrialImages
 from reports.scores.contact import (
-    contact_footprint,
-    contact_region,
     image_change,
     relative_residual,
+    touched,
 )
 from reports.scores.metrics import ImageScores, Metric, score
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
@@ -259,14 +258,11 @@ def _score(scores: CrossScores, row: TrialEvidence, column: TrialEvidence, metri
 
 def contact_residuals(images: TrialImages, candidates: Sequence[ImageArray]) -> list[float]:
     """Return the contact's relative residual of each candidate, NaN where no contact shows."""
-    change = image_change(images.real, images.reference)
-    footprint = contact_footprint(change)
-    if footprint is None:
+    seen, bare = touched(images), images.reference
+    if seen is None:
         return [math.nan] * len(candidates)
-    region = contact_region(footprint)
-    return [
-        relative_residual(change, image_change(c, images.reference), region) for c in candidates
-    ]
+    change = image_change(images.real, bare)
+    return [relative_residual(change, image_change(c, bare), seen.region) for c in candidates]
 
 
 def _matrix(
@@ -370,11 +366,10 @@ def force_margins(trials: Sequence[TrialEvidence]) -> Mapping[int, ForceMargin]:
 def _read(
     images: TrialImages, own: ImageArray, trial: TrialEvidence, trials: Sequence[TrialEvidence]
 ) -> _Reading:
-    change = image_change(images.real, images.reference)
-    footprint = contact_footprint(change)
-    if footprint is None:
+    seen = touched(images)
+    if seen is None:
         return _Reading(press_key=trial.press_key, value=math.nan, rival="")
-    region = contact_region(footprint)
+    region = seen.region
     bare = images.reference[region].astype(np.float64)
 
     def change_of(pixels: ImageArray) -> FloatArray:

@@ -14,7 +14,6 @@ from typing import Self
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
@@ -225,6 +224,8 @@ def t_interval(values: Sequence[float]) -> MeanInterval:
 
 def student_t(degrees_of_freedom: float) -> float:
     """Return how many standard deviations the half width of an interval at ``CONFIDENCE`` is."""
+    from scipy.special import stdtrit  # noqa: PLC0415 - what draws needs none
+
     return float(stdtrit(degrees_of_freedom, 0.5 + CONFIDENCE / 2))
 
 

@@ -23,13 +23,12 @@ import numpy as np
 
 from reports.evidence.evidence import TrialImages
 from reports.scores.contact import (
-    contact_footprint,
-    contact_region,
     image_change,
     rectangle_around,
     register_changes,
     relative_residual,
     shift_change,
+    touched,
 )
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 from tacauchy_rig.core.simulated import FoundCause, ResidualSplit, TrialSplit
@@ -141,12 +140,11 @@ def split_residual(
 
 def _trial(index: int, images: TrialImages, simulated: ImageArray) -> _Trial | None:
     real, made = (image_change(each, images.reference) for each in (images.real, simulated))
-    footprint = contact_footprint(real)
-    if footprint is None:
+    seen = touched(images)
+    if seen is None:
         return None
-    region = contact_region(footprint)
-    around = rectangle_around(region, margin_px=_AROUND_PX)
-    return _Trial(index, real, made, region, around, _noise(images))
+    around = rectangle_around(seen.region, margin_px=_AROUND_PX)
+    return _Trial(index, real, made, seen.region, around, _noise(images))
 
 
 def _noise(images: TrialImages) -> float:

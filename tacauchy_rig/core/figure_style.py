@@ -51,6 +51,7 @@ STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.axisbelow": True,
+    "axes.titley": 1.0,  # else each title is placed by all that is drawn of its axes, at each draw
     "grid.color": LIGHT,
     "grid.linewidth": 0.4,
     "axes.unicode_minus": True,
@@ -66,10 +67,6 @@ STYLE: Any = {
 
 FRAMED_STYLE: Any = STYLE | {"axes.spines.top": True, "axes.spines.right": True}
 """For maps and images, which have a frame all around."""
-
-
-SIMULATED_MARK = "SIMULATED: emulated devices"
-IMPORTED_MARK = "IMPORTED: recorded elsewhere"
 
 
 def new_figure(
@@ -110,21 +107,22 @@ def save_figure(
         layout.execute(figure)
     figure.set_layout_engine(None)  # with one, be it "none", each file would be drawn twice
     # No date and no version, which would make each file another one.
-    wanted = [
-        (folder / f"{name}.pdf", PRINT_DPI, {"CreationDate": None, "Producer": None}),
-        (folder / f"{name}.png", PRINT_DPI, {"Software": None}),
+    quick: Any = {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": 1}}
+    wanted: list[tuple[Path, Any]] = [
+        (folder / f"{name}.pdf", {"metadata": {"CreationDate": None, "Producer": None}}),
+        (folder / f"{name}.png", quick),
     ]
     if page_folder is not None:
-        wanted.append((page_folder / f"{name}.png", SCREEN_DPI, {"Software": None}))
-    for path, dpi, metadata in wanted:
+        wanted.append((page_folder / f"{name}.png", quick | {"dpi": SCREEN_DPI}))
+    for path, options in wanted:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path, dpi=dpi, metadata=metadata)
+            figure.savefig(path, **{"dpi": PRINT_DPI, **options})
         except OSError as error:
             raise RecordError(
                 f"{path}: cannot be written: {error.strerror}", remedy="give --out another folder"
             ) from error
-    return [path for path, _, _ in wanted]
+    return [path for path, _ in wanted]
 
 
 def letter(axes: Axes, text: str) -> None:

@@ -14,6 +14,9 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
+SIMULATED_MARK = "SIMULATED: emulated devices"
+IMPORTED_MARK = "IMPORTED: recorded elsewhere"
+
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 

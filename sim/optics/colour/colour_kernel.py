@@ -6,9 +6,9 @@ from typing import Any
 
 import warp as wp
 
+from sim.optics.colour.colour_model import CREASE_UNIT_M, INDENTATION_UNIT_M
 from sim.optics.pixels.pixel_kernel import Layout, bend_of, place_of
 
-INDENTATION_UNIT_M, CREASE_UNIT_M = 1e-3, 1e-4
 # Where a pixel's samples are tilted alike to this, the colour of their mean is their mean colour.
 _LEVEL_TILT = wp.constant(wp.float32(0.01))
 

@@ -9,14 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from sim.optics.pixels.pixel_blocks import PixelBlocks
 from tacauchy_rig.core.arrays import Float32Array, RealArray
 
+if TYPE_CHECKING:  # they bring Warp, which the reader of a sensor's file has no use for
+    from sim.optics.pixels.pixel_blocks import PixelBlocks
+
 BRIGHTEST = 255.0
+INDENTATION_UNIT_M, CREASE_UNIT_M = 1e-3, 1e-4
 _CLOSEST = 0.4  # to the end of the range that a level tells of [grey levels]
 
 

@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sim.optics.colour.colour_kernel import grey_pixels
 from sim.optics.colour.colour_model import ColourModel, PixelColours
 from sim.optics.colour.photometric import (
     BALL_EXPONENTS,
@@ -22,12 +21,14 @@ from sim.optics.colour.photometric import (
     PhotometricModel,
     polynomial_exponents,
 )
-from sim.optics.pixels.pixel_blocks import PixelBlocks
 from sim.sensor.optics import Lamp, Renderer
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.core.arrays import Float32Array, IntArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
+
+if TYPE_CHECKING:
+    from sim.optics.pixels.pixel_blocks import PixelBlocks
 
 _STEEPEST_TILT = 0.9  # that an expansion to fourth order is drawn at
 # 1 - sqrt(1 - |t|^2) to fourth order, by the powers of the tilt's components.
@@ -126,6 +127,8 @@ class GreyDepthModel:
 
     def over(self, frame: Float32Array, layout: PixelBlocks) -> PixelColours:
         """Make it ready for a no-contact frame [grey levels], shape [3, height, width]."""
+        from sim.optics.colour.colour_kernel import grey_pixels  # noqa: PLC0415 - Warp
+
         depth, change = np.array(self.depth_m), np.array(self.change)
         table = depth[:-1], 1.0 / np.diff(depth), np.diff(change)
         inputs = [*(layout.array(values) for values in table), float(self.change[0])]

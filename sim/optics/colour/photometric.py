@@ -19,24 +19,25 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile
 
 import numpy as np
-import warp as wp
 from pydantic import TypeAdapter
 
-from sim.device import filled
-from sim.optics.colour.colour_kernel import (
+from sim.optics.colour.colour_model import (
+    BRIGHTEST,
     CREASE_UNIT_M,
     INDENTATION_UNIT_M,
-    Colours,
-    colour_pixels,
+    LINEAR,
+    PixelColours,
+    Response,
 )
-from sim.optics.colour.colour_model import BRIGHTEST, LINEAR, PixelColours, Response
-from sim.optics.pixels.pixel_blocks import PixelBlocks
 from tacauchy_rig.core.arrays import Float32Array, FloatArray, IndexArray, IntArray, RealArray
 from tacauchy_rig.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from sim.optics.pixels.pixel_blocks import PixelBlocks
 
 FORMAT = "tacauchy photometric model 1"
 _NO_LIMIT_M = 1e3  # deeper than any gel
@@ -335,6 +336,8 @@ class PhotometricModel:
 
     def over(self, frame: Float32Array, layout: PixelBlocks) -> PixelColours:
         """Make it ready for a no-contact frame [grey levels], shape [3, height, width]."""
+        from sim.optics.colour.colour_kernel import colour_pixels  # noqa: PLC0415 - Warp
+
         light = np.asarray(self.response.light(frame), dtype=np.float32)
         height, width = layout.geometry.height, layout.geometry.width
         position = normalised_positions(height, width)
@@ -349,6 +352,11 @@ class PhotometricModel:
         )
 
     def _colours(self, v: Float32Array, layout: PixelBlocks) -> Any:
+        import warp as wp  # noqa: PLC0415 - Warp
+
+        from sim.device import filled  # noqa: PLC0415 - Warp
+        from sim.optics.colour.colour_kernel import Colours  # noqa: PLC0415 - Warp
+
         terms = self.terms
         degrees = degrees_of_tilt(self.exponents)
         weights = row_weights(self.exponents, self.coefficients, degrees, v)

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
 
-from reports.evidence.attempt import RunReading, readable, surface_values
+from reports.evidence.attempt import RunReading, readable
 from reports.evidence.evidence import RunEvidence
 from reports.scores.force_agreement import predict
 from sim.scene.indenter import Indenter, describe
@@ -126,6 +129,20 @@ def replay_outputs(run: RunReading, evidence: RunEvidence) -> Outputs | None:
             shear_pa=surface_values(fields, "contact_shear_pa", x_m, y_m),
         )
     return Outputs(simulator=_who(replay), presses=presses, left_out=tuple(missing))
+
+
+def surface_values(
+    fields: Mapping[str, NDArray[Any]], name: str, x_m: FloatArray, y_m: FloatArray
+) -> FloatArray | None:
+    """Return a replayed trial's pressure or shear at places of the pad; None without one.
+
+    Of a vector the components along x and y, on a last axis of 2.
+    """
+    if not {"node_m", name} <= fields.keys():
+        return None
+    values = fields[name] if fields[name].ndim == 1 else fields[name][:, :2]
+    at = LinearNDInterpolator(fields["node_m"][:, :2], values, fill_value=0.0)
+    return np.asarray(at(x_m, y_m), dtype=np.float64)
 
 
 def _who(replay: Replay) -> Simulator:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from reports.evidence.attempt import AttemptReading
 from reports.evidence.fits import TRIALS_MIN, TiltFit, fit_modulus, fit_tilt
-from reports.scores.contact import contact_footprint, contact_region, image_change, register_changes
+from reports.scores.contact import image_change, register_changes, touched_by
 from sim.effects.plan import output_tolerances, plan_effects
 from sim.sensitivity import can_tilt, press_tilted, restoring_moments, tilt_costs
 from sim.sensor.camera_geometry import CameraGeometry
@@ -231,10 +231,8 @@ def find_offset(
         if seen is None or simulated is None:
             continue
         real, made = (image_change(each, seen.reference) for each in (seen.real, simulated))
-        footprint = contact_footprint(real)
-        if footprint is None:
-            continue
-        shift = register_changes(real, made, contact_region(footprint))
+        contact = touched_by(real)
+        shift = None if contact is None else register_changes(real, made, contact.region)
         if shift is not None:
             shifts.append(np.array(shift) * scale_m)
     if len(shifts) < 2:

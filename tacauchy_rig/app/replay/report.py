@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
+from typing import TYPE_CHECKING
+
 from reports.comparison.compare import compare
 from reports.comparison.results import ValidationReport
 from reports.evidence.attempt import RunReading, readable
 from reports.evidence.evidence import RunEvidence
 from reports.evidence.loading import load_evidence
-from reports.figures.draw import draw_some
-from reports.page.writing import ReportPaths, write_report
 from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.simulated import REPLAY_NAME
 
+if TYPE_CHECKING:
+    from reports.page.writing import ReportPaths
 
-def evidence_of(run: RunReading) -> RunEvidence:
+
+def evidence_of(run: RunReading, other: Executor | None = None) -> RunEvidence:
     """Return recorded and simulated forces, depths and images of a run.
+
+    Another process, if there is one, reads some of it.
 
     Raises:
         RecordError: Nothing is left to report.
     """
     store, is_replayed = run.store, REPLAY_NAME in run.store.replays()
-    return load_evidence(
-        run, readable(lambda: store.load_replay(REPLAY_NAME)) if is_replayed else None
-    )
+    replay = readable(lambda: store.load_replay(REPLAY_NAME)) if is_replayed else None
+    return load_evidence(run, replay, other=other)
 
 
 def report_run(run: RunReading) -> tuple[ValidationReport, ReportPaths]:
@@ -35,9 +40,16 @@ def report_run(run: RunReading) -> tuple[ValidationReport, ReportPaths]:
         RecordError: The run cannot be read, or the report cannot be written.
     """
     with worker_process() as other:
-        other.submit(_load, draw_some)  # what draws is loaded while the run is read
-        report = compare(evidence_of(run))
-        return report, write_report(report, run.store.paths.report, other)
+        other.submit(_load, load_evidence)  # it begins while this one imports what draws
+        from reports.figures.draw import RECORDED, draw_some  # noqa: PLC0415
+        from reports.page.writing import ReportPaths, make_room, write_report  # noqa: PLC0415
+
+        evidence = evidence_of(run, other)
+        paths = ReportPaths(run.store.paths.report)
+        make_room(paths.folder)
+        recorded = other.submit(draw_some, evidence, paths.figures, RECORDED)
+        report = compare(evidence)
+        return report, write_report(report, paths.folder, other, recorded)
 
 
 def _load(_what: object) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from reports.comparison.compare import compare
 from reports.comparison.results import ValidationReport
-from reports.evidence.evidence import RunEvidence, TrialEvidence
+from reports.evidence.evidence import RunEvidence, TrialEvidence, TrialImages
 from reports.scores.floors import (
     CONTACT_RESIDUAL,
     CeilingKind,
@@ -205,9 +205,7 @@ def shot(made: SimpleNamespace, force_n: float, rng: np.random.Generator) -> Tri
 
     return replace(
         TrialEvidence(index=round(force_n * 1e3), force_target_n=force_n),
-        images=SimpleNamespace(  # type: ignore[arg-type]
-            real=half(), reference=reference, first_half=half(), second_half=half()
-        ),
+        images=TrialImages(real=half(), reference=reference, first_half=half(), second_half=half()),
         simulated_image=made.to_image(made.background() + made.contact_change(1.05 * force_n)),
     )
 
@@ -263,9 +261,9 @@ def test_a_dwell_whose_images_changed_blinds_no_other(made: SimpleNamespace) -> 
     rng = np.random.default_rng(0)
     trials = [shot(made, force, rng) for force in made.FORCES_N[:5]]
     third = trials[2]
-    stale = SimpleNamespace(**vars(third.images))
-    stale.first_half = trials[1].images.real  # type: ignore[union-attr]
-    trials[2] = replace(third, images=stale)  # type: ignore[arg-type]
+    assert third.images is not None
+    assert trials[1].images is not None
+    trials[2] = replace(third, images=replace(third.images, first_half=trials[1].images.real))
     after = force_margins(trials)
     assert after[third.index].in_spreads < 3.0
     for trial in (*trials[:2], *trials[3:]):

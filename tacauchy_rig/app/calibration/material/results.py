@@ -22,13 +22,13 @@ from tacauchy_rig.core.figure_style import (
     GREY,
     ORANGE,
     PAGE_IN,
-    SIMULATED_MARK,
     STYLE,
     letter,
     new_figure,
     save_figure,
 )
 from tacauchy_rig.core.registry import Kind, load, unknown
+from tacauchy_rig.core.run import SIMULATED_MARK
 
 
 def sensor_text(name: str) -> str:
