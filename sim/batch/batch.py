@@ -54,11 +54,14 @@ class BatchOptions:
             indenter force, over the contact force.
         steps_max: Of a descent.
         halvings_max: How often a step is halved that does not arrive.
+        accepts_residual: A descent that ends after ``steps_max`` steps counts as arrived, with the
+            residual that is left: every step costs about the same then, for a learner.
     """
 
     residual_relative: float = 1e-3
     steps_max: int = 300
     halvings_max: int = 4
+    accepts_residual: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -285,7 +288,12 @@ class Batch:
         frame_count = len(goals)
         if frame_count not in self._frames:
             self._frames[frame_count] = Frames(
-                self.descents, self._history, frame_count, bias=self._bias, floor_n=self._floor_n
+                self.descents,
+                self._history,
+                frame_count,
+                bias=self._bias,
+                floor_n=self._floor_n,
+                accepts_residual=self.options.accepts_residual,
             )
         frames = self._frames[frame_count]
         enough = self.options.residual_relative

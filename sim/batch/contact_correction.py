@@ -23,8 +23,11 @@ import warp as wp
 
 from sim.solve.descent_state import Act, Descent
 
-CAPACITY = 232
+CAPACITY = 223
 """Touching nodes of an environment at most; more are left uncorrected."""
+
+WIDE = 16
+"""Pivots of a small system that are swept at once."""
 
 # Steps with a correction made anew, the first ones, which change what touches; then every so many.
 _EARLY, _LATE = wp.constant(2), wp.constant(4)
@@ -49,6 +52,7 @@ class Correction:
     local: wp.array2d(dtype=wp.int32)  # place of a node among the touching, or -1, likewise
     counts: wp.array(dtype=wp.int32)  # touching nodes, shape [environment_count]
     listed: wp.array2d(dtype=wp.int32)  # their numbers, shape [environment_count, capacity]
+    along: wp.array2d(dtype=wp.float32)  # scratch of the sweep, [environment_count, size WIDE]
     inverse: wp.array3d(dtype=wp.float32)  # -S^-1, shape [environment_count, size, size]
 
 
@@ -95,20 +99,25 @@ _LIST = f"""
     SYNC;
 """
 # Sweeps all pivots of a symmetric matrix (Goodnight 1979), some at a time, which leaves its
-# negative inverse. Only what is on and below the diagonal is read and written: memory bounds it.
+# negative inverse. Only what is on and below the diagonal is read: memory bounds it. A warp updates
+# two rows at once, and none that the pivots are not coupled with, as most of C's.
 _SWEEP = """
     for (int k = 0; k < n; k += WIDE) {
-        const int w = wp::min(WIDE, n - k);
+        const int w = wp::min(WIDE, n - k), last = k + WIDE;
         SYNC;
-        for (int e = thread; e < n * WIDE; e += threads) {
-            const int i = k + e / n, j = e % n;
-            column[e] = e / n < w ? s_at[(size_t)wp::max(i, j) * size + wp::min(i, j)] : 0.f;
+        const int left = wp::min(n, last);
+        for (int e = thread; e < WIDE * left; e += threads) {
+            const int q = e / left, j = e % left, i = k + q;
+            const size_t at = (size_t)wp::max(i, j) * size + wp::min(i, j);
+            column[q * PITCH + j] = q < w ? s_at[at] : 0.f;
         }
+        for (int e = thread + WIDE * last; e < WIDE * n; e += threads)
+            column[e % WIDE * PITCH + e / WIDE] = s_at[(size_t)(e / WIDE) * size + k + e % WIDE];
         SYNC;
         float *now = pivots, *after = pivots + WIDE * WIDE;
         for (int e = thread; e < WIDE * WIDE; e += threads) {
             const int i = e / WIDE, j = e % WIDE;
-            now[e] = i < w && j < w ? column[i * n + k + j] : (float)(i == j);
+            now[e] = i < w && j < w ? column[i * PITCH + k + j] : (float)(i == j);
         }
         for (int p = 0; p < WIDE; ++p) {
             SYNC;
@@ -126,29 +135,45 @@ _SWEEP = """
         SYNC;
         // ``now`` is the block's negative inverse.
         for (int e = thread; e < n * WIDE; e += threads) {
+            const int i = e / WIDE, j = e % WIDE;
             float sum = 0.f;
-            for (int q = 0; q < WIDE; ++q) sum -= column[q * n + e % n] * now[q * WIDE + e / n];
+            for (int q = 0; q < WIDE; ++q) sum -= column[q * PITCH + i] * now[q * WIDE + j];
             along[e] = sum;
         }
         SYNC;
-        for (int i = row; i < n; i += rows) {
+        for (int i = 2 * row; i < n; i += 2 * rows) {
             float* s_row = s_at + (size_t)i * size;
-            float own[WIDE];
-            for (int q = 0; q < WIDE; ++q) own[q] = along[q * n + i];
-            #pragma unroll 4
-            for (int j = lane; j <= i; j += lanes) {
-                float sum = s_row[j];
-                for (int q = 0; q < WIDE; ++q) sum -= own[q] * column[q * n + j];
-                s_row[j] = sum;
+            float own[2][WIDE];
+            bool is_coupled = false;
+            #pragma unroll
+            for (int q = 0; q < WIDE; ++q) {
+                own[0][q] = along[i * WIDE + q];
+                own[1][q] = i + 1 < n ? along[(i + 1) * WIDE + q] : 0.f;
+                is_coupled = is_coupled || own[0][q] != 0.f || own[1][q] != 0.f;
+            }
+            if (!is_coupled) continue;
+            // Of the first row one number too many, above the diagonal, where none is read.
+            const int end = wp::min(i + 1, n - 1), below = i + 1 < n ? size : 0;
+            #pragma unroll 2
+            for (int j = lane; j <= end; j += lanes) {
+                float first = s_row[j], second = s_row[below + j];
+                #pragma unroll
+                for (int q = 0; q < WIDE; ++q) {
+                    const float x = column[q * PITCH + j];
+                    first -= own[0][q] * x;
+                    second -= own[1][q] * x;
+                }
+                if (below) s_row[below + j] = second;
+                s_row[j] = first;
             }
         }
         SYNC;
-        for (int e = thread; e < n * w; e += threads) {
-            const int i = k + e / n, j = e % n;
-            const bool inside = j >= k && j < k + w;
-            if (inside && j > i) continue;
-            const float x = inside ? now[(i - k) * WIDE + j - k] : along[e];
-            s_at[(size_t)wp::max(i, j) * size + wp::min(i, j)] = x;
+        for (int e = thread; e < n * WIDE; e += threads) {
+            const int i = e / WIDE, q = e % WIDE;
+            const bool inside = i >= k && i < last;
+            if (q >= w || (inside && i < k + q)) continue;
+            const float x = inside ? now[(i - k) * WIDE + q] : along[e];
+            s_at[(size_t)wp::max(i, k + q) * size + wp::min(i, k + q)] = x;
         }
     }
     SYNC;
@@ -157,36 +182,44 @@ _FACTOR = f"""
     {_SHARED}
 #if defined(__CUDA_ARCH__)
     #define ADD(at, what) atomicAdd(&(at), what)
+    #define BALLOT(is) __ballot_sync(0xffffffffu, is)
+    #define LOWEST(bits) (__ffs(bits) - 1)
 #else
     #define ADD(at, what) (at) += what
+    #define BALLOT(is) ((is) ? 1u : 0u)
+    #define LOWEST(bits) 0
 #endif
     const int count = c.counts.data[b], n = 3 * count, size = c.inverse.shape[1];
     const int* local = c.local.data + (size_t)b * nodes;
     float* s_at = c.inverse.data + (size_t)b * size * size;
-    SHARED float column[SIZE * WIDE];
-    SHARED float along[SIZE * WIDE];
+    SHARED float column[PITCH * WIDE];
+    float* along = c.along.data + (size_t)b * size * WIDE;
     SHARED float pivots[2 * WIDE * WIDE];
     for (int i = row; i < n; i += rows)
         for (int j = lane; j <= i; j += lanes) s_at[(size_t)i * size + j] = 0.f;
     SYNC;
     const int faces = c.faces.shape[0], corners = c.faces.shape[1], points = c.values.shape[0];
     const wp::mat33f* stiffness = c.stiffness.data + (size_t)b * faces * points;
-    for (int f = row; f < faces; f += rows) {{
-        const int* own = c.faces.data + f * corners;
+    for (int first = row * lanes; first < faces; first += rows * lanes) {{
         bool touches = false;
-        for (int a = 0; a < corners; ++a) touches = touches || (own[a] >= 0 && local[own[a]] >= 0);
-        if (!touches) continue;
-        for (int e = lane; e < corners * corners; e += lanes) {{
-            const int a = e / corners, o = e % corners;
-            const int i = own[a] < 0 ? -1 : local[own[a]], j = own[o] < 0 ? -1 : local[own[o]];
-            if (j < 0 || i < j) continue;
-            wp::mat33f sum(0.f);
-            for (int q = 0; q < points; ++q)
-                sum += stiffness[f * points + q]
-                    * (c.values.data[q * corners + a] * c.values.data[q * corners + o]);
-            for (int p = 0; p < 3; ++p)
-                for (int q = 0; q < 3; ++q)
-                    ADD(s_at[(size_t)(3 * i + p) * size + 3 * j + q], sum.data[p][q]);
+        for (int a = 0; a < corners && first + lane < faces; ++a) {{
+            const int own = c.faces.data[(first + lane) * corners + a];
+            touches = touches || (own >= 0 && local[own] >= 0);
+        }}
+        for (unsigned left = BALLOT(touches); left; left &= left - 1) {{
+            const int f = first + LOWEST(left), *own = c.faces.data + f * corners;
+            for (int e = lane; e < corners * corners; e += lanes) {{
+                const int a = e / corners, o = e % corners;
+                const int i = own[a] < 0 ? -1 : local[own[a]], j = own[o] < 0 ? -1 : local[own[o]];
+                if (j < 0 || i < j) continue;
+                wp::mat33f sum(0.f);
+                for (int q = 0; q < points; ++q)
+                    sum += stiffness[f * points + q]
+                        * (c.values.data[q * corners + a] * c.values.data[q * corners + o]);
+                for (int p = 0; p < 3; ++p)
+                    for (int q = 0; q < 3; ++q)
+                        ADD(s_at[(size_t)(3 * i + p) * size + 3 * j + q], sum.data[p][q]);
+            }}
         }}
     }}
     SYNC;
@@ -216,7 +249,6 @@ _FACTOR = f"""
 """
 _CORRECT = f"""
     {_SHARED}
-    (void)lane; (void)row; (void)rows;
     const int n = 3 * c.counts.data[b], size = c.inverse.shape[1];
     const float* s_at = c.inverse.data + (size_t)b * size * size;
     SHARED float asked[SIZE];
@@ -229,11 +261,13 @@ _CORRECT = f"""
         if (i % 3 == 2) asked[i] -= tip;
     }}
     SYNC;
-    for (int i = thread; i < n; i += threads) {{
+    for (int i = row; i < n; i += rows) {{
         float sum = 0.f;
-        // The inverse is symmetric: neighbouring threads read neighbouring numbers.
-        for (int j = 0; j < n; ++j) sum -= s_at[(size_t)j * size + i] * asked[j];
-        held[i] = sum;
+        for (int j = lane; j < n; j += lanes) sum -= s_at[(size_t)i * size + j] * asked[j];
+#if defined(__CUDA_ARCH__)
+        for (int o = 16; o > 0; o /= 2) sum += __shfl_xor_sync(0xffffffffu, sum, o);
+#endif
+        if (lane == 0) held[i] = sum;
     }}
     for (int r = thread; r < given.shape[1]; r += threads) out.data[at + r] = given.data[at + r];
     SYNC;
@@ -252,7 +286,13 @@ _CORRECT = f"""
 
 
 def _filled(snippet: str, *, kind: str = "") -> str:
-    numbers = {"SIZE": 3 * CAPACITY, "WIDE": 8, "SPARE": "0.003f", "KIND": kind}
+    numbers = {
+        "SIZE": 3 * CAPACITY,
+        "PITCH": 3 * CAPACITY + 1,
+        "WIDE": WIDE,
+        "SPARE": "0.003f",
+        "KIND": kind,
+    }
     for name, value in numbers.items():
         snippet = re.sub(rf"\b{name}\b", str(value), snippet)
     return snippet

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sim.batch.contact_correction import (
     CAPACITY,
+    WIDE,
     Correction,
     choose,
     correct_kernels,
@@ -26,7 +27,7 @@ from tacauchy_rig.core.arrays import FloatArray
 # 0.1 to 2 times that, so that the inverse is off by a few per cent along one direction only.
 _HELD_SHARE = 0.01
 # Threads of a block that has an environment, on a GPU.
-_THREADS, _THREADS_OF_FACTOR = 512, 1024
+_THREADS = 512
 
 
 class ContactInverse:
@@ -41,6 +42,8 @@ class ContactInverse:
         self._model, self._count = model, count
         self._device = device = Device(model.device)
         surface = np.unique(model.faces)
+        # Along the pad, so that few of the touching nodes are coupled with one of them.
+        surface = surface[np.lexsort(model.nodes[surface].T[::-1])]
         unknowns = np.full(3 * len(model.nodes), -1, dtype=np.int32)
         unknowns[model.pattern.free_dofs] = np.arange(model.pattern.dof_count)
         rows = unknowns.reshape(-1, 3)[surface]
@@ -68,6 +71,7 @@ class ContactInverse:
             local=device.zeros((count, len(surface)), wp.int32),
             counts=device.zeros(count, wp.int32),
             listed=device.zeros((count, capacity), wp.int32),
+            along=device.zeros((count, 3 * capacity * WIDE), wp.float32),
             inverse=device.zeros((count, 3 * capacity, 3 * capacity), wp.float32),
         )
         self._units = device.array(self.unit * young_share, wp.float64)
@@ -86,8 +90,8 @@ class ContactInverse:
         descents.places = self._rest.places(state)
         self._corrected = device.zeros(descents.sources.shape, self.kind)
 
-        def blocks(kernel: Any, inputs: list[Any], most: int = _THREADS) -> Any:
-            threads = most if device.is_gpu else 1
+        def blocks(kernel: Any, inputs: list[Any]) -> Any:
+            threads = _THREADS if device.is_gpu else 1
             return device.record(kernel, (self._count, threads), inputs, threads)
 
         stiffen = device.record(made.stiffen, contact_shape, [*at, c.stiffness, c.touching])
@@ -99,7 +103,7 @@ class ContactInverse:
             device.record(choose, tuple(c.touching.shape), [state, c]),
             stiffen,
             blocks(list_touching, [c]),
-            blocks(factor, [state, c], _THREADS_OF_FACTOR),
+            blocks(factor, [state, c]),
             blocks(correct, [state, c, tip_row, self._units, weights, *given]),
             device.record(set_tip, (self._count,), [state, tip_row, self._tips, descents.found]),
         )

@@ -158,13 +158,14 @@ def predict(
 
 
 @wp.kernel(enable_backward=False)
-def arrive(d: Descent, poses: Poses, history: History):
+def arrive(accepts_residual: wp.bool, d: Descent, poses: Poses, history: History):
     """Note who has arrived, and who will not; launches over [environment_count]."""
     b = wp.tid()
     history.arrives[b] = 0
     if history.stage[b] == _UNDER_WAY and d.status[b] != Status.RUNNING:
         history.stage[b] = _WAITS
-        if d.status[b] == Status.DONE:
+        unfinished = accepts_residual and d.status[b] == Status.OUT_OF_STEPS
+        if d.status[b] == Status.DONE or unfinished:
             history.arrives[b] = 1
             history.settled[b] = history.settled[b] + 1
             history.tips[b, 1] = history.tips[b, 0]

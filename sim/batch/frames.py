@@ -24,6 +24,7 @@ class Frames:
 
     Args:
         bias: Of the mesh, by which loads are corrected.
+        accepts_residual: A descent that ran out of steps counts as arrived.
 
     Attributes:
         motions: Where they go, a ``frame_kernels.Motions``.
@@ -39,6 +40,7 @@ class Frames:
         *,
         bias: ForceBias,
         floor_n: float,
+        accepts_residual: bool,
     ) -> None:
         self._descents, self._history, count = descents, history, descents.count
         self._device = device = Device(descents.model.device)
@@ -48,7 +50,7 @@ class Frames:
         self._graph: Any = None
         self.recorded = device.is_gpu
         constant = device.array(bias.constant, wp.float64)
-        self._begin, self._end = self._recorded([floor_n, constant, bias.slope])
+        self._begin, self._end = self._recorded([floor_n, constant, bias.slope], accepts_residual)
 
     def go(
         self,
@@ -136,7 +138,7 @@ class Frames:
         for each in (*self._end, *self._begin):
             each.launch()
 
-    def _recorded(self, biased: list[Any]) -> tuple[list[Any], list[Any]]:
+    def _recorded(self, biased: list[Any], accepts_residual: bool) -> tuple[list[Any], list[Any]]:
         """Record what begins a part, and what ends one."""
         descents, history, record = self._descents, self._history, self._device.record
         model, state, poses = descents.model, descents.state, descents.poses
@@ -150,7 +152,7 @@ class Frames:
         at = [descents.surface, descents.body, history.arrives, poses]
         now = [state, poses, self.motions, history, self.found]
         end = [
-            record(kernels.arrive, own, [state, poses, history]),
+            record(kernels.arrive, own, [accepts_residual, state, poses, history]),
             record(made.wrench, points, [*at, grip, descents.positions, history.touched]),
             record(kernels.note, own, [*biased, *now]),
         ]

@@ -145,6 +145,20 @@ def test_who_does_not_arrive_has_no_numbers(smooth: Model) -> None:
     np.testing.assert_array_equal(np.isnan(found.wrench[..., 2]), ~found.valid)
 
 
+def test_a_residual_that_is_accepted_ends_a_step_after_as_many_iterations(smooth: Model) -> None:
+    """Three steps leave a residual that is stated, for less work, and the next call mends it."""
+    few = BatchOptions(residual_relative=1e-6, steps_max=3, accepts_residual=True)
+    batch, pose = Batch(smooth, [BALL], [0], options=few), np.array([_pose(0, 0, 0.3e-3)])
+    exact = Batch(smooth, [BALL], [0], options=EXACT).step(pose)
+    found = batch.step(pose)
+    assert found.valid.all()
+    assert found.evaluations[0] < exact.evaluations[0]
+    assert EXACT.residual_relative < found.residual[0] < 1.0
+    for _ in range(12):
+        found = batch.step(pose)
+    np.testing.assert_allclose(found.wrench[0, 2], exact.wrench[0, 2], rtol=1e-3)
+
+
 def test_a_long_step_is_gone_in_more_parts(smooth: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames in one part each would fail; halved they lead to the same force."""
     poses = np.array([[_pose(0.3e-3, 0, 0.1e-3)], [_pose(0, 0, 0.9e-3)]])
