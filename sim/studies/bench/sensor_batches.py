@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sim.batch.batch import Batch, BatchOptions
+from sim.batch.batch import Batch, BatchForces, BatchOptions
 from sim.batch.sensor_model import sensor_model
 from sim.device import Device
 from sim.error import Tolerance, keeping_corrected
@@ -118,15 +118,19 @@ def measure_unlike(scene: Scene, *, count: int = 0, edges_m: Sequence[float] = (
     for friction in (0.0, 0.5) if on_gpu else (0.0,):
         finest: FloatArray | None = None
         for edge_m in sorted(edges_m or (_EDGES_M if on_gpu else _EDGES_M[:1])):
-            row, force_n = _pressed(scene, device, many, edge_m, friction)
+            row, felt = _pressed(scene, device, many, edge_m, friction)
+            force_n = felt.wrench[:, 2]
             finest = force_n if finest is None else finest
-            yield {**row, OFF: 1e2 * float(np.nanmedian(force_n / finest - 1.0))}
+            touches = np.isfinite(force_n) & (np.abs(finest) > _FELT_N)
+            off = force_n[touches] / finest[touches] - 1.0
+            holds = np.abs(off) <= felt.force_error[touches]
+            yield {**row, OFF: 1e2 * float(np.median(off)), HOLDS: 1e2 * float(holds.mean())}
 
 
 def _pressed(
     scene: Scene, device: str, count: int, edge_m: float, friction: float
-) -> tuple[Row, FloatArray]:
-    """Return a row, and F_z of every press [N]."""
+) -> tuple[Row, BatchForces]:
+    """Return a row, and the forces of every press."""
     of, pad = unlike_bodies(), _box(scene)
     which, poses = draw_poses(pad, of, count, seed=UNLIKE_SEED)
     started = time.perf_counter()
@@ -152,7 +156,7 @@ def _pressed(
         "evaluations, median": float(np.median(felt.evaluations)),
         "evaluations, most": int(felt.evaluations.max()),
     }
-    return row, felt.wrench[:, 2]
+    return row, felt
 
 
 def unlike_table(rows: Sequence[Row]) -> Table:
