@@ -15,6 +15,7 @@ STUDIES = {
     "verdict": "tests.studies.verdict.command:verdict_check",
     "budget": "tests.studies.budget.command:budget_check",
     "gel": "tests.studies.gel.command:gel_check",
+    "acceptance": "tests.studies.acceptance.command:acceptance",
     "beyond": "tests.studies.beyond.command:beyond_check",
     "press": "tests.studies.press.command:press_check",
     "mounting": "tests.studies.mounting.command:mounting_check",

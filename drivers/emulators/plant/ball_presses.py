@@ -158,7 +158,7 @@ class _Camera:
             x, y = (2 * u - 1) * reach_x, (2 * v - 1) * reach_y
             depth_m = _DEPTHS_M[0] + w * (deepest_m - _DEPTHS_M[0])
             axis = (x + truth.pose_error_m[0], y + truth.pose_error_m[1])
-            place, tilt = _touched(axis, unit)
+            place, tilt = touched_at(axis, unit, _TIP)
             radius_m = float(np.interp(depth_m, table.depths, table.contact_radius))
             column, row = (
                 (pixel + 0.5 - border) * ratio - 0.5
@@ -207,8 +207,8 @@ class _Camera:
         return np.asarray(scaled, dtype=np.uint8)
 
 
-def _touched(
-    axis: tuple[float, float], unit: EmulatedUnit
+def touched_at(
+    axis: tuple[float, float], unit: EmulatedUnit, ball: SphereTip
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return where a ball on a domed gel touches [m], and how the contact is tilted there [rad].
 
@@ -216,7 +216,7 @@ def _touched(
     highest point; a ball itself cannot be tilted.
     """
     bend_x, bend_y = unit.dome_curvatures
-    radius = 0.5 * BALL_DIAMETER_M
+    radius = ball.rim_radius_m
     place = (axis[0] / (1.0 + radius * bend_x), axis[1] / (1.0 + radius * bend_y))
     return place, (place[0] * bend_x, place[1] * bend_y)
 

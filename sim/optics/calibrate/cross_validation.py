@@ -24,6 +24,7 @@ from sim.optics.calibrate.press_scene import PlacedPress, PressScene, exposed
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.parallel import parallel_map
 
 _NUDGES = 2
@@ -98,11 +99,12 @@ def cross_validate(
     seen = [[p for i, p in enumerate(presses) if i % folds != fold] for fold in range(folds)]
     parts = [*zip(seen, held_out, strict=True), (presses, [])]
     fitted = parallel_map(partial(_fitted, fit), parts, jobs=jobs, new_process_each=False)
-    for fold, (_, found) in enumerate(fitted):
-        calibration, as_labelled, as_nudged = found
-        labelled += as_labelled
-        nudged += as_nudged
-        on_fold(fold)
+    with doing("fitting"):
+        for fold, (_, found) in enumerate(fitted):
+            calibration, as_labelled, as_nudged = found
+            labelled += as_labelled
+            nudged += as_nudged
+            on_fold(fold)
     return check_scores(labelled, nudged, scene), labelled, nudged, calibration
 
 

@@ -35,7 +35,7 @@ TABLES = (".csv", ".tsv", ".txt", ".dat")
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov")
 BAGS = (".mcap", ".db3")
 _REST = re.compile(r"rest|no.?contact|unload|background|^bg|^ref|idle|blank|leer|ruhe", re.I)
-_HELD = re.compile(r"press|contact|held|hold|dwell|load", re.I)
+_HELD = re.compile(r"press|contact|held|hold|dwell|load|gedr|last|kontakt", re.I)
 _ROLES: Mapping[str, tuple[Dimension | None, str]] = {
     "time": (Dimension.TIME, r"t|time|times?tamp|stamp|zeit.*|uhrzeit|datum.*|date.*"),
     "press": (None, r"press|trial|n|nr|no|number|id|versuch|press_?(id|nr|no)"),

@@ -99,7 +99,7 @@ def _tare(attempt: Attempt, name: str, tare: Tare, force: ForceArrays) -> Criter
     errors = [_standard_error(d, tare.sample_count) for d in tare.deviation[:3]]
     limits_n = [ROUNDING_N + STANDARD_ERRORS * (0.0 if attempt.is_whole else e) for e in errors]
     off = [
-        0.0 if math.isnan(again) and math.isnan(stated) else abs(again - stated) / limit_n
+        -1.0 if math.isnan(again) and math.isnan(stated) else abs(again - stated) / limit_n
         for again, stated, limit_n in zip(found_n, tare.mean, limits_n, strict=False)
     ]
     worst = max(range(3), key=lambda axis: math.inf if math.isnan(off[axis]) else off[axis])

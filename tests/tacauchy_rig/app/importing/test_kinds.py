@@ -15,6 +15,7 @@ from PIL import Image
 
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.store.check.run import check_run
 from tests.tacauchy_rig.app.importing.sources import counting
 
 SEED = 20261127
@@ -365,7 +366,7 @@ KINDS: dict[str, Callable[[Folder], None]] = {
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_kind_ends_as_it_has_to(kind: str, tmp_path: Path) -> None:
-    """With the forces that were written, or refused in the table's own terms."""
+    """With the forces that were written and a run that agrees with itself, or refused by name."""
     root = tmp_path / "source"
     root.mkdir()
     folder = drawn(root)
@@ -376,6 +377,7 @@ def test_a_kind_ends_as_it_has_to(kind: str, tmp_path: Path) -> None:
             import_run(root, parent=tmp_path / "runs")
         assert not [each for each in folder.told if each not in str(refused.value)]
         return
-    found = counting(import_run(root, parent=tmp_path / "runs"))
-    forces = [each.force_measured_n for each in found]
+    store = import_run(root, parent=tmp_path / "runs")
+    assert list(check_run(store).missed()) == []
+    forces = [each.force_measured_n for each in counting(store)]
     assert forces == pytest.approx(folder.force_n.tolist(), abs=folder.tolerance_n)

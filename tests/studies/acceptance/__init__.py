@@ -1,0 +1,1 @@
+"""A lab's folder of presses, from ``import --init`` to the report."""

@@ -1,0 +1,171 @@
+"""``python -m tests.studies acceptance``: from a lab's folder to the report, with its costs."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import mkdtemp
+from threading import Thread
+from typing import Annotated, Any
+
+import psutil
+import typer
+
+from tacauchy_rig.app.cli.options import JsonFile
+from tacauchy_rig.app.cli.output import say, show_table, write_json
+from tacauchy_rig.core.tables import Table
+from tests.studies.acceptance.folder import SENSOR, Written, write_folder
+
+MOST_COMMANDS, MOST_S, MOST_SILENT_S, MOST_BYTES = 6, 600.0, 3.5, 1_000_000_000
+_LOOK_S = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Called:
+    """What a command took.
+
+    Attributes:
+        silent_s: The longest time without a line [s].
+        most_bytes: The most memory of it and the processes that it started, shared pages once.
+    """
+
+    name: str
+    status: int
+    took_s: float
+    silent_s: float
+    most_bytes: int
+    lines: tuple[str, ...]
+
+
+def called(*words: str) -> Called:
+    """Run a command of the program and pass its lines on."""
+    began = heard = time.monotonic()
+    silent_s, lines, most = 0.0, list[str](), [0]
+    process = subprocess.Popen(  # the words are ours
+        [sys.executable, "-u", "-c", "from tacauchy_rig.app.cli.app import main; main()", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    Thread(target=_watch, args=(process, most), daemon=True).start()
+    for line in process.stdout or ():
+        now = time.monotonic()
+        silent_s, heard = max(silent_s, now - heard), now
+        lines.append(line.rstrip())
+        say(f"  {now - began:6.1f} s  {lines[-1]}")
+    status, ended = process.wait(), time.monotonic()
+    return Called(
+        name=" ".join(word for word in words[:2] if "/" not in word),
+        status=status,
+        took_s=ended - began,
+        silent_s=max(silent_s, ended - heard),
+        most_bytes=most[0],
+        lines=tuple(lines),
+    )
+
+
+def _watch(process: subprocess.Popen[str], most: list[int]) -> None:
+    own = psutil.Process(process.pid)
+    while process.poll() is None:
+        try:
+            found = [own, *own.children(recursive=True)]
+            most[0] = max(most[0], sum(each.memory_full_info().pss for each in found))
+        except psutil.Error:  # one has just ended
+            pass
+        time.sleep(_LOOK_S)
+
+
+def workflow(folder: Path, runs: Path) -> tuple[list[Called], Path]:
+    """Call what a new user calls, each command as the one before says; return the run's folder."""
+    found = [
+        called("import", str(folder), "--init"),
+        called("import", str(folder), "--out", str(runs)),
+    ]
+    run = next(runs.iterdir())
+    found.append(called("calibrate", "optics", str(run)))
+    found.append(called("replay", str(run), "--optics", str(run / "optics" / "calibration.npz")))
+    found.append(called("report", str(run)))
+    return found, run
+
+
+def costs_table(found: Sequence[Called], *, command: str) -> Table:
+    """Return a line a command."""
+    rows = [
+        (c.name, c.status, round(c.took_s, 1), round(c.silent_s, 1), round(c.most_bytes / 1e6))
+        for c in found
+    ]
+    took_s = sum(c.took_s for c in found)
+    met = len(found) <= MOST_COMMANDS and took_s <= MOST_S
+    met = met and all(c.silent_s <= MOST_SILENT_S for c in found)
+    return Table(
+        title="From a folder to the report",
+        columns=("command", "status", "took [s]", "longest silence [s]", "memory [MB]"),
+        rows=(*rows, ("all", "", round(took_s, 1), "", "")),
+        criterion=f"{MOST_COMMANDS} commands, {MOST_S:g} s, {MOST_SILENT_S:g} s of silence and "
+        f"{MOST_BYTES / 1e6:g} MB at most",
+        passed=met and all(c.most_bytes <= MOST_BYTES for c in found),
+        command=command,
+    )
+
+
+def truth_table(written: Written, summary: dict[str, Any], *, command: str) -> Table:
+    """Set modulus, forces and the own force's wins beside the truth."""
+    model, truth = summary["model"], written.truth
+    young_pa, stated = model["young_pa"], model["modulus_factor_uncertainty"]
+    off = young_pa / truth.young_pa - 1.0
+    scored = [t for t in summary["trials"] if t["force_margin"] is not None]
+    clear = [t for t in scored if abs(t["force_margin"]["value"]) > 3.0 * _spread(t)]
+    won = [t for t in scored if t["force_margin"]["value"] > 0.0]
+    lost = [t for t in clear if t["force_margin"]["value"] < 0.0]
+    return Table(
+        title="What the report says beside the truth",
+        columns=("what", "found", "truth or bound"),
+        rows=(
+            ("modulus [kPa]", round(young_pa / 1e3, 1), round(truth.young_pa / 1e3, 1)),
+            ("its error over its stated uncertainty", round(abs(off) / stated, 2), 2.0),
+            ("own force wins", len(won), len(scored)),
+            ("own force loses by more than three spreads", len(lost), 0),
+        ),
+        criterion="the modulus is within twice its stated uncertainty; the own force loses nowhere "
+        "by more than noise explains",
+        passed=abs(off) <= 2.0 * stated and not lost,
+        command=command,
+    )
+
+
+def _spread(trial: dict[str, Any]) -> float:
+    return float(trial["force_margin"]["spread"] or 0.0)
+
+
+def acceptance(
+    presses: Annotated[int, typer.Option("--presses", min=6, help="How many.")] = 40,
+    seed: Annotated[int, typer.Option("--seed", help="Of the emulated world.")] = 1,
+    work: Annotated[Path | None, typer.Option("--work", help="Folder to work in; kept.")] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Press an emulated DIGIT at many places, and go from the folder to the report.
+
+    Example: python -m tests.studies acceptance --presses 40 --seed 20261127
+    """
+    place = work or Path(mkdtemp(prefix="acceptance-"))
+    folder, command = place / f"{SENSOR}-lab", f"python -m tests.studies acceptance --seed {seed}"
+    say(f"pressing the emulated sensor: {folder}")
+    written = write_folder(folder, presses=presses, seed=seed)
+    found, run = workflow(folder, place / "runs")
+    summary = json.loads((run / "report" / "summary.json").read_text("utf-8"))
+    tables = (
+        costs_table(found, command=command),
+        truth_table(written, summary, command=command),
+    )
+    for table in tables:
+        show_table(table)
+    write_json(json_file, {"tables": tables, "calls": found})
+    if work is None:
+        shutil.rmtree(place)
+    raise typer.Exit(0 if all(table.passed for table in tables) else 1)
