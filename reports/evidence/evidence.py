@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from hashlib import sha256
 from typing import Any
 
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.calibrated import CalibratedOptics
+from tacauchy_rig.core.calibrated import IMAGES_SHA256, CalibratedOptics
 from tacauchy_rig.core.config.model import ReportSection
 from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.force_check import ForceCheck
@@ -298,14 +299,18 @@ class RunEvidence:
 
     @property
     def optics_are_in_sample(self) -> bool:
-        """The replay used optics that were fitted to the run's own presses.
+        """The replay used optics that were fitted to the run's own presses, told by their content.
 
-        Ball presses of an import lie in a folder of the name that it was imported from.
+        Calibration files from before they named it: by the folder that a run was imported from.
         """
-        source = "" if self.model is None else str(self.model.optics.get("source", ""))
-        own = "" if self.optics is None else f"{len(self.optics.presses)} ball presses in presses"
+        optics = {} if self.model is None else self.model.optics
+        files = {} if self.imported is None else self.imported.files
+        if IMAGES_SHA256 in optics:
+            seen = [trial.images.real for trial in self.trials if trial.images is not None]
+            own = {sha256(image.tobytes()).hexdigest() for image in seen} | set(files.values())
+            return not own.isdisjoint(optics[IMAGES_SHA256])
         folder = "" if self.imported is None else f" ball presses in {self.imported.source}"
-        return bool((own and source == own) or (folder and source.endswith(folder)))
+        return bool(folder) and str(optics.get("source", "")).endswith(folder)
 
     @property
     def marks(self) -> tuple[str, ...]:

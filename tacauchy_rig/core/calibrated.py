@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+IMAGES_SHA256 = "images_sha256"
+"""Of a calibration file: SHA-256 of each press that it was fitted to, of pixels and of its file."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageAgreement:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from hashlib import sha256
+from typing import Any
 
 import pytest
 
@@ -171,16 +173,28 @@ def _weighed(scale: float) -> ForceCheck:
 
 
 @pytest.mark.parametrize(
-    ("source", "is_own"), [("39 ball presses in digit", True), ("39 ball presses in other", False)]
+    ("told", "is_own"),
+    [
+        ({"source": "39 ball presses in digit"}, True),
+        ({"source": "39 ball presses in other"}, False),
+        ({"source": "39 ball presses in digit", "images_sha256": ["a" * 64]}, False),
+        ({"source": "39 ball presses in other", "images_sha256": ["b" * 64]}, True),
+        ({"images_sha256": "pixels"}, True),
+    ],
 )
-def test_optics_from_the_imported_folder_are_in_sample(
-    evidence: RunEvidence, source: str, is_own: bool
+def test_optics_from_the_judged_images_are_in_sample(
+    evidence: RunEvidence, told: dict[str, Any], is_own: bool
 ) -> None:
-    """An import is judged with optics that its own images gave: that is a warning."""
+    """By pixels or file; of files that name no image by the folder: that is a warning."""
+    files = {"press.png": "b" * 64}
     imported = Imported(
-        kind="csv", source="digit", has_clock=False, unknown=(), notes=(), trials=()
+        kind="csv", source="digit", has_clock=False, unknown=(), notes=(), trials=(), files=files
     )
-    model = replace(made_model(), optics={"source": source}, modulus_factor=None)
+    if told.get("images_sha256") == "pixels":
+        images = evidence.trials[0].images
+        assert images is not None
+        told = {"images_sha256": [sha256(images.real.tobytes()).hexdigest()]}
+    model = replace(made_model(), optics=told, modulus_factor=None)
     fits = fits_of(replace(evidence, model=model, imported=imported))
     (optics,) = [fit for fit in fits if fit.what.startswith("Optics")]
     assert optics.in_sample is is_own

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +48,11 @@ from sim.sensor.sensor import Sensor
 from tacauchy_rig import __version__
 from tacauchy_rig.app.replay.optics import CAMERA_DISTANCE, CIRCLES, HEIGHT, SCALE_X, SCALE_Y, WIDTH
 from tacauchy_rig.core.arrays import ImageArray
+from tacauchy_rig.core.calibrated import IMAGES_SHA256
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.long_task import Remaining
 from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.store.run_files import file_sha256
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
@@ -319,7 +321,7 @@ def _provenance(
     request: OpticsRequest, presses: Sequence[BallPress], scores: CheckScores, found: Calibration
 ) -> dict[str, Any]:
     geometry = found.scene.geometry
-    digest, distance_m = hashlib.sha256(), found.motion.distance_m
+    digest, distance_m = sha256(), found.motion.distance_m
     for press in presses:
         digest.update(press.name.encode())
         digest.update(press.image.tobytes())
@@ -327,6 +329,10 @@ def _provenance(
     return {
         "source": f"{len(presses)} ball presses in {request.folder.resolve().name}",
         "presses_sha256": digest.hexdigest(),
+        IMAGES_SHA256: sorted(
+            {sha256(press.image.tobytes()).hexdigest() for press in presses}
+            | {file_sha256(request.folder / press.name, what="a press") for press in presses}
+        ),
         "ball_diameter_m": request.ball_diameter_m,
         WIDTH: geometry.width,
         HEIGHT: geometry.height,
