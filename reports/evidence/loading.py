@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -16,6 +16,7 @@ import numpy as np
 from reports.evidence.attempt import RunReading, intermediate_states, readable
 from reports.evidence.evidence import (
     EmulatedWorld,
+    ImageGeometry,
     JournalSummary,
     RunEvidence,
     TrialEvidence,
@@ -67,8 +68,10 @@ def load_evidence(
     store, config = run.store, run.store.config
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
     shown = replay if simulated_images is None else None
-    theirs = list(run.records)[::_READ_BY_OTHER] if other else []
-    begun = other.submit(_checked, store, run.of(theirs), shown) if other else None
+    theirs = run.unread[::_READ_BY_OTHER] if other else []
+    # Its folder: a reading that has read holds all entries of its recordings.
+    own = (store.paths.root, run.geometry, theirs, shown)
+    begun = other.submit(_checked, *own) if other else None
     ours = run.of(run.records.keys() - theirs)
     read = _read(ours, shown)
     check, more = begun.result() if begun else (check_run(store), {})
@@ -223,9 +226,10 @@ class _Seen:
 
 
 def _checked(
-    store: RunStore, run: RunReading, replay: Replay | None
+    root: Path, geometry: ImageGeometry, trials: Sequence[int], replay: Replay | None
 ) -> tuple[RunCheck, dict[int, _Seen]]:
-    return check_run(store), _read(run, replay)
+    run = RunReading(RunStore.open(root), geometry)
+    return check_run(run.store), _read(run.of(trials), replay)
 
 
 def _read(run: RunReading, replay: Replay | None) -> dict[int, _Seen]:
