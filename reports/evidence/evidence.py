@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from typing import Any
 
@@ -296,6 +296,12 @@ class RunEvidence:
     def model_of(self, trial: int) -> ReplayModel | None:
         """Return what a trial was pressed with."""
         return None if self.model is None else model_of((self.model, *self.others), trial)
+
+    @property
+    def drawn(self) -> RunEvidence:
+        """Without the states on the way, which only the page shows: most of the memory."""
+        trials = tuple(replace(trial, intermediate=()) for trial in self.trials)
+        return replace(self, trials=trials)
 
     @property
     def optics_are_in_sample(self) -> bool:

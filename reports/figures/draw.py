@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,8 @@ def draw_figures(
     Returns:
         The figures' names and captions.
     """
-    theirs = other.submit(draw_some, report, folder, THEIRS) if other else None
+    drawn = replace(report, evidence=report.evidence.drawn)
+    theirs = other.submit(draw_some, drawn, folder, THEIRS) if other else None
     names = draw_some(report, folder, ["wrong-force"])
     names += theirs.result() if theirs else draw_some(report, folder, THEIRS)
     names += recorded.result() if recorded else draw_some(report.evidence, folder, RECORDED)

@@ -14,7 +14,7 @@ another does too much.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -109,7 +109,7 @@ class _Trial:
 def split_residual(
     seen: Mapping[int, TrialImages],
     simulated: Mapping[int, ImageArray],
-    modes: Sequence[Mode],
+    modes: Iterable[Mode],
     *,
     pose_px: tuple[float, float],
 ) -> ResidualSplit | None:
@@ -118,7 +118,8 @@ def split_residual(
     Args:
         seen: What the camera saw, by trial.
         simulated: What the replay rendered.
-        modes: What is uncertain besides the contact's place in the image.
+        modes: What is uncertain besides the contact's place in the image, one after the other:
+            of each only what lies around the contacts is kept. Those of one name are one.
         pose_px: Standard uncertainty of that along x and y [px].
     """
     trials = [
@@ -129,7 +130,11 @@ def split_residual(
     if not trials:
         return None
     place = _place(trials)
-    moved = [_around(m, trials, place) for m in modes]
+    merged: dict[str, Mode] = {}
+    for own in (_around(mode, trials, place) for mode in modes):
+        known = merged.get(own.name, own)
+        merged[own.name] = replace(known, changes={**known.changes, **own.changes})
+    moved = list(merged.values())
     smooth = [replace(m, changes={i: _smoothed(c) for i, c in m.changes.items()}) for m in moved]
     for step in range(STEPS):
         found = _solve(trials, place, [*_posed(trials, place, pose_px, _smoothed), *smooth])

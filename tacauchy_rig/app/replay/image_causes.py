@@ -36,8 +36,7 @@ from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import ResidualSplit
 
 MOST_TRIALS, _MOST_PARTS = 12, 6
-"""Trials that are pressed again, spread evenly over the forces: each takes two seconds, and 15 MB
-for the changes of its image."""
+"""Trials that are pressed again, spread evenly over the forces: each takes two seconds."""
 # Steps: large against the scatter of a coarse mesh, small against the curvature of the response
 # (steps half as large find half of a planted tilt or modulus).
 _MORE = 1.15
@@ -89,31 +88,22 @@ def split_images(
         on_progress("  the residual is not split for mesh indenters: their presses take minutes")
     found = [(part.inputs, own) for part in pressable if (own := _presses(part, images))]
     chosen = _spread(found, _MOST_PARTS)
-    seen: dict[int, TrialImages] = {}
-    modes: dict[str, Mode] = {}
-    for inputs, presses in chosen:
-        again = _Again(
-            _spread(presses, MOST_TRIALS // len(chosen)), inputs, optics, config, on_progress
-        )
-        try:
-            for mode in list(again.modes()):
-                known = modes.get(mode.name, mode)
-                modes[mode.name] = replace(known, changes={**known.changes, **mode.changes})
-        except RigError as error:
-            on_progress(
-                f"  the residual is not split because a coarse press failed: {error.message}"
-            )
-            return None
-        seen |= {press.index: press.images for press in again.presses}
-    if not seen:
-        return None
+    again = [
+        _Again(_spread(presses, MOST_TRIALS // len(chosen)), inputs, optics, config, on_progress)
+        for inputs, presses in chosen
+    ]
+    seen = {press.index: press.images for part in again for press in part.presses}
     view, offset_m = optics.geometry, stated_uncertainty(config, "offset").value
-    return split_residual(
-        seen,
-        {index: image for index, image in images.items() if index in seen},
-        list(modes.values()),
-        pose_px=(offset_m / view.scale_x_m, offset_m / view.scale_y_m),
-    )
+    try:
+        return split_residual(
+            seen,
+            {index: image for index, image in images.items() if index in seen},
+            (mode for part in again for mode in part.modes()),
+            pose_px=(offset_m / view.scale_x_m, offset_m / view.scale_y_m),
+        )
+    except RigError as error:
+        on_progress(f"  the residual is not split because a coarse press failed: {error.message}")
+        return None
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,7 +47,7 @@ def report_run(run: RunReading) -> tuple[ValidationReport, ReportPaths]:
         evidence = evidence_of(run, other)
         paths = ReportPaths(run.store.paths.report)
         make_room(paths.folder)
-        recorded = other.submit(draw_some, evidence, paths.figures, RECORDED)
+        recorded = other.submit(draw_some, evidence.drawn, paths.figures, RECORDED)
         report = compare(evidence)
         return report, write_report(report, paths.folder, other, recorded)
 
