@@ -35,7 +35,7 @@ _GAP_MOST, _APART_MOST = 0.5, 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressResult:
-    """What a press gave; ``as_json`` has the same keys.
+    """The result of a press; ``as_json`` has the same keys.
 
     Attributes:
         force_n: Force on the indenter [N], pad frame, +z in compression.
@@ -46,26 +46,28 @@ class PressResult:
         max_pressure_pa: Largest contact pressure at a node, recovered as the fields are [Pa]; at a
             sharp rim it grows with refinement.
         base_reaction_n: Force of the clamp on the gel [N], shape [3]; z is positive.
-        force_balance_relative: |force + base reaction - weight| over |force|; with inertia, what
-            accelerates the gel is in it.
+        force_balance_relative: |force + base reaction - weight| over |force|. With inertia it
+            includes the force that accelerates the gel.
         surface_traction_gap_relative: |integral of sigma n over the faces in contact + force| over
-            |force|, sigma that of the elements (paper, Algorithm 1).
-        algorithms_apart_relative: L2 norm over the faces in contact of what the tractions of the
-            paper's Algorithm 1, from sigma n, and Algorithm 2, from contact, are apart, over that
-            of the latter.
+            |force|, with the elements' own stress sigma (paper, Algorithm 1).
+        algorithms_apart_relative: L2 norm, over the faces in contact, of the difference between
+            the tractions of the paper's Algorithms 1 (sigma n) and 2 (contact forces), over the
+            norm of the latter.
         min_jacobian: Smallest volume ratio det F at a quadrature point.
         gap_min_m: Smallest gap at a contact point [m].
         estimated_force_error_relative: Expected relative error of F_z, or None where nothing is
             known; ``estimated_force_error_basis`` says how.
-        estimated_errors: The same of every output, by name; of shear over the pressure.
-        corrected: Force and depth without the bias of the mesh; None where no bias is known, as
-            with a preset that is chosen by name. ``force_n`` and ``depth_m`` stay the mesh's own.
-        guaranteed: What a tolerance holds for: the force at a given depth, or the depth at a given
-            force.
-        guaranteed_error_relative: Its stated error, of the corrected value where there is one;
-            None where nothing is known.
-        effects: What was simulated and what was left out, with reasons.
-        preset: What it was pressed with: a preset, or a mesh between two.
+        estimated_errors: Expected relative error of every output, by name; that of shear is
+            relative to the pressure.
+        corrected: Force and depth corrected for the known error of the mesh; None where it is not
+            known, as with a preset that is chosen by name. ``force_n`` and ``depth_m`` are not
+            corrected.
+        guaranteed: The quantity that a tolerance holds for: the force at a given depth, or the
+            depth at a given force.
+        guaranteed_error_relative: Stated error of that quantity, corrected where possible; None
+            where nothing is known.
+        effects: Effects that were simulated and left out, with reasons.
+        preset: Preset or mesh between two presets.
         alternatives: The next cheaper settings and the next better ones.
     """
 
@@ -117,18 +119,21 @@ def press(
     time_limit_s: float | None = None,
     on_progress: Callable[[str], None] | None = None,
 ) -> PressResult:
-    """Press as a scene asks; if asked, also on longer edges to estimate the outputs' errors.
+    """Simulate the press of a scene.
 
     Args:
-        time_limit_s: How long it may take [s]. A press that has an answer by then is returned, if
-            need be without an estimate of its errors.
-        on_progress: Told every few seconds what is done, by another thread.
+        model: Model of the pad; None builds it from the scene.
+        device: ``"cpu"``, or a GPU such as ``"cuda:0"``.
+        estimate_error: Press again on a coarser mesh to estimate the errors of all outputs.
+        time_limit_s: Longest time [s]. A result found within it is returned even if its errors
+            are not estimated yet.
+        on_progress: Called by another thread every few seconds with a line of text.
 
     Raises:
-        ConvergenceError: No equilibrium, the force cannot be reached, or the answer contradicts
-            itself.
-        ConfigError: The scene cannot be built, or is beyond what the gel can bear.
-        TimeLimitError: There is no answer in time.
+        ConvergenceError: No equilibrium exists, the force cannot be reached, or the result
+            contradicts itself.
+        ConfigError: The scene cannot be built, or the gel cannot bear the press.
+        TimeLimitError: No result was found in time.
     """
     telling = told(on_progress) if on_progress else nullcontext()
     with time_limit(time_limit_s), telling, doing("press"):

@@ -39,7 +39,7 @@ _REPEATED = {"layer", "effect", "output"}
 
 
 def scene_from(words: str) -> Scene:
-    """Return what ``tacauchy-rig press`` presses when these words follow it.
+    """Return the scene that ``tacauchy-rig press`` simulates with these options.
 
     For example ``--sensor digit --indenter sphere:diameter=5mm --depth 0.5mm``.
 

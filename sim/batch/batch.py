@@ -1,9 +1,8 @@
-"""Presses of many indenters on one pad at once, anywhere, without a set-up of their own.
+"""Many presses on one pad at once, at any place, with one set-up for all.
 
-Every environment has its own indenter, pose, friction and gel; all share the pad's mesh and the
-inverse of its undeformed stiffness (``sim.batch.contact_inverse``). They descend to equilibrium as
-a single press does. Arrays stay on the device; on a GPU a step, or a whole trajectory, is one CUDA
-graph with a loop.
+Every environment has its own indenter, pose, friction and gel. All share the pad's mesh and the
+inverse of its undeformed stiffness (``sim.batch.contact_inverse``), and use the solver of a single
+press. Arrays stay on the device; on a GPU a step, or a whole trajectory, is one CUDA graph.
 """
 
 from __future__ import annotations
@@ -50,12 +49,12 @@ class BatchOptions:
     """Settings of the solver.
 
     Attributes:
-        residual_relative: Norm of the unbalanced force, and difference of base reaction and
-            indenter force, over the contact force.
-        steps_max: Of a descent.
-        halvings_max: How often a step is halved that does not arrive.
-        accepts_residual: A descent that ends after ``steps_max`` steps counts as arrived, with the
-            residual that is left: every step costs about the same then, for a learner.
+        residual_relative: Largest allowed norm of the unbalanced force, and difference of base
+            reaction and indenter force, both divided by the contact force.
+        steps_max: Largest number of solver steps in one descent.
+        halvings_max: How often a step that does not converge is halved.
+        accepts_residual: Accept the residual that is left after ``steps_max`` steps. Every step
+            then costs about the same, as learning needs.
     """
 
     residual_relative: float = 1e-3
@@ -68,20 +67,20 @@ class BatchOptions:
 class BatchForces:
     """Forces on the indenters of a batch, shape [environment_count, ...] each.
 
-    After ``follow`` they have one more dimension in front, the frames'.
+    ``follow`` adds a first dimension for the frames.
 
     Attributes:
-        wrench: Force [N] and moment about the tip [N m] on the indenter, pad frame, without the
-            mesh's bias, shape [..., 6].
-        raw_wrench: With it, as the mesh is in balance.
-        force_error: What the force may be off by, over its size: 19 of 20 are within. NaN for a
-            model that ``sensor_model`` did not make: its bias is unknown, and stays.
-        contact_area_m2: Of what touches, at rest [m^2].
-        tips_m: Where the tips are [m], in the frame of the poses, shape [..., 3].
-        residual: Norm of the unbalanced force over the contact force's.
-        imbalance: Base reaction against the indenter's force, over the latter.
-        valid: The environment found its equilibrium; its forces are not numbers otherwise.
-        evaluations: Of the forces, for this frame.
+        wrench: Force [N] and moment about the tip [N m] on the indenter in the pad's frame,
+            corrected for the known error of the mesh, shape [..., 6].
+        raw_wrench: The same without this correction.
+        force_error: Relative error of the force that 19 of 20 presses keep. NaN for a model that
+            ``sensor_model`` did not make: its forces cannot be corrected.
+        contact_area_m2: Undeformed area that touches the indenter [m^2].
+        tips_m: Positions of the tips [m], in the frame of the poses, shape [..., 3].
+        residual: Norm of the unbalanced force divided by that of the contact force.
+        imbalance: Difference of base reaction and indenter force, divided by the latter.
+        valid: True where an equilibrium was found; elsewhere forces are NaN.
+        evaluations: Number of force evaluations for this frame.
     """
 
     wrench: FloatArray
@@ -95,29 +94,30 @@ class BatchForces:
     evaluations: NDArray[np.int32]
 
     def __getitem__(self, frame: int) -> BatchForces:
-        """Return one frame's."""
+        """Return the forces of one frame."""
         return BatchForces(**{name: getattr(self, name)[frame] for name in self.__slots__})
 
 
 class Batch:
-    """Environments over one pad.
+    """Environments that press one pad.
 
     Args:
-        model: The pad, whole, without relaxation; ``sensor_model`` makes one for presses anywhere.
-        indenters: The bodies that press.
-        which: The one of every environment, by its place among them, shape [count].
-        friction: Coulomb coefficients, shape [count]; None is the model's. Only a model with
-            friction takes them.
-        materials: Of the gel's layers, from the camera's side, for every environment; None is the
-            model's.
+        model: A whole pad without relaxation, such as ``sensor_model`` makes.
+        indenters: All indenters.
+        which: Index into ``indenters`` for each environment, shape [count].
+        friction: Coulomb coefficient of each environment, shape [count]; None takes the model's.
+            The model needs a friction above zero.
+        materials: Materials of the gel's layers, from the camera's side, for each environment;
+            None takes the model's.
 
     Attributes:
         positions: Nodes of every environment [m], a Warp array of vectors, shape [count,
-            node_count]; PyTorch and JAX take it through DLPack, as all arrays named here.
-        poses: Where the indenters are: Warp arrays ``tips`` [m] and ``rotations``.
-        pressure: At the nodes [Pa] when ``tractions`` was called last, shape [count, node_count].
-        shear: On the gel [Pa], Warp vectors, likewise.
-        gel: The environments' elements, for fields of ``positions``.
+            node_count]. PyTorch and JAX read it, and the arrays below, through DLPack.
+        poses: Poses of the indenters: Warp arrays ``tips`` [m] and ``rotations``.
+        pressure: Pressure at the nodes [Pa] at the last call of ``tractions``, shape [count,
+            node_count].
+        shear: Shear traction on the gel [Pa] at the nodes, Warp vectors, likewise.
+        gel: Elements of the environments, for fields of ``positions``.
 
     Raises:
         ConfigError: The model is a part of a pad or relaxes, or the arguments do not fit together.
@@ -192,7 +192,7 @@ class Batch:
 
     @property
     def tips_m(self) -> FloatArray:
-        """Where the tips are [m], in the frame of the poses, shape [environment_count, 3]."""
+        """Positions of the tips [m], in the frame of the poses, shape [environment_count, 3]."""
         return self._at[:, :3] - [0.0, 0.0, self._standoff_m]
 
     def launch_singly(self) -> None:
@@ -201,10 +201,10 @@ class Batch:
             each.recorded = False
 
     def tractions(self) -> tuple[Any, Any]:
-        """Set ``pressure`` and ``shear`` to what acts on the gel now, and return them.
+        """Compute ``pressure`` and ``shear`` on the gel now, and return them.
 
-        A node's is the mean around it, over the parts of its faces that it is the corner of; their
-        sum with the nodes' areas is the raw wrench's force.
+        The value at a node is the mean over the adjacent quarters of its faces. Weighted by the
+        nodes' areas they sum to the force of the raw wrench.
         """
         self.pressure.zero_()
         self.shear.zero_()
@@ -213,7 +213,7 @@ class Batch:
         return self.pressure, self.shear
 
     def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
-        """Put environments back to the untouched gel, their indenters away from it."""
+        """Return environments to the untouched gel, with their indenters away from it."""
         self._lifted[np.ones(self.count, np.bool_) if mask is None else mask] = False
 
     def step(
@@ -223,18 +223,17 @@ class Batch:
         loads_n: FloatArray | None = None,
         active: NDArray[np.bool_] | None = None,
     ) -> BatchForces:
-        """Take the indenters to poses, straight from where they are, and find the equilibrium.
+        """Move the indenters straight to new poses and find the equilibrium.
 
-        One that was not lowered yet comes down along z from above the gel.
+        After a reset an indenter comes down along z from above the gel.
 
         Args:
             poses: Positions of the tips [m] and quaternions (x, y, z, w) from the indenter's frame
                 to the pad's, shape [environment_count, 7].
-            loads_n: F_z that pushes the indenters [N], shape [environment_count]; their heights
-                are found then, and those of ``poses`` are where the search begins for one that was
-                not pushed before.
-            active: Who takes part; None is all. The others stay as they are, their forces are not
-                numbers.
+            loads_n: F_z on the indenters [N], shape [environment_count]. It replaces the heights
+                of ``poses``, which only start the search where no load was given before.
+            active: Environments that take part; None means all. The others keep their state, and
+                their forces are NaN.
         """
         loads = None if loads_n is None else np.asarray(loads_n, dtype=np.float64)[None]
         return self.follow(np.asarray(poses)[None], loads_n=loads, active=active)[0]
@@ -246,10 +245,10 @@ class Batch:
         loads_n: FloatArray | None = None,
         active: NDArray[np.bool_] | None = None,
     ) -> BatchForces:
-        """Take the indenters along trajectories that are known ahead.
+        """Move the indenters along known trajectories.
 
-        What is found is what ``step`` finds frame by frame, sooner: no environment waits for the
-        slowest one of a frame. Who does not arrive in a frame does not go on to the next.
+        The results equal those of ``step`` for each frame, but come sooner: no environment waits
+        for the slowest one of a frame. An environment that fails in a frame skips all later ones.
 
         Args:
             poses: As ``step`` takes them, shape [frame_count, environment_count, 7].

@@ -1,9 +1,8 @@
-"""A sensor's model for presses anywhere on it: its mesh, how its contact gives way, its bias.
+"""A sensor's model for presses at any place: mesh, compliance of the contact, error of F_z.
 
-Elements as wide as a contact are too stiff. Contact that gives way by a share of an edge times the
-pressure over E / (1 - nu^2) takes most of that back; without it F_z is 1 to 60 % too large, and a
-descent takes twice as many steps. It takes a little too much where contact is wide for the pad's
-height. Together
+Elements as wide as a contact are too stiff: F_z is 1 to 60 % too large. The contact is therefore
+made compliant, by a share of an edge times the pressure over E / (1 - nu^2). This offsets most of
+the error, halves the steps of a descent, and overcorrects wide contacts a little. What remains is
 
     F / F_fine = 1 + share h / H + slope (h / a)^1.5
 
@@ -89,14 +88,15 @@ def sensor_model(
     law_name: LawName = LawName.STABLE_NEO_HOOKEAN,
     device: str = "cpu",
 ) -> Model:
-    """Mesh a sensor's pad for presses anywhere on it, and set up its model.
+    """Mesh a sensor's pad for presses at any place, and set up its model.
 
     Args:
-        material: Of the gel, or of its topmost layer, which contact touches.
-        layers: Of the gel, from the base; empty for one of one material.
+        pad: Pad of the sensor.
+        material: Material of the gel, or of its topmost layer, which touches the indenter.
+        layers: Layers of the gel from the base upwards; empty for a gel of one material.
         edge_m: Edge length at the surface [m]; nodes are half of it apart.
-        friction: Coulomb coefficient mu of environments that have none of their own; a model with
-            zero has no friction at all.
+        friction: Coulomb coefficient of environments without their own; zero makes a model
+            without friction.
 
     Raises:
         ConfigError: The mesh would have too many tetrahedra.

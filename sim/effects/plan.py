@@ -59,10 +59,10 @@ _NOTHING = 1e-30
 
 @lru_cache(maxsize=_KEPT)
 def plan_effects(scene: Scene) -> EffectPlan:
-    """Decide what a scene is simulated with; kept by scene.
+    """Decide which effects of a scene are simulated; the result is cached.
 
     Raises:
-        ConfigError: The user switched something on or off that cannot be.
+        ConfigError: The user switched an effect on or off that cannot be.
     """
     plan = replace(full_plan(scene), tolerances=output_tolerances(scene))
     if estimates.has_several_equilibria(scene):

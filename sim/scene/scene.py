@@ -101,7 +101,7 @@ _ROUND_SHARE, _DEPTH_SHARE = 0.4, 0.1
 
 
 class ContactMode(StrEnum):
-    """What touching points may do along the indenter."""
+    """How points in contact may move along the indenter."""
 
     FRICTIONLESS = "frictionless"
     BONDED = "bonded"
@@ -145,7 +145,7 @@ class Effect(StrEnum):
 
 
 class Preset(StrEnum):
-    """Mesh and element together: what accuracy to pay for."""
+    """Mesh and element, which set accuracy and cost."""
 
     FAST = "fast"
     BALANCED = "balanced"
@@ -156,7 +156,7 @@ class Preset(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """What the indenter does once it is pressed in, with its depth or force held.
+    """Motion of the indenter after the press, at constant depth or force.
 
     Attributes:
         shift_m: Translation along x and y [m].
@@ -202,17 +202,17 @@ class Scene:
 
     Attributes:
         centre_m: Where the indenter's tip comes down, x and y in the pad's frame [m].
-        material: Of the whole gel, or of what ``layers`` do not give.
-        layers: From the clamped base upwards; empty for a gel of one material.
+        material: Material of the gel, or its properties that ``layers`` do not state.
+        layers: Layers from the clamped base upwards; empty for a gel of one material.
         friction: Coulomb coefficient mu, for contact ``friction``.
         duration_s: Time in which the indenter reaches its target [s].
-        tolerance: Relative error of F_z by which effects may be left out; None takes the preset's.
-        output_tolerances: The same of other outputs, where it is not to follow from F_z's.
-        effects: Effects switched on or off by the user, against the plan.
-        refinement: Every edge this many times shorter than the preset's; in a light scene in the
-            section through the axis, while the sectors become more with its root.
-        path_refinement: The same of the mesh on which the indenter goes its way; the end state is
-            then found on the scene's own mesh, from the other's. None goes it on the scene's own.
+        tolerance: Relative error of F_z that omitted effects may cause; None takes the preset's.
+        output_tolerances: The same for other outputs; those left out follow from F_z's.
+        effects: Effects that the user switched on or off.
+        refinement: Edges are the preset's divided by this. In a light scene this holds in the
+            section through the axis, and the number of sectors grows with its root.
+        path_refinement: Refinement of the mesh for the loading path; only the end state is then
+            found on the scene's own mesh. None uses one mesh for both.
         force_tolerance_n: How closely a force target is met [N].
         barrier_m: Contact distance d_hat [m]; None is ``contact_distance_m``'s choice.
         sensor: Name of the sensor, for reports; empty for a bare pad.

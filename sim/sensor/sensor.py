@@ -152,8 +152,8 @@ class Sensor:
     """A tactile sensor as its file says.
 
     Attributes:
-        material: Of the whole gel, or of the layer that is touched.
-        layers: From the clamped base upwards; empty for a gel of one material.
+        material: Material of the gel, or of the layer that touches the indenter.
+        layers: Layers from the clamped base upwards; empty for a gel of one material.
         numbers: Every number of the file by its dotted name, for reports; layers count from 1.
     """
 

@@ -63,11 +63,11 @@ def replay_run(
 
     Args:
         run: The run; the replay is written into its folder.
-        tolerance: Take the cheapest preset that keeps it, whatever is configured.
+        tolerance: Largest error of F_z; overrides the configured preset.
         optics_file: Calibration in place of the configured one.
         calibrate: How the sensor is calibrated where there is no calibration file; without it the
             file's nominal lamps are used. One part is pressed before it is called.
-        on_progress: Told of every step.
+        on_progress: Called with a line of text for every step.
 
     Raises:
         RecordError: No trial has a measured force.

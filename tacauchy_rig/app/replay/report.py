@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 def evidence_of(run: RunReading, other: Executor | None = None) -> RunEvidence:
     """Return recorded and simulated forces, depths and images of a run.
 
-    Another process, if there is one, reads some of it.
-
     Raises:
         RecordError: Nothing is left to report.
     """
