@@ -1,7 +1,7 @@
-"""What every device promises, whoever wrote its driver, as checks to run against a driver.
+"""Checks that every driver must pass.
 
-A check takes what makes a device that is not yet connected, uses it and closes it. It raises
-``NotConformingError``, an ``AssertionError``, where a promise is broken. In a lab's tests::
+A check takes a function that returns an unconnected device, uses the device and closes it. It
+raises ``NotConformingError``, an ``AssertionError``, where a rule is broken. In a lab's tests::
 
     @pytest.mark.parametrize("check", ARM_CHECKS, ids=lambda check: check.__name__)
     def test_franka(check):
@@ -42,7 +42,7 @@ FRESH_S = 0.5
 
 
 class NotConformingError(AssertionError):
-    """A device broke a promise of its interface."""
+    """A device broke a rule of its interface."""
 
 
 def _require(holds: bool, promise: str) -> None:
@@ -54,7 +54,7 @@ def _require(holds: bool, promise: str) -> None:
 
 
 def arm_says_who_it_is(make: Callable[[], Arm]) -> None:
-    """``connect`` tells driver, model and address."""
+    """``connect`` returns driver, model and address."""
     with _connected(make()):
         pass  # connecting looks at the identity
 
@@ -171,7 +171,7 @@ LOCKING_ARM_CHECKS: tuple[Callable[[Callable[[], Arm]], None], ...] = (
 
 
 def force_sensor_streams(make: Callable[[], ForceTorqueSensor], *, rate_hz: float) -> None:
-    """The stream keeps its promises, and every wrench is finite."""
+    """The stream keeps the rules, and every wrench is finite."""
     with _connected(make()) as sensor:
         samples = _stream(sensor, rate_hz)
         numbers = [value for s in samples for value in s.wrench]
@@ -180,7 +180,7 @@ def force_sensor_streams(make: Callable[[], ForceTorqueSensor], *, rate_hz: floa
 
 
 def camera_streams(make: Callable[[], Camera], *, rate_hz: float) -> None:
-    """The stream keeps its promises, and every frame is a whole JPEG of the size it says."""
+    """The stream keeps the rules, and every frame is a whole JPEG of its stated size."""
     with _connected(make()) as camera:
         frames = _stream(camera, rate_hz)
         whole = all(jpeg_size(frame.jpeg) == (frame.width, frame.height) for frame in frames)

@@ -1,4 +1,4 @@
-"""What a device of each kind does, whoever wrote its driver, and the rig that devices make.
+"""Interfaces of arm, force sensor and camera, and the rig that they form.
 
 No call of a device blocks longer than its stated deadline. Reads return what has already arrived;
 whether that is too old is judged by age, never by waiting.
@@ -19,7 +19,7 @@ from tacauchy_rig.core.run import ArmSample, ForceSample, ImageFrame, Pose, Vect
 
 
 class Clock(Protocol):
-    """What stamps everything that arrives."""
+    """The clock that stamps all arriving data."""
 
     def now_ns(self) -> int:
         """Return nanoseconds since an arbitrary start."""
@@ -46,7 +46,7 @@ SampleT = TypeVar("SampleT")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeviceIdentity:
-    """Who answered: goes into every record.
+    """Identity of a connected device, recorded with every run.
 
     Attributes:
         simulated: True for emulators and mocks, so that a report can say so.
@@ -62,10 +62,10 @@ class DeviceIdentity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamHealth:
-    """How well a stream has been arriving since it was started.
+    """State of a stream since its start.
 
     Attributes:
-        age_s: Since the newest sample arrived; infinite before the first.
+        age_s: Time since the newest sample arrived [s]; infinite before the first.
         lost_count: Samples that the device counted and this host never saw.
         corrupt_count: Bytes or frames dropped because length or checksum disagreed.
         repeat_count: Longest run of identical consecutive samples, now.
@@ -86,10 +86,10 @@ MANUAL_EXPOSURE = 1.0
 
 
 class StreamingDevice(Protocol[SampleT]):
-    """A device that sends samples by itself, which a reader takes in as they come."""
+    """A device that sends samples by itself; a reader thread collects them."""
 
     def connect(self) -> DeviceIdentity:
-        """Open, identify, set up and start, and see the first sample before the deadline.
+        """Open, identify, configure and start the device; return after the first sample.
 
         Raises:
             DeviceError: Absent, no permission, in use, silent, speaking something else, or in
@@ -100,7 +100,7 @@ class StreamingDevice(Protocol[SampleT]):
         """Return every sample that arrived since the last call, oldest first; never blocks.
 
         Raises:
-            DeviceError: The device is gone; raised once all that came before was returned.
+            DeviceError: The device is gone; raised after all earlier samples were returned.
         """
 
     def health(self) -> StreamHealth:

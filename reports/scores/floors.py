@@ -1,7 +1,7 @@
-"""What a score is worth: its floors, its ceiling, and whether it can tell forces apart.
+"""Floors and ceiling of a score, and whether the score distinguishes forces.
 
-A score says something only between the floor that no simulator should fall to (no contact at all,
-a flat colour, a wrong force) and the ceiling that a repeat of the same press reaches.
+A score is informative only between its floor (no contact, a flat colour, a wrong force) and its
+ceiling, which a repeat of the same press reaches.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def flat_mean_image(image: ImageArray) -> ImageArray:
 
 
 def trial_floors(images: TrialImages, wrong: Sequence[ImageScores]) -> Floors:
-    """Score the floors of one trial; ``wrong`` are the scores of wrong forces' simulated images."""
+    """Score the floors of one trial; ``wrong`` holds scores of images simulated at wrong forces."""
     return Floors(
         no_contact=score(images.real, images.reference),
         flat_mean=score(images.real, flat_mean_image(images.real)),

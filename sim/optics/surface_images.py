@@ -24,7 +24,7 @@ from tacauchy_rig.core.errors import ConfigError
 
 
 class SurfaceImages:
-    """What the camera sees of environments that share a model and an indenter.
+    """Renders camera images of environments that share a model and an indenter.
 
     Results stay on the model's device, in arrays that the next call overwrites, and nothing waits
     for the device: after a first call, which compiles kernels and takes memory, a CUDA graph can
@@ -32,9 +32,9 @@ class SurfaceImages:
     of a pad is drawn whole. An environment whose nodes are not numbers has a black image.
 
     Args:
-        model: The pad; its nodes are what positions are of.
-        sensor: Camera, pad, markers, and what is not given below.
-        samples: Of a pixel, both ways; replays take 2.
+        model: Model of the pad, whose nodes are rendered.
+        sensor: Sensor with camera, pad, markers and defaults of the arguments below.
+        samples: Samples per pixel in each direction; replays take 2.
         background: No-contact frame, RGB, uint8, shape [height, width, 3]; the markers that it
             shows go with the gel. Evenly grey by default.
         blur_px: Standard deviation of the camera's blur [px].

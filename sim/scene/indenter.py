@@ -114,12 +114,12 @@ class MeshIndenter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IndenterSet:
-    """Bodies that press in the environments of a batch.
+    """Indenters of the environments of a batch.
 
     Attributes:
-        bodies: Each once.
-        which: The one of every environment, by its place.
-        rounding_m: Radius that sharp edges are given [m]: a mesh follows none.
+        bodies: All different indenters.
+        which: Index into ``bodies`` for each environment.
+        rounding_m: Radius of sharp edges [m], which a mesh cannot follow.
     """
 
     bodies: tuple[Indenter, ...]

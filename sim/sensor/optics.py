@@ -15,12 +15,12 @@ from tacauchy_rig.core.registry import Kind, load
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lamp:
-    """A lamp beside the gel, as far as its maker's drawings tell; calibration replaces it.
+    """A lamp beside the gel, as drawings state it; a calibration replaces it.
 
     Attributes:
         azimuth_rad: Where it stands, from growing columns towards growing rows [rad].
         elevation_rad: Angle of its light to the unloaded surface [rad].
-        colour: Grey levels that it adds to red, green and blue of a surface that faces it.
+        colour: Grey levels added to red, green and blue of a surface that faces the lamp.
     """
 
     azimuth_rad: float
@@ -52,7 +52,7 @@ class ShadowCaster:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Renderer:
-    """What images of a sensor show, as the registry knows it by its name, ``optics.kind``.
+    """A kind of sensor images, found in the registry by ``optics.kind``.
 
     Attributes:
         read: From ``[optics]``, the lamps and the file's name for messages to the colours before
@@ -61,7 +61,7 @@ class Renderer:
         needed: Keys that ``[optics]`` must have, beside ``kind``.
         exponents: Of the terms that a calibration fits, shape [term_count, 5], see
             ``PhotometricModel``; None cannot be calibrated.
-        sees_slope: Colours tell the slope of the gel under its lamps; if not, grey tells its depth.
+        sees_slope: Colours depend on the gel's slope; otherwise grey depends on its depth.
     """
 
     read: Callable[[Mapping[str, Any], tuple[Lamp, ...], str], Any]

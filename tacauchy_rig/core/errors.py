@@ -1,4 +1,4 @@
-"""Errors that reach a person: each names the thing, the value with its unit, and what to do."""
+"""Errors shown to a person: each names the field, the value with its unit, and the remedy."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ def open_run(folder: Path) -> RunReading:
     """Open a run; forces and images are read when they are first asked for, and kept.
 
     Raises:
-        RecordError: It is no run's folder, or its description is damaged.
+        RecordError: The folder is not a run, or its description is damaged.
         ConfigError: Its configuration is no longer accepted.
     """
     store = RunStore.open(folder)
