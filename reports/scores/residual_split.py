@@ -130,12 +130,13 @@ def split_residual(
     if not trials:
         return None
     place = _place(trials)
-    merged: dict[str, Mode] = {}
-    for own in (_around(mode, trials, place) for mode in modes):
-        known = merged.get(own.name, own)
-        merged[own.name] = replace(known, changes={**known.changes, **own.changes})
-    moved = list(merged.values())
-    smooth = [replace(m, changes={i: _smoothed(c) for i, c in m.changes.items()}) for m in moved]
+    plain, softened = dict[str, Mode](), dict[str, Mode]()
+    for around in (_around(mode, trials, place) for mode in modes):
+        for kept, seen_as in ((plain, np.asarray), (softened, _smoothed)):
+            own = _inside(around, trials, seen_as)
+            known = kept.get(own.name, own)
+            kept[own.name] = replace(known, changes={**known.changes, **own.changes})
+    moved, smooth = list(plain.values()), list(softened.values())
     for step in range(STEPS):
         found = _solve(trials, place, [*_posed(trials, place, pose_px, _smoothed), *smooth])
         if step < STEPS - 1:
@@ -188,15 +189,25 @@ def _around(mode: Mode, trials: Sequence[_Trial], place: tuple[float, float]) ->
     return replace(mode, changes=changes)
 
 
+def _inside(mode: Mode, trials: Sequence[_Trial], seen: Callable[[FloatArray], FloatArray]) -> Mode:
+    """Return a mode of what it changes inside the contacts, of shape [value_count]."""
+    changes = {
+        t.index: seen(mode.changes[t.index])[t.inside].ravel()
+        for t in trials
+        if t.index in mode.changes
+    }
+    return replace(mode, changes=changes)
+
+
 def _posed(
     trials: Sequence[_Trial],
     place: tuple[float, float],
     pose_px: tuple[float, float],
     seen: Callable[[FloatArray], FloatArray],
 ) -> list[Mode]:
-    """Return the modes of the contacts' place."""
+    """Return the modes of the contacts' place, inside them."""
     moved = {t.index: seen(t.moved(place)) for t in trials}
-    return [
+    modes = [
         Mode(
             name=name,
             cause=Cause.POSE,
@@ -206,6 +217,7 @@ def _posed(
         )
         for name, axis, size in zip(_PLACES, (1, 0), pose_px, strict=True)
     ]
+    return [_inside(mode, trials, np.asarray) for mode in modes]
 
 
 def _solve(
@@ -230,8 +242,8 @@ def _solve(
 
 def _columns(trial: _Trial, modes: Sequence[Mode]) -> FloatArray:
     """Return what the modes change inside a contact, shape [mode_count, value_count]."""
-    none = np.zeros((*trial.inside.shape, 3))
-    return np.stack([m.changes.get(trial.index, none)[trial.inside].ravel() for m in modes])
+    none = np.zeros(3 * np.count_nonzero(trial.inside))
+    return np.stack([m.changes.get(trial.index, none) for m in modes])
 
 
 def _shared(
