@@ -50,7 +50,7 @@ from tacauchy_rig.app.replay.optics import CAMERA_DISTANCE, CIRCLES, HEIGHT, SCA
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.calibrated import IMAGES_SHA256
 from tacauchy_rig.core.errors import ConfigError, RecordError
-from tacauchy_rig.core.long_task import Remaining
+from tacauchy_rig.core.long_task import Remaining, doing
 from tacauchy_rig.core.rgb import encode_png
 from tacauchy_rig.core.store.run_files import file_sha256
 
@@ -280,7 +280,8 @@ def calibrate_and_check(
         preset=request.preset,
         on_press=pressed,
     )
-    presses, warnings = find_presses(read, scene, ball_radius_m=radius_m)
+    with doing("finding the contacts"):
+        presses, warnings = find_presses(read, scene, ball_radius_m=radius_m)
     alone.spend(find_s)
     fits.begin()
     fit = partial(calibrate_presses, scene=scene, shadows=shadows)
