@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Hundreds of processes start in the tests: each would compile all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: dry-run test test-slow check lint types contracts dependencies docs words architecture format clean
+.PHONY: dry-run test test-slow check lint types contracts dependencies docs words architecture format newton clean
 
 dry-run: $(VENV)/.product
 	$(BIN)/tacauchy-rig dry-run
@@ -37,6 +37,11 @@ contracts: $(VENV)/.tools
 
 dependencies: $(VENV)/.tools
 	$(BIN)/deptry .
+
+# Balls that come to rest on gels in newton; prints wrench over weight.
+newton: $(BIN)/python
+	$(INSTALL) ".[newton]"
+	$(BIN)/python -m tacauchy_rig.envs.newton
 
 # Into site/, without network; every warning is an error. site/index.html opens from disk.
 docs: $(VENV)/.tools

@@ -213,8 +213,13 @@ class Batch:
         return self.pressure, self.shear
 
     def reset(self, mask: NDArray[np.bool_] | None = None) -> None:
-        """Return environments to the untouched gel, with their indenters away from it."""
-        self._lifted[np.ones(self.count, np.bool_) if mask is None else mask] = False
+        """Return environments to the untouched gel, with their indenters a metre above it."""
+        chosen = np.ones(self.count, np.bool_) if mask is None else np.asarray(mask, np.bool_)
+        self._lifted[chosen] = False
+        tips = on_host(self.poses.tips).copy()
+        tips[chosen] = [0.0, 0.0, 1.0]
+        self.poses.tips.assign(tips)
+        self._put_back(self._device.array(chosen, wp.int32), self.poses)
 
     def step(
         self,
@@ -363,9 +368,7 @@ class Batch:
         wanted = device.array(new, wp.int32)
         turns = Rotation.from_quat(goals[:, 3:]).as_matrix()
         poses = poses_at(goals[:, :3], turns, device)
-        nodes = device.array(self.model.nodes, wp.vec3d)
-        put = [nodes, wanted, poses, self._history, descents.positions]
-        device.launch(kernels.put_back, tuple(descents.positions.shape), put, [])
+        self._put_back(wanted, poses)
         made, buffers = surface.kernels(descents.indenter), surface.buffers(self.count)
         points, gaps = buffers[2].shape, buffers[2].reshape((self.count, -1))
         free = surface.grip_arrays(None, self.count)
@@ -375,7 +378,7 @@ class Batch:
         for _ in range(_LIFTS):
             device.launch(made.touch, points, [*at, free, descents.positions], list(buffers))
             lift.launch()
-        device.launch(kernels.put_back, tuple(descents.positions.shape), put, [])
+        self._put_back(wanted, poses)
         if self.model.contact_options.is_tangential:
             for grip in (descents.grip, descents.grip_start):
                 device.launch(kernels.let_go, points, [wanted, grip], [])
@@ -383,6 +386,11 @@ class Batch:
         tips, self._pushed[new] = on_host(poses.tips), False
         self._at[new] = np.column_stack([tips, goals[:, 3:]])[new]
         self._lifted |= new
+
+    def _put_back(self, wanted: Any, poses: Any) -> None:
+        nodes, positions = self._device.array(self.model.nodes, wp.vec3d), self.descents.positions
+        put = [nodes, wanted, poses, self._history, positions]
+        self._device.launch(kernels.put_back, tuple(positions.shape), put, [])
 
     def _checked(self, poses: FloatArray) -> FloatArray:
         goals = np.array(poses, dtype=np.float64)

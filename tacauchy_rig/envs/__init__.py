@@ -1,0 +1,1 @@
+"""Tactile sensors inside simulators of robots."""

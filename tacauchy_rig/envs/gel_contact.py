@@ -1,0 +1,175 @@
+"""Contact between gels and rigid objects of a robot simulator, computed by one ``Batch``.
+
+An engine gives the frames of pads and objects at every substep and gets the forces on both. The gel
+is quasi-static: it has no mass, and dissipates nothing but what ``damping_n_s_m`` states. The
+engine's own contact between the two bodies has to be off. The forces are explicit: a step h of the
+engine is stable while h < 2 sqrt(m / k) and h < m / c, with the object's mass m, the gel's stiffness
+k (0.5 to 5 N/mm) and the damping c.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from sim.batch.batch import Batch
+from sim.batch.sensor_model import sensor_model
+from sim.optics.surface_images import SurfaceImages
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
+from sim.scene.pad import BoxPad
+from sim.sensor.sensor import load_sensor
+from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.errors import ConfigError
+
+# An object this near to the gel [m] is pressed; one farther away touches nothing.
+_NEAR_M = 0.2e-3
+UNMOVED = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+"""Position and quaternion of a frame that is the body's own."""
+
+
+class Frames(NamedTuple):
+    """Frames in the world: origins [m], shape [count, 3], and rotations."""
+
+    at: FloatArray
+    turn: Rotation
+
+    @classmethod
+    def of(cls, poses: FloatArray) -> Frames:
+        """Return frames of positions [m] and quaternions (x, y, z, w), shape [count, 7]."""
+        return cls(poses[:, :3], Rotation.from_quat(poses[:, 3:]))
+
+    def then(self, offset: FloatArray) -> Frames:
+        """Return the frames that have this position and quaternion in these, shape [7]."""
+        own = Rotation.from_quat(offset[3:])
+        return Frames(self.at + self.turn.apply(offset[:3]), self.turn * own)
+
+
+class Motions(NamedTuple):
+    """Rigid bodies in the world, shape [count, 3] each."""
+
+    centres_m: FloatArray
+    velocities: FloatArray  # of the centres of mass [m/s]
+    spins: FloatArray  # [rad/s]
+
+    def at(self, points_m: FloatArray) -> FloatArray:
+        """Return the velocities [m/s] of points of the bodies."""
+        return self.velocities + np.cross(self.spins, points_m - self.centres_m)
+
+
+class GelContact:
+    """Gels, each pressed by one object.
+
+    Args:
+        indenter: Shape of the objects.
+        count: Gels.
+        sensor: Name, or path of a sensor's file.
+        edge_m: Edges of the gel's mesh [m]: shorter ones lower the error and take longer.
+        friction: Coulomb coefficient between object and gel.
+        damping_n_s_m: Force against the object's speed along the pad's normal while it touches,
+            over that speed [N s/m]. ``wrench`` is without it.
+        device: Where the gels are computed, ``cpu`` or ``cuda:0``.
+
+    Attributes:
+        wrench: Force [N] and moment about the tip [N m] on the object, pad frame, shape [count,
+            6]; where no equilibrium was found it is the last one.
+        force_error: What the force may be off by, over its size, 19 times of 20, shape [count].
+        is_valid: The gel found its equilibrium, or nothing touches it, shape [count].
+        batch: The gels; ``batch.tractions()`` gives pressure and shear on the device.
+
+    Raises:
+        ConfigError: The sensor's pad is a mesh, or the shape has no end.
+    """
+
+    def __init__(
+        self,
+        indenter: Indenter,
+        *,
+        count: int,
+        sensor: str = "gelsight-mini",
+        edge_m: float = 2.5e-3,
+        friction: float = 0.0,
+        damping_n_s_m: float = 0.0,
+        device: str = "cpu",
+    ) -> None:
+        gel = load_sensor(sensor)
+        if not isinstance(gel.pad, BoxPad):
+            raise ConfigError(f"sensor {sensor}: its pad is a mesh", remedy="take a box or a dome")
+        self._pad, self._ball, self._damping = gel.pad, _bounding_ball(indenter), damping_n_s_m
+        made: dict[str, Any] = {"edge_m": edge_m, "friction": friction, "device": device}
+        model = sensor_model(gel.pad, gel.material, layers=gel.layers, **made)
+        self.batch = Batch(model, [indenter], [0] * count)
+        self._drawing = SurfaceImages(model, indenter, gel, count=count)
+        self.wrench, self.force_error = np.zeros((count, 6)), np.zeros(count)
+        self.is_valid, self.is_near = np.ones(count, np.bool_), np.zeros(count, np.bool_)
+
+    def press(self, pads: Frames, tips: Frames) -> None:
+        """Press the objects into the gels.
+
+        Args:
+            pads: Middles of the gels' bases; z points out of the gel.
+            tips: Lowest points of the shapes; z points away from the gel.
+        """
+        at = pads.turn.inv().apply(tips.at - pads.at)
+        turn = pads.turn.inv() * tips.turn
+        height_m, radius_m = self._ball
+        centres = at + turn.apply([0.0, 0.0, height_m])
+        near = centres[:, 2] - radius_m < self._pad.height_m + _NEAR_M
+        near &= centres[:, 2] > 0.0  # below its base nothing is pressed
+        near &= (np.abs(centres[:, :2]) < np.array(self._pad.half_extents()) + radius_m).all(axis=1)
+        self.reset(self.is_near & ~near)
+        self.is_near = near
+        if near.any():
+            found = self.batch.step(np.column_stack([at, turn.as_quat()]), active=near)
+            arrived = found.valid & near
+            self.wrench[arrived] = found.wrench[arrived]
+            self.force_error[near] = found.force_error[near]
+            self.is_valid = arrived | ~near
+
+    def loads(
+        self, pads: Frames, tips: Frames, pad_motions: Motions, motions: Motions
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return what the contact exerts on pads' bodies and on objects, in the world.
+
+        Returns:
+            Force [N], and moment about the body's centre of mass [N m], shape [count, 6] each.
+        """
+        wrench, pushes = self.wrench.copy(), self.wrench[:, 2] > 0.0
+        away = pads.turn.inv().apply(motions.at(tips.at) - pad_motions.at(tips.at))[:, 2]
+        damped = np.maximum(wrench[:, 2] - self._damping * away, 0.0)
+        wrench[pushes, 2] = damped[pushes]
+        force, moment = pads.turn.apply(wrench[:, :3]), pads.turn.apply(wrench[:, 3:])
+        on_object, on_pad = (
+            np.column_stack([force, moment + np.cross(tips.at - body.centres_m, force)])
+            for body in (motions, pad_motions)
+        )
+        return -on_pad, on_object
+
+    def reset(self, which: NDArray[np.bool_] | None = None) -> None:
+        """Put gels back to rest, nothing touching them; None is all."""
+        chosen = np.ones(len(self.wrench), np.bool_) if which is None else which
+        self.batch.reset(chosen)
+        self.wrench[chosen], self.force_error[chosen], self.is_near[chosen] = 0.0, 0.0, False
+        self.is_valid[chosen] = True
+
+    def images(self) -> Any:
+        """Return what the cameras see, a Warp array of uint8, [count, height, width, 3]."""
+        poses = self.batch.poses
+        return self._drawing.images(self.batch.positions, poses.tips, poses.rotations)
+
+    def markers(self) -> Any:
+        """Return where markers are [px], Warp float32 [count, marker_count, 2]: column and row."""
+        return self._drawing.markers(self.batch.positions)
+
+
+def _bounding_ball(indenter: Indenter) -> tuple[float, float]:
+    """Return the height of a ball's centre above the tip, and its radius [m]."""
+    if isinstance(indenter, Sphere):
+        return indenter.diameter_m / 2.0, indenter.diameter_m / 2.0
+    if isinstance(indenter, Cylinder):  # as long as a gel is thick, at most
+        return 0.0, indenter.diameter_m
+    if isinstance(indenter, MeshIndenter):
+        return 0.0, float(np.linalg.norm(indenter.surface.vertices, axis=1).max())
+    raise ConfigError("a plane has no end", remedy="press with a mesh of a plate")

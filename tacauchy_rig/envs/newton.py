@@ -1,0 +1,175 @@
+"""A tactile sensor for newton, in the style of newton's own sensors.
+
+``python -m tacauchy_rig.envs.newton`` drops balls on pads and prints wrench over weight.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from typing import Annotated, Any
+
+import newton
+import numpy as np
+import typer
+
+from sim.device import Device, start_warp
+from sim.scene.indenter import Indenter, Sphere
+from sim.sensor.sensor import load_sensor
+from tacauchy_rig.core.arrays import FloatArray, IntArray
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.envs.gel_contact import UNMOVED, Frames, GelContact, Motions
+
+# About critical for the example's ball of 20 g.
+_DAMPING_N_S_M = 6.0
+
+
+class TactileSensor:
+    """Gels on bodies of a newton model, each pressed by one object.
+
+    ``update`` presses the objects where a state has them; ``apply`` adds the forces to
+    ``state.body_f``, before the solver's step. Switch newton's own contact between the bodies off
+    (``ModelBuilder.add_shape_collision_filter_pair``).
+
+    Args:
+        model: Finalised; on the CPU or a GPU.
+        pads: Label pattern, or numbers, of the bodies that carry gels.
+        objects: Likewise, of the bodies that press, one for each gel.
+        indenter: Their shape.
+        pad_frame: Middle of the gel's base in its body [m], and quaternion; z points out of it.
+        tip_frame: Lowest point of the shape in its body [m], and quaternion.
+        settings: As ``GelContact`` takes them.
+
+    Attributes:
+        contact: The gels: ``wrench``, ``force_error``, ``is_valid``, ``images()``.
+
+    Raises:
+        ConfigError: There are not as many objects as pads, or none.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        pads: str | Sequence[int],
+        objects: str | Sequence[int],
+        indenter: Indenter,
+        *,
+        pad_frame: Sequence[float] = UNMOVED,
+        tip_frame: Sequence[float] = UNMOVED,
+        **settings: Any,
+    ) -> None:
+        self._pads, self._objects = (_bodies(model, each) for each in (pads, objects))
+        if len(self._pads) != len(self._objects) or not len(self._pads):
+            raise ConfigError(
+                f"{len(self._pads)} pads and {len(self._objects)} objects",
+                remedy="name one object for each pad, by the labels of their bodies",
+            )
+        self._pad_frame, self._tip_frame = np.asarray(pad_frame), np.asarray(tip_frame)
+        self._centres = model.body_com.numpy().astype(np.float64)
+        device = str(model.device)
+        self.contact = GelContact(indenter, count=len(self._pads), device=device, **settings)
+
+    def update(self, state: Any) -> None:
+        """Press the objects into the gels where a state has them."""
+        self._poses = state.body_q.numpy().astype(np.float64)
+        self._at = (
+            Frames.of(self._poses[self._pads]).then(self._pad_frame),
+            Frames.of(self._poses[self._objects]).then(self._tip_frame),
+        )
+        self.contact.press(*self._at)
+
+    def apply(self, state: Any) -> None:
+        """Add the forces of the last ``update`` to the bodies."""
+        speeds, forces = state.body_qd.numpy(), state.body_f.numpy().copy()
+        on = (self._pads, self._objects)
+        moving = [self._motions(speeds, each) for each in on]
+        for which, load in zip(on, self.contact.loads(*self._at, *moving), strict=True):
+            np.add.at(forces, which, load)
+        state.body_f.assign(forces)
+
+    def _motions(self, speeds: FloatArray, which: IntArray) -> Motions:
+        body = Frames.of(self._poses[which])
+        centres_m = body.at + body.turn.apply(self._centres[which])
+        return Motions(centres_m, speeds[which, :3], speeds[which, 3:])
+
+
+def _bodies(model: Any, chosen: str | Sequence[int]) -> IntArray:
+    if isinstance(chosen, str):
+        chosen = [k for k, label in enumerate(model.body_label) if fnmatchcase(label, chosen)]
+    return np.array(chosen, dtype=np.int32)
+
+
+def balls_on_pads(
+    count: int,
+    *,
+    device: str,
+    diameter_m: float = 8e-3,
+    mass_kg: float = 0.02,
+    fall_m: float = 1e-4,
+    **settings: Any,
+) -> tuple[Any, TactileSensor]:
+    """Return a model of balls above gels that are held fast, and its sensor."""
+    builder, height_m = newton.ModelBuilder(), load_sensor("gelsight-mini").pad.height_m
+    inertia = 0.4 * mass_kg * (diameter_m / 2.0) ** 2
+    for k in range(count):
+        builder.begin_world()
+        builder.add_body(xform=(UNMOVED[:3], UNMOVED[3:]), label="pad", is_kinematic=True)
+        builder.add_body(
+            xform=((1e-4 * (k % 10), 0.0, height_m + fall_m), UNMOVED[3:]),
+            com=(0.0, 0.0, diameter_m / 2.0),
+            mass=mass_kg,
+            inertia=[inertia, 0.0, 0.0, 0.0, inertia, 0.0, 0.0, 0.0, inertia],
+            lock_inertia=True,
+            label="ball",
+        )
+        builder.end_world()  # type: ignore[no-untyped-call]
+    model = builder.finalize(device=device)
+    return model, TactileSensor(model, "*pad", "*ball", Sphere(diameter_m=diameter_m), **settings)
+
+
+def main(
+    environments: Annotated[int, typer.Option(help="Balls, each on a gel of its own.")] = 4,
+    steps: Annotated[int, typer.Option(help="Of the engine.")] = 400,
+    step_s: Annotated[float, typer.Option(help="Length of a step [s].")] = 1e-3,
+    device: Annotated[str, typer.Option(help="cpu or cuda:0.")] = "cpu",
+    friction: Annotated[float, typer.Option(help="Between ball and gel.")] = 0.0,
+    images: Annotated[bool, typer.Option(help="Draw every camera in every step.")] = False,
+) -> None:
+    """Drop balls on gels, and print wrench over weight, and steps per second."""
+    start_warp()
+    typer.echo("compiling kernels: a minute the first time")
+    gel = {"friction": friction, "damping_n_s_m": _DAMPING_N_S_M}
+    model, sensor = balls_on_pads(environments, device=device, **gel)
+    solver, weight_n = newton.solvers.SolverSemiImplicit(model), 0.02 * 9.81
+    state, after = model.state(), model.state()
+    felt_s, said = 0.0, time.perf_counter()
+    started = said
+    for k in range(steps):
+        state.clear_forces()
+        at = time.perf_counter()
+        sensor.update(state)
+        sensor.apply(state)
+        if images:
+            sensor.contact.images()
+        Device(device).synchronise()
+        felt_s += time.perf_counter() - at
+        solver.step(state, after, None, None, step_s)
+        state, after = after, state
+        if k == 0:  # kernels are compiled
+            felt_s, started = 0.0, time.perf_counter()
+        if time.perf_counter() - said > 2.0:
+            said = time.perf_counter()
+            ratio = sensor.contact.wrench[:, 2].mean() / weight_n
+            typer.echo(f"step {k + 1} of {steps}: wrench over weight {ratio:.4f}")
+    took, many = time.perf_counter() - started, environments * max(steps - 1, 1)
+    ratios = sensor.contact.wrench[:, 2] / weight_n
+    typer.echo(f"wrench over weight: {ratios.min():.4f} to {ratios.max():.4f}")
+    typer.echo(
+        f"steps/s over {environments} environments: {many / took:.0f} of the whole loop, "
+        f"{many / felt_s:.0f} of the sensor alone ({felt_s / took:.0%} of the time)"
+    )
+
+
+if __name__ == "__main__":
+    typer.run(main)

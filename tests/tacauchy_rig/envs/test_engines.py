@@ -1,0 +1,91 @@
+"""A ball on a gel in newton and in MuJoCo: it rests, momentum is kept, and nothing tunnels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import newton
+import numpy as np
+import pytest
+
+from sim.scene.indenter import Sphere
+from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.envs.mujoco import ball_on_pad
+from tacauchy_rig.envs.newton import TactileSensor, balls_on_pads
+
+STEP_S, MASS_KG, GRAVITY = 1e-3, 0.02, 9.81
+
+
+def _go(model: Any, sensor: TactileSensor, count: int, state: Any = None) -> tuple[Any, np.ndarray]:
+    """Step, and return the state and the impulse on the balls along z [N s], [count]."""
+    solver, after = newton.solvers.SolverSemiImplicit(model), model.state()
+    state, impulse = state or model.state(), 0.0
+    for _ in range(count):
+        state.clear_forces()
+        sensor.update(state)
+        sensor.apply(state)
+        impulse = impulse + state.body_f.numpy()[1::2, 2] * STEP_S
+        solver.step(state, after, None, None, STEP_S)
+        state, after = after, state
+    return state, np.asarray(impulse)
+
+
+def test_balls_rest_on_gels_in_newton_with_their_weight_as_wrench() -> None:
+    """Both rest within 1 % of their weight; the impulse is what stopped gravity's; none sinks."""
+    model, sensor = balls_on_pads(2, device="cpu", mass_kg=MASS_KG, damping_n_s_m=6.0)
+    state, impulse = _go(model, sensor, 120)
+    weight_n = MASS_KG * GRAVITY
+    np.testing.assert_allclose(sensor.contact.wrench[:, 2], weight_n, rtol=0.01)
+    assert sensor.contact.is_valid.all()
+    gained = MASS_KG * state.body_qd.numpy()[1::2, 2]
+    np.testing.assert_allclose(impulse - 120 * STEP_S * weight_n, gained, atol=0.01 * impulse.max())
+
+
+def test_a_fast_ball_comes_back_from_the_gel_in_newton() -> None:
+    """At 50 mm/s, without damping, it keeps its energy within a tenth, and does not go through."""
+    model, sensor = balls_on_pads(1, device="cpu", mass_kg=MASS_KG, fall_m=2e-4)
+    state, top_m = model.state(), sensor.contact.batch.model.height_m
+    speeds = state.body_qd.numpy()
+    speeds[1, 2] = -0.05
+    state.body_qd.assign(speeds)
+    heights, energies = [], []
+    for _ in range(24):
+        # The solver's speeds are half a step late: in free fall they become current like this.
+        speed = float(state.body_qd.numpy()[1, 2]) - 0.5 * STEP_S * GRAVITY
+        heights.append(float(state.body_q.numpy()[1, 2]) - top_m)
+        energies.append(0.5 * speed**2 + GRAVITY * heights[-1])
+        state, _impulse = _go(model, sensor, 1, state)
+    assert -0.6e-3 < min(heights) < -0.4e-3
+    assert heights[-1] > 0.0
+    assert energies[-1] == pytest.approx(energies[0], rel=0.1)
+
+
+def test_a_ball_far_away_costs_nothing_and_has_no_wrench() -> None:
+    """Beside and above the gel nothing is computed; the image is the untouched one."""
+    model, sensor = balls_on_pads(1, device="cpu", fall_m=5e-3)
+    bare = sensor.contact.images().numpy().copy()
+    _go(model, sensor, 2)
+    assert not sensor.contact.wrench.any()
+    assert sensor.contact.is_valid.all()
+    assert not sensor.contact.is_near.any()
+    np.testing.assert_array_equal(sensor.contact.images().numpy(), bare)
+
+
+def test_as_many_objects_as_pads_are_needed() -> None:
+    """Labels that name nothing are refused."""
+    model, _sensor = balls_on_pads(1, device="cpu")
+    with pytest.raises(ConfigError, match="1 pads and 0 objects"):
+        TactileSensor(model, "pad", "peg", Sphere(diameter_m=8e-3))
+
+
+def test_a_ball_rests_on_a_gel_in_mujoco_with_its_weight_as_wrench() -> None:
+    """The wrench is the weight within 1 %, and the pad's reaction is its opposite."""
+    model, sensor = ball_on_pad(mass_kg=MASS_KG)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for _ in range(120):
+        sensor.update(data)
+        mujoco.mj_step(model, data)
+    assert sensor.contact.wrench[0, 2] == pytest.approx(MASS_KG * GRAVITY, rel=0.01)
+    np.testing.assert_allclose(data.xfrc_applied[1, :3], -data.xfrc_applied[2, :3])
