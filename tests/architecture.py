@@ -12,14 +12,17 @@ import grimp
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "explanation" / "architecture.md"
 FOLDERS = ("tacauchy_rig", "protocols", "drivers", "sim", "reports")
-LAYERS = ("tacauchy_rig.app", "reports", "protocols", "sim", "drivers", "tacauchy_rig.core")
+LAYERS = (
+    *("tacauchy_rig.app", "tacauchy_rig.envs", "reports", "protocols", "sim", "drivers"),
+    "tacauchy_rig.core",
+)
 """A layer imports nothing from a layer before it."""
 BEGIN, END = "<!-- drawn from the imports: begin -->", "<!-- drawn from the imports: end -->"
 
 # Types, units and writers that every package uses; arrows to them would hide all others.
 _COMMON = "errors|quantities|run|registry|versions|tables|page|figure_style|arrays|rotations|rgb"
 EVERYWHERE = re.compile(
-    rf"({'|'.join(FOLDERS)}|tacauchy_rig\.(core|app)|tacauchy_rig\.core\.({_COMMON})"
+    rf"({'|'.join(FOLDERS)}|tacauchy_rig\.(core|app|envs)|tacauchy_rig\.core\.({_COMMON})"
     r"|sim\.device)$"
 )
 

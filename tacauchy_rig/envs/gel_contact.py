@@ -3,8 +3,8 @@
 An engine gives the frames of pads and objects at every substep and gets the forces on both. The gel
 is quasi-static: it has no mass, and dissipates nothing but what ``damping_n_s_m`` states. The
 engine's own contact between the two bodies has to be off. The forces are explicit: a step h of the
-engine is stable while h < 2 sqrt(m / k) and h < m / c, with the object's mass m, the gel's stiffness
-k (0.5 to 5 N/mm) and the damping c.
+engine is stable while h < 2 sqrt(m / k) and h < m / c, with the object's mass m, the gel's
+stiffness k (0.5 to 5 N/mm) and the damping c.
 """
 
 from __future__ import annotations

@@ -9,7 +9,6 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 import typer
 
@@ -18,6 +17,13 @@ from sim.scene.indenter import Indenter, Sphere
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.envs.gel_contact import UNMOVED, Frames, GelContact, Motions
+
+try:
+    import mujoco
+except ImportError as error:
+    raise ConfigError(
+        "the package mujoco is not installed", remedy="pip install 'tacauchy-rig[mujoco]'"
+    ) from error
 
 _BALL = """
 <mujoco><option timestep="0.001"/><worldbody>

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import Annotated, Any
 
-import newton
 import numpy as np
 import typer
 
@@ -20,6 +19,13 @@ from sim.sensor.sensor import load_sensor
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.envs.gel_contact import UNMOVED, Frames, GelContact, Motions
+
+try:
+    import newton
+except ImportError as error:
+    raise ConfigError(
+        "the package newton is not installed", remedy="pip install 'tacauchy-rig[newton]'"
+    ) from error
 
 # About critical for the example's ball of 20 g.
 _DAMPING_N_S_M = 6.0
