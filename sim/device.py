@@ -54,8 +54,8 @@ class WarpLog:
 # into one (``sim/optics/pixels/pixel_kernel.py``). One set of flags for all kernels: a process that
 # compiles reads Warp's headers once for each, in 3 s.
 wp.config.cpu_compiler_flags = (
-    "-march=native -ffp-contract=fast -mllvm=-inline-threshold=9000"
-    " -mllvm=-slp-recursion-max-depth=12"
+    "-march=native -ffp-contract=fast -mllvm -inline-threshold=9000"
+    " -mllvm -slp-recursion-max-depth=12"
 )
 # Relative rounding of what the kernels compute; the host computes in float64.
 KERNEL_EPSILON = float(np.finfo(wp.dtype_to_numpy(wp.float64)).eps)  # type: ignore[no-untyped-call]
