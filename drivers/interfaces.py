@@ -49,7 +49,7 @@ class DeviceIdentity:
     """Identity of a connected device, recorded with every run.
 
     Attributes:
-        simulated: True for emulators and mocks, so that a report can say so.
+        simulated: True for emulators, so that a report can say so.
     """
 
     driver: str
@@ -222,8 +222,7 @@ def build_arm_and_force_sensor(config: RigConfig) -> tuple[Arm, ForceTorqueSenso
     """Return both, not yet connected; the sensor is told which arm carries it.
 
     Raises:
-        ConfigError: A driver is unknown or does not import, or a mock stands beside a device that
-            is none.
+        ConfigError: A driver is unknown or does not import.
     """
     arm: Arm = load(Kind.ARM, config.robot.driver)(config)
     return arm, load(Kind.FORCE_SENSOR, config.force_sensor.driver)(config, arm)

@@ -11,8 +11,6 @@ from pathlib import Path
 from drivers.camera.pictures import TouchWatch
 from drivers.emulators.faults import parse_fault
 from drivers.interfaces import FrameMark, Rig, StreamHealth, TouchMode
-from drivers.mock.streams import MockCamera
-from drivers.mock.world import MockWorld
 from protocols.control.cycle import Cycle
 from protocols.control.record import Entry, Journal, Sink
 from protocols.guard.abort import Abort
@@ -26,9 +24,10 @@ from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.run_store import RunStore
-from tests.mock_bench import MockBench, SimulatedClock
+from tests.mock.bench import MockBench, SimulatedClock
+from tests.mock.streams import MockCamera
+from tests.mock.world import MockWorld
 
-MOCKS = ('robot.driver="mock"', 'force_sensor.driver="mock"', 'camera.driver="mock"')
 SHORT = (
     'protocol.air_press_height="2 mm"',
     'protocol.approach_height="0.5 mm"',
@@ -106,7 +105,7 @@ def coarse_sensor(folder: Path, times: int) -> Path:
 
 def new_run(parent: Path, *overrides: str) -> RunStore:
     """Return an empty run folder of the mock rig."""
-    loaded = load_config(overrides=[*MOCKS, *TWO_PRESSES, *overrides])
+    loaded = load_config(overrides=[*TWO_PRESSES, *overrides])
     return RunStore.create(
         parent, loaded, config_text=default_text(), simulated=True, versions={"tacauchy-rig": "0"}
     )

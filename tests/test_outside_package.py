@@ -178,4 +178,4 @@ def test_what_is_there_is_named(laboratory: Laboratory) -> None:
     for known in ("9dtact", "digit", "gelsight-mini", "press-lab-skin"):
         assert known in no_sensor
     assert 'fog.toml: optics.kind: renderer "fog" is none of "photometric", "gr' in no_renderer
-    assert '"ur5", "emulated", "mock", "press-lab-arm"' in no_driver
+    assert '"ur5", "emulated", "press-lab-arm"' in no_driver

@@ -1,6 +1,6 @@
 """What a device says instead of what it sees, while nothing about its stream looks wrong.
 
-They are the same for emulated and mock devices: the counters advance, the stamps are new.
+The counters advance, the stamps are new.
 """
 
 from __future__ import annotations

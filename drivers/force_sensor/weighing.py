@@ -9,8 +9,8 @@ from enum import StrEnum
 import numpy as np
 
 from drivers.interfaces import Clock, ForceTorqueSensor, HostClock
-from tacauchy_rig.core.config.model import MOCK, RigConfig
-from tacauchy_rig.core.errors import ConfigError, DeviceError
+from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.registry import Kind, load
 from tacauchy_rig.core.run import ForceSample, Tare, vector6
 
@@ -59,16 +59,9 @@ def weigh(config: RigConfig, *, ask: Callable[[Load], None]) -> tuple[Tare, Tare
     """Connect the configured sensor alone, weigh, and let go of it; see ``weigh_connected``.
 
     Raises:
-        ConfigError: The sensor is a mock, on which nothing can hang.
         DeviceError: It does not answer, or not as a cell should.
     """
-    section = config.force_sensor
-    if section.driver == MOCK:
-        raise ConfigError(
-            'force_sensor.driver = "mock": no weight can hang on a mock',
-            remedy="leave --check-weight out",
-        )
-    sensor: ForceTorqueSensor = load(Kind.FORCE_SENSOR, section.driver)(config, None)
+    sensor: ForceTorqueSensor = load(Kind.FORCE_SENSOR, config.force_sensor.driver)(config, None)
     try:
         sensor.connect()
         return weigh_connected(sensor, HostClock(), config, ask=ask)

@@ -250,7 +250,7 @@ class RunEvidence:
 
     Attributes:
         trials: One for each press that was asked for, in order, recorded or not.
-        simulated: True when any device was emulated or mocked.
+        simulated: True when any device was emulated.
         provenance: ``versions``, ``config_hash``, ``seed``, ``name``, ``created``, ``devices``
             and whatever else says where the numbers come from; plain JSON values.
         contact_force_n: Force at which a press calls the gel touched: depth counts from there.

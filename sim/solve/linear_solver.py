@@ -37,7 +37,7 @@ from tacauchy_rig.core.errors import ConvergenceError
 _CHOSEN_BY_USER = ("MKL_NUM_THREADS", "OMP_NUM_THREADS")
 # Several threads cost a factor processor time while they wait for one another: a quarter to a half
 # more below this many unknowns, a fifth above. More than four were not tried. Measured by
-# `bench --part threads`: docs/decisions/0009-one-thread-for-small-systems.md.
+# docs/decisions/0009-one-thread-for-small-systems.md.
 _SEVERAL_FROM_UNKNOWNS, _THREADS_MAX = 50_000, 4
 # Where pypardiso looks for the library first.
 _LIBRARY = "PYPARDISO_MKL_RT"

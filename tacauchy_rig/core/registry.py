@@ -42,17 +42,14 @@ _OWN: dict[Kind, dict[str, str]] = {
     Kind.ARM: {
         "ur5": "drivers.arm.ur5:Ur5",
         "emulated": "drivers.arm.ur5:Ur5",
-        "mock": "drivers.mock.arm:MockArm.from_config",
     },
     Kind.FORCE_SENSOR: {
         "m3733c": "drivers.force_sensor.sri_m3733c:SriM3733c",
         "emulated": "drivers.force_sensor.sri_m3733c:SriM3733c",
-        "mock": "drivers.mock.streams:MockForceSensor.from_config",
     },
     Kind.CAMERA: {
         "uvc": "drivers.camera.uvc:UvcCamera",
         "emulated": "drivers.camera.uvc:UvcCamera",
-        "mock": "drivers.mock.streams:MockCamera.from_config",
     },
     Kind.LAW: {
         "stable-neo-hookean": "sim.material.laws.stable_neo_hookean:LAW",

@@ -20,11 +20,11 @@ from drivers.conformance import (
 from drivers.emulators.faults import Device
 from drivers.emulators.launch import Emulation, with_addresses
 from drivers.interfaces import build_arm_and_force_sensor, build_camera
-from drivers.mock.arm import MockArm
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
+from tests.mock.arm import MockArm
+from tests.mock.streams import MockCamera, MockForceSensor
 
-MOCKS = ('robot.driver="mock"', 'force_sensor.driver="mock"', 'camera.driver="mock"')
 LAX = (
     'robot.watchdog="2 Hz"',
     'limits.stale_robot="500 ms"',
@@ -59,18 +59,19 @@ def emulated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RigConfig]:
     "check", [*ARM_CHECKS, *LOCKING_ARM_CHECKS], ids=lambda check: check.__name__
 )
 def test_a_mock_arm_conforms(check: Callable[..., None]) -> None:
-    """On the host's clock, as a rig.toml builds it."""
-    config = load_config(overrides=MOCKS).config
-    check(lambda: build_arm_and_force_sensor(config)[0])
+    """On the host's clock."""
+    config = load_config().config
+    check(lambda: MockArm.from_config(config))
 
 
 def test_mock_streams_conform() -> None:
     """Force sensor and camera."""
-    config = load_config(overrides=MOCKS).config
+    config = load_config().config
     force_sensor_streams(
-        lambda: build_arm_and_force_sensor(config)[1], rate_hz=config.force_sensor.rate
+        lambda: MockForceSensor.from_config(config, MockArm.from_config(config)),
+        rate_hz=config.force_sensor.rate,
     )
-    camera_streams(lambda: build_camera(config), rate_hz=config.camera.rate)
+    camera_streams(lambda: MockCamera.from_config(config), rate_hz=config.camera.rate)
 
 
 def test_an_emulated_arm_conforms(emulated: RigConfig) -> None:
@@ -108,7 +109,7 @@ def test_a_broken_promise_is_named() -> None:
         def stop(self) -> None:
             """Do nothing."""
 
-    config = load_config(overrides=MOCKS).config
+    config = load_config().config
     (check,) = (check for check in ARM_CHECKS if "until_stopped" in check.__name__)
     with pytest.raises(NotConformingError, match="rests after stop"):
         check(lambda: Unfed.from_config(config))

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from drivers.interfaces import Rig
-from drivers.mock.world import MockWorld
 from protocols.control.cycle import Cycle
 from protocols.control.record import Begin, End, Entry, Journal
 from protocols.guard.abort import Abort
@@ -23,8 +22,10 @@ from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.run import ArmSample, ForceSample, JournalEvent, Pose, TrialRecord, Vector3
 from tacauchy_rig.core.store.run_store import RunStore
-from tests.mock_bench import MockBench, SimulatedClock
-from tests.recorded_run import MOCKS, SHORT, RecordedCamera
+from tests.mock.bench import MockBench, SimulatedClock
+from tests.mock.real_time import load_mocks, mocks_installed
+from tests.mock.world import MockWorld
+from tests.recorded_run import SHORT, RecordedCamera
 
 STRICT = ('limits.stale_force="50 ms"', 'limits.stale_image="200 ms"', 'robot.watchdog="10 Hz"')
 """As on a rig: a simulated clock is never late."""
@@ -156,7 +157,7 @@ def _laboratory(
     ways: Sequence[str] = SHORT,
     **world_arguments: Any,
 ) -> Laboratory:
-    config = load_config(overrides=[*MOCKS, *STRICT, *ways, *overrides]).config
+    config = load_config(overrides=[*STRICT, *ways, *overrides]).config
     world = MockWorld(SimulatedClock(), config, **world_arguments)
     bench, sink, abort = MockBench.on(world), KeptInMemory(), Abort(same_request_s=0.0)
     rig = Rig(
@@ -185,17 +186,21 @@ def laboratory() -> Callable[..., Laboratory]:
 @pytest.fixture(scope="session")
 def config() -> RigConfig:
     """Return the default configuration with mocks."""
-    return load_config(overrides=[*MOCKS, *STRICT]).config
+    return load_config(overrides=STRICT).config
 
 
 @pytest.fixture
-def make_store(tmp_path: Path) -> Callable[..., RunStore]:
+def make_store(tmp_path: Path) -> Iterator[Callable[..., RunStore]]:
     """Return a maker of run folders for mocks in real time: short ways, given overrides."""
 
     def make(*overrides: str) -> RunStore:
-        loaded = load_config(overrides=[*MOCKS, *BRISK, *overrides])
         return RunStore.create(
-            tmp_path / "runs", loaded, config_text=default_text(), simulated=True, versions={}
+            tmp_path / "runs",
+            load_mocks(*BRISK, *overrides),
+            config_text=default_text(),
+            simulated=True,
+            versions={},
         )
 
-    return make
+    with mocks_installed():
+        yield make

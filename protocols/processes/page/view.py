@@ -133,7 +133,7 @@ class View:
         config = self._job.config
         return {
             "run": self._job.root.name,
-            "simulated": config.is_simulated,
+            "simulated": self._store.simulated,
             "sensor": config.sensor.name,
             "targets_n": list(config.protocol.force_targets),
             "tolerance_n": config.protocol.force_tolerance,

@@ -7,9 +7,6 @@ class Part(StrEnum):
     """Parts of the benchmark, in the order of its page."""
 
     REPLAY = "replay"
-    GROWTH = "growth"
-    START = "start"
-    THREADS = "threads"
     RENDERING = "rendering"
     UNLIKE = "unlike"
     MOVING = "moving"

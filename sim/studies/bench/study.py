@@ -38,12 +38,9 @@ if TYPE_CHECKING:
 
 REFERENCE_FILE = Path("docs/results/benchmarks/scenes_reference.json")
 SCENE_LIMIT_S = 1800.0
-_GROWTH_DEPTH_M, _WARM_M = 0.5e-3, 0.02e-3
+_WARM_M = 0.02e-3
 _TABLES: dict[Part, Callable[[Sequence[parts.Row]], Table]] = {
     Part.REPLAY: parts.replay_table,
-    Part.GROWTH: parts.growth_table,
-    Part.START: parts.start_table,
-    Part.THREADS: parts.threads_table,
     Part.RENDERING: rendering.rendering_table,
     Part.UNLIKE: sensor_batches.unlike_table,
     Part.MOVING: sensor_batches.moving_table,
@@ -195,11 +192,9 @@ class Bench(Study):
         }
 
     def figures(self, results: Sequence[Result]) -> Mapping[str, Figure]:
-        """Draw growth with elements, and the scenes' speed."""
-        grown = self._rows(results, Part.GROWTH)
-        found = {"bench": parts.growth_figure(grown)} if grown else {}
+        """Draw the scenes' speed."""
         groups = [g for g in self._groups(results, {}) if any(row.press for row in g)]
-        return found | ({"scenes": scenes_figure(groups)} if groups else {})
+        return {"scenes": scenes_figure(groups)} if groups else {}
 
     def note(self, results: Sequence[Result]) -> str:
         """Return what the parts press."""
@@ -213,11 +208,7 @@ class Bench(Study):
             images = self.make_images(load_sensor(scene.sensor))
             replayed = partial(parts.measure_replay, scene, self.forces_n, images)
             return [replayed(), replayed(tolerance=Tolerance(relative=parts.FORCE_ERROR_MAX))]
-        if part is Part.START:
-            return list(parts.measure_start())
         measures: dict[Part, Callable[[Scene], Iterable[parts.Row]]] = {
-            Part.GROWTH: partial(parts.measure_growth, depth_m=_GROWTH_DEPTH_M),
-            Part.THREADS: parts.measure_threads,
             Part.RENDERING: rendering.measure_rendering,
             Part.UNLIKE: sensor_batches.measure_unlike,
             Part.MOVING: sensor_batches.measure_moving,

@@ -109,7 +109,7 @@ def tilt_of(
         return None, "a tilt does not change a ball"
     if len(known) < TRIALS_MIN:
         return None, f"{len(known)} presses carry moments; at least {TRIALS_MIN} are needed"
-    if not config.force_sensor.is_stand_in and config.force_sensor.to_tip is None:
+    if not config.force_sensor.is_emulated and config.force_sensor.to_tip is None:
         return None, "force_sensor.to_tip is not stated: moments refer to an unknown point"
     tried_n = _tried_forces(config)
     if config.is_imported or forces_n[0] < tried_n[0] or tried_n[-1] < forces_n[-1]:

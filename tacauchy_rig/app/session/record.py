@@ -39,7 +39,7 @@ def create_run(loaded: LoadedConfig, config_text: str) -> RunStore:
         parent,
         loaded,
         config_text=config_text,
-        simulated=config.is_simulated,
+        simulated=config.has_emulated_devices,
         versions=versions(),
     )
 

@@ -62,7 +62,7 @@ def watch_run(
         )
     facts = {
         "run": run.store.paths.root.name,
-        "simulated": config.is_simulated,
+        "simulated": run.store.simulated,
         "basis": twin.follower.stated_error.basis,
         "trials": [{"trial": trial, "frames": frames} for trial, frames in trials],
     }

@@ -29,7 +29,6 @@ from tacauchy_rig.core.config.fields import (
 from tacauchy_rig.core.registry import Kind, unknown
 
 EMULATED = "emulated"
-MOCK = "mock"
 IMPORTED = "imported"
 """What was recorded elsewhere, by whatever it was: nothing is known of its devices."""
 
@@ -81,14 +80,9 @@ class DeviceSection(Section):
         return self.driver == IMPORTED
 
     @property
-    def is_stand_in(self) -> bool:
-        """True for a device that is emulated or a mock."""
-        return self.driver in (EMULATED, MOCK)
-
-    @property
     def is_real(self) -> bool:
         """True for a device that this program can reach; drivers of other packages are such."""
-        return not self.is_stand_in and not self.is_imported
+        return not self.is_emulated and not self.is_imported
 
 
 class RobotModel(StrEnum):
@@ -437,11 +431,6 @@ class RigConfig(Section):
     def has_emulated_devices(self) -> bool:
         """True when this program starts a stand-in for any of the three devices."""
         return any(device.is_emulated for device in self._devices)
-
-    @property
-    def is_simulated(self) -> bool:
-        """True when any of the three devices is emulated or mocked."""
-        return any(device.is_stand_in for device in self._devices)
 
     @property
     def is_imported(self) -> bool:

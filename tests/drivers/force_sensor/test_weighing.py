@@ -10,19 +10,18 @@ import pytest
 from drivers.emulators.process import hang_weight
 from drivers.force_sensor import weighing
 from drivers.force_sensor.weighing import Load, weigh, weigh_connected
-from drivers.mock.world import MockWorld
 from tacauchy_rig.core.config.load import load_config
-from tacauchy_rig.core.errors import ConfigError, DeviceError
-from tests.mock_bench import MockBench, SimulatedClock
+from tacauchy_rig.core.errors import DeviceError
+from tests.mock.bench import MockBench, SimulatedClock
+from tests.mock.world import MockWorld
 
-MOCKS = ("robot.driver=mock", "force_sensor.driver=mock", "camera.driver=mock")
 WEIGHT_N = 1.962
 
 
 @pytest.fixture
 def bench() -> MockBench:
     """Return a laboratory in memory."""
-    return MockBench.on(MockWorld(SimulatedClock(), load_config(overrides=MOCKS).config))
+    return MockBench.on(MockWorld(SimulatedClock(), load_config().config))
 
 
 def test_the_three_readings_are_those_of_the_world(bench: MockBench) -> None:
@@ -61,13 +60,6 @@ def test_a_cell_that_cannot_be_weighed_with_is_named(
         weigh_connected(
             bench.force_sensor, bench.world.clock, bench.world.config, ask=lambda _: None
         )
-
-
-def test_nothing_hangs_on_a_mock() -> None:
-    """The option is refused by name."""
-    with pytest.raises(ConfigError, match="mock") as caught:
-        weigh(load_config(overrides=MOCKS).config, ask=lambda _: None)
-    assert "--check-weight" in caught.value.remedy
 
 
 def test_an_emulated_weight_is_felt_by_the_real_driver(

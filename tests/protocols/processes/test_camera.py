@@ -9,15 +9,15 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.mock.streams import MockCamera
-from drivers.mock.world import MockWorld
 from protocols.control.record import Begin
 from protocols.processes.camera import EXPOSURE_S, ExposureWatch, MarkSender
 from protocols.processes.link import RemoteCamera
 from protocols.processes.messages import Channel
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.run import ImageFrame
-from tests.mock_bench import SimulatedClock
+from tests.mock.bench import SimulatedClock
+from tests.mock.streams import MockCamera
+from tests.mock.world import MockWorld
 
 SECOND_NS = round(EXPOSURE_S * 1e9)
 

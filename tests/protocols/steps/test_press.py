@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulators.faults import parse_fault
-from drivers.mock.world import Gel
 from protocols.guard.breach import BreachError
 from protocols.guard.force import Contact
 from protocols.steps.motion import approach, take_tare
 from protocols.steps.press import BEYOND_M, ForceServo, search_contact
+from tests.mock.world import Gel
 from tests.protocols.conftest import breach
 
 PERIOD_S = 0.01

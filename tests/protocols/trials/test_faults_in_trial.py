@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from drivers.mock.world import Gel
 from tacauchy_rig.core.run import Outcome
+from tests.mock.world import Gel
 
 OFF_GEL = "retracted slowly off the gel"
 HOLDS = "told to stop and to hold"

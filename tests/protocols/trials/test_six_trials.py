@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.mock.world import Gel
 from tacauchy_rig.core.run import Outcome
+from tests.mock.world import Gel
 
 
 def test_six_trials_pass_within_tolerance(laboratory):

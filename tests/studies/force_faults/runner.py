@@ -121,14 +121,7 @@ class _Failing:
 @cache
 def config_of(model: RobotModel) -> RigConfig:
     """Return the configuration that is pressed with."""
-    return load_config(
-        overrides=[
-            'robot.driver="mock"',
-            'force_sensor.driver="mock"',
-            'camera.driver="mock"',
-            f'robot.model="{model.value}"',
-        ]
-    ).config
+    return load_config(overrides=[f'robot.model="{model.value}"']).config
 
 
 class Runner:

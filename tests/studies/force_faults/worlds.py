@@ -9,9 +9,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from drivers.mock.world import Gel
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.expected_press import ExpectedPress
+from tests.mock.world import Gel
 
 CURVE = np.array(
     [

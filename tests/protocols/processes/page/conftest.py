@@ -11,9 +11,10 @@ import pytest
 from protocols.guard.abort import Abort
 from protocols.processes.messages import PageOptions
 from protocols.processes.supervisor import run_session
-from tacauchy_rig.core.config.load import default_text, load_config
+from tacauchy_rig.core.config.load import default_text
 from tacauchy_rig.core.store.run_store import RunStore
-from tests.protocols.conftest import BRISK, MOCKS
+from tests.mock.real_time import load_mocks, mocks_installed
+from tests.protocols.conftest import BRISK
 
 ONE = 'protocol.force_targets=["1.2 N"]'
 WAIT_S = 60.0
@@ -30,7 +31,7 @@ class Running:
     """A session in a thread of its own."""
 
     def __init__(self, folder, *overrides):
-        loaded = load_config(overrides=[*MOCKS, *BRISK, *overrides])
+        loaded = load_mocks(*BRISK, *overrides)
         self.store = RunStore.create(
             folder, loaded, config_text=default_text(), simulated=True, versions={}
         )
@@ -71,12 +72,13 @@ class Running:
 @contextmanager
 def running(folder, *overrides):
     """Yield a session, ended whatever happens."""
-    session = Running(folder, *overrides)
-    try:
-        yield session
-    finally:
-        session.abort.request("the test ends")
-        session.end()
+    with mocks_installed():
+        session = Running(folder, *overrides)
+        try:
+            yield session
+        finally:
+            session.abort.request("the test ends")
+            session.end()
 
 
 @pytest.fixture

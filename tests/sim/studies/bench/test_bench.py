@@ -2,33 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from sim.error import Tolerance
 from sim.fields.surface import SurfaceState
-from sim.press_command import scene_from
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, SceneTerms, Target
-from sim.studies.bench import Part, parts
+from sim.studies.bench import Part
 from sim.studies.bench.parts import (
     BELIEVED,
-    exponent,
-    growth_figure,
-    growth_table,
-    local_exponents,
-    measure_growth,
     measure_replay,
     peak_memory_mib,
     replay_table,
@@ -37,7 +25,7 @@ from sim.studies.bench.rendering import measure_rendering, rendering_table
 from sim.studies.bench.scenes import Manner
 from sim.studies.bench.study import Bench
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.errors import ConfigError, RigError
+from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.study import About, Result
 
 _SCENE = Scene(
@@ -56,29 +44,6 @@ def _image_of(surface: SurfaceState) -> ImageArray:
 
 def _replay(*, error: float | None = 1.5, together_s: float = 10.0) -> dict[str, Any]:
     return {BELIEVED: error, "together [s]": together_s, "peak memory [MiB]": 400.0}
-
-
-@given(
-    power=st.floats(0.2, 3.0),
-    factor=st.floats(1e-6, 1e3),
-    sizes=st.lists(st.integers(10, 10**6), min_size=2, max_size=6, unique=True),
-)
-def test_a_power_law_is_fitted_exactly(power: float, factor: float, sizes: list[int]) -> None:
-    """Fitted through all and between neighbours, the exponent is the law's."""
-    grown = sorted(float(size) for size in sizes)
-    times = [factor * size**power for size in grown]
-    assert exponent(grown, times) == pytest.approx(power, rel=1e-6)
-    for local in local_exponents(grown, times):
-        assert local == pytest.approx(power, rel=1e-4)
-
-
-def test_growth_is_over_finer_meshes_of_the_same_press() -> None:
-    """Elements grow with refinement; every row is a press that converged."""
-    coarse, fine = measure_growth(_SCENE, depth_m=0.1e-3, refinements=(0.5, 0.8))
-    assert coarse["tetrahedra"] < fine["tetrahedra"]
-    for row in (coarse, fine):
-        assert row["iterations"] > 0
-        assert row["processor time [s]"] > 0.0
 
 
 @pytest.fixture(scope="module")
@@ -137,27 +102,10 @@ def test_a_batch_renders_what_is_rendered_one_by_one(rendered: list[dict[str, An
 
 
 def test_tables_hold_every_row(rendered: list[dict[str, Any]]) -> None:
-    """One row an image, a mesh; what is absent is said."""
-    images, meshes = rendering_table(rendered), growth_table(_GROWTH)
-    assert [len(images.rows), len(meshes.rows)] == [4, 3]
-    assert all(len(row) == len(table.columns) for table in (images, meshes) for row in table.rows)
-    assert "exponent" in meshes.columns[-1]
-
-
-_GROWTH = [
-    {"edges shorter by": 1.0, "tetrahedra": size, "iterations": 10, "processor time [s]": cpu_s}
-    for size, cpu_s in ((300, 1.0), (1000, 2.5), (3000, 12.0))
-]
-
-
-def test_a_figure_is_wide_enough_to_print_with_something_on_it(tmp_path: Path) -> None:
-    """Growth with elements."""
-    file = tmp_path / "bench.png"
-    growth_figure(_GROWTH).savefig(file, dpi=300)
-    picture = cv2.imread(str(file))
-    assert picture is not None
-    assert picture.shape[1] > 1200
-    assert picture.std() > 5.0
+    """One row an image."""
+    images = rendering_table(rendered)
+    assert len(images.rows) == 4
+    assert all(len(row) == len(images.columns) for row in images.rows)
 
 
 def _bench(*manners: Manner, parts: tuple[Part, ...] = (Part.SCENES,)) -> Bench:
@@ -184,59 +132,14 @@ def test_every_manner_is_pressed_and_shown() -> None:
 
 def test_parts_and_scenes_share_a_page() -> None:
     """A part's rows come back from JSON; a scene's row has its speed."""
-    study = _bench(Manner(), parts=(Part.GROWTH, Part.SCENES))
-    results = [Result(name="growth", found=_GROWTH), Result(name="ball, shallow", failure="no")]
+    study = _bench(Manner(), parts=(Part.REPLAY, Part.SCENES))
+    replays = [_replay()]
+    results = [Result(name="replay", found=replays), Result(name="ball, shallow", failure="no")]
     assert study.page(results, About("x"), []).count("## ") >= 4
-    assert study.facts(results)["growth"] == _GROWTH
+    assert study.facts(results)["replay"] == replays
 
 
 def test_options_that_do_not_fit_together_are_refused() -> None:
     """Before anything is pressed, with the remedy."""
     with pytest.raises(ConfigError, match="for batches"):
         _bench(Manner(images=True))
-
-
-WASTE = "sum(range(3_000_000)); print(42)"
-
-
-def test_a_process_is_charged_with_its_own_time() -> None:
-    """Time that it computes counts, time that this process computes does not."""
-    cpu_s, wall_s, told = parts.process_spent([sys.executable, "-c", WASTE])
-    assert told == "42\n"
-    assert 0.0 < cpu_s < 10.0 * wall_s
-
-
-def test_a_command_that_fails_gives_no_number() -> None:
-    """Its error is told instead."""
-    with pytest.raises(RigError, match="no_such_module"):
-        parts.process_spent([sys.executable, "-c", "import no_such_module"])
-
-
-@pytest.mark.slow
-def test_threads_are_measured_by_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each size has a row for one thread and for two."""
-    monkeypatch.setattr(parts, "_BUDGET_S", 0.0)
-    scene = scene_from(
-        "--pad box:10x10x3mm --young 0.1MPa --poisson 0.48 --indenter plane --depth 0.1mm"
-    )
-    rows = list(parts.measure_threads(scene, refinements=(0.5,)))
-    assert {row["threads"] for row in rows} >= {1, 2}
-    assert len({row["unknowns"] for row in rows}) == 1
-    assert all(row["factor [ms]"] > 0.0 and row["solution [ms]"] > 0.0 for row in rows)
-
-
-def test_processor_time_is_told_by_a_clock_of_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Work shorter than the clock's tick is charged with its share of the ticks, not with none."""
-    monkeypatch.setattr(parts, "_BUDGET_S", 1.0)
-    spent_ms = [0]
-
-    def work() -> None:
-        spent_ms[0] += 3
-
-    clock = SimpleNamespace(
-        perf_counter=lambda: 1e-3 * spent_ms[0], process_time=lambda: 1e-2 * (spent_ms[0] // 10)
-    )
-    monkeypatch.setattr(parts, "time", clock)
-    wall_s, cpu_s = parts.work_spent(work)
-    assert wall_s == pytest.approx(0.003)
-    assert cpu_s == pytest.approx(0.003, rel=0.02)

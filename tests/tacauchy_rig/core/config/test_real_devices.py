@@ -76,13 +76,6 @@ def test_placeholders_of_the_example_are_refused(tmp_path: Path) -> None:
     assert load_config(path, overrides=overrides(emulated)).config.force_sensor.capacity == 50.0
 
 
-@pytest.mark.parametrize("driver", ["emulated", "mock"])
-def test_other_drivers_need_nothing(driver: str) -> None:
-    """The built-in values were made for them."""
-    devices = {"robot.driver": driver, "force_sensor.driver": driver}
-    assert not load_config(overrides=overrides(devices)).config.moves_real_hardware
-
-
 def test_the_documented_file_for_emulated_devices_is_complete(tmp_path: Path) -> None:
     """docs/reference/devices.md shows one that can be copied."""
     page = Path(__file__).parents[4] / "docs" / "reference" / "devices.md"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
-from drivers.mock.arm import MockArm
-from drivers.mock.streams import MockCamera, MockForceSensor
-from drivers.mock.world import MockWorld
+from tests.mock.arm import MockArm
+from tests.mock.streams import MockCamera, MockForceSensor
+from tests.mock.world import MockWorld
 
 STEP_NS = 1_000
 """Reading the clock costs a microsecond, so that a loop that forgets to sleep still ends."""

@@ -14,7 +14,6 @@ from functools import partial
 from drivers.emulators.faults import Device, Fault, FaultKind, parse_fault
 from drivers.interfaces import Clock
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.run import Pose, Vector6, vector6
 
 STEP_S = 0.002
@@ -190,12 +189,3 @@ class MockWorld:
             if condition():
                 self._plans.remove(plan)
                 action()
-
-
-def mock_without_mock(config: RigConfig) -> ConfigError:
-    """Return the refusal of a mock beside a device that is none."""
-    return ConfigError(
-        f'robot.driver = "{config.robot.driver}" with force_sensor.driver = '
-        f'"{config.force_sensor.driver}": a mock feels no device of another process',
-        remedy='make both "mock", or use "emulated" beside a real device',
-    )
