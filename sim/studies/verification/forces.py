@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -14,13 +14,11 @@ import numpy as np
 from sim.effects.plan import plan_effects
 from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
 from sim.effects.scene_path import coarse_press, path_for
-from sim.error import estimated
 from sim.press import press
 from sim.press_command import scene_from
 from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
 from sim.scene.material import LawName, Material
-from sim.scene.pad import BoxPad
-from sim.scene.scene import ContactMode, Preset, Scene
+from sim.scene.scene import ContactMode, Preset
 from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import LoadingPath
 from sim.studies.verification import Row, reference_text, section
@@ -271,67 +269,3 @@ def measure_rim() -> Table:
     row, order = _fitted(_RIM.indenter, np.array(EDGE_SHARES), rim_forces(), names)
     passed = _LOWEST <= order <= _HIGHEST
     return section("rim", [row], passed=passed, lowest=_LOWEST, highest=_HIGHEST)
-
-
-# --- Does the true error of F_z lie inside the estimate, on scenes that the estimate never saw?
-_INSIDE_WANTED, _FINER = 0.9, 2.0
-BELIEVED = "estimated_force_error_relative"
-
-
-def _held_out() -> Iterator[tuple[str, Scene]]:
-    """Read the scenes with their names; a dome is what no word says."""
-    for name, given in tomllib.loads(reference_text("held_out.toml")).items():
-        scene = scene_from(given["press"])
-        if "dome_radii_m" in given and isinstance(scene.pad, BoxPad):
-            x_m, y_m = given["dome_radii_m"]
-            pad = replace(scene.pad, dome_radius_x_m=x_m, dome_radius_y_m=y_m)
-            scene = replace(scene, pad=pad)
-        yield name, scene
-
-
-HELD_OUT = dict(_held_out())
-
-
-def refined_press(name: str, scene: Scene, *, finer: float = _FINER) -> Row:
-    """Press a scene to its depth on its own mesh and on one with edges so many times shorter."""
-    plan = plan_effects(scene)
-    own, fine = (coarse_press(scene, plan, factor).outputs for factor in (1.0, finer))
-    believed = estimated(scene, plan, own).force
-    return estimate_row(name, scene, float(own.force_n[2]), float(fine.force_n[2]), believed)
-
-
-def estimate_row(
-    name: str, scene: Scene, force_n: float, finer_n: float, believed: float | None
-) -> Row:
-    """Return the true error of F_z beside what is believed; both meshes leave out the same."""
-    error = abs(force_n / finer_n - 1.0)
-    return {
-        "scene": name,
-        "preset": scene.preset.value,
-        "F_z [N]": force_n,
-        "F_z, edges half as long [N]": finer_n,
-        "true error": error,
-        BELIEVED: believed,
-        "inside": "yes" if believed is not None and error <= believed else "no",
-    }
-
-
-def measure_estimates() -> Table:
-    """Press every scene that was held out on four meshes; ten take minutes."""
-    return judged_estimates([refined_press(name, scene) for name, scene in HELD_OUT.items()])
-
-
-def judged_estimates(rows: Sequence[Row]) -> Table:
-    """Return what was found, and whether enough lie inside their estimate."""
-    inside = sum(row["inside"] == "yes" for row in rows)
-    ratios = sorted(float(r[BELIEVED] or 0.0) / float(r["true error"] or 0.0) for r in rows)
-    return section(
-        "estimates",
-        rows,
-        passed=inside >= _INSIDE_WANTED * len(rows),
-        press="--pad disc:radius=7mm,height=3.5mm --young 0.2MPa --poisson 0.47 "
-        "--indenter cylinder:diameter=4mm --depth 0.1mm --preset fast --estimate-error",
-        inside=inside,
-        count=len(rows),
-        ratio=ratios[len(ratios) // 2],
-    )

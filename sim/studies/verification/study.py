@@ -20,7 +20,6 @@ SECTIONS = {
     "real-press": "forces:measure_real",
     "orders": "forces:measure_orders",
     "rim-order": "forces:measure_rim",
-    "error-estimates": "forces:measure_estimates",
     "half-element": "balance:measure_shift",
     "barrier": "balance:measure_barrier",
     "balance": "balance:measure",
