@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,7 @@ class PressResult:
             where nothing is known.
         effects: Effects that were simulated and left out, with reasons.
         preset: Preset or mesh between two presets.
+        way: Loading path on its mesh, with all states; None unless they were to be kept.
         alternatives: The next cheaper settings and the next better ones.
     """
 
@@ -101,6 +102,7 @@ class PressResult:
     alternatives: tuple[Alternative, ...]
     model: Model = field(repr=False)
     point: PathPoint = field(repr=False)
+    way: LoadingPath | None = field(default=None, repr=False)
 
     def as_json(self) -> dict[str, Any]:
         """Return plain values for ``--json``, units in the keys."""
@@ -116,6 +118,7 @@ def press(
     model: Model | None = None,
     device: str = "cpu",
     estimate_error: bool = False,
+    keeps_states: bool = False,
     time_limit_s: float | None = None,
     on_progress: Callable[[str], None] | None = None,
 ) -> PressResult:
@@ -125,6 +128,7 @@ def press(
         model: Model of the pad; None builds it from the scene.
         device: ``"cpu"``, or a GPU such as ``"cuda:0"``.
         estimate_error: Press again on a coarser mesh to estimate the errors of all outputs.
+        keeps_states: Keep all states of the loading path, in ``way``.
         time_limit_s: Longest time [s]. A result found within it is returned even if its errors
             are not estimated yet.
         on_progress: Called by another thread every few seconds with a line of text.
@@ -139,7 +143,7 @@ def press(
     with time_limit(time_limit_s), telling, doing("press"):
         started = time.perf_counter()
         plan = plan_effects(scene)
-        end = end_state(scene, plan, model=model, device=device)
+        end = end_state(scene, plan, model=model, device=device, keeps_all=keeps_states)
         path, point = end.path, end.point
         solve_s = path.counts.wall_s
         wall = {"setup": time.perf_counter() - started - solve_s, "solve": solve_s}
@@ -148,7 +152,10 @@ def press(
             error = estimated(scene, plan, found, way=end.way)
             wall["estimate"] = time.perf_counter() - started
         corrected = correction(scene, plan, found, end.way)
-        return measure(scene, path, point, plan=plan, wall_s=wall, error=error, corrected=corrected)
+        result = measure(
+            scene, path, point, plan=plan, wall_s=wall, error=error, corrected=corrected
+        )
+        return replace(result, way=end.way_path or path) if keeps_states else result
 
 
 def measure(

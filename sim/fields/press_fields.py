@@ -13,7 +13,7 @@ from sim.fields.stress import cauchy_stress, components, surface_stress
 from sim.fields.surface import IntermediateState, SurfaceState, TopSurface
 from sim.mesh.elements import doubled_areas
 from sim.mesh.symmetry import WholeSurface
-from sim.scene.indenter import MeshIndenter, grown, ring_walls
+from sim.scene.indenter import Indenter, MeshIndenter, grown, ring_walls
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
@@ -257,15 +257,23 @@ def gel_vtu(model: Model, point: PathPoint) -> bytes:
 
 def indenter_vtu(surface: SurfaceState) -> bytes:
     """Return the indenter's surface where it stands: of an analytic body the side that presses."""
-    indenter = surface.indenter
-    if isinstance(indenter, MeshIndenter):
-        points, faces = indenter.surface.vertices, indenter.surface.faces
-    else:
-        widest = getattr(indenter, "radius_m", _PLATE_SHARE * np.abs(surface.positions).max())
-        radii = widest * np.sin(0.5 * np.pi * np.arange(_RINGS + 1) / _RINGS)
-        angles = 2.0 * np.pi * np.arange(_SECTORS) / _SECTORS
-        x, y = (np.outer(radii, each).reshape(-1) for each in (np.cos(angles), np.sin(angles)))
-        points = np.column_stack([x, y, indenter.lower_surface(x * _INSIDE, y * _INSIDE)])
-        faces = ring_walls(np.arange(len(points), dtype=np.int32).reshape(-1, _SECTORS))
+    points, faces = indenter_surface(surface.indenter, float(np.abs(surface.positions).max()))
     placed = points @ surface.indenter_rotation.T + surface.indenter_position
-    return vtu(np.asarray(faces, dtype=np.int32), placed, {}, {})
+    return vtu(faces, placed, {}, {})
+
+
+def indenter_surface(indenter: Indenter, gel_m: float) -> tuple[FloatArray, IntArray]:
+    """Return vertices [m] and triangles of an indenter in its own frame, as ``indenter_vtu``.
+
+    Args:
+        gel_m: The gel's largest coordinate [m].
+    """
+    if isinstance(indenter, MeshIndenter):
+        return indenter.surface.vertices, np.asarray(indenter.surface.faces, dtype=np.int32)
+    widest = getattr(indenter, "radius_m", _PLATE_SHARE * gel_m)
+    radii = widest * np.sin(0.5 * np.pi * np.arange(_RINGS + 1) / _RINGS)
+    angles = 2.0 * np.pi * np.arange(_SECTORS) / _SECTORS
+    x, y = (np.outer(radii, each).reshape(-1) for each in (np.cos(angles), np.sin(angles)))
+    points = np.column_stack([x, y, indenter.lower_surface(x * _INSIDE, y * _INSIDE)])
+    faces = ring_walls(np.arange(len(points), dtype=np.int32).reshape(-1, _SECTORS))
+    return points, np.asarray(faces, dtype=np.int32)

@@ -13,9 +13,25 @@ from tacauchy_rig.app.exporting.formats import Format
 
 
 def export(
-    source: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RUN|PRESS|CALIBRATION",
+            help="A run's folder; a folder of `press --out` (vtu, usd); or what `calibrate optics` "
+            "wrote, or a sensor's name for its nominal optics (isaaclab, taxim, tacex).",
+        ),
+    ],
     out: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder to write to.")],
     to: Annotated[Format, typer.Option("--to", help="The format to write.")] = Format.CSV,
+    sensor: Annotated[
+        str, typer.Option("--sensor", help="The sensor that was calibrated.")
+    ] = "gelsight-mini",
+    background: Annotated[
+        Path | None,
+        typer.Option(
+            "--background", metavar="IMAGE", help="Its no-contact frame; without it, even grey."
+        ),
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Write what other programs read.
@@ -26,7 +42,7 @@ def export(
     from tacauchy_rig.core.long_task import doing
 
     with doing("exporting"):
-        write(source, out, to)
+        write(source, out, to, sensor=sensor, background=background)
     written = sorted(path for path in out.rglob("*") if path.is_file())
     size_mb = sum(path.stat().st_size for path in written) / 1e6
     say(f"wrote {len(written)} files, {size_mb:.1f} MB, to {out}")

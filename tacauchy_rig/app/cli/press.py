@@ -74,7 +74,12 @@ def press(
         scene = scene_of(terms)
         if terms.law == LawName.PAPER_EQ4:
             _warn_of_rest_stress(scene.material)
-        result = simulate_press(scene, device=warp_device(device), estimate_error=estimate_error)
+        result = simulate_press(
+            scene,
+            device=warp_device(device),
+            estimate_error=estimate_error,
+            keeps_states=out is not None,
+        )
     _show(scene, result)
     _show_interfaces(result)
     write_json(json_file, result.as_json())

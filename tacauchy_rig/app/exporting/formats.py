@@ -22,7 +22,16 @@ class Format(StrEnum):
     HDF5 = "hdf5"
     ROSBAG2 = "rosbag2"
     WEBDATASET = "webdataset"
+    VTU = "vtu"
+    USD = "usd"
+    ISAACLAB = "isaaclab"
+    TAXIM = "taxim"
+    TACEX = "tacex"
 
+
+OF_RUNS = (Format.CSV, Format.LEROBOT, Format.HDF5, Format.ROSBAG2, Format.WEBDATASET)
+"""Formats of what a rig recorded."""
+OF_CALIBRATIONS = (Format.ISAACLAB, Format.TAXIM, Format.TACEX)
 
 WRITERS: Mapping[Format, tuple[str, str]] = {
     Format.CSV: ("table", "write_csv"),
@@ -30,12 +39,28 @@ WRITERS: Mapping[Format, tuple[str, str]] = {
     Format.HDF5: ("hdf5", "write_hdf5"),
     Format.ROSBAG2: ("bag", "write_bag"),
     Format.WEBDATASET: ("webdataset", "write_webdataset"),
+    Format.VTU: ("vtu", "write_vtu"),
+    Format.USD: ("usd", "write_usd"),
+    Format.ISAACLAB: ("taxim", "write_isaaclab"),
+    Format.TAXIM: ("taxim", "write_taxim"),
+    Format.TACEX: ("taxim", "write_taxim"),
 }
 """Of each format its module, and what writes it: others are not even loaded."""
 
 
-def export(source: Path, out: Path, form: Format) -> None:
+def export(
+    source: Path,
+    out: Path,
+    form: Format,
+    *,
+    sensor: str = "gelsight-mini",
+    background: Path | None = None,
+) -> None:
     """Write a source in a format; what fails leaves no folder behind.
+
+    Args:
+        sensor: Of a calibration.
+        background: Its no-contact frame.
 
     Raises:
         RecordError: The source is damaged or no such thing, or ``out`` exists or cannot be written.
@@ -44,7 +69,10 @@ def export(source: Path, out: Path, form: Format) -> None:
     module, name = WRITERS[form]
     write = getattr(import_module(f"tacauchy_rig.app.exporting.{module}"), name)
     with _new_folder(out) as folder:
-        write(RunStore.open(source), folder)
+        if form in OF_CALIBRATIONS:
+            write(source, folder, sensor=sensor, background=background)
+        else:
+            write(RunStore.open(source) if form in OF_RUNS else source, folder)
 
 
 @contextmanager

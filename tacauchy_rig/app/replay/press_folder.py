@@ -13,6 +13,7 @@ from matplotlib.tri import Triangulation
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import TrialFields, gel_vtu, indenter_vtu, trial_fields
+from sim.fields.states import passed_states
 from sim.mesh.elements import linear_facets
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.marker_printer import surface_displacement
@@ -25,9 +26,10 @@ from tacauchy_rig.app.replay.rendering import grey_frame, height_arrays, image_o
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.figure_style import FRAMED_STYLE, PAGE_IN, save_figure
 from tacauchy_rig.core.store.durable import write_atomically
-from tacauchy_rig.core.store.replay_files import ReplayFields, write_fields
+from tacauchy_rig.core.store.replay_files import ReplayFields, pack_arrays, write_fields
 
 _MM, _KPA = 1e3, 1e-3
+STATES_NAME = "states.npz"
 # Half the width of the maps over the contact's radius.
 _REACH = 1.6
 
@@ -64,6 +66,11 @@ def write_press(folder: Path, scene: Scene, result: PressResult) -> list[Path]:
     write_fields(folder, kept)
     write_atomically(folder / "gel.vtu", gel_vtu(result.model, result.point))
     write_atomically(folder / "indenter.vtu", indenter_vtu(fields.surface))
+    if result.way is not None:
+        density = np.array(scene.materials[-1].density_kg_m3)
+        about = {"sensor": np.array(scene.sensor), "density_kg_m3": density}
+        states = pack_arrays({**passed_states(result.way), **about})
+        write_atomically(folder / STATES_NAME, states)
     with mpl.rc_context(FRAMED_STYLE):
         save_figure(_figure(fields, result, seen, kept.image), folder, "figure")
     return sorted(path for path in folder.iterdir() if path.is_file())

@@ -143,6 +143,7 @@ def test_out_writes_what_a_replay_writes(tmp_path: Path) -> None:
     sensor = ["press", "--sensor", "gelsight-mini", *PRESS, "--out", str(folder)]
     assert CliRunner().invoke(app, sensor).exit_code == 0
     always = {"press.json", "fields.npz", "surface.vtu", "gel.vtu", "indenter.vtu", "figure.png"}
+    always |= {"states.npz"}
     written = {path.name for path in folder.iterdir()}
     assert written == always | {"figure.pdf", "image.png", "height.npz"}
     with np.load(folder / "fields.npz") as fields:

@@ -1,0 +1,52 @@
+"""Say how far Taxim's own renderer, with an exported calibration, is from our image of a press.
+
+In an environment without this project, with the folders of these two commands:
+
+    tacauchy-rig export gelsight-mini exported --to taxim
+    tacauchy-rig press --sensor gelsight-mini ... --out pressed
+
+    taxim-venv/bin/python docs/judging/taxim_calibration.py exported pressed
+
+Taxim gets our deformed surface and does not smooth it, so that only the colours differ. Its change
+against its own image of the unloaded gel is compared, where the colour changes and no marker is.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from taxim import Taxim
+
+SHARP = {"deform_pyramid_sigma_rel": [[1e-3], [1e-3]], "deform_final_sigma_rel": [1e-3, 1e-3]}
+CHANGED, MARKER = 3.0, 40.0
+"""Grey levels by which a pixel changes at least; by which a marker is darker than its frame."""
+
+
+def main() -> None:
+    """Print the mean, the 95th percentile and the correlation of the change of colour."""
+    exported, pressed = Path(sys.argv[1]), Path(sys.argv[2])
+    taxim = Taxim(exported, params={"simulator": SHARP}, backend="jax", device="cpu")
+    with np.load(pressed / "height.npz", allow_pickle=False) as height:
+        highest_m = max(height["rest_m"].max(), height["loaded_m"].max())
+        surfaces = [1e3 * (height[name] - highest_m) for name in ("rest_m", "loaded_m")]
+    with np.load(exported / "dataPack.npz", allow_pickle=False) as data:
+        frame = data["f0"][..., ::-1].astype(float)
+    rest, loaded = (255.0 * np.asarray(taxim.render(s, with_shadow=False)) for s in surfaces)
+    ours = np.asarray(Image.open(pressed / "image.png").convert("RGB")).astype(float) - frame
+    theirs = np.clip(frame + loaded - rest, 0.0, 255.0) - frame
+    is_marker = (ours < -MARKER).all(axis=2)
+    changed = (np.maximum(abs(ours), abs(theirs)).max(axis=2) > CHANGED) & ~is_marker
+    apart = abs(ours - theirs)[changed]
+    alike = np.corrcoef(ours[changed].ravel(), theirs[changed].ravel())[0, 1]
+    sys.stdout.write(
+        f"{changed.mean():.1%} of the pixels change, by {abs(ours[changed]).mean():.2f} levels\n"
+        f"apart: mean {apart.mean():.2f}, 95 % below {np.percentile(apart, 95):.1f} grey levels\n"
+        f"correlation {alike:.4f}\n"
+    )
+
+
+if __name__ == "__main__":
+    main()
