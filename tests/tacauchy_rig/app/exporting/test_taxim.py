@@ -31,15 +31,15 @@ def colour(table: np.ndarray, slope: float, turn: float, x: float, y: float) -> 
 
 
 def test_slopes_have_the_lamps_colours(folders: dict[Format, Path]) -> None:
-    """A slope that faces the red lamp turns red; Taxim's opposite sign and order are kept."""
+    """A slope is lit by the lamps that it faces; Taxim's opposite sign and order are kept."""
     with np.load(folders[Format.ISAACLAB] / "polycalib.npz") as tables:
         isaac = {name: tables[f"grad_{name}"] for name in "rgb"}
     with np.load(folders[Format.TAXIM] / "polycalib.npz") as tables:
         taxim = {name: tables[f"grad_{name}"] for name in "rgb"}
     assert isaac["r"].shape == (ISAAC_BINS, ISAAC_BINS, 6)
     assert taxim["r"].shape == (TAXIM_BINS, TAXIM_BINS, 6)
-    # Red shines from azimuth -90 degrees, elevation 25, with the levels 90, 15, 10: a surface that
-    # rises along the rows by a slope s, its normal turned towards -y, gains by Lambert's law.
+    # Lamps stand at azimuths -90, 30 and 150 degrees, elevation 25. The camera sees the surface
+    # from below: one that rises along the rows turns from the first to the others (Lambert).
     for slope in (0.1, 0.3):
         angle, elevation = np.arctan(slope), np.radians(25.0)
         lamps = {"r": (90, 10, 10), "g": (15, 80, 20), "b": (10, 15, 90)}
@@ -50,10 +50,10 @@ def test_slopes_have_the_lamps_colours(folders: dict[Format, Path]) -> None:
                     np.cos(elevation) * np.sin(angle) * facing
                     + np.sin(elevation) * (np.cos(angle) - 1.0)
                 )
-                for level, facing in zip(levels, (1.0, -0.5, -0.5), strict=True)
+                for level, facing in zip(levels, (-1.0, 0.5, 0.5), strict=True)
             ]
             found = colour(isaac[name], slope, 0.5 * np.pi, 160.0, 120.0)
-            assert abs(found) == pytest.approx(abs(sum(gains)), abs=1.5)
+            assert found == pytest.approx(sum(gains), abs=1.5)
             other = {"r": "b", "g": "g", "b": "r"}[name]
             opposite = colour(taxim[other], slope, -0.5 * np.pi, 160.0, 120.0)
             assert opposite == pytest.approx(found, abs=1.5), "one bin is 1.4 degrees"
