@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import pprint
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -44,7 +45,9 @@ def write_taxim(source: Path, out: Path, *, sensor: str, background: Path | None
     view, model = optics.geometry, _photometric(optics)
     # Its heights are positive towards the camera, and it takes blue for red.
     table = _tables(model, frame, TAXIM_BINS, towards=-1.0)
-    colours = {f"grad_{name}": table[..., c] for name, c in zip("bgr", range(3), strict=True)}
+    colours: dict[str, Any] = {
+        f"grad_{name}": table[..., c] for name, c in zip("bgr", range(3), strict=True)
+    }
     np.savez(out / "polycalib.npz", bins=TAXIM_BINS, **colours)
     np.savez(
         out / "dataPack.npz",
@@ -73,7 +76,9 @@ def write_isaaclab(source: Path, out: Path, *, sensor: str, background: Path | N
     """
     made, optics, frame = _opened(source, sensor, background)
     table = _tables(_photometric(optics), frame, ISAAC_BINS, towards=1.0)
-    colours = {f"grad_{name}": table[..., c] for name, c in zip("rgb", range(3), strict=True)}
+    colours: dict[str, Any] = {
+        f"grad_{name}": table[..., c] for name, c in zip("rgb", range(3), strict=True)
+    }
     np.savez(out / "polycalib.npz", **colours)
     (out / "bg.jpg").write_bytes(encode_jpeg(frame, quality=100))
     view = optics.geometry

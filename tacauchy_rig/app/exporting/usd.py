@@ -14,7 +14,7 @@ import numpy as np
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.exporting.episode import needed
 from tacauchy_rig.app.exporting.states import states_of
-from tacauchy_rig.core.arrays import AnyArray, FloatArray
+from tacauchy_rig.core.arrays import AnyArray
 
 STATES_A_SECOND = 12
 PRIMVARS = {"contact_pressure_pa": "Float", "contact_shear_pa": "Vector3f"}
@@ -138,7 +138,7 @@ def _define_camera(stage: Any, sensor: Sensor) -> None:
     camera.AddTransformOp().Set(Gf.Matrix4d(*matrix.reshape(-1).tolist()))
 
 
-def _array(kind: str, values: FloatArray) -> Any:
+def _array(kind: str, values: AnyArray) -> Any:
     """Return numbers as one of USD's arrays."""
     number = np.int32 if kind.endswith(("i", "Int")) else np.float32
     return getattr(needed("pxr.Vt"), f"{kind}Array").FromNumpy(np.ascontiguousarray(values, number))
