@@ -111,6 +111,7 @@ def test_the_camera_sees_what_the_sensor_s_does(press: Path, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)  # newton's kernels are compiled
 def test_newton_imports_the_gel(press: Path, states: dict[str, Any], tmp_path: Path) -> None:
     """A soft body with the gel's tetrahedra and Lame's constants."""
     newton = pytest.importorskip("newton")
