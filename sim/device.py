@@ -100,6 +100,17 @@ def warp_device(name: str) -> str:
     return name
 
 
+def gpus() -> list[str]:
+    """Return the names of all GPUs.
+
+    Raises:
+        ConfigError: There is none.
+    """
+    start_warp()
+    found = [device.alias for device in wp.get_devices() if device.is_cuda]
+    return found or [warp_device("cuda:0")]
+
+
 @contextmanager
 def _silent_stderr() -> Iterator[None]:
     sys.stderr.flush()

@@ -39,6 +39,10 @@ class SurfaceImages:
             shows go with the gel. Evenly grey by default.
         blur_px: Standard deviation of the camera's blur [px].
 
+    Attributes:
+        dents: Unloaded minus loaded height of the last images [m], Warp float32, shape [count,
+            samples * height, samples * width].
+
     Raises:
         ConfigError: The sensor has no nominal optics, a marker lies beside the gel, or the gel
             covers no pixel.
@@ -86,7 +90,7 @@ class SurfaceImages:
             blur_px=blur_px,
             device=model.device,
         )
-        self._dents, self._render = renderer.prepared(count)
+        self.dents, self._render = renderer.prepared(count)
         places = marker_places(sensor.markers) if sensor.markers else np.zeros((0, 2))
         on: dict[str, Any] = {"count": count, "device": model.device}
         self._points = SeenPoints(top, places, geometry, **on)
@@ -105,7 +109,7 @@ class SurfaceImages:
         """
         turned = self._upright if rotations is None else rotations
         self._refuse_unfit(positions, tips, turned)
-        self._heights.dents(positions, tips, turned, self._dents)
+        self._heights.dents(positions, tips, turned, self.dents)
         images = self._render()
         if self._printer is not None:
             self._printer.over(images, positions)

@@ -33,6 +33,7 @@ COMMANDS = {
     **_of("exporting", "export"),
     **_of("serve", "serve"),
     **_of("press", "press", "plan"),
+    **_of("sweep", "sweep"),
     "import": "tacauchy_rig.app.cli.importing:import_",
     **_of("judge", "judge"),
 }
@@ -41,7 +42,7 @@ COMMANDS = {
 PANELS = {
     "At the rig": ("run", "dry-run", "resume", "doctor", "check-press", "emulate"),
     "Runs": ("replay", "report", "recover", "export", "serve"),
-    "Simulation": ("press", "plan"),
+    "Simulation": ("press", "plan", "sweep"),
     "Calibration": ("calibrate",),
     "Other people's data": ("import", "judge"),
     "Settings": ("config",),

@@ -1,0 +1,127 @@
+"""``tacauchy-rig sweep``: a data set of many simulated presses from a plan."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tacauchy_rig.app.cli.options import Jobs
+from tacauchy_rig.app.cli.output import Steps, say, writable_folder, write_text
+from tacauchy_rig.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from tacauchy_rig.app.sweep.engines import Engine
+from tacauchy_rig.app.sweep.names import EngineName
+
+_PACKAGE = "tacauchy_rig.app.sweep"
+
+
+def sweep(
+    plan_file: Annotated[Path | None, typer.Argument(metavar="PLAN", help="A plan's file.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Where the data set is.")
+    ] = None,
+    engine: Annotated[
+        EngineName, typer.Option("--engine", help="Where presses are computed.")
+    ] = EngineName.LOCAL,
+    jobs: Jobs = 1,
+    address: Annotated[
+        str | None,
+        typer.Option("--address", help="Of Dask's scheduler, such as tcp://host:8786."),
+    ] = None,
+    limit: Annotated[
+        int | None, typer.Option("--limit", min=1, help="Press only the first so many.")
+    ] = None,
+    sample: Annotated[
+        int | None,
+        typer.Option("--sample", min=1, help="Press so many, evenly chosen, into FOLDER/sample."),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only say how many presses, how long, how large.")
+    ] = False,
+    slurm: Annotated[
+        int | None,
+        typer.Option("--slurm", min=1, metavar="TASKS", help="Only write FOLDER/sweep.sbatch."),
+    ] = None,
+    example: Annotated[bool, typer.Option("--example", help="Print a plan with comments.")] = False,
+) -> None:
+    """Press a plan's presses in the simulator; again, only what is missing.
+
+    Example: tacauchy-rig sweep plan.toml --out presses --jobs 2
+    """
+    if example:
+        typer.echo(resources.files(_PACKAGE).joinpath("example.toml").read_text("utf-8"), nl=False)
+        return
+    if plan_file is None or (out is None and not dry_run):
+        raise ConfigError(
+            "a sweep needs PLAN and --out FOLDER",
+            remedy="`tacauchy-rig sweep --example > plan.toml` writes a plan",
+        )
+    from tacauchy_rig.app.sweep.plan import read_plan, rows_of
+    from tacauchy_rig.app.sweep.run import estimate
+    from tacauchy_rig.app.sweep.run import sweep as run
+    from tacauchy_rig.core.long_task import doing
+
+    plan = read_plan(plan_file)
+    with doing("checking the plan"):
+        rows = rows_of(plan, limit)
+    if sample is not None:
+        rows = rows[:: max(1, len(rows) // sample)][:sample]
+        out = out and out / "sample"
+    expected = estimate(plan, rows)
+    say(
+        f"{len(rows)} presses: about {expected.processor_s / 60.0:.1f} min of one core without "
+        f"others, {expected.size_bytes / 1e6:.0f} MB"
+    )
+    if dry_run or out is None:
+        return
+    writable_folder(out)
+    if slurm is not None:
+        _write_script(plan_file, out, slurm, limit)
+        return
+    with Steps() as steps:
+        whole = run(plan, rows, out, _engine(engine, out, jobs, address), on_progress=steps)
+    say(f"wrote {out / 'summary.html'}" if whole else f"{out}: other tasks have the rest")
+
+
+def _engine(name: EngineName, out: Path, jobs: int, address: str | None) -> Engine:
+    from tacauchy_rig.app.sweep import engines
+    from tacauchy_rig.app.sweep.files import SHARDS
+
+    if name is EngineName.DASK:
+        if address is None:
+            raise ConfigError(
+                "--engine dask needs --address",
+                remedy="start `dask scheduler` and give its address, such as tcp://host:8786",
+            )
+        return engines.Dask(address)
+    if name is EngineName.GPU:
+        from sim.device import gpus
+
+        return engines.Processes(gpus())
+    if name is EngineName.FOLDER:
+
+        def is_done(shard: str) -> bool:
+            return (out / SHARDS / f"{shard}.parquet").exists()
+
+        return engines.Folder(out / "claims", is_done)
+    return engines.Processes(["cpu"] * jobs)
+
+
+def _write_script(plan_file: Path, out: Path, tasks: int, limit: int | None) -> None:
+    from jinja2 import Template
+
+    from tacauchy_rig.app.sweep.engines import InterruptedSweepError
+    from tacauchy_rig.core.errors import command_line
+
+    text = resources.files(_PACKAGE).joinpath("sbatch.sh.jinja").read_text("utf-8")
+    words = ["sweep", plan_file.resolve(), "--out", out.resolve(), "--engine", "folder"]
+    words += [] if limit is None else ["--limit", limit]
+    script = out / "sweep.sbatch"
+    command, unfinished = command_line(*words), InterruptedSweepError.exit_code
+    facts = {"out": out, "script": script, "tasks": tasks, "command": command}
+    write_text(script, Template(text).render(**facts, unfinished=unfinished) + "\n")
+    say(f"wrote {script}")
