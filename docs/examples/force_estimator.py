@@ -1,7 +1,6 @@
 """Train a force estimator on a sweep, on a CPU, and test it on held-out places and objects.
 
-pip install torch pyarrow pillow
-python force_estimator.py presses
+It needs torch, pyarrow and pillow: ``python force_estimator.py presses``.
 """
 
 import io
@@ -14,8 +13,6 @@ import torch
 from PIL import Image
 from torch import nn
 
-_SIZE, _EPOCHS = (80, 60), 40
-
 
 def _read(folder: Path) -> tuple[torch.Tensor, torch.Tensor, list[dict]]:
     """Return images minus their no-contact frames, forces [N], and rows of the valid presses."""
@@ -24,7 +21,7 @@ def _read(folder: Path) -> tuple[torch.Tensor, torch.Tensor, list[dict]]:
     images = []
     for row in rows:
         pair = [kept[row["shard"]][name][row["offset"]].as_py() for name in ("image", "reference")]
-        small = [Image.open(io.BytesIO(png)).resize(_SIZE, Image.Resampling.BOX) for png in pair]
+        small = [Image.open(io.BytesIO(png)).resize((80, 60), Image.Resampling.BOX) for png in pair]
         images.append((np.float32(small[0]) - np.float32(small[1])) / 64.0)
     forces = [[row[f"force_{axis}_n"] for axis in "xyz"] for row in rows]
     return torch.tensor(np.stack(images)).permute(0, 3, 1, 2), torch.tensor(forces).float(), rows
@@ -43,11 +40,12 @@ def main() -> None:
         torch.manual_seed(1)
         test = torch.tensor([row[split] == "test" for row in rows])
         network, scale = _network(), forces[~test].std(dim=0).clamp(min=1e-3)
-        network(images[:1])
+        seen, wanted = images[~test], forces[~test] / scale
+        network(seen[:1])
         descent = torch.optim.Adam(network.parameters(), lr=1e-3)
-        for _ in range(_EPOCHS):
-            for batch in torch.randperm(int((~test).sum())).split(32):
-                loss = (network(images[~test][batch]) - forces[~test][batch] / scale).abs().mean()
+        for _ in range(40):
+            for batch in torch.randperm(len(seen)).split(32):
+                loss = (network(seen[batch]) - wanted[batch]).abs().mean()
                 descent.zero_grad()
                 loss.backward()
                 descent.step()

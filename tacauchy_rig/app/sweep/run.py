@@ -55,12 +55,13 @@ def sweep(
     out: Path,
     engine: Engine,
     *,
-    on_progress: Callable[[str, int, int], None] = lambda *_: None,
+    on_progress: Callable[[str, int, int, str], None] = lambda *_: None,
 ) -> bool:
     """Compute the rows that are not in the folder yet; write index, datasheet and summary.
 
     Args:
-        on_progress: Told what goes on, how many presses there are, and how many there will be.
+        on_progress: Told what goes on, how many presses there are, how many there will be, and how
+            long it takes still.
 
     Returns:
         Whether all rows are there; of a folder that several tasks share, others may have some.
@@ -75,13 +76,15 @@ def sweep(
     missing = [row for shard in left for row in shard.rows]
     _check_space(out, estimate(plan, missing))
     count, started, pressed = len(rows) - len(missing), time.monotonic(), 0
-    on_progress("presses are there", count, len(rows))
+    on_progress("presses are there", count, len(rows), "")
     with doing(f"pressing {len(missing)} of {len(rows)}"):
         for shard, content in engine(make_shard, left):
             write_atomically(out / SHARDS / f"{shard.name}.parquet", content)
             pressed += len(shard.rows)
             rate = pressed / (time.monotonic() - started)
-            on_progress(f"presses, {rate:.2g} a second", count + pressed, len(rows))
+            left_s = (len(missing) - pressed) / rate
+            told = f"about {left_s:.0f} s left" if left_s else ""
+            on_progress(f"presses, {rate:.2g} a second", count + pressed, len(rows), told)
     if set(named) - set(done_rows(out)):
         return False
     with doing("writing index, datasheet and summary"):
