@@ -157,7 +157,7 @@ class Simulation(Section):
     edge: Length = Field(default=1.25e-3, validate_default=False, ge=0.4e-3, le=5e-3)
     samples: Annotated[int, Field(ge=1, le=4)] = 2
     cell: Annotated[int, Field(ge=1, le=64)] = 8
-    shard: Annotated[int, Field(ge=1, le=1000)] = 100
+    shard: Annotated[int, Field(ge=1, le=1000)] = 50
 
 
 class Description(Section):
@@ -347,7 +347,9 @@ def _row(values: dict[str, Any]) -> Row:
     indenter = written if size is None else written.replace("{size}", f"{size * 1e3:.6g}mm")
     given = {f"{name}{_UNITS.get(name, '')}": value for name, value in values.items()}
     given |= {"indenter": indenter, "object": written}
-    return Row(**{"depth_m": None, "force_n": None, **given})
+    for target in ("depth_m", "force_n"):
+        given.setdefault(target, None)
+    return Row(**given)
 
 
 def _check(rows: Sequence[Row]) -> None:
