@@ -235,11 +235,15 @@ def read_plan(path: Path) -> Plan:
         tables = tomllib.loads(path.read_text("utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(
-            f"{path}: {getattr(error, 'strerror', None) or error}",
-            remedy="`tacauchy-rig sweep --example > plan.toml` writes a commented one",
+            f"{path}: {getattr(error, 'strerror', None) or error}", remedy=_EXAMPLE
         ) from error
-    with naming(str(path)):
+    try:
         return read_section(Plan, tables)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error.message}", remedy=_EXAMPLE) from error
+
+
+_EXAMPLE = "`tacauchy-rig sweep --example > plan.toml` writes a plan with comments"
 
 
 def rows_of(plan: Plan, limit: int | None = None) -> tuple[Row, ...]:
