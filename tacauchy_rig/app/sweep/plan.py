@@ -282,7 +282,7 @@ def _state_material(spreads: dict[str, Spread]) -> None:
 
 def _combined(plan: Plan, spreads: dict[str, Spread]) -> Any:
     """Yield the values of each press by variable."""
-    names = list(spreads)
+    names, columns = list(spreads), list[Sequence[Any]]()
     if plan.design in (Design.GRID, Design.LIST):
         unsettled = [name for name, spread in spreads.items() if not spread.choices]
         if unsettled or plan.count:
@@ -303,7 +303,7 @@ def _combined(plan: Plan, spreads: dict[str, Spread]) -> Any:
                     f"press.{name} has {len(column)} values in a list of {count} presses",
                     remedy="give each variable one value, or one a press",
                 )
-        columns = [column * count if len(column) == 1 else column for column in columns]
+        columns = [[*column] * count if len(column) == 1 else column for column in columns]
     else:
         if plan.count is None:
             raise ConfigError(
