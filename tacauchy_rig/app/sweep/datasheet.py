@@ -15,7 +15,7 @@ from tacauchy_rig.core.store.durable import write_atomically
 
 _CROISSANT = "http://mlcommons.org/croissant/1.1"
 PLAN, SUMS = "plan.json", "SHA256SUMS"
-_LISTS = ("data_collection_type", "data_preprocessing_protocol", "data_biases")
+_LISTS: tuple[str, ...] = ("data_collection_type", "data_preprocessing_protocol", "data_biases")
 _LISTS += ("data_limitations", "data_use_cases", "personal_sensitive_information")
 _TYPES = {"string": "Text", "double": "Float", "bool": "Bool", "int64": "Integer"}
 

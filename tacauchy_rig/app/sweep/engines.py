@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any, Protocol
@@ -83,7 +84,7 @@ class Dask:
             ConfigError: Dask is not installed, or no scheduler answers for five minutes.
         """
         try:
-            import distributed  # noqa: PLC0415 - an extra
+            distributed: Any = import_module("distributed")  # an extra
         except ImportError as error:
             raise ConfigError(
                 "--engine dask needs distributed, which is not installed",
@@ -94,7 +95,7 @@ class Dask:
         while left:
             try:
                 with distributed.Client(self.address, timeout=10) as client:
-                    for name, content in _gathered(client, work, list(left.values())):
+                    for name, content in _gathered(distributed, client, work, list(left.values())):
                         since = time.monotonic()
                         yield left.pop(name), content
             except lost as error:
@@ -107,10 +108,10 @@ class Dask:
                 time.sleep(1.0)
 
 
-def _gathered(client: Any, work: Work, shards: list[Shard]) -> Iterator[tuple[str, bytes]]:
+def _gathered(
+    distributed: Any, client: Any, work: Work, shards: list[Shard]
+) -> Iterator[tuple[str, bytes]]:
     """Yield names and files; fails where the scheduler is gone."""
-    import distributed  # noqa: PLC0415 - an extra
-
     waiting = deque(shards)
 
     def submitted() -> Any:

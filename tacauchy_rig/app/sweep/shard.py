@@ -117,9 +117,8 @@ def compute_shard(
     )[-1]
     tractions = [field.numpy() for field in batch.tractions()]
     solved = time.monotonic()
-    drawing = SurfaceImages(
-        model, batch.descents.indenter, sensor, count=count, samples=simulation.samples
-    )
+    pressing: Any = batch.descents.indenter
+    drawing = SurfaceImages(model, pressing, sensor, count=count, samples=simulation.samples)
     images = drawing.images(batch.positions, batch.poses.tips, batch.poses.rotations).numpy()
     markers = drawing.markers(batch.positions).numpy()
     dents = _halved(drawing.dents.numpy(), simulation.samples) * 1e3

@@ -16,7 +16,14 @@ from tacauchy_rig.core.store.durable import write_atomically
 
 SHOWN = 20
 """Images on the page."""
-_VARIED = ("commanded_depth_m", "commanded_force_n", "x_m", "y_m", "shift_x_m", "shift_y_m")
+_VARIED: tuple[str, ...] = (
+    "commanded_depth_m",
+    "commanded_force_n",
+    "x_m",
+    "y_m",
+    "shift_x_m",
+    "shift_y_m",
+)
 _VARIED += ("twist_rad", "tilt_x_rad", "tilt_y_rad", "material", "friction", "light", "noise")
 _FOUND = ("force_x_n", "force_y_n", "force_z_n", "contact_radius_m")
 _SLOWEST = 10
