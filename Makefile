@@ -4,6 +4,8 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV ?= .venv
 BIN := $(VENV)/bin
+PYTHON312 ?= python3.12
+ISAACLAB ?= .venv-isaaclab
 # One thread for each numerical library: two cores carry eight processes during a run.
 export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
@@ -11,7 +13,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Hundreds of processes start in the tests: each would compile all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: dry-run test test-slow check lint types contracts dependencies docs words architecture format newton clean
+.PHONY: dry-run test test-slow check lint types contracts dependencies docs words architecture format newton isaaclab clean
 
 dry-run: $(VENV)/.product
 	$(BIN)/tacauchy-rig dry-run
@@ -43,6 +45,17 @@ newton: $(BIN)/python
 	$(INSTALL) ".[newton]"
 	$(BIN)/python -m tacauchy_rig.envs.newton
 
+# Isaac Lab has an environment of its own (docs/how-to/use-isaac-lab.md): Python 3.12, 8 GB.
+isaaclab: $(ISAACLAB)/.ready
+	$(ISAACLAB)/bin/python docs/envs/isaaclab_ball.py 4
+	$(ISAACLAB)/bin/python docs/envs/isaaclab_ball.py 60
+
+$(ISAACLAB)/.ready: pyproject.toml
+	$(PYTHON312) -m venv $(ISAACLAB)
+	$(ISAACLAB)/bin/python -m pip install --quiet --disable-pip-version-check --no-compile \
+		-e . isaaclab==3.0.0
+	touch $@
+
 # Into site/, without network; every warning is an error. site/index.html opens from disk.
 docs: $(VENV)/.tools
 	NO_COLOR=1 PYTHONPATH=. $(BIN)/python -m zensical build --clean --strict
@@ -73,4 +86,4 @@ $(VENV)/.tools: pyproject.toml constraints.txt | $(BIN)/python
 	touch $(VENV)/.product $@
 
 clean:
-	rm -rf $(VENV) site .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(ISAACLAB) site .cache .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -117,6 +117,7 @@ class Batch:
         pressure: Pressure at the nodes [Pa] at the last call of ``tractions``, shape [count,
             node_count].
         shear: Shear traction on the gel [Pa] at the nodes, Warp vectors, likewise.
+        areas_m2: Area of the resting surface around each node, shape [node_count]; zero inside.
         gel: Elements of the environments, for fields of ``positions``.
 
     Raises:
@@ -183,6 +184,9 @@ class Batch:
         shapes = {"tips": (self.count, 2), "touched": (self.count, 7), "last": nodes}
         self._history = device.zeroed(kernels.History, (self.count,), **shapes, older=nodes)
         self.pressure, self.shear = (device.zeros(nodes, kind) for kind in (wp.float64, wp.vec3d))
+        hats = quarter_hats(model.reference.face_points)
+        self.areas_m2 = np.zeros(len(model.nodes))
+        np.add.at(self.areas_m2, model.faces, np.einsum("fq,qk->fk", model.surface.areas, hats))
         self.positions, self.poses = self.descents.positions, self.descents.poses
         self._at = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (self.count, 1))
         self._lifted, self._pushed = np.zeros((2, self.count), dtype=np.bool_)
@@ -329,10 +333,7 @@ class Batch:
     def _spreading(self) -> tuple[Any, Any]:
         """Record what sets pressure and shear."""
         descents, model, record = self.descents, self.model, self._device.record
-        fields, reference = [self.pressure, self.shear], model.reference
-        hats, node_count = quarter_hats(reference.face_points), len(model.nodes)
-        areas = np.zeros(node_count)
-        np.add.at(areas, model.faces, np.einsum("fq,qk->fk", model.surface.areas, hats))
+        fields, hats = [self.pressure, self.shear], quarter_hats(model.reference.face_points)
         made, shape = model.surface.kernels(descents.indenter), descents.contact_buffers[1].shape
         at = [descents.surface, descents.body, self._device.array(hats, wp.float64)]
         now = [descents.poses, descents.grip, descents.positions]
@@ -340,8 +341,8 @@ class Batch:
             record(made.spread, tuple(shape), [*at, *now, *fields]),
             record(
                 kernels.per_area,
-                (self.count, node_count),
-                [self._device.array(areas, wp.float64), *fields],
+                (self.count, len(self.areas_m2)),
+                [self._device.array(self.areas_m2, wp.float64), *fields],
             ),
         )
 

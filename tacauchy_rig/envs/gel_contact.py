@@ -159,6 +159,11 @@ class GelContact:
         poses = self.batch.poses
         return self._drawing.images(self.batch.positions, poses.tips, poses.rotations)
 
+    @property
+    def dents(self) -> Any:
+        """Height that the gels lost in the last images [m], Warp float32, shaped as they are."""
+        return self._drawing.dents
+
     def markers(self) -> Any:
         """Return where markers are [px], Warp float32 [count, marker_count, 2]: column and row."""
         return self._drawing.markers(self.batch.positions)
