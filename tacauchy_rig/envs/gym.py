@@ -55,7 +55,7 @@ _MOST = 100.0
 Seen = dict[str, Any]
 
 
-class TouchVectorEnv(VectorEnv[Seen, FloatArray, FloatArray], ABC):
+class TouchVectorEnv(VectorEnv[Seen, FloatArray, Any], ABC):
     """Environments that touch one sensor; the actions' first three numbers move the tip.
 
     Observations: ``force``, the wrench on the body about the middle of the pad's base [N, N m]
@@ -71,7 +71,7 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, FloatArray], ABC):
         max_episode_steps: An episode is cut off then; None never does.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium declares it
         "render_modes": ["rgb_array"],
         "render_fps": round(1.0 / STEP_S),
         "autoreset_mode": AutoresetMode.SAME_STEP,
@@ -230,7 +230,7 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, FloatArray], ABC):
             rng = self._rngs[k]
             self._gain[k] = 1.0 + of.gain * rng.standard_normal()
             self._stiffness[k] = max(0.1, 1.0 + of.stiffness * rng.standard_normal())
-            self._zero[k] = of.zero * rng.standard_normal(6)
+            self._zero[k] = np.multiply(of.zero, rng.standard_normal(6))
             self._drift_n_s[k] = of.drift_n_s * rng.standard_normal()
             self.draw(int(k), rng)
         self.begin_m[which], self._steps[which] = self.poses[which, :3], 0
@@ -243,15 +243,14 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, FloatArray], ABC):
 
     def _observed(self, which: NDArray[np.bool_] | None = None) -> Seen:
         """Return what the devices tell now; noise is drawn for those asked for only."""
-        of, asked = self.imperfections, range(self.num_envs)
-        if which is not None:
-            asked = np.flatnonzero(which).tolist()
+        of = self.imperfections
+        asked = range(self.num_envs) if which is None else np.flatnonzero(which).tolist()
         share = min(of.force_delay_s / STEP_S, 1.0)
         felt = (1.0 - share) * self._late[-1] + share * self._late[0]
         felt = self._gain[:, None] * felt + self._zero
         felt[:, 2] += self._drift_n_s * self._steps * STEP_S
         for k in asked:
-            felt[k] += of.noise * self._rngs[k].standard_normal(6)
+            felt[k] += np.multiply(of.noise, self._rngs[k].standard_normal(6))
         pose = 1e3 * (self.poses[:, :3] - self.begin_m)
         seen: Seen = {
             "force": felt.astype(np.float32),
@@ -282,7 +281,7 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, FloatArray], ABC):
 class TouchEnv(gymnasium.Env[Seen, FloatArray]):
     """One environment: the vector of one."""
 
-    metadata: ClassVar[dict[str, Any]] = TouchVectorEnv.metadata
+    metadata: dict[str, Any] = TouchVectorEnv.metadata
 
     def __init__(self, kind: type[TouchVectorEnv], **settings: Any) -> None:
         self.vector = kind(1, **settings)
@@ -304,7 +303,7 @@ class TouchEnv(gymnasium.Env[Seen, FloatArray]):
         first = {name: value[0] for name, value in seen.items()}
         return first, float(rewards[0]), bool(done[0]), bool(cut[0]), {}
 
-    def render(self) -> ImageArray | None:  # type: ignore[override]
+    def render(self) -> ImageArray | None:
         """Return what the camera sees."""
         images = self.vector.render()
         return None if images is None else images[0]

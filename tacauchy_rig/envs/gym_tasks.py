@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -93,17 +94,10 @@ class PegTouch(TouchVectorEnv):
         return -error, np.zeros(len(actions), np.bool_)
 
 
-def _single(kind: type[TouchVectorEnv]) -> Any:
-    def make(**settings: Any) -> TouchEnv:
-        return TouchEnv(kind, **settings)
-
-    return make
-
-
 for _kind in (PressToForce, FindEdge, PegTouch):
     register(
         f"{_kind.__name__}-v0",
-        entry_point=_single(_kind),
-        vector_entry_point=_kind,
+        entry_point=partial(TouchEnv, _kind),
+        vector_entry_point=f"{__name__}:{_kind.__name__}",
         max_episode_steps=60,
     )
