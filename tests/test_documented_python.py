@@ -39,8 +39,7 @@ SETTINGS = ("replay.preset=fast", f'protocol.force_targets=["{FORCE_N} N"]')
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a recorded run of one press where the page has it."""
     place = tmp_path_factory.mktemp("notebook")
-    mocked = [f"{device}.driver=mock" for device in ("robot", "force_sensor", "camera")]
-    loaded = load_config(overrides=[*SETTINGS, *mocked])
+    loaded = load_config(overrides=SETTINGS)
     store = RunStore.create(place, loaded, config_text="", simulated=True, versions={})
     recording = store.paths.recording(1, 1)
     recording.parent.mkdir(parents=True)

@@ -15,7 +15,7 @@ from sim.optics.height.height_map import TOUCHING_M, SurfaceHeights, gap_left
 from sim.optics.markers.marker_printer import MarkerPrinter, SeenPoints
 from sim.optics.markers.printed_markers import find_markers, marker_places
 from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
-from sim.scene.indenter import Indenter
+from sim.scene.indenter import Indenter, IndenterSet
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from sim.solve.model import Model
@@ -51,7 +51,7 @@ class SurfaceImages:
     def __init__(
         self,
         model: Model,
-        indenter: Indenter,
+        indenter: Indenter | IndenterSet,
         sensor: Sensor,
         *,
         count: int,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from sim.mesh.elements import QUARTERS
 from sim.optics.height import node_kernel as kernels
 from sim.optics.height.drawn_nodes import cut_tables, round_rings, two_rings
 from sim.optics.height.facet_kernel import BARE_M, View, bound_heights, draw_facets
-from sim.scene.indenter import Indenter, MeshIndenter, grown
+from sim.scene.indenter import Indenter, IndenterSet, MeshIndenter, grown
 from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
@@ -117,7 +117,7 @@ class SurfaceHeights:
     def __init__(
         self,
         top: TopSurface,
-        indenter: Indenter,
+        indenter: Indenter | IndenterSet,
         geometry: CameraGeometry,
         *,
         count: int = 1,
@@ -129,10 +129,18 @@ class SurfaceHeights:
         self._count, self._device = count, Device(device)
         self._size = (geometry.height, geometry.width)
         self._view = _view(geometry)
-        bound = grown(indenter, standoff_m)
+        bound: Indenter | IndenterSet
+        if isinstance(indenter, IndenterSet):
+            bodies = tuple(grown(body, standoff_m) for body in indenter.bodies)
+            rounding_m = indenter.rounding_m + standoff_m
+            bound = replace(indenter, bodies=bodies, rounding_m=rounding_m)
+        else:
+            bound = grown(indenter, standoff_m)
+            bodies = (bound,)
         self._body = body_of(bound, device=device)
         # Kernels find a mesh by the place of its tree, which must live as long.
-        self._kept = uploaded_surface(bound, device) if isinstance(bound, MeshIndenter) else None
+        meshes = [body for body in bodies if isinstance(body, MeshIndenter)]
+        self._kept = [uploaded_surface(body, device) for body in meshes]
         self._is_quadratic = top.faces.shape[1] == 6
         lifts = np.zeros(len(top.rest)) if pad is None else _lifts(top.rest, pad)
         self._take_tables(top, lifts, standoff=standoff_m, gap=contact_gap_m)

@@ -23,6 +23,7 @@ from sim.optics.surface_images import SurfaceImages
 from sim.scene.indenter import (
     Cylinder,
     Indenter,
+    IndenterSet,
     Sphere,
     cylinder_triangles,
     grown,
@@ -180,3 +181,18 @@ def test_a_graph_on_a_gpu_gives_the_images_of_the_processor(indenter: Indenter) 
     assert np.abs(images.numpy().astype(int) - expected).max() <= 1
     assert np.abs(images.numpy().astype(int) - first).max() <= 1
     np.testing.assert_allclose(markers.numpy(), host.markers(taken[0]).numpy(), atol=1e-4)
+
+
+def test_unlike_bodies_of_a_batch_are_drawn_as_alone() -> None:
+    """Each of a set bounds its own gel, with the gap that the solver keeps."""
+    sensor, model = load_sensor("gelsight-mini"), _model("gelsight-mini")
+    positions, tips = _pressed(model)
+    nodes, at = wp.array(positions, dtype=wp.vec3d), wp.array(tips, dtype=wp.vec3d)
+    alone = {
+        body: SurfaceImages(model, body, sensor, count=3).images(nodes, at, None).numpy().copy()
+        for body in (_BALL, _PUNCH)
+    }
+    bodies = IndenterSet(bodies=(_BALL, _PUNCH), which=(0, 1, 1))
+    drawn = SurfaceImages(model, bodies, sensor, count=3).images(nodes, at, None).numpy()
+    np.testing.assert_array_equal(drawn[0], alone[_BALL][0])
+    np.testing.assert_array_equal(drawn[1:], alone[_PUNCH][1:])

@@ -19,9 +19,8 @@ from tacauchy_rig.app.replay.inputs import check_optics, check_replay, inputs_of
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import ConfigError
+from tests.mock.real_time import load_mocks, mocks_installed
 from tests.tacauchy_rig.app.importing.test_parts import CUBE
-
-MOCKED = ("robot.driver=mock", "force_sensor.driver=mock", "camera.driver=mock")
 
 
 def configured(*overrides: str) -> RigConfig:
@@ -75,7 +74,8 @@ def test_the_line_names_the_calibration(tmp_path: Path) -> None:
     given = configured(f"sensor.optics_calibration={file}")
     assert check_optics(given, sensor) == f"optics from {file}"
     assert "emulated sensor" in check_optics(configured(), sensor)
-    assert "not calibrated" in check_optics(configured(*MOCKED), sensor)
+    with mocks_installed():
+        assert "not calibrated" in check_optics(load_mocks().config, sensor)
 
 
 def test_what_the_replay_overrides_reaches_the_scene(tmp_path: Path) -> None:
