@@ -9,12 +9,10 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import psutil
 import pytest
 
-import protocols
 from protocols.guard.abort import Abort
 from protocols.processes.supervisor import plan_session, run_session
 from tacauchy_rig.core.errors import DeviceError, RecordError
@@ -255,11 +253,9 @@ run_session(store, store.config, on_event=tell, abort=Abort())
 def test_a_killed_supervisor_stops_the_arm_and_every_child(make_store):
     """Kill -9 of the parent: control makes the arm safe, the record is finished, all end."""
     store = make_store(ONE)
-    root = Path(protocols.__file__).parents[1]
     parent = subprocess.Popen(
         [sys.executable, "-c", PARENT, str(store.paths.root)],
         stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": str(root)},
         text=True,
     )
     pids = {}
