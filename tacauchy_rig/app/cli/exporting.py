@@ -9,7 +9,7 @@ import typer
 
 from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import say, write_json
-from tacauchy_rig.app.exporting.formats import Format
+from tacauchy_rig.app.exporting.names import Format
 
 
 def export(

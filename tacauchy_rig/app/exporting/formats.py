@@ -5,29 +5,13 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
 
+from tacauchy_rig.app.exporting.names import Format
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.durable import write_error
 from tacauchy_rig.core.store.run_store import RunStore
-
-
-class Format(StrEnum):
-    """What can be written."""
-
-    CSV = "csv"
-    LEROBOT = "lerobot"
-    HDF5 = "hdf5"
-    ROSBAG2 = "rosbag2"
-    WEBDATASET = "webdataset"
-    VTU = "vtu"
-    USD = "usd"
-    ISAACLAB = "isaaclab"
-    TAXIM = "taxim"
-    TACEX = "tacex"
-
 
 OF_RUNS = (Format.CSV, Format.LEROBOT, Format.HDF5, Format.ROSBAG2, Format.WEBDATASET)
 """Formats of what a rig recorded."""

@@ -63,14 +63,12 @@ def test_paragraphs_are_filled_and_tables_left_as_they_are() -> None:
 
 def test_a_block_of_a_template_is_one_line_of_prose() -> None:
     """A table's note is filled by whoever shows it, so that it holds no line breaks."""
-    facts = {"power": "1.10", "of_one": "0.90", "wanted": 1.5}
-    found = table_prose("sim.studies.bench", "tables.md.jinja", "growth", **facts)
+    facts = {"seed": 7, "wanted": 90.0, "tolerance": 0.01}
+    found = table_prose("sim.studies.bench", "tables.md.jinja", "alone", **facts)
     note = found["note"]
-    assert found["title"] == "Growth with elements"
-    assert found["criterion"].endswith("to the power of 1.5")
-    assert note.startswith(
-        "Fitted through all rows: time goes with the elements to the power of 1.10"
-    )
+    assert found["title"] == "A batch's forces against presses alone"
+    assert found["criterion"].endswith("every press is found and 90% of F_z are within 5%")
+    assert note.startswith("Balls and rounded punches drawn with seed 7 as above")
     assert "\n" not in note
     assert "  " not in note
 

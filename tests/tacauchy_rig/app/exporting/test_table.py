@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from tacauchy_rig.app.exporting.formats import Format, export
+from tacauchy_rig.app.exporting.formats import export
+from tacauchy_rig.app.exporting.names import Format
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, Outcome, Tare, TrialRecord

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tacauchy_rig.app.exporting.formats import Format, export
+from tacauchy_rig.app.exporting.formats import export
+from tacauchy_rig.app.exporting.names import Format
 from tacauchy_rig.app.exporting.taxim import ISAAC_BINS, TAXIM_BINS
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.rgb import decode_rgb
