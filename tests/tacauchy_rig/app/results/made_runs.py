@@ -121,7 +121,9 @@ def served(runs: Path, *, only: str = "") -> Iterator[Client]:
     results = ResultsServer(
         runs, AccessRule(TOKEN, port=port), only=only, health=Health(judge=judged)
     )
-    config = uvicorn.Config(results.app, http="h11", ws="none", lifespan="off", log_level="error")
+    # uvicorn's own settings of logging would close the handlers of other packages, and with them
+    # the files that pytest captures into.
+    config = uvicorn.Config(results.app, http="h11", ws="none", lifespan="off", log_config=None)
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
     thread.start()
