@@ -5,10 +5,12 @@ from __future__ import annotations
 import gc
 import os
 import shutil
+import sys
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from absl import logging as absl_logging
 from hypothesis import HealthCheck, settings
 
 # The same examples in every run, and no limit on how long one takes: that is the machine's matter.
@@ -16,6 +18,10 @@ settings.register_profile(
     "rig", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("rig")
+
+# absl's log would else hold the file that pytest captures into, and close it with its handler as
+# soon as uvicorn sets up logging.
+absl_logging.get_absl_handler().python_handler.stream = sys.__stderr__
 
 for _variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
