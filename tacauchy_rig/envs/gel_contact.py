@@ -26,6 +26,8 @@ from tacauchy_rig.core.errors import ConfigError
 
 # An object this near to the gel [m] is pressed; one farther away touches nothing.
 _NEAR_M = 0.2e-3
+# Cosine of the tilt from which a cylinder, whose axis does not end, may touch with its side.
+_UPRIGHT = 0.7
 UNMOVED = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 """Position and quaternion of a frame that is the body's own."""
 
@@ -98,6 +100,7 @@ class GelContact:
         if not isinstance(gel.pad, BoxPad):
             raise ConfigError(f"sensor {sensor}: its pad is a mesh", remedy="take a box or a dome")
         self._pad, self._ball, self._damping = gel.pad, _bounding_ball(indenter), damping_n_s_m
+        self._is_rod = isinstance(indenter, Cylinder)
         made: dict[str, Any] = {"edge_m": edge_m, "friction": friction, "device": device}
         model = sensor_model(gel.pad, gel.material, layers=gel.layers, **made)
         self.batch = Batch(model, [indenter], [0] * count)
@@ -115,10 +118,13 @@ class GelContact:
         at = pads.turn.inv().apply(tips.at - pads.at)
         turn = pads.turn.inv() * tips.turn
         height_m, radius_m = self._ball
-        centres = at + turn.apply([0.0, 0.0, height_m])
-        near = centres[:, 2] - radius_m < self._pad.height_m + _NEAR_M
+        centres, reach_m = at + turn.apply([0.0, 0.0, height_m]), np.full(len(at), radius_m)
+        if self._is_rod:  # as soon as it lies it reaches anywhere
+            reach_m[turn.as_matrix()[:, 2, 2] < _UPRIGHT] = np.inf
+        near = centres[:, 2] - reach_m < self._pad.height_m + _NEAR_M
         near &= centres[:, 2] > 0.0  # below its base nothing is pressed
-        near &= (np.abs(centres[:, :2]) < np.array(self._pad.half_extents()) + radius_m).all(axis=1)
+        beside = np.abs(centres[:, :2]) - np.array(self._pad.half_extents())
+        near &= beside.max(axis=1) < reach_m
         self.reset(self.is_near & ~near)
         self.is_near = near
         if near.any():
@@ -173,7 +179,7 @@ def _bounding_ball(indenter: Indenter) -> tuple[float, float]:
     """Return the height of a ball's centre above the tip, and its radius [m]."""
     if isinstance(indenter, Sphere):
         return indenter.diameter_m / 2.0, indenter.diameter_m / 2.0
-    if isinstance(indenter, Cylinder):  # as long as a gel is thick, at most
+    if isinstance(indenter, Cylinder):  # of its end; its axis has none
         return 0.0, indenter.diameter_m
     if isinstance(indenter, MeshIndenter):
         return 0.0, float(np.linalg.norm(indenter.surface.vertices, axis=1).max())

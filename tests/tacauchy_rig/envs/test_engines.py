@@ -8,9 +8,13 @@ import mujoco
 import newton
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from sim.scene.indenter import Sphere
+from sim.scene.indenter import Cylinder, Sphere
+from sim.scene.pad import BoxPad
+from sim.sensor.sensor import load_sensor
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.envs.gel_contact import Frames, GelContact
 from tacauchy_rig.envs.mujoco import ball_on_pad
 from tacauchy_rig.envs.newton import TactileSensor, balls_on_pads
 
@@ -70,6 +74,20 @@ def test_a_ball_far_away_costs_nothing_and_has_no_wrench() -> None:
     assert sensor.contact.is_valid.all()
     assert not sensor.contact.is_near.any()
     np.testing.assert_array_equal(sensor.contact.images().numpy(), bare)
+
+
+def test_a_peg_that_lies_on_the_gel_is_felt_though_its_end_is_far_beside() -> None:
+    """A cylinder reaches as far as its axis, not as far as it is thick."""
+    contact = GelContact(Cylinder(diameter_m=4e-3, fillet_m=1e-3), count=1, edge_m=3e-3)
+    pad = load_sensor("gelsight-mini").pad
+    assert isinstance(pad, BoxPad)
+    end = np.array([[-0.5 * pad.size_x_m - 8e-3, 0.0, pad.height_m + 2e-3 - 0.3e-3]])
+    contact.press(
+        Frames(np.zeros((1, 3)), Rotation.identity(1)),
+        Frames(end, Rotation.from_euler("y", [90.0], degrees=True)),
+    )
+    assert contact.is_valid.all()
+    assert contact.wrench[0, 2] > 0.1
 
 
 def test_as_many_objects_as_pads_are_needed() -> None:
