@@ -10,11 +10,11 @@ import typer
 
 from tacauchy_rig.app.cli.options import Jobs
 from tacauchy_rig.app.cli.output import Steps, say, writable_folder, write_text
+from tacauchy_rig.app.sweep.names import EngineName
 from tacauchy_rig.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from tacauchy_rig.app.sweep.engines import Engine
-from tacauchy_rig.app.sweep.names import EngineName
 
 _PACKAGE = "tacauchy_rig.app.sweep"
 
@@ -60,7 +60,8 @@ def sweep(
             "a sweep needs PLAN and --out FOLDER",
             remedy="`tacauchy-rig sweep --example > plan.toml` writes a plan",
         )
-    from tacauchy_rig.app.sweep.plan import read_plan, rows_of
+    from tacauchy_rig.app.sweep.plan import read_plan
+    from tacauchy_rig.app.sweep.rows import rows_of
     from tacauchy_rig.app.sweep.run import estimate
     from tacauchy_rig.app.sweep.run import sweep as run
     from tacauchy_rig.core.long_task import doing

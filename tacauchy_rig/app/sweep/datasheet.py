@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from tacauchy_rig.app.sweep.files import INDEX, LARGE, SHARDS, checksums
-from tacauchy_rig.app.sweep.plan import Plan, made_with
+from tacauchy_rig.app.sweep.plan import Plan
+from tacauchy_rig.app.sweep.rows import made_with
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.store.durable import write_atomically
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from sim.scene.indenter import describe
 from sim.scene.scene import Effect
-from tacauchy_rig.app.sweep.plan import Row, indenter_of, made_with, sensor_of
+from tacauchy_rig.app.sweep.rows import Row, indenter_of, made_with, sensor_of
 from tacauchy_rig.app.sweep.shard import Shard, bare_frame, compute_shard
 from tacauchy_rig.core.arrays import AnyArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError, RecordError

@@ -10,7 +10,8 @@ from pathlib import Path
 from tacauchy_rig.app.sweep.datasheet import write_datasheet
 from tacauchy_rig.app.sweep.engines import Engine
 from tacauchy_rig.app.sweep.files import SHARDS, done_rows, make_shard, write_index
-from tacauchy_rig.app.sweep.plan import Plan, Row, sensor_of
+from tacauchy_rig.app.sweep.plan import Plan
+from tacauchy_rig.app.sweep.rows import Row, sensor_of
 from tacauchy_rig.app.sweep.shard import hashed, shards_of
 from tacauchy_rig.app.sweep.summary import write_summary
 from tacauchy_rig.core.errors import ConfigError, RecordError

@@ -24,14 +24,8 @@ from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.sensor.sensor import Sensor
 from sim.solve.model import Model
-from tacauchy_rig.app.sweep.plan import (
-    Plan,
-    Row,
-    Simulation,
-    indenter_of,
-    row_hash,
-    sensor_of,
-)
+from tacauchy_rig.app.sweep.plan import Plan, Simulation
+from tacauchy_rig.app.sweep.rows import Row, indenter_of, row_hash, sensor_of
 from tacauchy_rig.core.arrays import AnyArray, FloatArray
 
 # Where a press by force begins, below first touch [m].
