@@ -78,7 +78,7 @@ def sweep(
     _check_space(out, estimate(plan, missing))
     count, started, pressed = len(rows) - len(missing), time.monotonic(), 0
     on_progress("presses are there", count, len(rows), "")
-    with doing(f"pressing {len(missing)} of {len(rows)}"):
+    with doing(f"pressing {len(missing)} that are missing"):
         for shard, content in engine(make_shard, left):
             write_atomically(out / SHARDS / f"{shard.name}.parquet", content)
             pressed += len(shard.rows)
@@ -102,6 +102,6 @@ def _check_space(out: Path, needed: Estimate) -> None:
         raise ConfigError(f"--out {out}: {error.strerror}", remedy="name another folder") from error
     if free < needed.size_bytes:
         raise RecordError(
-            f"{out}: {free / 1e9:.2f} GB free; the presses need {needed.size_bytes / 1e9:.2f} GB",
+            f"{out}: {free / 1e6:.0f} MB free; the presses need {needed.size_bytes / 1e6:.0f} MB",
             remedy="free some space, give --out another disk, or press fewer with --limit",
         )

@@ -80,10 +80,15 @@ def test_an_episode_begins_anew_in_the_step_that_ends_it(three: PressToForce) ->
     assert not seen["pose"].any()
 
 
-def test_gymnasiums_checker_passes_and_time_is_limited() -> None:
+@pytest.mark.parametrize("name", ["PressToForce-v0", "FindEdge-v0", "PegTouch-v0"])
+def test_gymnasiums_checker_passes(name: str) -> None:
+    """Of each task."""
+    check_env(gymnasium.make(name).unwrapped, skip_render_check=True)
+
+
+def test_time_is_limited_and_an_image_is_drawn() -> None:
     """Of a single environment, which draws what it is asked to."""
     made = gymnasium.make("PressToForce-v0", render_mode="rgb_array", max_episode_steps=2)
-    check_env(made.unwrapped, skip_render_check=True)
     made.reset(seed=1)
     assert not made.step(np.zeros(3, np.float32))[3]
     vector = made.unwrapped.vector
