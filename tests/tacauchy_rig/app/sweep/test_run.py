@@ -172,7 +172,8 @@ def test_a_damaged_shard_is_named(swept: tuple[Plan, Path], tmp_path: Path) -> N
 def test_a_full_disk_stops_before_the_first_press(swept: tuple[Plan, Path], tmp_path: Path) -> None:
     """A full disk stops before the first press."""
     engine = Counting()
-    with patch.object(run, "free_bytes", return_value=1000), pytest.raises(RecordError, match="0 MB free"):
+    full = patch.object(run, "free_bytes", return_value=1000)
+    with full, pytest.raises(RecordError, match="0 MB free"):
         run.sweep(swept[0], rows_of(swept[0]), tmp_path, engine)
     assert engine.pressed == 0
 
