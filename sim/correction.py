@@ -64,21 +64,13 @@ class RelativeCost:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BiasRule:
-    """The bias of F_z, and what may remain; all relative to F_z.
+    """The bias of F_z, and what may remain; all relative to F_z."""
 
-    Attributes:
-        share: What every scene has.
-        slope: For one of x.
-        layers: What a gel of several materials has more.
-        rests: What may remain, under a ball and under any other body.
-        time_ratio: Processor time of a press over that of preset fast's, a median.
-    """
-
-    share: float
-    slope: float
-    layers: float
-    rests: tuple[float, float]
-    time_ratio: float
+    share: float  # what every scene has
+    slope: float  # for one of x
+    layers: float  # what a gel of several materials has more
+    rests: tuple[float, float]  # what may remain, under a ball and under any other body
+    time_ratio: float  # processor time of a press over that of preset fast's, a median
 
     def bias(self, scene: Scene, depth_m: float) -> float:
         """Return the bias of a scene at a depth [m]."""
@@ -117,21 +109,13 @@ _PATH_DEPENDENT = {Output.SHEAR, Output.MARKERS}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Corrected:
-    """What a press would give on preset reference, as far as is known.
+    """What a press would give on preset reference, as far as is known."""
 
-    Attributes:
-        force_n: F_z at ``depth_m`` [N].
-        depth_m: Depth at ``force_n`` [m]; one of the two is the press's own.
-        error_relative: What may remain: of F_z if the depth was given, else of the depth.
-        bias_relative: What was taken off F_z at the depth.
-        basis: How it is known.
-    """
-
-    force_n: float
-    depth_m: float
-    error_relative: float
-    bias_relative: float
-    basis: str
+    force_n: float  # F_z at ``depth_m`` [N]
+    depth_m: float  # depth at ``force_n`` [m]; one of the two is the press's own
+    error_relative: float  # what may remain: of F_z if the depth was given, else of the depth
+    bias_relative: float  # what was taken off F_z at the depth
+    basis: str  # how it is known
 
 
 def rules_of(scene: Scene) -> dict[float, BiasRule]:

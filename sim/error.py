@@ -227,14 +227,10 @@ _UNDECIDED_TOLERANCE = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerance:
-    """How far off F_z may be: relative to F_z, or in newtons; exactly one of the two.
-
-    Attributes:
-        force_n: Of the largest force where there are several [N].
-    """
+    """How far off F_z may be: relative to F_z, or in newtons; exactly one of the two."""
 
     relative: float | None = None
-    force_n: float | None = None
+    force_n: float | None = None  # of the largest force where there are several [N]
 
     def __post_init__(self) -> None:
         value = self.relative if self.force_n is None else self.force_n

@@ -80,17 +80,11 @@ _IN_TIME = (Effect.INERTIA, Effect.GRAVITY)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TiltedPress:
-    """A coarse press with an indenter that is tilted towards x.
+    """A coarse press with an indenter that is tilted towards x."""
 
-    Attributes:
-        history: (depth [m], force [N]) of every force.
-        moments_nm: On the indenter about its tip, against the tilt [N m], of every force.
-        outputs: At the largest force.
-    """
-
-    history: tuple[tuple[float, float], ...]
-    moments_nm: FloatArray
-    outputs: PressOutputs
+    history: tuple[tuple[float, float], ...]  # (depth [m], force [N]) of every force
+    moments_nm: FloatArray  # on the indenter about its tip, against the tilt [N m], of every force
+    outputs: PressOutputs  # at the largest force
 
 
 def can_tilt(indenter: Indenter) -> bool:

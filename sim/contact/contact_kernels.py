@@ -259,24 +259,21 @@ class ContactKernels:
     """The kernels for one kind of body, with or without what resists along the surface.
 
     Attributes:
-        touch: Energies [J] and gaps [m]; adds forces [N] to the nodes.
         force: Position and gap [m] of every point, force on the indenter [N] and its stiffness
             [N/m].
         hold: Holds points that touch and frees the others; takes over their pressure, corrects
             what ``touch`` gave, and tells the pressure's change and size [N].
-        drag: Lets anchors of sliding points follow.
-        stiffen: Semidefinite stiffness of every point [N/m], and which nodes are touched.
         wrench: Adds force [N] and moment about the tip [N m] on the indenter, and the area at rest
             of what touches [m^2].
         spread: Adds pressure and shear on the gel, times the area at rest [N], to the nodes around
             every point, by shares that are nowhere negative.
     """
 
-    touch: Any
+    touch: Any  # energies [J] and gaps [m]; adds forces [N] to the nodes
     force: Any
     hold: Any
-    drag: Any
-    stiffen: Any
+    drag: Any  # lets anchors of sliding points follow
+    stiffen: Any  # semidefinite stiffness of every point [N/m], and which nodes are touched
     wrench: Any
     spread: Any
 

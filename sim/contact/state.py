@@ -16,23 +16,19 @@ class ContactOptions:
     """Settings of contact.
 
     Attributes:
-        distance_m: d_hat [m]: the barrier acts from here on.
-        friction: Coulomb coefficient mu; zero without friction.
-        slip_m: Tangential offset at which sticking has become sliding [m].
         extension: Share of d_hat below which the barrier is a parabola, at most. At 1 it is one
             altogether, which Newton likes best, and gaps stay positive while the pressure is below
             kappa / d_hat.
-        stiffness: kappa over E d_hat.
         overlap: By how many times d_hat a point may overlap where the barrier is a parabola
             altogether.
     """
 
-    distance_m: float = 1.0e-5
+    distance_m: float = 1.0e-5  # d_hat [m]: the barrier acts from here on
     bonded: bool = False
-    friction: float = 0.0
-    slip_m: float = 1.0e-6
+    friction: float = 0.0  # Coulomb coefficient mu; zero without friction
+    slip_m: float = 1.0e-6  # tangential offset at which sticking has become sliding [m]
     extension: float = 0.5
-    stiffness: float = 8.0
+    stiffness: float = 8.0  # kappa over E d_hat
     overlap: float = 0.0
 
     @property
@@ -70,20 +66,13 @@ class Grip:
 
 @dataclass(slots=True, kw_only=True)
 class State:
-    """What changes during a press.
+    """What changes during a press."""
 
-    Attributes:
-        positions: Deformed nodes [m], shape [node_count, 3].
-        tip: The indenter's tip [m], shape [3].
-        rotation: Indenter frame to pad frame, shape [3, 3].
-        extension: Share of d_hat below which the barrier is a parabola.
-    """
-
-    positions: FloatArray
-    tip: FloatArray
-    rotation: FloatArray
+    positions: FloatArray  # deformed nodes [m], shape [node_count, 3]
+    tip: FloatArray  # the indenter's tip [m], shape [3]
+    rotation: FloatArray  # indenter frame to pad frame, shape [3, 3]
     grip: Grip | None = None
-    extension: float = 0.3
+    extension: float = 0.3  # share of d_hat below which the barrier is a parabola
 
     def copy(self) -> State:
         """Return an independent copy."""
@@ -92,16 +81,9 @@ class State:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactForces:
-    """Contact at every quadrature point of the surface, shape [face_count, point_count, ...].
+    """Contact at every quadrature point of the surface, shape [face_count, point_count, ...]."""
 
-    Attributes:
-        points: Positions [m].
-        gaps: From there to the indenter [m].
-        forces: Force on the indenter [N].
-        stiffness: Derivative of that force by the point's motion [N/m].
-    """
-
-    points: FloatArray
-    gaps: FloatArray
-    forces: FloatArray
-    stiffness: FloatArray
+    points: FloatArray  # positions [m]
+    gaps: FloatArray  # from there to the indenter [m]
+    forces: FloatArray  # force on the indenter [N]
+    stiffness: FloatArray  # derivative of that force by the point's motion [N/m]

@@ -21,18 +21,15 @@ class PlannedEffect:
     """One row of a plan.
 
     Attributes:
-        on: It is simulated.
-        reason: Why, with the numbers.
         costs: Relative error of each output if it is left out; empty where it changes nothing,
             None where nobody knows.
-        asked: The user switched it.
     """
 
     effect: Effect
-    on: bool
-    reason: str
+    on: bool  # it is simulated
+    reason: str  # why, with the numbers
     costs: dict[Output, float] | None = None
-    asked: bool = False
+    asked: bool = False  # the user switched it
 
     @property
     def estimated_error(self) -> float | None:
@@ -49,12 +46,11 @@ class EffectPlan:
     Attributes:
         tolerances: Relative error of each output that is asked for that all effects left out may
             have together.
-        tried_s: Processor time of the coarse presses that it rests on [s].
     """
 
     rows: dict[Effect, PlannedEffect]
     tolerances: dict[Output, float] = field(default_factory=dict)
-    tried_s: float = 0.0
+    tried_s: float = 0.0  # processor time of the coarse presses that it rests on [s]
 
     def is_on(self, effect: Effect) -> bool:
         """Return whether an effect is simulated."""

@@ -39,13 +39,12 @@ class EndState:
     """Where a press ends.
 
     Attributes:
-        path: On the scene's own mesh.
         way: What the mesh of the way gives at the same depth or force; None where the scene's own
             mesh was the way's.
         way_path: The path on that mesh; with all its states if they are kept.
     """
 
-    path: LoadingPath
+    path: LoadingPath  # on the scene's own mesh
     point: PathPoint
     way: PressOutputs | None = None
     way_path: LoadingPath | None = None

@@ -136,21 +136,16 @@ class Resolution:
             a footprint's area.
         smooth_share: Edge length under a rounded indenter over the expected contact radius; under a
             footprint the largest, over that of the disc.
-        growth: Ratio of neighbouring edge lengths away from there.
-        sector_count: Sectors of a full turn of a revolved mesh.
-        fillet_share: Largest edge length at a rounded rim over its fillet.
-        rounded_share: Largest edge length at a rounded rim over the punch's radius.
-        size_max_m: Largest edge length [m].
         under_share: Largest edge length under the indenter and near it, over the pad's height.
     """
 
     edge_share: float
     smooth_share: float
-    growth: float
-    sector_count: int = 0
-    fillet_share: float = 0.5
-    rounded_share: float = 0.04
-    size_max_m: float = 2.5e-3
+    growth: float  # ratio of neighbouring edge lengths away from there
+    sector_count: int = 0  # sectors of a full turn of a revolved mesh
+    fillet_share: float = 0.5  # largest edge length at a rounded rim over its fillet
+    rounded_share: float = 0.04  # largest edge length at a rounded rim over the punch's radius
+    size_max_m: float = 2.5e-3  # largest edge length [m]
     under_share: float = math.inf
 
 

@@ -38,32 +38,19 @@ _TOP_COSINE = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressOutputs:
-    """The outputs of one press on one mesh.
+    """The outputs of one press on one mesh."""
 
-    Attributes:
-        force_n: On the indenter [N], shape [3].
-        copies: Mirror images that its planes of symmetry make of the gel, itself among them.
-        centres_m: Of the surface's faces at rest, shape [n, 3].
-        areas_m2: Their areas at rest, each with its mirror images, shape [n].
-        pressure_pa: On each, the mean over its points, shape [n].
-        shear_pa: Tangential traction on each, likewise, shape [n, 3].
-        top_m2: The same of the top's faces, shape [m].
-        slopes: Unit normals of those, less those before the touch, shape [m, 3].
-        motion_m: Their motion along x and y since then, shape [m, 2].
-        stiffness_n_m: dF_z / d(depth) [N/m].
-    """
-
-    force_n: FloatArray
-    stiffness_n_m: float
+    force_n: FloatArray  # on the indenter [N], shape [3]
+    stiffness_n_m: float  # dF_z / d(depth) [N/m]
     depth_m: float
-    copies: int
-    centres_m: FloatArray
-    areas_m2: FloatArray
-    pressure_pa: FloatArray
-    shear_pa: FloatArray
-    top_m2: FloatArray
-    slopes: FloatArray
-    motion_m: FloatArray
+    copies: int  # mirror images that its planes of symmetry make of the gel, itself among them
+    centres_m: FloatArray  # of the surface's faces at rest, shape [n, 3]
+    areas_m2: FloatArray  # their areas at rest, each with its mirror images, shape [n]
+    pressure_pa: FloatArray  # on each, the mean over its points, shape [n]
+    shear_pa: FloatArray  # tangential traction on each, likewise, shape [n, 3]
+    top_m2: FloatArray  # the same of the top's faces, shape [m]
+    slopes: FloatArray  # unit normals of those, less those before the touch, shape [m, 3]
+    motion_m: FloatArray  # their motion along x and y since then, shape [m, 2]
 
     @property
     def sizes(self) -> dict[Output, float]:

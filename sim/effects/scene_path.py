@@ -150,16 +150,11 @@ _KEPT = 64
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CoarsePress:
-    """A press on longer edges.
+    """A press on longer edges."""
 
-    Attributes:
-        ratio: How many times shorter than the scene's its edges are.
-        processor_s: What it cost [s].
-    """
-
-    ratio: float
+    ratio: float  # how many times shorter than the scene's its edges are
     outputs: PressOutputs
-    processor_s: float
+    processor_s: float  # what it cost [s]
 
 
 def coarse_press(scene: Scene, plan: EffectPlan, ratio: float) -> CoarsePress:

@@ -29,26 +29,21 @@ class ContactSignature:
 
     Attributes:
         normal_n: Resultant of the normal forces, as a vector [N], shape [3].
-        normal_sum_n: Sum of the normal forces' sizes [N].
         tangential_n: Resultant of the tangential forces, as a vector [N], shape [3].
-        tangential_sum_n: Sum of the tangential forces' sizes [N].
-        centre_m: Centre of pressure relative to the indenter's axis, x and y [m].
         circumferential_share: Mean of |cos| of the angle between the tangential force and the way
             around the axis, weighted by the force's size, over the vertices.
         radial_share: The same with the way straight from the axis, along the indenter's surface.
-        inward_share: Weighted mean of the cosine with the way towards the axis.
-        radial_share_points: ``radial_share`` over the contact points.
     """
 
     normal_n: tuple[float, float, float]
-    normal_sum_n: float
+    normal_sum_n: float  # sum of the normal forces' sizes [N]
     tangential_n: tuple[float, float, float]
-    tangential_sum_n: float
-    centre_m: tuple[float, float]
+    tangential_sum_n: float  # sum of the tangential forces' sizes [N]
+    centre_m: tuple[float, float]  # centre of pressure relative to the indenter's axis, x and y [m]
     circumferential_share: float
     radial_share: float
-    inward_share: float
-    radial_share_points: float
+    inward_share: float  # weighted mean of the cosine with the way towards the axis
+    radial_share_points: float  # ``radial_share`` over the contact points
 
     @property
     def normal_size_n(self) -> float:
@@ -138,21 +133,13 @@ def _vector(values: FloatArray) -> tuple[float, float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurfaceMaps:
-    """Recovered contact traction on the whole contact surface; it acts on the gel.
+    """Recovered contact traction on the whole contact surface; it acts on the gel."""
 
-    Attributes:
-        points_m: Deformed nodes [m], shape [node_count, 3].
-        triangles: Linear facets, shape [facet_count, 3].
-        corner_faces: The elements' faces by their corners, shape [face_count, 3].
-        pressure_pa: -p_n of the paper: positive presses on the gel, shape [node_count].
-        tangential_pa: t_tau, shape [node_count, 3].
-    """
-
-    points_m: FloatArray
-    triangles: IntArray
-    corner_faces: IntArray
-    pressure_pa: FloatArray
-    tangential_pa: FloatArray
+    points_m: FloatArray  # deformed nodes [m], shape [node_count, 3]
+    triangles: IntArray  # linear facets, shape [facet_count, 3]
+    corner_faces: IntArray  # the elements' faces by their corners, shape [face_count, 3]
+    pressure_pa: FloatArray  # -p_n of the paper: positive presses on the gel, shape [node_count]
+    tangential_pa: FloatArray  # t_tau, shape [node_count, 3]
 
 
 def surface_maps(path: LoadingPath, point: PathPoint) -> SurfaceMaps:

@@ -33,17 +33,11 @@ _BLOCK = 256
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurfaceTraction:
-    """Recovered contact traction on the gel at every node of a model; zero away from contact.
+    """Recovered contact traction on the gel at every node of a model; zero away from contact."""
 
-    Attributes:
-        pressure_pa: -p_n of the paper: positive presses on the gel, shape [node_count].
-        tangential_pa: t_tau, shape [node_count, 3].
-        normals: Outward unit normals of the deformed surface, shape [node_count, 3].
-    """
-
-    pressure_pa: FloatArray
-    tangential_pa: FloatArray
-    normals: FloatArray
+    pressure_pa: FloatArray  # -p_n of the paper: positive presses on the gel, shape [node_count]
+    tangential_pa: FloatArray  # t_tau, shape [node_count, 3]
+    normals: FloatArray  # outward unit normals of the deformed surface, shape [node_count, 3]
 
     @property
     def traction_pa(self) -> FloatArray:
@@ -56,16 +50,13 @@ class ContactTraction:
     """Contact forces on the gel, by contact point or by vertex.
 
     Attributes:
-        arms_m: From the indenter's tip [m], shape [..., 3].
         normals: The indenter's outward unit normals, zero where nothing touches, shape [..., 3].
-        normal_n: Normal force [N]; positive presses on the gel.
-        tangential_n: Tangential force [N], shape [..., 3].
     """
 
-    arms_m: FloatArray
+    arms_m: FloatArray  # from the indenter's tip [m], shape [..., 3]
     normals: FloatArray
-    normal_n: FloatArray
-    tangential_n: FloatArray
+    normal_n: FloatArray  # normal force [N]; positive presses on the gel
+    tangential_n: FloatArray  # tangential force [N], shape [..., 3]
 
 
 def contact_forces(point: PathPoint) -> ContactTraction:

@@ -13,17 +13,11 @@ from tacauchy_rig.core.arrays import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StressOnSides:
-    """t = sigma n on an interface, from below and from above; one in the exact solution.
+    """t = sigma n on an interface, from below and from above; one in the exact solution."""
 
-    Attributes:
-        below_pa: sigma of the lower layer, shape [face_count, point_count, 3].
-        above_pa: sigma of the upper layer, same shape.
-        areas_m2: Deformed area of each point, shape [face_count, point_count].
-    """
-
-    below_pa: FloatArray
-    above_pa: FloatArray
-    areas_m2: FloatArray
+    below_pa: FloatArray  # sigma of the lower layer, shape [face_count, point_count, 3]
+    above_pa: FloatArray  # sigma of the upper layer, same shape
+    areas_m2: FloatArray  # deformed area of each point, shape [face_count, point_count]
 
     @property
     def jump_relative(self) -> float:
@@ -42,18 +36,15 @@ class InterfaceTraction:
     error scales with the skin's modulus, the traction with the soft gel's.
 
     Attributes:
-        below: Which tetrahedra lie below it, shape [tet_count].
-        faces: On it, shape [face_count, face_node_count].
         force_n: Of the gel below on the gel above for the whole pad, +z in compression as the force
             on the indenter is, shape [3]: the sum of the nodal forces, which equilibrium makes
             equal to the base's force, but for the weight in between.
-        element: By the stress of each element.
     """
 
-    below: BoolArray
-    faces: IntArray
+    below: BoolArray  # which tetrahedra lie below it, shape [tet_count]
+    faces: IntArray  # on it, shape [face_count, face_node_count]
     force_n: FloatArray
-    element: StressOnSides
+    element: StressOnSides  # by the stress of each element
 
 
 def interface_traction(model: Model, positions: FloatArray) -> tuple[InterfaceTraction, ...]:

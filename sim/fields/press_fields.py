@@ -25,16 +25,14 @@ class TrialFields:
     """Fields of one equilibrium, units in the names.
 
     Attributes:
-        shape: Nodes and faces of the deformed surface, and the indenter's tip.
-        surface: The deformed contact surface, for the optics.
         intermediate: The surface along the loading path and at its end, the smallest force first;
             empty where it was not asked for.
     """
 
-    shape: dict[str, AnyArray]
+    shape: dict[str, AnyArray]  # nodes and faces of the deformed surface, and the indenter's tip
     at_nodes: dict[str, FloatArray]
     at_faces: dict[str, FloatArray]
-    surface: SurfaceState
+    surface: SurfaceState  # the deformed contact surface, for the optics
     intermediate: tuple[IntermediateState, ...] = ()
 
     @property

@@ -29,16 +29,14 @@ class SurfaceStress:
     """Algorithm 1 on every face that is not clamped, shape [face_count, ...].
 
     Attributes:
-        traction_pa: t = sigma n, sigma of the parent tetrahedron (mean over its points).
         normal_pa: p_n = t . n; negative is compression.
-        tangential_pa: t - p_n n.
     """
 
     normals: FloatArray
     areas_m2: FloatArray
-    traction_pa: FloatArray
+    traction_pa: FloatArray  # t = sigma n, sigma of the parent tetrahedron (mean over its points)
     normal_pa: FloatArray
-    tangential_pa: FloatArray
+    tangential_pa: FloatArray  # t - p_n n
 
 
 def surface_stress(model: Model, positions: FloatArray) -> SurfaceStress:
@@ -100,13 +98,12 @@ class CauchyStress:
     """Stress of a whole model [Pa].
 
     Attributes:
-        cells_pa: Mean over each tetrahedron's points, shape [tet_count, 3, 3].
         nodes_pa: Recovered; where layers meet, that of the layer above, shape [node_count, 3, 3].
         errors_pa: Estimated error of each tetrahedron's own stress: root mean square of the norm of
             what it and the recovered one are apart, shape [tet_count].
     """
 
-    cells_pa: FloatArray
+    cells_pa: FloatArray  # mean over each tetrahedron's points, shape [tet_count, 3, 3]
     nodes_pa: FloatArray
     errors_pa: FloatArray
 

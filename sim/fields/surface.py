@@ -15,18 +15,15 @@ class TopSurface:
     """The gel's contact surface at rest, and how its nodes follow those of a model.
 
     Attributes:
-        rest: Nodes at rest [m], shape [node_count, 3].
         faces: Counter-clockwise seen from +z: linear ones, shape [face_count, 3], or quadratic
             ones, shape [face_count, 6], corners 0, 1, 2, then the nodes on the edges 01, 12, 20.
-        sources: Node of the model that each node is, or mirrors.
-        signs: Of its coordinates, shape [node_count, 3].
         mesh_axis_m: Axis about which the mesh was revolved, x and y [m]; None where it was not.
     """
 
-    rest: FloatArray
+    rest: FloatArray  # nodes at rest [m], shape [node_count, 3]
     faces: IntArray
-    sources: IntArray
-    signs: FloatArray
+    sources: IntArray  # node of the model that each node is, or mirrors
+    signs: FloatArray  # of its coordinates, shape [node_count, 3]
     mesh_axis_m: tuple[float, float] | None = None
 
     def of(self, nodes: FloatArray) -> FloatArray:
@@ -43,8 +40,6 @@ class SurfaceState:
     element (P2) the mid-edge nodes are nodes like any other.
 
     Attributes:
-        positions_rest: Nodes at rest [m], shape [node_count, 3].
-        positions: The same nodes deformed [m], shape [node_count, 3].
         faces: As ``TopSurface`` has them; quadratic ones are straight-sided at rest, parabolic
             when deformed.
         indenter: The rigid body, or with a wide barrier what lies within d_hat of it; its
@@ -58,8 +53,8 @@ class SurfaceState:
         mesh_axis_m: Axis about which the mesh was revolved, x and y [m]; None where it was not.
     """
 
-    positions_rest: FloatArray
-    positions: FloatArray
+    positions_rest: FloatArray  # nodes at rest [m], shape [node_count, 3]
+    positions: FloatArray  # the same nodes deformed [m], shape [node_count, 3]
     faces: IntArray
     indenter: Indenter
     indenter_position: FloatArray
@@ -81,13 +76,9 @@ class SurfaceState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntermediateState:
-    """The surface at one force along a press.
-
-    Attributes:
-        pressure_pa: Contact pressure at the surface's nodes, shape [node_count].
-    """
+    """The surface at one force along a press."""
 
     force_n: float
     depth_m: float
     surface: SurfaceState
-    pressure_pa: FloatArray
+    pressure_pa: FloatArray  # contact pressure at the surface's nodes, shape [node_count]

@@ -37,19 +37,15 @@ class SparsePattern:
 
     Attributes:
         free_dofs: Position of each unknown in the flat nodal vector, shape [dof_count].
-        block_row: Block row of each node, -1 where it is fixed, shape [node_count].
         block_keys: Sorted row * row_count + column of each block, shape [block_count].
-        indptr: CSR row starts, shape [dof_count + 1].
-        indices: CSR columns, sorted, diagonal included.
-        gather: Position of each CSR value in the flat blocks, shape [nnz].
     """
 
     free_dofs: NDArray[np.int64]
-    block_row: IntArray
+    block_row: IntArray  # block row of each node, -1 where it is fixed, shape [node_count]
     block_keys: NDArray[np.int64]
-    indptr: IntArray
-    indices: IntArray
-    gather: NDArray[np.int64]
+    indptr: IntArray  # CSR row starts, shape [dof_count + 1]
+    indices: IntArray  # CSR columns, sorted, diagonal included
+    gather: NDArray[np.int64]  # position of each CSR value in the flat blocks, shape [nnz]
 
     @property
     def dof_count(self) -> int:
@@ -133,24 +129,19 @@ class Discretisation:
     """What of a pad is fixed by its mesh and element type.
 
     Attributes:
-        nodes: At rest [m], shape [node_count, 3].
-        elements: Nodes of every tetrahedron, its corners first.
         faces: Nodes of every face that may be touched, its corners first: those on the surface,
             neither clamped nor on a plane of symmetry.
-        clamped: Nodes on the base, shape [node_count].
-        jacobians: Of the tetrahedra at rest [m], shape [element_count, 3, 3].
-        volumes: Of the tetrahedra at rest [m^3].
     """
 
     reference: ReferenceElement
-    nodes: FloatArray
-    elements: IntArray
+    nodes: FloatArray  # at rest [m], shape [node_count, 3]
+    elements: IntArray  # nodes of every tetrahedron, its corners first
     faces: IntArray
     face_parents: IntArray
-    clamped: NDArray[np.bool_]
+    clamped: NDArray[np.bool_]  # nodes on the base, shape [node_count]
     pattern: SparsePattern
-    jacobians: FloatArray
-    volumes: FloatArray
+    jacobians: FloatArray  # of the tetrahedra at rest [m], shape [element_count, 3, 3]
+    volumes: FloatArray  # of the tetrahedra at rest [m^3]
 
     @property
     def inverse_jacobians(self) -> FloatArray:

@@ -39,23 +39,20 @@ class ReferenceElement:
     Attributes:
         gradients: Shape function gradients in reference coordinates, shape
             [point_count, node_count, 3].
-        points: Barycentric coordinates of the quadrature points, shape [point_count, 4].
-        weights: Quadrature weights that sum to one, shape [point_count].
         face_values: Shape functions of a face at its contact points, shape
             [face_point_count, face_node_count].
         face_gradients: Their derivatives along the edges 01 and 02, shape
             [face_point_count, face_node_count, 2].
-        face_weights: Contact quadrature weights that sum to one, shape [face_point_count].
         face_points: Barycentric coordinates of the contact points, shape [face_point_count, 3].
     """
 
     order: ElementOrder
     gradients: FloatArray
-    points: FloatArray
-    weights: FloatArray
+    points: FloatArray  # barycentric coordinates of the quadrature points, shape [point_count, 4]
+    weights: FloatArray  # quadrature weights that sum to one, shape [point_count]
     face_values: FloatArray
     face_gradients: FloatArray
-    face_weights: FloatArray
+    face_weights: FloatArray  # contact quadrature weights that sum to one, shape [face_point_count]
     face_points: FloatArray
 
     @property

@@ -40,14 +40,12 @@ class Footprint:
             under a ball.
         rim: Points on the sharp edge itself, where ``edge`` has samples beside it [m], shape
             [rim_count, 3].
-        inside: Points over the whole contact [m], shape [inside_count, 3].
-        area_m2: Area of the contact seen from above [m^2].
     """
 
     edge: FloatArray
     rim: FloatArray
-    inside: FloatArray
-    area_m2: float
+    inside: FloatArray  # points over the whole contact [m], shape [inside_count, 3]
+    area_m2: float  # area of the contact seen from above [m^2]
 
     @property
     def radius_m(self) -> float:

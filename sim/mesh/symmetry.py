@@ -23,15 +23,10 @@ _FLIPPED = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MirrorSymmetry:
-    """Which coordinate planes mirror the modelled part.
+    """Which coordinate planes mirror the modelled part."""
 
-    Attributes:
-        mirror_x: The part lies at x >= 0 and the plane x = 0 mirrors it.
-        mirror_y: The part lies at y >= 0 and the plane y = 0 mirrors it.
-    """
-
-    mirror_x: bool = False
-    mirror_y: bool = False
+    mirror_x: bool = False  # the part lies at x >= 0 and the plane x = 0 mirrors it
+    mirror_y: bool = False  # the part lies at y >= 0 and the plane y = 0 mirrors it
 
     @property
     def copies(self) -> int:

@@ -25,16 +25,14 @@ class TetMesh:
     """Corner nodes and positively oriented tetrahedra of a pad.
 
     Attributes:
-        vertices: Positions [m], shape [vertex_count, 3]; the clamped base lies at z = 0.
-        tets: Shape [tet_count, 4].
         symmetry: The symmetry by which these tetrahedra stand for the whole pad.
         layers: Layer of each tetrahedron from the base upwards, shape [tet_count]; None where the
             mesh was made for a gel of one material.
         axis_m: Axis about which it was revolved, x and y [m]; None where it was not.
     """
 
-    vertices: FloatArray
-    tets: IntArray
+    vertices: FloatArray  # positions [m], shape [vertex_count, 3]; the clamped base lies at z = 0
+    tets: IntArray  # shape [tet_count, 4]
     name: str
     symmetry: MirrorSymmetry = field(default_factory=MirrorSymmetry)
     layers: IntArray | None = None

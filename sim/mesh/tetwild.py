@@ -35,22 +35,14 @@ class WildSizing:
 
     The paper does not say what its planar half-extent is where a pad is not square; here the radius
     is taken relative to the half-extent of each direction, an ellipse.
-
-    Attributes:
-        contact_share: The contact surface is this share of the thickness.
-        fine_share: r_c: radius of the fine region over the half-extent.
-        band_share: r_t: width of the cosine band over the half-extent.
-        fine_m: l_c, edge length in the fine region, and of a parametric surface [m].
-        coarse_m: l_g, edge length elsewhere [m].
-        envelope_share: epsilon over the bounding box's diagonal.
     """
 
-    contact_share: float = 0.15
-    fine_share: float = 0.40
-    band_share: float = 0.20
-    fine_m: float = 0.8e-3
-    coarse_m: float = 3.2e-3
-    envelope_share: float = 1e-3
+    contact_share: float = 0.15  # the contact surface is this share of the thickness
+    fine_share: float = 0.40  # r_c: radius of the fine region over the half-extent
+    band_share: float = 0.20  # r_t: width of the cosine band over the half-extent
+    fine_m: float = 0.8e-3  # l_c, edge length in the fine region, and of a parametric surface [m]
+    coarse_m: float = 3.2e-3  # l_g, edge length elsewhere [m]
+    envelope_share: float = 1e-3  # epsilon over the bounding box's diagonal
     stop_energy: float = 10.0
 
 

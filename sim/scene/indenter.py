@@ -90,15 +90,11 @@ class MeshIndenter:
     """A body bounded by triangles, its tip at the origin and z up, away from the gel.
 
     Two are equal when their triangles are.
-
-    Attributes:
-        surface: Its triangles [m].
-        content_hash: First 16 hex digits of the SHA-256 of vertices and faces.
     """
 
-    surface: TriangleSurface = field(repr=False, compare=False)
+    surface: TriangleSurface = field(repr=False, compare=False)  # its triangles [m]
     name: str = field(compare=False)
-    content_hash: str
+    content_hash: str  # first 16 hex digits of the SHA-256 of vertices and faces
 
     def lower_surface(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the underside above the tip [m], inf beside the body."""
@@ -114,17 +110,11 @@ class MeshIndenter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IndenterSet:
-    """Indenters of the environments of a batch.
+    """Indenters of the environments of a batch."""
 
-    Attributes:
-        bodies: All different indenters.
-        which: Index into ``bodies`` for each environment.
-        rounding_m: Radius of sharp edges [m], which a mesh cannot follow.
-    """
-
-    bodies: tuple[Indenter, ...]
-    which: tuple[int, ...]
-    rounding_m: float = 0.0
+    bodies: tuple[Indenter, ...]  # all different indenters
+    which: tuple[int, ...]  # index into ``bodies`` for each environment
+    rounding_m: float = 0.0  # radius of sharp edges [m], which a mesh cannot follow
 
 
 Indenter = Cylinder | Sphere | Plane | MeshIndenter
@@ -219,14 +209,10 @@ _LENGTH_PER_DIAMETER = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TurnedIndenter:
-    """An indenter with its tip at the origin, turned about the tip.
-
-    Attributes:
-        rotation: Indenter frame to pad frame, shape [3, 3].
-    """
+    """An indenter with its tip at the origin, turned about the tip."""
 
     indenter: Indenter
-    rotation: FloatArray
+    rotation: FloatArray  # indenter frame to pad frame, shape [3, 3]
 
     def lower_surface(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the underside above the tip [m], inf beside the body."""

@@ -39,20 +39,13 @@ class RelaxationTerm:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
-    """Elastic constants of the gel.
+    """Elastic constants of the gel."""
 
-    Attributes:
-        young_pa: Young's modulus E [Pa], that of slow loading where there is relaxation.
-        poisson: Poisson's ratio nu, below 0.5.
-        density_kg_m3: Density [kg/m^3].
-        relaxation: Prony terms; none for an elastic gel.
-    """
-
-    young_pa: float
-    poisson: float
+    young_pa: float  # Young's modulus E [Pa], that of slow loading where there is relaxation
+    poisson: float  # Poisson's ratio nu, below 0.5
     law: str = LawName.STABLE_NEO_HOOKEAN
-    density_kg_m3: float = 1000.0
-    relaxation: tuple[RelaxationTerm, ...] = ()
+    density_kg_m3: float = 1000.0  # density [kg/m^3]
+    relaxation: tuple[RelaxationTerm, ...] = ()  # prony terms; none for an elastic gel
 
     def __post_init__(self) -> None:
         if not self.young_pa > 0.0:

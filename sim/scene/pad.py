@@ -30,21 +30,13 @@ _BASE_SHARE_MIN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoxPad:
-    """Rectangular pad, x and y centred, base at z = 0, with a flat or domed top.
+    """Rectangular pad, x and y centred, base at z = 0, with a flat or domed top."""
 
-    Attributes:
-        size_x_m: Extent in x [m].
-        size_y_m: Extent in y [m].
-        height_m: Thickness in the middle [m].
-        dome_radius_x_m: Radius of curvature of the top along x [m], inf for flat.
-        dome_radius_y_m: Radius of curvature of the top along y [m], inf for flat.
-    """
-
-    size_x_m: float
-    size_y_m: float
-    height_m: float
-    dome_radius_x_m: float = np.inf
-    dome_radius_y_m: float = np.inf
+    size_x_m: float  # extent in x [m]
+    size_y_m: float  # extent in y [m]
+    height_m: float  # thickness in the middle [m]
+    dome_radius_x_m: float = np.inf  # radius of curvature of the top along x [m], inf for flat
+    dome_radius_y_m: float = np.inf  # radius of curvature of the top along y [m], inf for flat
 
     def __post_init__(self) -> None:
         _check_lengths(self.size_x_m, self.size_y_m, self.height_m)
@@ -134,17 +126,12 @@ class SurfacePad:
     """A pad bounded by triangles, base at z = 0, the middle of its extents at x = y = 0.
 
     Two are equal when their triangles are.
-
-    Attributes:
-        surface: Its triangles [m].
-        height_m: Of its highest point [m].
-        content_hash: First 16 hex digits of the SHA-256 of vertices and faces.
     """
 
-    surface: TriangleSurface = field(repr=False, compare=False)
+    surface: TriangleSurface = field(repr=False, compare=False)  # its triangles [m]
     name: str = field(repr=False, compare=False)
-    height_m: float
-    content_hash: str
+    height_m: float  # of its highest point [m]
+    content_hash: str  # first 16 hex digits of the SHA-256 of vertices and faces
 
     def height_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the top at rest [m], -inf beside the pad."""

@@ -38,14 +38,12 @@ class TetWildOptions:
     """How fTetWild fills a pad; None leaves a setting to the preset.
 
     Attributes:
-        l_r: Largest edge length over the bounding box's diagonal.
-        epsilon_r: How far the surface may move over the bounding box's diagonal.
         stop_energy: AMIPS energy at which optimisation stops; 3 is a regular tetrahedron's.
         dihedral_min_rad: Least angle between faces of a tetrahedron that is accepted [rad].
     """
 
-    l_r: float | None = None
-    epsilon_r: float | None = None
+    l_r: float | None = None  # largest edge length over the bounding box's diagonal
+    epsilon_r: float | None = None  # how far the surface may move over the bounding box's diagonal
     stop_energy: float | None = None
     dihedral_min_rad: float | None = None
 

@@ -123,24 +123,19 @@ class TriangleSurface:
     """A closed surface whose normals point outwards.
 
     Attributes:
-        vertices: Shape [vertex_count, 3].
         faces: Counter-clockwise seen from outside, shape [face_count, 3]; edge k of a face runs
             from its corner k to the next.
-        neighbours: The face across each edge, shape [face_count, 3].
         ring_starts: Where the faces of each vertex begin in ``ring_faces``, shape
             [vertex_count + 1].
-        ring_faces: Faces around the vertices, shape [3 face_count].
-        face_normals: Unit normals, shape [face_count, 3]; zero for a face without area.
-        vertex_normals: Angle-weighted unit normals, shape [vertex_count, 3].
     """
 
-    vertices: FloatArray
+    vertices: FloatArray  # shape [vertex_count, 3]
     faces: IntArray
-    neighbours: IntArray
+    neighbours: IntArray  # the face across each edge, shape [face_count, 3]
     ring_starts: IntArray
-    ring_faces: IntArray
-    face_normals: FloatArray
-    vertex_normals: FloatArray
+    ring_faces: IntArray  # faces around the vertices, shape [3 face_count]
+    face_normals: FloatArray  # unit normals, shape [face_count, 3]; zero for a face without area
+    vertex_normals: FloatArray  # angle-weighted unit normals, shape [vertex_count, 3]
 
     @property
     def content_hash(self) -> str:

@@ -20,28 +20,21 @@ class CameraGeometry:
     is the centre of the first pixel.
 
     Attributes:
-        width: Columns of the image after crop and resize.
-        height: Rows of the image after crop and resize.
-        scale_x_m: Pad length seen by one column [m/px].
-        scale_y_m: Pad length seen by one row [m/px].
-        centre_x_px: Column that sees the pad's centre.
-        centre_y_px: Row that sees the pad's centre.
         rotation_rad: Angle from the pad's x axis to the direction of growing columns [rad].
-        mirrored: True where rows grow with -y.
         crop_fraction: Part of the raw frame's width cut off at left and right each, and of its
             height at top and bottom each, before it is resized.
         distance_m: Of the camera's pinhole from the gel [m]: what is pressed nearer to it is seen
             farther from the image's middle. Infinite is a view by parallel rays.
     """
 
-    width: int
-    height: int
-    scale_x_m: float
-    scale_y_m: float
-    centre_x_px: float
-    centre_y_px: float
+    width: int  # columns of the image after crop and resize
+    height: int  # rows of the image after crop and resize
+    scale_x_m: float  # pad length seen by one column [m/px]
+    scale_y_m: float  # pad length seen by one row [m/px]
+    centre_x_px: float  # column that sees the pad's centre
+    centre_y_px: float  # row that sees the pad's centre
     rotation_rad: float = 0.0
-    mirrored: bool = False
+    mirrored: bool = False  # true where rows grow with -y
     crop_fraction: float = 0.0
     distance_m: float = math.inf
 

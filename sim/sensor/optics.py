@@ -18,13 +18,11 @@ class Lamp:
     """A lamp beside the gel, as drawings state it; a calibration replaces it.
 
     Attributes:
-        azimuth_rad: Where it stands, from growing columns towards growing rows [rad].
-        elevation_rad: Angle of its light to the unloaded surface [rad].
         colour: Grey levels added to red, green and blue of a surface that faces the lamp.
     """
 
-    azimuth_rad: float
-    elevation_rad: float
+    azimuth_rad: float  # where it stands, from growing columns towards growing rows [rad]
+    elevation_rad: float  # angle of its light to the unloaded surface [rad]
     colour: tuple[float, float, float]
 
     @property
@@ -40,14 +38,10 @@ class Lamp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShadowCaster:
-    """Lamps that cast shadows, and how soft those are.
-
-    Attributes:
-        softness_m: Height by which the gel must reach over a ray to hide the lamp whole [m].
-    """
+    """Lamps that cast shadows, and how soft those are."""
 
     lamps: Sequence[Lamp]
-    softness_m: float
+    softness_m: float  # height by which the gel must reach over a ray to hide the lamp whole [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,14 +52,13 @@ class Renderer:
         read: From ``[optics]``, the lamps and the file's name for messages to the colours before
             any calibration, a ``sim.optics.colour.colour_model.ColourModel``; None where the file
             gives none.
-        needed: Keys that ``[optics]`` must have, beside ``kind``.
         exponents: Of the terms that a calibration fits, shape [term_count, 5], see
             ``PhotometricModel``; None cannot be calibrated.
         sees_slope: Colours depend on the gel's slope; otherwise grey depends on its depth.
     """
 
     read: Callable[[Mapping[str, Any], tuple[Lamp, ...], str], Any]
-    needed: tuple[str, ...] = ()
+    needed: tuple[str, ...] = ()  # keys that ``[optics]`` must have, beside ``kind``
     optional: tuple[str, ...] = ("source",)
     exponents: IntArray | None = None
     sees_slope: bool = True

@@ -62,17 +62,15 @@ class SolverOptions:
     """When the steps stop.
 
     Attributes:
-        residual_relative: Residual norm over the contact force's norm.
         residual_floor_n: Residual norm that is always enough [N], as is the rounding's; None is
             1.5e-11 E H^2 with the pad's height H, so that it scales with the problem.
-        load_relative: The same where a load is asked for, which is met as closely.
         iteration_max: Most steps for one form of the barrier, which is relaxed where gel stays too
             near; each form begins to count anew.
     """
 
-    residual_relative: float = 1e-8
+    residual_relative: float = 1e-8  # residual norm over the contact force's norm
     residual_floor_n: float | None = None
-    load_relative: float = 1e-7
+    load_relative: float = 1e-7  # the same where a load is asked for, which is met as closely
     iteration_max: int = 600
 
 
@@ -104,19 +102,16 @@ class Equilibrium:
     """A converged state's numbers.
 
     Attributes:
-        push_n: Force on the indenter, modelled part [N], shape [3].
         touch: Finds the contact at the last positions, exact or not ``curved``.
-        elastic_gradient: Gradient of the elastic energy [N], shape [node_count, 3].
-        residual_n: Norm of the unbalanced force [N].
         stalled: The residual is above what was asked, relative and floor: rounding, a standstill
             or the last iteration ended the steps at one that does no harm.
     """
 
     iterations: int
-    push_n: FloatArray
+    push_n: FloatArray  # force on the indenter, modelled part [N], shape [3]
     touch: Callable[..., ContactForces]
-    elastic_gradient: FloatArray
-    residual_n: float
+    elastic_gradient: FloatArray  # gradient of the elastic energy [N], shape [node_count, 3]
+    residual_n: float  # norm of the unbalanced force [N]
     min_jacobian: float
     stalled: bool = False
 

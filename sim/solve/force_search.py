@@ -29,14 +29,12 @@ class ForceMatch:
     """Result of a search.
 
     Attributes:
-        point: The accepted equilibrium.
         history: (depth [m], F_z [N]) of every evaluation, in order; of a push, of its load steps.
-        newton_iterations: Factorisations spent.
     """
 
-    point: PathPoint
+    point: PathPoint  # the accepted equilibrium
     history: tuple[tuple[float, float], ...]
-    newton_iterations: int
+    newton_iterations: int  # factorisations spent
 
 
 def push_to_force(

@@ -33,17 +33,11 @@ from tacauchy_rig.core.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Potential:
-    """k |x - x0|^2 / 2 - F . (x - x0), summed over the nodes.
+    """k |x - x0|^2 / 2 - F . (x - x0), summed over the nodes."""
 
-    Attributes:
-        stiffness_n_m: k, shape [node_count].
-        force_n: F, shape [node_count, 3].
-        towards_m: x0, shape [node_count, 3].
-    """
-
-    stiffness_n_m: FloatArray
-    force_n: FloatArray
-    towards_m: FloatArray
+    stiffness_n_m: FloatArray  # k, shape [node_count]
+    force_n: FloatArray  # f, shape [node_count, 3]
+    towards_m: FloatArray  # x0, shape [node_count, 3]
 
     def energy(self, positions: FloatArray) -> float:
         """Return the energy at nodal positions [m], shape [node_count, 3]; [J]."""

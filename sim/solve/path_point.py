@@ -26,13 +26,12 @@ class PathPoint:
     """An equilibrium on a path.
 
     Attributes:
-        depth_m: Travel below first touch of the unloaded pad [m].
         force_n: Force on the indenter in the pad's frame [N], shape [3]; +z in compression.
         stiffness_n_m: dF_z / d(depth) since the point before [N/m]; that point's where it was not
             pressed deeper: what slides under a load sinks without a force.
     """
 
-    depth_m: float
+    depth_m: float  # travel below first touch of the unloaded pad [m]
     force_n: FloatArray
     stiffness_n_m: float
     state: State

@@ -63,20 +63,16 @@ class Phase(ABC):
     """One parameter from ``start`` to ``end``.
 
     Attributes:
-        goal: What is to be reached, for messages.
-        exact: Difference from the end that counts as none.
-        step_max_m: Longest travel of a point of the indenter in one step [m].
         load_n: F_z to keep, while the depth follows [N]; None keeps or changes the depth.
-        twist_rad: Turn about z through the tip for one of the parameter [rad].
     """
 
     start: float
     end: float
-    goal: str
-    exact: float
-    step_max_m: float
+    goal: str  # what is to be reached, for messages
+    exact: float  # difference from the end that counts as none
+    step_max_m: float  # longest travel of a point of the indenter in one step [m]
     load_n: float | None = None
-    twist_rad: float = 0.0
+    twist_rad: float = 0.0  # turn about z through the tip for one of the parameter [rad]
 
     @property
     def direction(self) -> tuple[object, ...]:
@@ -136,15 +132,10 @@ class ForcePhase(Phase):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CarryPhase(Phase):
-    """Along the pad and about z, from 0 to 1.
+    """Along the pad and about z, from 0 to 1."""
 
-    Attributes:
-        shift_m: Whole translation [m], shape [3].
-        radius_m: Radius of the contact [m], which turns an angle into a travel.
-    """
-
-    shift_m: FloatArray
-    radius_m: float
+    shift_m: FloatArray  # whole translation [m], shape [3]
+    radius_m: float  # radius of the contact [m], which turns an angle into a travel
     start: float = 0.0
     end: float = 1.0
     exact: float = 1e-9
@@ -185,24 +176,21 @@ class Stepping:
     """Steps through equilibria, and has a gel that relaxes or has mass remember them.
 
     Attributes:
-        touch_m: Tip height from which depth counts [m].
-        base_depth_m: Where the indenter is at the gel's base [m].
         potentials: Further energies of the nodes besides inertia, such as weight.
         last: The equilibrium that was reached last, also when a phase ended in an error.
         history: (depth [m], F_z [N]) of every equilibrium so far.
-        known: The last of these; all of them if ``keeps_all``.
     """
 
     solver: EquilibriumSolver
-    touch_m: float
+    touch_m: float  # tip height from which depth counts [m]
     counts: PathCounts
-    base_depth_m: float = math.inf
+    base_depth_m: float = math.inf  # where the indenter is at the gel's base [m]
     potentials: Sequence[Potential] = ()
     inertia: Inertia | None = None
     keeps_all: bool = False
     last: PathPoint | None = None
     history: list[tuple[float, float]] = field(default_factory=list)
-    known: deque[PathPoint] = field(init=False)
+    known: deque[PathPoint] = field(init=False)  # the last of these; all of them if ``keeps_all``
     # Points of the phases of one direction, with their places along it.
     _alike: deque[tuple[float, PathPoint]] = field(
         default_factory=lambda: deque(maxlen=_REMEMBERED)

@@ -34,17 +34,11 @@ _SHARES = (0.25, 0.5, 1.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Goal:
-    """Where the gel stands now: one of force and depth is given.
+    """Where the gel stands now: one of force and depth is given."""
 
-    Attributes:
-        stamp_s: When that was measured, on any clock that goes on evenly [s].
-        force_n: Tared pressing force F_z [N].
-        depth_m: Travel below first touch [m].
-    """
-
-    stamp_s: float
-    force_n: float | None = None
-    depth_m: float | None = None
+    stamp_s: float  # when that was measured, on any clock that goes on evenly [s]
+    force_n: float | None = None  # tared pressing force F_z [N]
+    depth_m: float | None = None  # travel below first touch [m]
 
     @property
     def touches(self) -> bool:
@@ -57,28 +51,22 @@ class TwinFrame:
     """The twin at one goal.
 
     Attributes:
-        force_n: Its F_z [N]; zero where nothing touches.
         force_error_n: Stated error [N]: 95 % of such presses err by less; None where nobody
             knows.
-        depth_m: Travel below first touch [m].
-        image: What the camera would show, RGB, uint8, shape [height, width, 3].
         pressure_pa: On the gel where the image's pixels look, shape [rows, columns]; None where
             it was not asked for.
-        shear_pa: Size of the tangential traction there, likewise.
-        draw_s: Time that image and maps took [s].
-        note: Why the frame is not of its goal; empty where it is.
     """
 
     goal: Goal
-    force_n: float
+    force_n: float  # its F_z [N]; zero where nothing touches
     force_error_n: float | None
-    depth_m: float
-    image: ImageArray
+    depth_m: float  # travel below first touch [m]
+    image: ImageArray  # what the camera would show, RGB, uint8, shape [height, width, 3]
     pressure_pa: FloatArray | None
-    shear_pa: FloatArray | None
+    shear_pa: FloatArray | None  # size of the tangential traction there, likewise
     solve_s: float
-    draw_s: float
-    note: str = ""
+    draw_s: float  # time that image and maps took [s]
+    note: str = ""  # why the frame is not of its goal; empty where it is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,18 +131,14 @@ class ImageOptions:
     """How a twin's images are made; None is what the sensor's file says.
 
     Attributes:
-        width_px: Of its images, at most; they are as high as that makes them.
-        colours: Colour of a surface.
-        geometry: Where the pixels of a whole image look.
-        blur_px: Standard deviation of the camera's blur, in pixels of the whole image.
         device: Where they are drawn: ``cpu`` or ``cuda:0``. One press is too small for a GPU, and
             is solved on a processor.
     """
 
-    width_px: int = 160
-    colours: ColourModel | None = None
-    geometry: CameraGeometry | None = None
-    blur_px: float = 0.0
+    width_px: int = 160  # of its images, at most; they are as high as that makes them
+    colours: ColourModel | None = None  # colour of a surface
+    geometry: CameraGeometry | None = None  # where the pixels of a whole image look
+    blur_px: float = 0.0  # standard deviation of the camera's blur, in pixels of the whole image
     device: str = "cpu"
 
     def view(self, sensor: Sensor) -> tuple[CameraGeometry, float]:

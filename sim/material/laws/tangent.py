@@ -43,9 +43,6 @@ class Law:
 
     Attributes:
         parameters: (E [Pa], nu) to the four numbers that the Warp functions take.
-        energy: (F, parameters) to the energy density [J/m^3].
-        stress: (F, parameters) to the first Piola-Kirchhoff stress [Pa].
-        tangent: (F, parameters) to its derivative.
         rest_stress: (E [Pa], nu) to the isotropic stress at F = 1 [Pa]. Where it is not zero, the
             undeformed pad is no equilibrium.
         is_objective: The energy does not see rotations. A law that is not objective is quadratic
@@ -54,9 +51,9 @@ class Law:
 
     name: str
     parameters: Callable[[float, float], tuple[float, float, float, float]]
-    energy: Any
-    stress: Any
-    tangent: Any
+    energy: Any  # (F, parameters) to the energy density [J/m^3]
+    stress: Any  # (F, parameters) to the first Piola-Kirchhoff stress [Pa]
+    tangent: Any  # (F, parameters) to its derivative
     rest_stress: Callable[[float, float], float] = lambda _young_pa, _poisson: 0.0
     is_objective: bool = True
 

@@ -85,14 +85,13 @@ class BallPress:
     """One image of a pressed ball.
 
     Attributes:
-        image: RGB, uint8, shape [height, width, 3].
         tracks: The gel's markers as they were followed into the image; None where it has none.
         hidden: True where markers or what was excluded hide the gel, shape [height, width]; None
             is nowhere.
     """
 
     name: str
-    image: ImageArray
+    image: ImageArray  # RGB, uint8, shape [height, width, 3]
     circle: Circle
     tracks: MarkerTracks | None = None
     hidden: BoolArray | None = None

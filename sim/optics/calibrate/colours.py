@@ -46,18 +46,16 @@ class Calibration:
 
     Attributes:
         scene: The scene with the no-contact frame averaged over all frames, which has less noise.
-        circles: Nudged circles, in the order of the presses.
         lights: Light of each frame [grey levels], shape [press_count, 3, 3]; see ``light_at``.
         shadows: What the dents hide from the lamps; None where the sensor shows no shadows.
-        blur_px: Standard deviation of the camera's blur [px].
     """
 
     model: PhotometricModel
     scene: PressScene
-    circles: tuple[Circle, ...]
+    circles: tuple[Circle, ...]  # nudged circles, in the order of the presses
     lights: FloatArray
     shadows: ShadowCaster | None = None
-    blur_px: float = 0.0
+    blur_px: float = 0.0  # standard deviation of the camera's blur [px]
     motion: MotionModel = ORTHOGRAPHIC
 
     def placed(self, presses: Sequence[BallPress]) -> list[PlacedPress]:

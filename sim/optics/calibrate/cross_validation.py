@@ -135,15 +135,10 @@ def check_scores(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RenderedPress(PlacedPress):
-    """A real press beside its rendering: no-contact frame plus model, not rounded.
+    """A real press beside its rendering: no-contact frame plus model, not rounded."""
 
-    Attributes:
-        rendered: [grey levels], shape [height, width, 3].
-        seconds: That this took, by the formula in NumPy [s].
-    """
-
-    rendered: FloatArray
-    seconds: float
+    rendered: FloatArray  # [grey levels], shape [height, width, 3]
+    seconds: float  # that this took, by the formula in NumPy [s]
 
     @property
     def image(self) -> ImageArray:
@@ -156,14 +151,12 @@ class PressScores:
     """Scores over a set of presses.
 
     Attributes:
-        r2: Share of the variance of the colour change explained inside the contacts.
-        mae: Mean absolute error inside the contacts [grey levels].
         r2_no_contact: The same of the no-contact frame in place of the rendering; likewise the
             next two.
     """
 
-    r2: float
-    mae: float
+    r2: float  # share of the variance of the colour change explained inside the contacts
+    mae: float  # mean absolute error inside the contacts [grey levels]
     ssim_crop: float
     r2_no_contact: float
     mae_no_contact: float
@@ -176,22 +169,17 @@ class MarkerScores:
     """How far markers are seen from where they are drawn, over all presses of a set.
 
     Attributes:
-        tracked: Markers that were followed from the no-contact frame into the presses' images.
         moved_px: Median motion of those under and beside the contact, within 1.6 of its radii [px].
-        error_px: Median distance of drawn from tracked motion [px].
-        near_error_px: Median of those under and beside the contact [px].
-        near_error_p90_px: Which nine of ten of those keep [px].
-        tracking_error_px: Median standard error of a tracked motion along columns or rows [px].
     """
 
-    tracked: int
+    tracked: int  # markers that were followed from the no-contact frame into the presses' images
     lost: int
     moved_px: float
-    error_px: float
+    error_px: float  # median distance of drawn from tracked motion [px]
     error_m: float
-    near_error_px: float
-    near_error_p90_px: float
-    tracking_error_px: float
+    near_error_px: float  # median of those under and beside the contact [px]
+    near_error_p90_px: float  # which nine of ten of those keep [px]
+    tracking_error_px: float  # median standard error of a tracked motion along columns or rows [px]
 
 
 def marker_scores(rendered: Sequence[RenderedPress], pixel_m: float) -> MarkerScores | None:
@@ -223,16 +211,13 @@ class CheckScores(PressScores):
     Attributes:
         as_labelled: Labelled circles, with each frame's light as estimated outside the contact.
         as_labelled_frames_as_they_came: Labelled circles, against the frames as they came.
-        light_rms_levels: Root mean square of the level of that light [grey levels].
-        nudge_rms_px: Root mean square of the circles' moves in x, y and radius [px].
-        markers: Of sensors with markers.
     """
 
     as_labelled: PressScores
     as_labelled_frames_as_they_came: PressScores
-    light_rms_levels: float
-    nudge_rms_px: float
-    markers: MarkerScores | None = None
+    light_rms_levels: float  # root mean square of the level of that light [grey levels]
+    nudge_rms_px: float  # root mean square of the circles' moves in x, y and radius [px]
+    markers: MarkerScores | None = None  # of sensors with markers
 
 
 def score_presses(
@@ -385,14 +370,13 @@ class SlopeCoverage:
 
     Attributes:
         slopes_seen_share: Part of the disc of tilts up to the limit that at least one press shows.
-        image_share: Part of the image that lies in at least one contact.
         tilt_edges: Borders of the bins of tilt (sine of the surface's angle), shape [_BINS + 1].
         presses_seen: Presses that show a tilt, by tilt along rows and columns, [_BINS, _BINS].
     """
 
     tilt_limit: float
     slopes_seen_share: float
-    image_share: float
+    image_share: float  # part of the image that lies in at least one contact
     tilt_edges: FloatArray
     presses_seen: Int64Array
 

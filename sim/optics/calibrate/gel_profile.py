@@ -45,15 +45,12 @@ class RadialProfile:
     """Axisymmetric gel surface.
 
     Attributes:
-        radius_m: Ascending distances from the ball's axis [m], shape [sample_count].
-        tilt: Sine of the surface's angle, positive where it rises outwards, same shape.
-        indentation_m: Unloaded minus loaded height [m], same shape.
         outward_m: How far the gel that is there now has moved away from the axis [m], same shape.
     """
 
-    radius_m: FloatArray
-    tilt: FloatArray
-    indentation_m: FloatArray
+    radius_m: FloatArray  # ascending distances from the ball's axis [m], shape [sample_count]
+    tilt: FloatArray  # sine of the surface's angle, positive where it rises outwards, same shape
+    indentation_m: FloatArray  # unloaded minus loaded height [m], same shape
     outward_m: FloatArray
 
     def curvature(self, radius_m: FloatArray, *, width_m: float) -> FloatArray:

@@ -33,11 +33,10 @@ class MotionModel:
     Attributes:
         per_distance: One over the distance of the camera's pinhole from the gel [1/m]; 0 is an
             orthographic view.
-        slide: Share of the simulated motion along the surface that is seen.
     """
 
     per_distance: float = 0.0
-    slide: float = 1.0
+    slide: float = 1.0  # share of the simulated motion along the surface that is seen
 
     @property
     def factors(self) -> FloatArray:
@@ -61,12 +60,11 @@ class GelMotion:
         own_px: By how much the ball took the gel along, columns and rows, then the drift of the
             image: everywhere, and more at the right and bottom border, likewise, shape [8].
         error_px: Of each marker: distance of its fitted from its tracked motion, shape [n].
-        under: True for markers within 1.6 radii of the contact, shape [n].
     """
 
     own_px: FloatArray
     error_px: FloatArray
-    under: BoolArray
+    under: BoolArray  # true for markers within 1.6 radii of the contact, shape [n]
 
 
 def motion_terms(

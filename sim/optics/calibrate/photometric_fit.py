@@ -41,16 +41,14 @@ class PhotometricSamples:
             along columns and rows, indentation [m] and curvature [1/m], shape [m, 4, n].
         shares: Of these points' light in what the pixel shows; -1 of the unloaded gel, whose light
             is in the no-contact frame.
-        position: Normalised pixel position, shape [2, n].
         change: Red, green and blue minus the no-contact colour [grey levels], shape [3, n].
-        weights: Of each colour in a fit, zero where it is not known, shape [3, n].
     """
 
     surface: FloatArray
     shares: tuple[float, ...] = (1.0,)
-    position: FloatArray
+    position: FloatArray  # normalised pixel position, shape [2, n]
     change: FloatArray
-    weights: FloatArray
+    weights: FloatArray  # of each colour in a fit, zero where it is not known, shape [3, n]
 
     def thinned(self, step: int) -> PhotometricSamples:
         """Return every ``step``-th sample."""

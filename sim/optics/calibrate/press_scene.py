@@ -88,17 +88,11 @@ def _fit_light(seen: SeenChange, position: FloatArray, *, level_only: bool) -> F
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeenChange:
-    """How pixels differ from the no-contact frame.
+    """How pixels differ from the no-contact frame."""
 
-    Attributes:
-        change: Red, green, blue [grey levels], shape [n, 3].
-        over: True where the pixel is at the top of its range: the change is at least this.
-        under: True where it is at the bottom: the change is at most this.
-    """
-
-    change: FloatArray
-    over: BoolArray
-    under: BoolArray
+    change: FloatArray  # red, green, blue [grey levels], shape [n, 3]
+    over: BoolArray  # true where the pixel is at the top of its range: the change is at least this
+    under: BoolArray  # true where it is at the bottom: the change is at most this
 
     @property
     def exposed(self) -> BoolArray:
@@ -135,18 +129,12 @@ def exposed(levels: ImageArray) -> BoolArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedPress:
-    """A press as it was labelled, with what was found of it.
-
-    Attributes:
-        circle: Its contact's edge, labelled or nudged.
-        light: Of its frame [grey levels], as ``light_at`` has it, shape [3, 3].
-        motion: How ball and image were moved; None where no marker tells.
-    """
+    """A press as it was labelled, with what was found of it."""
 
     press: BallPress
-    circle: Circle
-    light: FloatArray
-    motion: GelMotion | None = None
+    circle: Circle  # its contact's edge, labelled or nudged
+    light: FloatArray  # of its frame [grey levels], as ``light_at`` has it, shape [3, 3]
+    motion: GelMotion | None = None  # how ball and image were moved; None where no marker tells
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,19 +144,17 @@ class PressScene:
     Attributes:
         background: No-contact frame without its markers, RGB levels as float, shape
             [height, width, 3].
-        markers: Those of the no-contact frame; None where it shows none.
         rest_slope: dz/d(column) and dz/d(row) of the unloaded gel [1], shape [2, height, width];
             None is level gel.
-        lamp_count: Near lamps that the model may have; with none it is a polynomial alone.
     """
 
     geometry: CameraGeometry
     background: FloatArray
     profile: GelProfile
     exponents: IntArray
-    markers: PrintedMarkers | None = None
+    markers: PrintedMarkers | None = None  # those of the no-contact frame; None where it shows none
     rest_slope: FloatArray | None = None
-    lamp_count: int = 0
+    lamp_count: int = 0  # near lamps that the model may have; with none it is a polynomial alone
 
     @property
     def aspect(self) -> float:

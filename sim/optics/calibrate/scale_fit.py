@@ -43,11 +43,10 @@ class TargetPoints:
 
     Attributes:
         positions_m: From the target's middle, x along its rows, y down its columns [m], [n, 2].
-        pixels: Column and row [px], shape [n, 2].
     """
 
     positions_m: FloatArray
-    pixels: FloatArray
+    pixels: FloatArray  # column and row [px], shape [n, 2]
     wanted: int
 
 
@@ -251,19 +250,16 @@ class ScaleFit:
     """A camera's geometry and how well it fits.
 
     Attributes:
-        residual_px: Root mean square distance of the fitted from the labelled centres [px].
         shear_rad: Departure of the pixel axes from a right angle that the geometry cannot express.
         scale_error_m: Standard error of the scales in x and y, from the residuals [m/px].
-        rotation_error_rad: Standard error of the rotation, likewise [rad].
-        centre_error_px: Standard error of the centre, likewise [px].
     """
 
     geometry: CameraGeometry
-    residual_px: float
+    residual_px: float  # root mean square distance of the fitted from the labelled centres [px]
     shear_rad: float
     scale_error_m: tuple[float, float]
-    rotation_error_rad: float
-    centre_error_px: float
+    rotation_error_rad: float  # standard error of the rotation, from the residuals [rad]
+    centre_error_px: float  # standard error of the centre, from the residuals [px]
 
 
 def read_positions(path: Path) -> dict[str, tuple[float, float]]:

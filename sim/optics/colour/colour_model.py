@@ -25,13 +25,9 @@ _CLOSEST = 0.4  # to the end of the range that a level tells of [grey levels]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Response:
-    """Light to grey levels and back.
+    """Light to grey levels and back."""
 
-    Attributes:
-        knee: Where compression begins [grey levels]; 255 is none.
-    """
-
-    knee: float = BRIGHTEST
+    knee: float = BRIGHTEST  # where compression begins [grey levels]; 255 is none
 
     @property
     def bends(self) -> bool:
@@ -78,17 +74,14 @@ class PixelColours:
     """What is drawn of a model over a no-contact frame: a Warp kernel, or a NumPy function.
 
     Attributes:
-        light: Of the no-contact frame [grey levels], shape [3, height, width].
         kernel: From the samples' tilts and indentations to the mean change of light of pixels.
-        inputs: Of the kernel, but for samples.
-        function: In place of a kernel.
     """
 
-    light: Float32Array
+    light: Float32Array  # of the no-contact frame [grey levels], shape [3, height, width]
     response: Response = LINEAR
     kernel: Any = None
-    inputs: Sequence[Any] = ()
-    function: SampleColours | None = None
+    inputs: Sequence[Any] = ()  # of the kernel, but for samples
+    function: SampleColours | None = None  # in place of a kernel
 
 
 class ColourModel(Protocol):

@@ -113,14 +113,10 @@ class GreyDepthModel:
     """Change of the grey level as a table of indentation, the same for all channels.
 
     The table has the camera's response in it, and holds over any no-contact frame.
-
-    Attributes:
-        depth_m: Rising indentations from 0 [m].
-        change: Grey levels added at each; beyond the last the change stays.
     """
 
-    depth_m: Sequence[float]
-    change: Sequence[float]
+    depth_m: Sequence[float]  # rising indentations from 0 [m]
+    change: Sequence[float]  # grey levels added at each; beyond the last the change stays
     provenance: Mapping[str, object] = field(
         default_factory=lambda: {"source": "nominal table of the sensor's file"}
     )

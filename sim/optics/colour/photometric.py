@@ -169,13 +169,11 @@ class NearLamp:
 
     Attributes:
         azimuth_rad: Direction in which it stands, from growing columns towards growing rows [rad].
-        elevation_rad: Angle of its light to the gel in the middle of the image [rad].
-        distance: From the middle of the image, in halves of its width.
     """
 
     azimuth_rad: float
-    elevation_rad: float
-    distance: float
+    elevation_rad: float  # angle of its light to the gel in the middle of the image [rad]
+    distance: float  # from the middle of the image, in halves of its width
 
     def lit(
         self, tilt: RealArray, upright: RealArray, position: RealArray, *, softness: float
@@ -206,15 +204,13 @@ class ShadingTerms:
     """Lamps and creases; each contributes its value, and that times u and times v.
 
     Attributes:
-        softness: Half width of their terminators, as a cosine.
-        aspect: Height of the image over its width.
         crease_limit: Curvature of the sharpest bend that the pixels resolve [1/m]; sharper creases
             are taken to be so sharp. Balls bend the gel less: up to there it is extrapolated.
     """
 
     lamps: tuple[NearLamp, ...]
-    softness: float
-    aspect: float
+    softness: float  # half width of their terminators, as a cosine
+    aspect: float  # height of the image over its width
     crease_limit: float
 
     @property
@@ -272,8 +268,6 @@ class PhotometricModel:
     It is a change of light, in grey levels below the camera's knee; see ``Response``.
 
     Attributes:
-        exponents: a, b, c, d, e of each term, shape [term_count, 5].
-        coefficients: Grey levels of red, green, blue for each term, shape [term_count, 3].
         tilt_limit: Largest tilt the coefficients were fitted to; steeper surfaces are rendered
             as this steep in their own direction, not extrapolated.
         indentation_limit_m: Largest indentation the coefficients were fitted to [m], likewise.
@@ -285,8 +279,8 @@ class PhotometricModel:
         provenance: Where the coefficients come from, as JSON values with units in the keys.
     """
 
-    exponents: IntArray
-    coefficients: FloatArray
+    exponents: IntArray  # a, b, c, d, e of each term, shape [term_count, 5]
+    coefficients: FloatArray  # grey levels of red, green, blue for each term, shape [term_count, 3]
     tilt_limit: float = 1.0
     indentation_limit_m: float = math.inf
     terms: ShadingTerms | None = None

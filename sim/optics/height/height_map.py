@@ -29,17 +29,11 @@ _FAR_M = 1.0  # above all gel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightMaps:
-    """The gel as the camera sees it, loaded and unloaded.
+    """The gel as the camera sees it, loaded and unloaded."""
 
-    Attributes:
-        loaded: z of the deformed surface [m], shape [height, width].
-        rest: z of the unloaded surface [m], same shape.
-        contact: True where the gap to the indenter is at most the contact gap, same shape.
-    """
-
-    loaded: FloatArray
-    rest: FloatArray
-    contact: BoolArray
+    loaded: FloatArray  # z of the deformed surface [m], shape [height, width]
+    rest: FloatArray  # z of the unloaded surface [m], same shape
+    contact: BoolArray  # true where the gap to the indenter is at most the contact gap, same shape
 
 
 def height_maps(

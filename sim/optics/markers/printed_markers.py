@@ -46,21 +46,16 @@ class PrintedMarkers:
     """The markers of one no-contact frame.
 
     Attributes:
-        frame: The frame as it is, RGB, uint8, shape [height, width, 3].
-        bare: The frame without its markers, likewise.
-        dark: Colour of the ink [grey levels], shape [3].
         print: How much of the gel is seen, 0 under ink and 1 beside it, then what red, green and
             blue differ from ink and gel mixed so [grey levels], shape [height, width, 4].
-        mask: True on the markers and a little beyond, shape [height, width].
-        centres_px: Column and row of each marker at rest [px], shape [n, 2].
     """
 
-    frame: ImageArray
-    bare: ImageArray
-    dark: Float32Array
+    frame: ImageArray  # the frame as it is, RGB, uint8, shape [height, width, 3]
+    bare: ImageArray  # the frame without its markers, likewise
+    dark: Float32Array  # colour of the ink [grey levels], shape [3]
     print: Float32Array
-    mask: BoolArray
-    centres_px: FloatArray
+    mask: BoolArray  # true on the markers and a little beyond, shape [height, width]
+    centres_px: FloatArray  # column and row of each marker at rest [px], shape [n, 2]
 
     def over(self, image: AnyArray, motion_px: RealArray | None = None) -> FloatArray:
         """Return an image of the bare gel, shape [height, width, 3], with the markers over it.
@@ -86,16 +81,13 @@ class MarkerTracks:
     """Markers of a frame at rest that were found again.
 
     Attributes:
-        rest_px: Column and row of their centres at rest [px], shape [n, 2].
-        motion_px: Along columns and rows [px], shape [n, 2].
         error_px: Standard error of each component, from what two windows differ by [px], [n].
-        lost: Markers at rest that were not found again.
     """
 
-    rest_px: FloatArray
-    motion_px: FloatArray
+    rest_px: FloatArray  # column and row of their centres at rest [px], shape [n, 2]
+    motion_px: FloatArray  # along columns and rows [px], shape [n, 2]
     error_px: FloatArray
-    lost: int
+    lost: int  # markers at rest that were not found again
 
 
 def find_markers(frame: ImageArray) -> PrintedMarkers | None:

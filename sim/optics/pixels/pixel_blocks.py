@@ -22,17 +22,12 @@ BLOCK_TYPES: dict[int, Any] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelBlocks:
-    """Where the samples of a camera's images lie.
-
-    Attributes:
-        samples: Of a pixel, both ways.
-        lanes: Pixels of a block.
-    """
+    """Where the samples of a camera's images lie."""
 
     geometry: CameraGeometry
-    samples: int
+    samples: int  # of a pixel, both ways
     device: str
-    lanes: int
+    lanes: int  # pixels of a block
 
     @property
     def row_blocks(self) -> int:
