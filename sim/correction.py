@@ -94,6 +94,7 @@ _ROUND: dict[float, BiasRule] = {
         share=0.0043, slope=0.0011, layers=0.0047, rests=(0.0042, 0.0062), time_ratio=0.8
     ),
 }
+_ROUND_WITH_FRICTION = {edges: rule for edges, rule in _ROUND.items() if edges != 1.4}
 # A sharp rim, and meshes around a footprint, which are finer at the contact's edge; five scenes.
 _OTHER: dict[float, BiasRule] = {
     1.0: BiasRule(share=0.023, slope=0.0, layers=0.0, rests=(0.015, 0.015), time_ratio=0.45),
@@ -125,7 +126,9 @@ def rules_of(scene: Scene) -> dict[float, BiasRule]:
         return {}
     if mesh_choice(replace(scene, preset=Preset.FAST))[0] is MeshKind.FOOTPRINT:
         return _OTHER
-    return _OTHER if scene.has_sharp_rim else _ROUND
+    if scene.has_sharp_rim:
+        return _OTHER
+    return _ROUND_WITH_FRICTION if scene.contact is ContactMode.FRICTION else _ROUND
 
 
 def _was_drawn(scene: Scene) -> bool:

@@ -221,7 +221,7 @@ def bench(
         ),
     ] = None,
 ) -> Study:
-    """Time images, a replay, growth, start-up, threads, and scenes of every kind; minutes.
+    """Time images, a replay, batches, and scenes of every kind; minutes.
 
     --only takes a part of a name: a part of the benchmark, or scenes.
 
