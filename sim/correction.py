@@ -27,7 +27,7 @@ from sim.scene.pad import SurfacePad
 from sim.scene.scene import ContactMode, Output, Preset, Scene
 
 WAY, WAY_WITH_FRICTION = 0.5, 0.75
-"""How many times shorter than preset fast's the edges of the way are: friction remembers its way."""
+"""Edges of the way by preset fast's: how many times shorter. Friction remembers its way."""
 
 
 @dataclass(frozen=True, slots=True)

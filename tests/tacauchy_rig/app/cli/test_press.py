@@ -66,7 +66,7 @@ def test_tolerance_chooses_the_preset(tmp_path: Path) -> None:
     assert done.stdout.splitlines()[0].endswith("preset fast, edges on the way 2 times as long")
     assert "force at 0.05 mm: error believed to be" in done.stdout
     assert "cost       " in done.stdout
-    assert "better     preset fast, edges 0.8 times as long, edges on the way" in done.stdout
+    assert "better     preset fast, edges 0.714 times as long, edges on the way" in done.stdout
     found = json.loads(file.read_text("utf-8"))
     assert found["preset"] == "fast, edges on the way 2 times as long"
     assert found["guaranteed"] == "force"
