@@ -15,12 +15,13 @@ from typing import Self
 
 from drivers.arm.ur5_wire import (
     DASHBOARD_PORT,
+    OUTPUT_TYPES,
     PROTOCOL_VERSION,
     RTDE_PORT,
     SCRIPT_PORT,
-    OutputRecipe,
     PacketKind,
     PacketReader,
+    Recipe,
     RobotMode,
     pack_packet,
     robot_mode_name,
@@ -278,12 +279,12 @@ class _RtdePort(_Port):
         reply = self.ask(PacketKind.SETUP_OUTPUTS, request)
         if b"NOT_FOUND" in reply or not reply:
             raise self._strange(reply)
-        recipe = OutputRecipe(reply[0], _OUTPUTS)
+        recipe = Recipe(_OUTPUTS, OUTPUT_TYPES)
         if self.ask(PacketKind.START)[:1] != b"\x01":
             raise DeviceError(
                 f"{self.place} does not start sending data", remedy="restart the controller"
             )
-        states = [recipe.unpack(self._next(PacketKind.DATA)) for _ in range(_PACKETS_SEEN)]
+        states = [recipe.unpack(self._next(PacketKind.DATA)[1:]) for _ in range(_PACKETS_SEEN)]
         if states[-1]["timestamp"][0] <= states[0]["timestamp"][0]:
             raise DeviceError(
                 f"{self.place} repeats the same time stamp", remedy="restart the controller"

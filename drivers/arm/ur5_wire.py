@@ -7,8 +7,9 @@ emulated controller share this file; that it is right is shown by the real clien
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping, MutableMapping
+from collections.abc import Mapping
 from enum import IntEnum, IntFlag
+from itertools import chain, islice
 
 from tacauchy_rig.core.errors import DeviceError
 
@@ -136,84 +137,36 @@ class PacketReader:
         return packets
 
 
-def _field_structs(names: Iterable[str], types: Mapping[str, str]) -> list[struct.Struct]:
-    return [struct.Struct(">" + TYPE_FORMATS[types[name]]) for name in names]
-
-
-class OutputRecipe:
-    """A data packet from the controller, packed in place: only fields that changed are rewritten.
+class Recipe:
+    """The fields of a data packet in either direction, which follow the recipe's number.
 
     Args:
-        names: Output fields, each known to ``OUTPUT_TYPES``.
+        names: Fields, each known to ``types``.
+        types: ``OUTPUT_TYPES`` from the controller, ``INPUT_TYPES`` to it.
     """
 
-    def __init__(self, recipe_id: int, names: list[str]) -> None:
+    def __init__(self, names: list[str], types: Mapping[str, str]) -> None:
         self.names = names
-        self.types = [OUTPUT_TYPES[name] for name in names]
-        fields = _field_structs(names, OUTPUT_TYPES)
-        size = _HEADER.size + 1 + sum(field.size for field in fields)
-        self._packet = bytearray(size)
-        _HEADER.pack_into(self._packet, 0, size, PacketKind.DATA)
-        self._packet[_HEADER.size] = recipe_id
-        self._plan: list[tuple[int, str, struct.Struct, int]] = []
-        offset = _HEADER.size + 1
-        for index, (name, field) in enumerate(zip(names, fields, strict=True)):
-            self._plan.append((index, name, field, offset))
-            offset += field.size
-        self._packed: list[Value | None] = [None] * len(names)
+        self.types = [types[name] for name in names]
+        layouts = [TYPE_FORMATS[each] for each in self.types]
+        self._counts = [int(layout[:-1] or "1") for layout in layouts]
+        self._fields = struct.Struct(">" + "".join(layouts))
 
     def pack(self, values: Mapping[str, Value]) -> bytes:
-        """Return the packet; ``values`` holds a tuple for each name, scalars included."""
-        packed = self._packed
-        for index, name, field, offset in self._plan:
-            value = values[name]
-            # A value that did not change is the same object: constants cost nothing.
-            if value is not packed[index]:
-                field.pack_into(self._packet, offset, *value)
-                packed[index] = value
-        return bytes(self._packet)
+        """Return the fields; ``values`` holds a tuple for each name, scalars included."""
+        return self._fields.pack(*chain.from_iterable(values[name] for name in self.names))
 
-    def unpack(self, body: bytes) -> dict[str, Value]:
-        """Return the values of a data packet's body, which starts with the recipe's id.
+    def unpack(self, data: bytes) -> dict[str, Value]:
+        """Return the values of the fields.
 
         Raises:
-            DeviceError: The body has another length.
+            DeviceError: The data have another length.
         """
-        if len(body) != len(self._packet) - _HEADER.size:
-            raise DeviceError(
-                f"RTDE data of {len(body)} bytes instead of {len(self._packet) - _HEADER.size}"
-            )
-        return {
-            name: field.unpack_from(body, offset - _HEADER.size)
-            for _, name, field, offset in self._plan
-        }
-
-
-class InputRecipe:
-    """A data packet to the controller.
-
-    Args:
-        names: Input fields, each known to ``INPUT_TYPES``.
-    """
-
-    def __init__(self, names: list[str]) -> None:
-        self.names = names
-        self.types = [INPUT_TYPES[name] for name in names]
-        self._fields = _field_structs(names, INPUT_TYPES)
-        self.size = sum(field.size for field in self._fields)
-
-    def unpack_into(self, body: bytes, inputs: MutableMapping[str, Value]) -> None:
-        """Write the fields of ``body``, which follows the recipe's id, into ``inputs``.
-
-        Raises:
-            DeviceError: The body has another length.
-        """
-        if len(body) != self.size:
-            raise DeviceError(f"RTDE input of {len(body)} bytes instead of {self.size}")
-        offset = 0
-        for name, field in zip(self.names, self._fields, strict=True):
-            inputs[name] = field.unpack_from(body, offset)
-            offset += field.size
+        if len(data) != self._fields.size:
+            raise DeviceError(f"RTDE data of {len(data)} bytes instead of {self._fields.size}")
+        numbers = iter(self._fields.unpack(data))
+        counted = zip(self.names, self._counts, strict=True)
+        return {name: tuple(islice(numbers, count)) for name, count in counted}
 
 
 class SafetyBit(IntFlag):

@@ -117,20 +117,9 @@ class ControllerBody:
         """Write an integer output register."""
         self.outputs[f"output_int_register_{register}"] = (value,)
 
-    def put_doubles(self, first: int, values: tuple[float, ...]) -> None:
-        """Write consecutive double output registers."""
-        for number, value in enumerate(values, start=first):
-            self.outputs[f"output_double_register_{number}"] = (value,)
-
     def get_int(self, register: int) -> int:
         """Read an integer input register."""
         return int(self.inputs[f"input_int_register_{register}"][0])
-
-    def get_doubles(self, first: int, count: int) -> tuple[float, ...]:
-        """Read consecutive double input registers."""
-        return tuple(
-            self.inputs[f"input_double_register_{first + number}"][0] for number in range(count)
-        )
 
     def admits_pose(self, pose: Vector6) -> bool:
         """Return whether a tip pose lies within a coarse model of the arm's reach."""
@@ -149,30 +138,26 @@ class ControllerBody:
             velocity: Tip velocity [m/s, rad/s].
             tcp_force: What the arm takes for force [N] and moment [N m] on its tip.
         """
-        outputs, safety = self.outputs, self.safety
-        outputs["timestamp"] = (time_s,)
-        outputs["actual_TCP_pose"] = pose
-        outputs["target_TCP_pose"] = self.motion.pose
-        outputs["actual_TCP_speed"] = velocity
-        outputs["target_TCP_speed"] = velocity
-        outputs["actual_TCP_force"] = tcp_force
-        outputs["tcp_force_scalar"] = (math.hypot(*tcp_force[:3]),)
-        running = self.runtime_state == RuntimeState.PLAYING
+        safety = self.safety
+        playing = self.runtime_state == RuntimeState.PLAYING
         powered = safety.robot_mode >= RobotMode.POWER_ON
-        self._put("runtime_state", self.runtime_state)
-        self._put("robot_status_bits", (1 if powered else 0) | (2 if running else 0))
-        self._put("safety_status_bits", int(safety.bits))
-        self._put("safety_mode", safety.mode)
-        self._put("safety_status", safety.mode)
-        self._put("robot_mode", int(safety.robot_mode))
-        self._put("payload", self.payload_kg)
-        if outputs["tcp_offset"] != self.tcp_offset:
-            outputs["tcp_offset"] = self.tcp_offset
-
-    def _put(self, name: str, value: float) -> None:
-        # Keep the old object where nothing changed, so that packing can skip it.
-        if self.outputs[name][0] != value:
-            self.outputs[name] = (value,)
+        self.outputs |= {
+            "timestamp": (time_s,),
+            "actual_TCP_pose": pose,
+            "target_TCP_pose": self.motion.pose,
+            "actual_TCP_speed": velocity,
+            "target_TCP_speed": velocity,
+            "actual_TCP_force": tcp_force,
+            "tcp_force_scalar": (math.hypot(*tcp_force[:3]),),
+            "runtime_state": (self.runtime_state,),
+            "robot_status_bits": ((1 if powered else 0) | (2 if playing else 0),),
+            "safety_status_bits": (int(safety.bits),),
+            "safety_mode": (safety.mode,),
+            "safety_status": (safety.mode,),
+            "robot_mode": (int(safety.robot_mode),),
+            "payload": (self.payload_kg,),
+            "tcp_offset": self.tcp_offset,
+        }
 
 
 _STILL: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -197,31 +182,24 @@ class ToolMotion:
         self.pose: Vector6 = home.as_vector()
         self.velocity: Vector6 = _STILL
         self.stalled = False
-        self._line: _Line | None = None
+        self._target: Vector6 | None = None
         self._target_velocity: Vector6 | None = None
-        self._acceleration = 0.0
+        self._speed_cap = self._acceleration = self._speed = 0.0
 
     @property
     def is_still(self) -> bool:
         """True when nothing moves and nothing is meant to."""
-        return self._line is None and self._target_velocity is None
+        return self._target is None and self._target_velocity is None
 
     def move_to(self, target: Vector6, *, speed: float, acceleration: float) -> None:
         """Drive straight to ``target`` with a trapezoidal speed [m/s, m/s^2]."""
-        self._target_velocity = None
-        self._line = _Line(self.pose, target, speed=speed, acceleration=acceleration)
+        self._target, self._target_velocity = target, None
+        self._speed_cap, self._acceleration, self._speed = speed, acceleration, 0.0
 
     def set_velocity(self, velocity: Vector6, *, acceleration: float) -> None:
         """Approach ``velocity`` [m/s, rad/s] at ``acceleration`` [m/s^2, rad/s^2] and hold it."""
-        self._line = None
-        self._target_velocity = velocity
+        self._target, self._target_velocity = None, velocity
         self._acceleration = acceleration
-
-    def be_at(self, pose: Vector6) -> None:
-        """Take the tip to be at ``pose``; a straight move goes on to its target from there."""
-        self.pose = pose
-        if self._line is not None:
-            self._line = self._line.restarted(pose)
 
     def brake(self, deceleration: float) -> None:
         """Come to rest at ``deceleration`` [m/s^2]."""
@@ -236,13 +214,31 @@ class ToolMotion:
             self.velocity = _STILL
             if self._target_velocity == _STILL:
                 self._target_velocity = None
-        elif self._line is not None:
-            self.pose, self.velocity = self._line.advance(duration_s)
-            if self._line.arrived:
-                self._line = None
-                self.velocity = _STILL
+        elif self._target is not None:
+            self._approach(self._target, duration_s)
         elif self._target_velocity is not None:
             self._follow(self._target_velocity, duration_s)
+
+    def _approach(self, target: Vector6, duration_s: float) -> None:
+        x, y, z, a, b, c = self.pose
+        travel = (target[0] - x, target[1] - y, target[2] - z)
+        turn: Vector3 = (0.0, 0.0, 0.0)
+        if target[3:] != (a, b, c):
+            turn = composed((target[3], target[4], target[5]), (-a, -b, -c))
+        left = max(math.hypot(*travel), _LEVER_ARM_M * math.hypot(*turn))
+        braking = math.sqrt(2.0 * self._acceleration * left)
+        new = min(self._speed + self._acceleration * duration_s, self._speed_cap, braking)
+        step = 0.5 * (self._speed + new) * duration_s
+        self._speed = new
+        if step >= left - _ARRIVED_M:
+            self.pose, self.velocity, self._target = target, _STILL, None
+            return
+        share, rate = step / left, new / left
+        rotation = (a, b, c)
+        if any(turn):
+            rotation = composed((share * turn[0], share * turn[1], share * turn[2]), rotation)
+        self.pose = (x + share * travel[0], y + share * travel[1], z + share * travel[2], *rotation)
+        self.velocity = vector6(rate * each for each in (*travel, *turn))
 
     def _follow(self, target: Vector6, duration_s: float) -> None:
         v, limit = self.velocity, self._acceleration * duration_s
@@ -261,45 +257,3 @@ class ToolMotion:
         self.velocity = new
         if target == _STILL and not any(new):
             self._target_velocity = None
-
-
-class _Line:
-    """A straight move with a trapezoidal speed, ending exactly at its target."""
-
-    def __init__(
-        self, start: Vector6, target: Vector6, *, speed: float, acceleration: float
-    ) -> None:
-        self._start, self._target = start, target
-        self._speed, self._acceleration = speed, acceleration
-        self._travel = (target[0] - start[0], target[1] - start[1], target[2] - start[2])
-        inverse = (-start[3], -start[4], -start[5])
-        self._turn = composed((target[3], target[4], target[5]), inverse)
-        self._length = max(math.hypot(*self._travel), _LEVER_ARM_M * math.hypot(*self._turn))
-        self._done_m = 0.0
-        self._now = 0.0
-        self.arrived = self._length < _ARRIVED_M
-
-    def restarted(self, start: Vector6) -> _Line:
-        """Return the move to the same target from elsewhere, begun at rest."""
-        return _Line(start, self._target, speed=self._speed, acceleration=self._acceleration)
-
-    def advance(self, duration_s: float) -> tuple[Vector6, Vector6]:
-        """Return (pose, velocity) after another ``duration_s`` [s]."""
-        left = self._length - self._done_m
-        braking = math.sqrt(2.0 * self._acceleration * max(left, 0.0))
-        new = min(self._now + self._acceleration * duration_s, self._speed, braking)
-        step = 0.5 * (self._now + new) * duration_s
-        self._now = new
-        if self.arrived or step >= left - _ARRIVED_M:
-            self.arrived = True
-            return self._target, _STILL
-        self._done_m += step
-        share, rate = self._done_m / self._length, new / self._length
-        s, d, t = self._start, self._travel, self._turn
-        rotation = (s[3], s[4], s[5])
-        if any(t):
-            rotation = composed((share * t[0], share * t[1], share * t[2]), rotation)
-        pose = (s[0] + share * d[0], s[1] + share * d[1], s[2] + share * d[2], *rotation)
-        return pose, (
-            rate * d[0], rate * d[1], rate * d[2], rate * t[0], rate * t[1], rate * t[2]
-        )  # fmt: skip

@@ -154,7 +154,7 @@ class UrController:
         self._silent.advance(self._active.values(), self.body.motion.velocity, duration_s=passed_s)
         if off_m and not self._silent.height_m:
             motion = self.body.motion
-            motion.be_at(Pose.of(motion.pose).shifted(z=-off_m).as_vector())
+            motion.pose = Pose.of(motion.pose).shifted(z=-off_m).as_vector()
 
     def _tool_force(self, pose: Pose, stamp_ns: int, passed_s: float) -> Vector6:
         wrench: Vector6 = (0.0,) * 6

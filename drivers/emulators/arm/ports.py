@@ -13,13 +13,13 @@ from typing import ClassVar
 from drivers.arm.ur5_wire import (
     DASHBOARD_PORT,
     INPUT_TYPES,
+    OUTPUT_TYPES,
     PROTOCOL_VERSION,
     RTDE_PORT,
     SCRIPT_PORT,
-    InputRecipe,
-    OutputRecipe,
     PacketKind,
     PacketReader,
+    Recipe,
     RobotMode,
     RuntimeState,
     pack_packet,
@@ -60,8 +60,8 @@ class Connection:
         self.delay_s = 0.0
         self.partial = b""
         self.reader = PacketReader()
-        self.output: OutputRecipe | None = None
-        self.inputs: list[InputRecipe] = []
+        self.output: Recipe | None = None
+        self.inputs: list[Recipe] = []
         self.every_cycles = 1
         self.started = False
         self._unsent = bytearray()
@@ -210,17 +210,17 @@ class RtdePort(Port):
     def send_state(self, cycle: int, now_s: float) -> None:
         """Send the newest state to every client whose turn this cycle is."""
         for client in self._connections:
-            if client.started and client.output is not None and cycle % client.every_cycles == 0:
-                packet = client.output.pack(self._body.outputs)
-                if not client.is_congested:
-                    client.send(packet, now_s)
+            is_due = client.started and cycle % client.every_cycles == 0
+            if is_due and client.output is not None and not client.is_congested:
+                data = b"\x01" + client.output.pack(self._body.outputs)
+                client.send(pack_packet(PacketKind.DATA, data), now_s)
 
     def _hear(self, connection: Connection, data: bytes, now_s: float) -> None:
         try:
             for kind, body in connection.reader.feed(data):
                 if kind == PacketKind.DATA:
                     recipe = connection.inputs[body[0] - 1]
-                    recipe.unpack_into(body[1:], self._body.inputs)
+                    self._body.inputs |= recipe.unpack(body[1:])
                     self.written.update(recipe.names)
                 elif (reply := self._reply(connection, kind, body)) is not None:
                     connection.send(pack_packet(kind, reply), now_s)
@@ -251,7 +251,7 @@ class RtdePort(Port):
             )
         rate = self._body.model.rate_hz
         client.every_cycles = max(1, round(rate / frequency)) if 0 < frequency < rate else 1
-        client.output = OutputRecipe(1, names)
+        client.output = Recipe(names, OUTPUT_TYPES)
         return b"\x01" + ",".join(client.output.types).encode()
 
     def _set_up_inputs(self, client: Connection, names: list[str]) -> bytes:
@@ -266,7 +266,7 @@ class RtdePort(Port):
         if "NOT_FOUND" in types or "IN_USE" in types:
             return b"\x00" + ",".join(types).encode()
         self._owners |= dict.fromkeys(names, client)
-        client.inputs.append(InputRecipe(names))
+        client.inputs.append(Recipe(names, INPUT_TYPES))
         return bytes([len(client.inputs)]) + ",".join(types).encode()
 
 

@@ -12,8 +12,6 @@ from enum import IntEnum
 
 from drivers.arm.ur5_wire import RuntimeState
 from drivers.emulators.arm.body import PROGRAM_END_DECELERATION, ControllerBody
-from tacauchy_rig.core.config.model import RobotModel
-from tacauchy_rig.core.rotations import composed, rotated
 from tacauchy_rig.core.run import Vector6, vector6
 
 _READY, _DONE = 1, 2
@@ -26,25 +24,16 @@ class Command(IntEnum):
     """Command numbers of input_int_register_0; those not listed end at once, doing nothing."""
 
     NONE = 0
-    MOVE_J = 1
-    MOVE_J_IK = 2
     MOVE_L = 3
     ZERO_FT_SENSOR = 8
-    SPEED_J = 9
     SPEED_L = 10
     SPEED_STOP = 15
     SET_PAYLOAD = 17
-    GET_STEP_TIME = 26
     SET_TCP = 29
     PROTECTIVE_STOP = 31
     STOP_L = 33
-    STOP_J = 34
     SET_WATCHDOG = 35
     IS_POSE_WITHIN_LIMITS = 36
-    IS_JOINTS_WITHIN_LIMITS = 37
-    POSE_TRANS = 39
-    GET_TCP_OFFSET = 40
-    IS_STEADY = 47
     STOP_SCRIPT = 255
 
 
@@ -124,21 +113,19 @@ class ControlProgram:
             motion.set_velocity(self._speeding[0], acceleration=self._speeding[1])
 
     def _real_time(self, command: int) -> None:
-        if command == Command.SPEED_L:
-            target = self._vector(0)
-            acceleration = self._double(6)
-            self.failed = self._asynchronous_move
-            if self._speeding != (target, acceleration) and not self.failed:
-                self._speeding = (target, acceleration)
-                self._body.motion.set_velocity(target, acceleration=acceleration)
-        elif command == Command.GET_STEP_TIME:
-            self._body.put_doubles(self._offset, (1.0 / self._body.model.rate_hz,))
+        if command != Command.SPEED_L:
+            return
+        target, acceleration = self._vector(0), self._double(6)
+        self.failed = self._asynchronous_move
+        if self._speeding != (target, acceleration) and not self.failed:
+            self._speeding = (target, acceleration)
+            self._body.motion.set_velocity(target, acceleration=acceleration)
 
     def _process(self, command: int) -> Callable[[], bool] | None:
         """Start a command; return what it waits for, or None when it is done at once."""
-        if command in (Command.MOVE_L, Command.MOVE_J_IK):
+        if command == Command.MOVE_L:
             return self._move()
-        if command in (Command.SPEED_STOP, Command.STOP_L, Command.STOP_J):
+        if command in (Command.SPEED_STOP, Command.STOP_L):
             return self._stop(command)
         if command == Command.PROTECTIVE_STOP:
             self._on_protective_stop()
@@ -151,8 +138,9 @@ class ControlProgram:
             self._body.payload_kg = self._double(0)
         elif command == Command.ZERO_FT_SENSOR:
             self._body.zero_ft_asked = True
-        else:
-            self._answer(command)
+        elif command == Command.IS_POSE_WITHIN_LIMITS:
+            admitted = self._body.admits_pose(self._vector(0))
+            self._body.put_int(self._offset + 1, int(admitted))
         return None
 
     def _move(self) -> Callable[[], bool] | None:
@@ -177,31 +165,13 @@ class ControlProgram:
         else:
             self._end_asynchronous_move()
             asynchronous = self._body.get_int(self._offset + 1) == 1
-            if command == Command.STOP_J or not asynchronous:
+            if not asynchronous:  # a stopj then
                 deceleration *= _STOPJ_LEVER_M
         self._body.motion.brake(max(deceleration, 1e-3))
         if asynchronous:
             self._begin_asynchronous()
             return None
         return lambda: self._body.motion.is_still
-
-    def _answer(self, command: int) -> None:
-        body, motion = self._body, self._body.motion
-        if command == Command.IS_POSE_WITHIN_LIMITS:
-            body.put_int(self._offset + 1, int(body.admits_pose(self._vector(0))))
-        elif command == Command.IS_JOINTS_WITHIN_LIMITS:
-            body.put_int(self._offset + 1, 1)
-        elif command == Command.IS_STEADY:
-            body.put_int(self._offset + 1, int(motion.is_still))
-        elif command == Command.GET_TCP_OFFSET and body.model is RobotModel.E_SERIES:
-            body.put_doubles(self._offset, body.tcp_offset)
-        elif command == Command.POSE_TRANS:
-            first, second = self._vector(0), self._vector(6)
-            turn = (first[3], first[4], first[5])
-            moved = rotated((second[0], second[1], second[2]), turn)
-            turned = composed(turn, (second[3], second[4], second[5]))
-            place = tuple(a + b for a, b in zip(first[:3], moved, strict=True))
-            body.put_doubles(self._offset, (*place, *turned))
 
     def _begin_asynchronous(self) -> None:
         self._asynchronous_move = True
@@ -226,4 +196,4 @@ class ControlProgram:
         return self._body.inputs[f"input_double_register_{self._offset + number}"][0]
 
     def _vector(self, first: int) -> Vector6:
-        return vector6(self._body.get_doubles(self._offset + first, 6))
+        return vector6(self._double(number) for number in range(first, first + 6))
