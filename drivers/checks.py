@@ -41,18 +41,12 @@ def require_devices(config: RigConfig) -> None:
     Raises:
         DeviceError: One or more do not answer; each is named with what to do.
     """
-    errors = list(missing_devices(config))
-    if errors:
-        raise DeviceError("\n".join(map(str, errors)))  # each with its own remedy below it
-
-
-def missing_devices(config: RigConfig) -> Iterator[RigError]:
-    """Yield why a device does not answer, for each real device that does not."""
     sections: dict[str, tuple[Kind, tuple[object, ...]]] = {
         "robot": (Kind.ARM, ()),
         "force_sensor": (Kind.FORCE_SENSOR, (None,)),
         "camera": (Kind.CAMERA, ()),
     }
+    errors = []
     for name, (kind, others) in sections.items():
         section = getattr(config, name)
         if section.is_real:
@@ -66,7 +60,9 @@ def missing_devices(config: RigConfig) -> Iterator[RigError]:
                     if kind is Kind.ARM:  # which may refuse only now
                         device.state()
             except RigError as error:
-                yield error
+                errors.append(str(error))  # with its own remedy below it
+    if errors:
+        raise DeviceError("\n".join(errors))
 
 
 @contextmanager

@@ -49,20 +49,18 @@ class ControllerReport:
         version: Major, minor, bugfix and build of the controller's software.
         remote_control: False when the pendant is in local control; None where the software has
             no such mode.
-        in_use: True when another client owns the command registers.
-        probe_s: How long the probe took.
     """
 
     host: str
     version: tuple[int, int, int, int]
     serial: str
     remote_control: bool | None
-    in_use: bool
+    in_use: bool  # true when another client owns the command registers
     robot_mode: int
     runtime_state: int
     safety_bits: int
     pose: tuple[float, ...]
-    probe_s: float
+    probe_s: float  # how long the probe took
 
     @property
     def model(self) -> RobotModel:

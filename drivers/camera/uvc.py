@@ -49,18 +49,12 @@ _LED_READS_MOST = 255
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capture:
-    """A capture that is open for raw frames.
-
-    Attributes:
-        settings: What it says of its mode and controls, for the record.
-        pixel_format: Of the bytes that it hands over.
-        is_played: Whether software stands in for the camera, as far as it says.
-    """
+    """A capture that is open for raw frames."""
 
     stream: cv2.VideoCapture
-    settings: dict[str, str]
-    pixel_format: PixelFormat = PixelFormat.MJPG
-    is_played: bool = False
+    settings: dict[str, str]  # what it says of its mode and controls, for the record
+    pixel_format: PixelFormat = PixelFormat.MJPG  # of the bytes that it hands over
+    is_played: bool = False  # whether software stands in for the camera, as far as it says
     model: str = ""
 
 

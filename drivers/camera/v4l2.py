@@ -99,13 +99,11 @@ class Offer:
     """What a camera says of itself.
 
     Attributes:
-        driver: The kernel's driver; ``uvcvideo`` for USB cameras.
-        card: Name of the camera.
         ranges: Least value, largest value and step of each control that it has.
     """
 
-    driver: str
-    card: str
+    driver: str  # the kernel's driver; ``uvcvideo`` for USB cameras
+    card: str  # name of the camera
     modes: tuple[VideoMode, ...]
     ranges: dict[ControlId, tuple[int, int, int]]
 

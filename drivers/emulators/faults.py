@@ -62,18 +62,12 @@ SILENT_FORCE_FAULTS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Amount:
-    """How much of a fault there can be.
-
-    Attributes:
-        usual: As one writes it; empty where the device decides.
-        least: Smallest possible [SI unit].
-        most: Largest possible [SI unit].
-    """
+    """How much of a fault there can be."""
 
     dimension: Dimension
-    usual: str
-    least: float
-    most: float
+    usual: str  # as one writes it; empty where the device decides
+    least: float  # smallest possible [SI unit]
+    most: float  # largest possible [SI unit]
 
 
 OLDEST_S = 60.0
@@ -123,15 +117,13 @@ class Fault:
     Attributes:
         duration_s: How long it lasts [s]; infinite for ever. At the end of a stop or an
             unplugging somebody has unlocked the arm or plugged the device in again.
-        start_s: When it begins, after the emulator is told of it [s]; 0 is at once.
-        amount: How much of it [SI unit]; the usual one if None.
     """
 
     device: Device
     kind: FaultKind
     duration_s: float = math.inf
-    start_s: float = 0.0
-    amount: float | None = None
+    start_s: float = 0.0  # when it begins, after the emulator is told of it [s]; 0 is at once
+    amount: float | None = None  # how much of it [SI unit]; the usual one if None
 
     def __post_init__(self) -> None:
         name, known = f"fault {self.device}:{self.kind}", FAULTS_OF_DEVICE[self.device]

@@ -20,25 +20,15 @@ _LEVER_M = 0.075
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coarseness:
-    """By how much an arm's own estimate of a force is off; offset, drift and gain are drawn.
+    """By how much an arm's own estimate of a force is off; offset, drift and gain are drawn."""
 
-    Attributes:
-        offset_n: Standard deviation of its zero [N], drawn within two of them.
-        drift_n_s: Standard deviation of the zero's drift [N/s].
-        gain_ratio: Standard deviation of its gain [1].
-        noise_n: Standard deviation of its noise [N].
-        noise_time_s: Over which the noise forgets itself [s]: the controller filters.
-        friction_n: Joint friction that it takes for a force, against the motion [N].
-        friction_travel_m: Over which that friction builds up and turns round [m].
-    """
-
-    offset_n: float
-    drift_n_s: float
-    gain_ratio: float
-    noise_n: float
-    noise_time_s: float
-    friction_n: float
-    friction_travel_m: float
+    offset_n: float  # standard deviation of its zero [N], drawn within two of them
+    drift_n_s: float  # standard deviation of the zero's drift [N/s]
+    gain_ratio: float  # standard deviation of its gain [1]
+    noise_n: float  # standard deviation of its noise [N]
+    noise_time_s: float  # over which the noise forgets itself [s]: the controller filters
+    friction_n: float  # joint friction that it takes for a force, against the motion [N]
+    friction_travel_m: float  # over which that friction builds up and turns round [m]
 
 
 COARSENESS = {
@@ -73,8 +63,6 @@ class ForceEstimate:
     short travel, and stays as it is while the tool stands still.
 
     Args:
-        model: Generation of the arm.
-        seed: Draws its zero, drift and gain, and its noise.
         sign: 1 where the controller counts a push on its tool as positive, -1 where as negative.
     """
 
@@ -103,7 +91,6 @@ class ForceEstimate:
         Args:
             wrench: True force and moment on the tool [N, N m], base frame.
             velocity: Of the tool [m/s, rad/s], base frame.
-            duration_s: Since the call before [s].
         """
         self._elapsed_s = elapsed_s = self._elapsed_s + duration_s
         kept = math.exp(-duration_s / self._coarseness.noise_time_s)

@@ -6,20 +6,17 @@ import logging
 import os
 import random
 import socket
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 from urllib.parse import urlsplit
 
-from drivers.emulators.arm.controller import ControllerSettings
 from drivers.emulators.camera.frame_server import VIDEO_DEVICE, preloaded
-from drivers.emulators.camera.stream import CameraSettings
 from drivers.emulators.faults import Device, parse_fault
-from drivers.emulators.force_sensor.box import BoxSettings
 from drivers.emulators.plant.gel import Plant
-from drivers.emulators.plant.truth import TRUTH_FILE, EmulatedUnit, draw_truth, write_truth
-from drivers.emulators.process import EmulatedProcess, ProcessSettings, post_fault
-from drivers.emulators.shared_world import WORLD_FILE, FollowerSettings, GelSettings, SharedWorld
+from drivers.emulators.plant.truth import EmulatedUnit, draw_truth, write_truth
+from drivers.emulators.process import DeviceSettings, EmulatedProcess, post_fault
+from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Vector3
@@ -94,11 +91,6 @@ class Emulation:
     """The emulated part of a rig, running.
 
     Args:
-        config: The rig; its emulation seed decides the emulated world.
-        folder: Where control sockets, traces and logs go.
-        devices: What to emulate.
-        camera_host: Address of the camera's stream.
-        camera_port: Its port; 0 takes a free one.
         follow_host: A robot that is not emulated here, whose reported pose moves the indenter of
             the emulated world; needed when a sensor or camera is emulated and the robot is not.
         unit: The make of sensor that is emulated; a GelSight Mini if None.
@@ -166,7 +158,6 @@ class Emulation:
         """End one device and start it anew, without its faults, where it answered before.
 
         Args:
-            device: One that was started.
             tip: Where the arm is found then [m]; at home if None.
 
         Raises:
@@ -188,8 +179,7 @@ class Emulation:
             if self._robot_host == "auto":
                 self._robot_host = free_loopback_host()
         elif self.follow_host is not None:
-            follower = FollowerSettings(host=self.follow_host, world=self.world_path)
-            self._launch("pose_follower", "shared_world", follower)
+            self._launch("pose_follower", "shared_world", self._settings(host=self.follow_host))
         for device in Device:
             if device in self.devices:
                 self._start(device)
@@ -211,61 +201,33 @@ class Emulation:
         host = self._robot_host or None
         return EmulatedAddresses(robot_host=host, force_sensor_port=port, camera_url=url)
 
-    def _launch(self, name: str, module: str, settings: ProcessSettings) -> None:
-        self.processes[name] = EmulatedProcess(name, module, settings, folder=self.folder)
+    def _launch(self, name: str, module: str, settings: DeviceSettings) -> None:
+        self.processes[name] = EmulatedProcess(name, module, settings)
+
+    def _settings(self, **served: str | int) -> DeviceSettings:
+        return DeviceSettings(folder=self.folder, config=self.config, **served)  # type: ignore[arg-type]
 
     def _start(self, device: Device, *, tip: Vector3 | None = None) -> None:
-        robot, sensor, camera = self.config.robot, self.config.force_sensor, self.config.camera
-        shared = self._gel_settings()
         if device is Device.ROBOT:
-            controller = ControllerSettings(
-                host=self._robot_host,
-                model=robot.model,
-                force_sign=robot.force_sign,
-                home=(*(robot.home if tip is None else tip), *robot.tool_rotation),
-                **shared,
-            )
-            self._launch(device, "arm.controller", controller)
+            settings = self._settings(host=self._robot_host)
+            if tip is not None:
+                robot = self.config.robot.model_copy(update={"home": tip})
+                config = self.config.model_copy(update={"robot": robot})
+                settings = replace(settings, config=config)
+            self._launch(device, "arm.controller", settings)
         elif device is Device.FORCE_SENSOR:
-            box = BoxSettings(
-                rate=round(sensor.rate),
-                full_scale_n=sensor.capacity,
-                compression_sign=sensor.compression_sign,
-                **shared,
-            )
-            self._launch(device, "force_sensor.box", box)
+            self._launch(device, "force_sensor.box", self._settings())
         else:
-            stream = CameraSettings(
-                host=self.camera_host,
-                port=self.camera_port,
-                width=camera.width,
-                height=camera.height,
-                rate=camera.rate,
-                video_device=self.config.emulation.video_device,
-                **shared,
-            )
-            self._launch(device, "camera.stream", stream)
-
-    def _gel_settings(self) -> dict[str, Any]:
-        indenter = self.config.indenter
-        return {
-            "folder": self.folder,
-            "seed": self.config.emulation.seed,
-            "world": self.world_path,
-            "truth": self.folder / TRUTH_FILE,
-            "surface_m": self.config.sensor.surface,
-            "tip": indenter.kind,
-            "diameter_m": indenter.diameter,
-            "fillet_m": indenter.fillet,
-        }
+            served = self._settings(host=self.camera_host, port=self.camera_port)
+            self._launch(device, "camera.stream", served)
 
     def gel(self) -> Plant:
-        """Return a fresh gel like the one that is pressed.
+        """Return a fresh gel like the one that is pressed, once a device was started.
 
         Raises:
-            RecordError: No device was started yet, so the gel's truth is not drawn.
+            RecordError: The gel's truth cannot be read.
         """
-        return GelSettings(**self._gel_settings()).plant()
+        return plant_of(self._settings())
 
     def _send_planned_faults(self) -> None:
         for text in self.config.emulation.faults:

@@ -1,15 +1,17 @@
 """One emulator as a process: started and ended from outside, and what all of them do inside.
 
-Inside there are settings, given as JSON on the command line, one JSON line when the device answers,
+Inside there are settings, pickled on the command line, one JSON line when the device answers,
 the faults that it is told of, and the word to end.
 """
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import json
 import logging
 import os
+import pickle
 import select
 import signal
 import socket
@@ -20,11 +22,12 @@ from collections.abc import Callable, Container, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
 from drivers.emulators.faults import Device, Fault, FaultKind
+from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError, RigError
 
 logger = logging.getLogger(__name__)
@@ -34,50 +37,39 @@ END_TIMEOUT_S = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ProcessSettings:
+class DeviceSettings:
     """What every emulator is told.
 
     Attributes:
-        parent_pid: It ends with this process; None to serve until told otherwise.
+        quirks: In what it differs from most of its kind: ``local-control`` of a robot; of a box
+            ``smpr`` for its rate, and replies that are ``bare`` or ``silent``.
     """
 
-    parent_pid: int | None = None
+    folder: Path  # where the world and its truth, traces, logs and control sockets lie
+    config: RigConfig  # the rig that it belongs to
+    host: str = "127.0.0.1"  # address to serve at, or of the robot to follow
+    port: int = 0  # of the camera's stream; 0 takes a free one
+    quirks: frozenset[str] = frozenset()
+    parent_pid: int | None = None  # it ends with this process; None to serve until told otherwise
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeviceSettings(ProcessSettings):
-    """What every emulated device is told.
-
-    Attributes:
-        folder: Where its traces and its control socket lie.
-        seed: Draws its noise and its faults.
-    """
-
-    folder: Path
-    seed: int = 0
-
-
-SettingsT = TypeVar("SettingsT", bound=ProcessSettings)
-DeviceSettingsT = TypeVar("DeviceSettingsT", bound=DeviceSettings)
-
-
-def command_line(module: str, settings: ProcessSettings) -> list[str]:
+def command_line(module: str, settings: DeviceSettings) -> list[str]:
     """Return the command that runs an emulator, a module of this package, with its settings."""
-    given = TypeAdapter(type(settings)).dump_json(settings).decode()
+    given = base64.b64encode(pickle.dumps(settings)).decode()
     return [sys.executable, "-m", f"drivers.emulators.{module}", given]
 
 
-def own_settings(kind: type[SettingsT]) -> SettingsT:
+def own_settings() -> DeviceSettings:
     """Return the settings of this process, as ``command_line`` wrote them."""
-    return TypeAdapter(kind).validate_json(sys.argv[1])
+    return pickle.loads(base64.b64decode(sys.argv[1]))  # type: ignore[no-any-return]  # noqa: S301
 
 
 class EmulatedProcess:
     """One emulator: a child process that prints a JSON line when it is ready."""
 
-    def __init__(self, name: str, module: str, settings: ProcessSettings, *, folder: Path) -> None:
+    def __init__(self, name: str, module: str, settings: DeviceSettings) -> None:
         self.name = name
-        self.log = folder / f"{name}.log"
+        self.log = settings.folder / f"{name}.log"
         with self.log.open("ab") as log:
             self.process = subprocess.Popen(
                 command_line(module, replace(settings, parent_pid=os.getpid())),
@@ -158,14 +150,13 @@ class Service:
     A fault or a weight is one JSON datagram to the Unix socket ``<folder>/<device>.control``.
 
     Attributes:
-        is_told_to_end: Set by SIGTERM and SIGINT.
         hung_kg: Weight that somebody has hung on the device [kg], as of the last look at its
             faults.
     """
 
     def __init__(self, settings: DeviceSettings, device: Device) -> None:
         self.device = device
-        self.is_told_to_end = False
+        self.is_told_to_end = False  # set by SIGTERM and SIGINT
         self.hung_kg = 0.0
         self._parent_pid = settings.parent_pid
         self._faults: list[tuple[float, float, Fault]] = []  # with start and end [s]
@@ -230,19 +221,12 @@ class Service:
                 self._faults.append((start_s, start_s + message.duration_s, message))
 
 
-def run_device(
-    kind: type[DeviceSettingsT],
-    device: Device,
-    serve: Callable[[DeviceSettingsT, Service], None],
-) -> int:
+def run_device(device: Device, serve: Callable[[DeviceSettings, Service], None]) -> int:
     """Be an emulated device, as this process's command line says; return the exit status.
 
-    Args:
-        kind: Its settings.
-        device: What it is.
-        serve: Serves, announced, until its ``Service`` is over.
+    ``serve`` serves, announced, until its ``Service`` is over.
     """
-    settings = own_settings(kind)
+    settings = own_settings()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     try:
         try:

@@ -25,11 +25,11 @@ from rtde_receive import RTDEReceiveInterface
 from drivers.arm.ur5_probe import probe_controller
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
-from drivers.emulators.plant.truth import draw_truth, read_truth
-from drivers.emulators.process import DeviceSettings, ProcessSettings, own_settings
+from drivers.emulators.plant.truth import TRUTH_FILE, draw_truth, read_truth
+from drivers.emulators.process import DeviceSettings, own_settings
 from tacauchy_rig.core.config.model import IndenterKind
 from tacauchy_rig.core.errors import DeviceError, RigError
-from tacauchy_rig.core.run import Pose, Vector3, Vector6, vector6
+from tacauchy_rig.core.run import Pose, Vector6, vector6
 
 WORLD_FILE = "world.bin"
 
@@ -42,19 +42,12 @@ _READ_TRIES = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorldState:
-    """The newest state of the arm.
+    """The newest state of the arm."""
 
-    Attributes:
-        pose: True pose of the tip [m, rad]; zero while nothing was published.
-        velocity: Tool velocity [m/s, rad/s].
-        stamp_ns: CLOCK_MONOTONIC of the moment the pose belongs to.
-        sequence: Number of states published so far; 0 means that none was.
-    """
-
-    pose: Pose
-    velocity: Vector6
-    stamp_ns: int
-    sequence: int
+    pose: Pose  # true pose of the tip [m, rad]; zero while nothing was published
+    velocity: Vector6  # tool velocity [m/s, rad/s]
+    stamp_ns: int  # CLOCK_MONOTONIC of the moment the pose belongs to
+    sequence: int  # number of states published so far; 0 means that none was
 
 
 class SharedWorld:
@@ -143,19 +136,7 @@ STALE_S = 0.5
 _PROBE_S = 10.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FollowerSettings(ProcessSettings):
-    """Whom the world follows: a real or emulated robot at ``host``, by its reported pose.
-
-    Attributes:
-        world: Shared file to write its pose to.
-    """
-
-    host: str
-    world: Path
-
-
-def follow(settings: FollowerSettings) -> None:
+def follow(settings: DeviceSettings) -> None:
     """Publish the pose that a controller reports until it falls silent.
 
     Raises:
@@ -166,7 +147,7 @@ def follow(settings: FollowerSettings) -> None:
     receiver = RTDEReceiveInterface(
         host, -1.0, ["timestamp", "actual_TCP_pose", "actual_TCP_speed"]
     )
-    world = SharedWorld.create(settings.world)
+    world = SharedWorld.create(settings.folder / WORLD_FILE)
     print(json.dumps({"device": "pose_follower", "host": host}), flush=True)
     newest, moved = receiver.getTimestamp(), time.monotonic()
     while parent_pid is None or os.getppid() == parent_pid:
@@ -186,43 +167,25 @@ def follow(settings: FollowerSettings) -> None:
 def main() -> None:
     """Run as a process."""
     try:
-        follow(own_settings(FollowerSettings))
+        follow(own_settings())
     except RigError as error:
         sys.exit(f"pose follower: {error}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GelSettings(DeviceSettings):
-    """One gel under one indenter; the seed draws its world where there is no file of its truth.
+def plant_of(settings: DeviceSettings) -> Plant:
+    """Return the gel of a rig, at rest; the seed draws its world where no truth is written.
 
-    Attributes:
-        world: Shared file with the arm's pose.
-        truth: truth.json to use instead of the seed.
-        surface_m: Where the gel's highest point is expected: x,y,z [m].
-        tip: cylinder or sphere.
-        diameter_m: Of the tip [m].
-        fillet_m: Radius of a cylinder's edge [m].
+    Raises:
+        RecordError: The truth cannot be read.
+        ConfigError: The tip is impossible.
     """
-
-    world: Path | None = None
-    truth: Path | None = None
-    surface_m: Vector3 = (0.0, 0.0, 0.0)
-    tip: IndenterKind = IndenterKind.CYLINDER
-    diameter_m: float = 5e-3
-    fillet_m: float = 1e-4
-
-    def plant(self) -> Plant:
-        """Return the gel, at rest.
-
-        Raises:
-            RecordError: The truth file cannot be read.
-            ConfigError: The tip is impossible.
-        """
-        truth = draw_truth(self.seed) if self.truth is None else read_truth(self.truth)
-        tip: Tip = SphereTip(diameter_m=self.diameter_m)
-        if self.tip is IndenterKind.CYLINDER:
-            tip = CylinderTip(diameter_m=self.diameter_m, fillet_m=self.fillet_m)
-        return Plant(truth, tip, self.surface_m)
+    config, truth = settings.config, settings.folder / TRUTH_FILE
+    indenter = config.indenter
+    tip: Tip = SphereTip(diameter_m=indenter.diameter)
+    if indenter.kind is IndenterKind.CYLINDER:
+        tip = CylinderTip(diameter_m=indenter.diameter, fillet_m=indenter.fillet)
+    known = read_truth(truth) if truth.exists() else draw_truth(config.emulation.seed)
+    return Plant(known, tip, config.sensor.surface)
 
 
 if __name__ == "__main__":

@@ -22,12 +22,7 @@ _MEAN_SAMPLES = 10  # that it takes its mean from: few, or the mean would be an 
 
 
 class SilentWrenchFaults:
-    """What a force sensor reads, sample by sample.
-
-    Args:
-        seed: Draws the noise of a sensor that sticks noisily.
-        full_scale_n: What Fz reads when its channel is saturated [N].
-    """
+    """What a force sensor reads, sample by sample."""
 
     def __init__(self, *, seed: int, full_scale_n: float) -> None:
         self._random = random.Random(seed)  # noqa: S311 - noise, not a secret
@@ -122,24 +117,17 @@ class SilentImageFaults:
 
 
 class SilentArmFaults:
-    """By how much an arm's state is off, state by state.
-
-    Attributes:
-        height_m: Height that it reports above its true one [m].
-        clock_s: How far its clock is ahead [s].
-    """
+    """By how much an arm's state is off, state by state."""
 
     def __init__(self) -> None:
-        self.height_m = 0.0
-        self.clock_s = 0.0
+        self.height_m = 0.0  # height that it reports above its true one [m]
+        self.clock_s = 0.0  # how far its clock is ahead [s]
 
     def advance(self, faults: Iterable[Fault], velocity: Vector6, *, duration_s: float) -> None:
         """Let time pass under ``faults``; without them it is right at once.
 
         Args:
-            faults: Those that are on.
             velocity: Of the tool [m/s, rad/s]: what slips in an arm slips while it moves.
-            duration_s: Since the call before [s].
         """
         active = {fault.kind: fault for fault in faults}
         wrong_pose, jump = active.get(FaultKind.WRONG_POSE), active.get(FaultKind.CLOCK_JUMP)

@@ -30,18 +30,12 @@ _SEVERITY = (Reaction.RETRACT, Reaction.HOLD, Reaction.PROTECTIVE_STOP)
 
 @dataclass(frozen=True, slots=True)
 class Press:
-    """One guarded force sample.
-
-    Attributes:
-        force_n: Pressing force [N], tared, positive in compression; 0 before the first tare.
-        sideways_n: Sideways force [N], tared.
-        raw: The sample as it came.
-    """
+    """One guarded force sample."""
 
     stamp_ns: int
-    force_n: float
-    sideways_n: float
-    raw: ForceSample
+    force_n: float  # pressing force [N], tared, positive in compression; 0 before the first tare
+    sideways_n: float  # sideways force [N], tared
+    raw: ForceSample  # the sample as it came
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +51,6 @@ class Cycle:
     """The control loop's body.
 
     Attributes:
-        witness: What else knows of the force.
-        rates: What arrived since the attempt began.
         contact_z_m: Height of contact of the last trial [m]; before the first of a session the
             lowest of those that passed in earlier ones; None where there was none.
         observers: Called at each turn, whatever it finds; they must not block.
@@ -78,9 +70,9 @@ class Cycle:
         self.sink = sink
         self.abort = abort
         self.force_guard = ForceGuard(config)
-        self.witness = Witness(config, expected)
+        self.witness = Witness(config, expected)  # what else knows of the force
         self.workspace = Workspace(config)
-        self.rates = RateMeter()
+        self.rates = RateMeter()  # what arrived since the attempt began
         self.last_force_n = 0.0
         self.last_state: ArmSample | None = None
         self.contact_z_m: float | None = None

@@ -32,15 +32,11 @@ class ForceGuard:
 
     Before the first tare the zero is unknown, so only the sensor's own health is judged; nothing
     moves then.
-
-    Attributes:
-        contact: What is expected now; decides which limits hold.
-        sideways_n: Sideways force of the newest sample [N], tared.
     """
 
     def __init__(self, config: RigConfig) -> None:
-        self.contact = Contact.NONE
-        self.sideways_n = 0.0
+        self.contact = Contact.NONE  # what is expected now; decides which limits hold
+        self.sideways_n = 0.0  # sideways force of the newest sample [N], tared
         self._limits = config.limits
         self._capacity_n = config.force_sensor.capacity
         self._sign = config.force_sensor.compression_sign

@@ -20,19 +20,12 @@ VIEWERS = ("page", "twin", "foxglove")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
-    """Something that a viewer is shown.
+    """Something that a viewer is shown."""
 
-    Attributes:
-        stream: Its name, such as ``force``, ``arm``, ``camera``, ``twin``.
-        stamp_ns: ``time.monotonic_ns`` of what it tells of.
-        numbers: Plain values, lists and texts; units in the keys.
-        picture: Bytes of a JPEG or PNG; None where there is none.
-    """
-
-    stream: str
-    stamp_ns: int
-    numbers: dict[str, Any]
-    picture: bytes | None = None
+    stream: str  # its name, such as ``force``, ``arm``, ``camera``, ``twin``
+    stamp_ns: int  # ``time.monotonic_ns`` of what it tells of
+    numbers: dict[str, Any]  # plain values, lists and texts; units in the keys
+    picture: bytes | None = None  # bytes of a JPEG or PNG; None where there is none
 
 
 class FeedWriters:
@@ -68,17 +61,13 @@ class FeedWriters:
 
 
 class FeedReader:
-    """A viewer's end.
-
-    Attributes:
-        lost_count: Messages and pictures that this viewer was too slow for.
-    """
+    """A viewer's end."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
         self.fileno = channel.fileno
         self._number: int | None = None
-        self.lost_count = 0
+        self.lost_count = 0  # messages and pictures that this viewer was too slow for
 
     def receive(self) -> Iterator[Shown]:
         """Yield what waits, oldest first."""

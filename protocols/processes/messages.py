@@ -23,29 +23,21 @@ class PageOptions:
     """The operator's page.
 
     Attributes:
-        port: Of the loopback address; 0 takes a free one.
         outline: Expected contact in the image, as the page draws it; None where nobody knows.
     """
 
-    port: int = 0
+    port: int = 0  # of the loopback address; 0 takes a free one
     outline: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewerOptions:
-    """A viewer from outside of ``protocols``; the page shows what it shows.
+    """A viewer from outside of ``protocols``; the page shows what it shows."""
 
-    Attributes:
-        name: One of ``feed.VIEWERS``.
-        module: What its process runs, by ``python -m``.
-        options: For its process.
-        sources: Other viewers whose feeds it gets, where they run too.
-    """
-
-    name: str
-    module: str
-    options: dict[str, Any] = field(default_factory=dict)
-    sources: tuple[str, ...] = ()
+    name: str  # one of ``feed.VIEWERS``
+    module: str  # what its process runs, by ``python -m``
+    options: dict[str, Any] = field(default_factory=dict)  # for its process
+    sources: tuple[str, ...] = ()  # other viewers whose feeds it gets, where they run too
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,9 +45,6 @@ class Job:
     """What a child is to do: its first message from the supervisor.
 
     Attributes:
-        descriptors: Sockets that the child inherited, by what they lead to.
-        expected: What a press should give; None where nobody knows.
-        again: Whether an earlier process had begun it in this session.
         options: Of a viewer; the page's ``token`` is the first part of every path: whoever has it
             sees the run and can stop it.
     """
@@ -63,9 +52,9 @@ class Job:
     root: Path
     config: RigConfig
     plan: tuple[PlannedTrial, ...]
-    descriptors: dict[str, int]
-    expected: ExpectedPress | None = None
-    again: bool = False
+    descriptors: dict[str, int]  # sockets that the child inherited, by what they lead to
+    expected: ExpectedPress | None = None  # what a press should give; None where nobody knows
+    again: bool = False  # whether an earlier process had begun it in this session
     options: dict[str, Any] = field(default_factory=dict)
 
 
@@ -101,14 +90,10 @@ class CameraStatus:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ack:
-    """The recorder has everything up to entry ``through`` on disk; its producer passes that on.
-
-    Attributes:
-        kept_count: Samples, frames and events of this producer that are in recordings.
-    """
+    """The recorder has everything up to entry ``through`` on disk; its producer passes that on."""
 
     through: int = 0
-    kept_count: int = 0
+    kept_count: int = 0  # samples, frames and events of this producer that are in recordings
 
 
 LARGEST = 1 << 18

@@ -54,13 +54,12 @@ class SessionResult(ProgrammeResult):
     """How a session ended.
 
     Attributes:
-        died: Processes that ended before they were told to, and how.
         acknowledged: Samples, frames and events that the recorder acknowledged, by producer, as
             far as the producer lived to tell.
         page: The page that was kept; None without one.
     """
 
-    died: dict[str, str]
+    died: dict[str, str]  # processes that ended before they were told to, and how
     acknowledged: dict[str, int]
     page: Viewing | None = field(default=None, repr=False, compare=False)
 

@@ -225,14 +225,12 @@ class SafeEnd:
     Attributes:
         stop_ms: From the stop command to the first state at rest [ms]; None where the robot
             could not be seen to rest.
-        peak_force_n: Largest force from the stop on [N].
-        pose: Last pose that was seen.
     """
 
     text: str
     stop_ms: float | None
-    peak_force_n: float
-    pose: Pose | None
+    peak_force_n: float  # largest force from the stop on [N]
+    pose: Pose | None  # last pose that was seen
 
 
 def make_safe(cycle: Cycle, reaction: Reaction) -> SafeEnd:

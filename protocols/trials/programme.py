@@ -26,16 +26,11 @@ _RESUME = "`tacauchy-rig resume` continues with the next unfinished trial"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProgrammeResult:
-    """How a run ended.
-
-    Attributes:
-        records: The last attempt of each trial that was tried in this run.
-        reason: What went wrong, where the arm is and which trials are safe.
-    """
+    """How a run ended."""
 
     outcome: Outcome
-    records: tuple[TrialRecord, ...]
-    reason: str = ""
+    records: tuple[TrialRecord, ...]  # the last attempt of each trial that was tried in this run
+    reason: str = ""  # what went wrong, where the arm is and which trials are safe
     remedy: str = ""
 
 

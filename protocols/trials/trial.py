@@ -38,18 +38,15 @@ class PlannedTrial:
     """A trial that may still have to be run.
 
     Attributes:
-        next_attempt: Number of its next attempt; attempts are never overwritten.
-        done: True when an earlier session has an attempt that passed.
         contact_z_m: Height at which an earlier session's passed attempt found the gel [m].
-        record: Of the attempt that passed, where ``done``.
     """
 
     index: int
     force_target_n: float
-    next_attempt: int = 1
-    done: bool = False
+    next_attempt: int = 1  # number of its next attempt; attempts are never overwritten
+    done: bool = False  # true when an earlier session has an attempt that passed
     contact_z_m: float | None = None
-    record: TrialRecord | None = None
+    record: TrialRecord | None = None  # of the attempt that passed, where ``done``
 
 
 @dataclass(slots=True, kw_only=True)

@@ -44,7 +44,7 @@ from reports.scores.floors import (
 from reports.scores.force_agreement import Scatter, compare_force, scatter_between
 from reports.scores.metrics import ImageScores, Metric, psnr_of_mean_mse, score, t_interval
 from tacauchy_rig.core.rgb import to_grey
-from tacauchy_rig.core.run import FZ, TrialRecord
+from tacauchy_rig.core.run import FZ
 
 _MEASURED = ("force_measured_n", "force_deviation_n", "force_drift_n", "depth_measured_m")
 
@@ -257,114 +257,87 @@ def recover_truth(
     world = evidence.world
     if world is None:
         return ()
-    return (
-        *_dwell_means(world, trials),
-        *_surface(world, evidence),
-        *_contact_place(world, evidence, trials),
-        *_tilt(world, evidence),
-        *_modulus(world, evidence, trials),
-        *_force_channel(world, evidence),
+    return tuple(
+        TruthComparison(
+            name=name,
+            true=true * _PER_SI[unit],
+            recovered=recovered * _PER_SI[unit],
+            unit=unit,
+            trial=trial,
+        )
+        for name, unit, true, recovered, trial in _compared(world, evidence, trials)
+        if isinstance(true, float) and not math.isnan(true) and recovered is not None
     )
+
+
+_Row = tuple[str, str, Any, float | None, int]
+"""Name, unit, true and recovered value in SI, and the trial or zero."""
 
 
 def _compared(
-    name: str, unit: str, true: float, recovered: float, trial: int = 0
-) -> TruthComparison:
-    """Set two SI values side by side in a unit for readers."""
-    factor = _PER_SI[unit]
-    return TruthComparison(
-        name=name, true=true * factor, recovered=recovered * factor, unit=unit, trial=trial
-    )
-
-
-def _dwell_means(world: EmulatedWorld, trials: Sequence[TrialResult]) -> Iterator[TruthComparison]:
-    """Yield the forces of all trials, then their depths."""
-    dwells = [(trial, world.dwells[trial.index]) for trial in trials if trial.index in world.dwells]
-    for t, true in dwells:
-        if t.force_measured_n is not None:
-            force_n = t.force_measured_n
-            yield _compared("mean force in the dwell", "N", true[0], force_n, t.index)
-    for t, true in dwells:
-        if t.depth_measured_m is not None:
-            depth_m = t.depth_measured_m
-            yield _compared("mean depth in the dwell", "mm", true[1], depth_m, t.index)
-
-
-def _surface(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:
-    name, error_m = "height of the gel above the expected", world.values.get("surface_error_m")
-    for record in _records(evidence):
-        if isinstance(error_m, float) and record.contact_z_m is not None:
-            found_m = record.contact_z_m - world.surface_expected_m
-            yield _compared(name, "mm", error_m, found_m, record.index)
-
-
-def _contact_place(
     world: EmulatedWorld, evidence: RunEvidence, trials: Sequence[TrialResult]
-) -> Iterator[TruthComparison]:
-    """Add what the camera's calibration knows of the place to what the images are still off."""
-    calibrated = (0.0, 0.0) if evidence.model is None else evidence.model.image_centre_m
+) -> Iterator[_Row]:
+    values, model = world.values, evidence.model
+    records = [t.record for t in evidence.trials if t.record is not None]
+    dwells = [(t, *world.dwells[t.index]) for t in trials if t.index in world.dwells]
+    for t, true_n, _ in dwells:
+        yield "mean force in the dwell", "N", true_n, t.force_measured_n, t.index
+    for t, _, true_m in dwells:
+        yield "mean depth in the dwell", "mm", true_m, t.depth_measured_m, t.index
+    for record in records:
+        z_m = record.contact_z_m
+        found_m = None if z_m is None else z_m - world.surface_expected_m
+        name = "height of the gel above the expected"
+        yield name, "mm", values.get("surface_error_m"), found_m, record.index
     poses = [t.corrections.pose for t in trials if t.corrections and t.corrections.pose]
-    parts = [world.values.get(name) for name in ("pose_error_m", "image_shift_m")]
-    known = [part for part in parts if isinstance(part, list | tuple)]
+    # What the camera's calibration knows of the place is added to what the images are still off.
+    known = (0.0, 0.0) if model is None else model.image_centre_m
+    found = {} if model is None else {each.name: each.value for each in model.found}
     for axis, name in enumerate("xy"):
-        found = [p.x_mm if name == "x" else p.y_mm for p in poses]
-        off_mm = [value for value in found if value is not None]
-        if off_mm and len(known) == len(parts):
-            yield TruthComparison(
-                name=f"contact seen off its place along {name}",
-                true=sum(float(part[axis]) for part in known) * 1e3,
-                recovered=calibrated[axis] * 1e3 + float(np.mean(off_mm)),
-                unit="mm",
-            )
-
-
-def _tilt(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:
-    """Yield the tilt fitted to moments, whether it was applied or not."""
-    true = world.values.get("tilt_rad")
-    found = {} if evidence.model is None else {each.name: each for each in evidence.model.found}
-    for axis, name in enumerate("xy"):
-        each = found.get(f"lean towards {name}")  # the name that replays on disk have
-        value = None if each is None else each.value
-        if value is not None and isinstance(true, list | tuple):
-            yield _compared(f"tilt of the tool towards {name}", "mrad", float(true[axis]), value)
-
-
-def _modulus(
-    world: EmulatedWorld, evidence: RunEvidence, trials: Sequence[TrialResult]
-) -> Iterator[TruthComparison]:
-    """Scale the stated modulus by measured over predicted force; linear in the modulus."""
-    model, true = evidence.model, world.values.get("young_pa")
+        parts = [_part(values.get(each), axis) for each in ("pose_error_m", "image_shift_m")]
+        seen = _known(pose.x_mm if name == "x" else pose.y_mm for pose in poses)
+        off_m = known[axis] + 1e-3 * float(np.mean(seen)) if seen else None
+        yield f"contact seen off its place along {name}", "mm", sum(parts), off_m, 0
+    for axis, name in enumerate("xy"):  # as fitted to moments, whether it was applied or not
+        true_rad = _part(values.get("tilt_rad"), axis)
+        # The name that replays on disk have.
+        yield (
+            f"tilt of the tool towards {name}",
+            "mrad",
+            true_rad,
+            found.get(f"lean towards {name}"),
+            0,
+        )
     ratios = [
         t.force_measured_n / t.force.force_predicted_n
         for t in trials
         if t.force_measured_n is not None and t.force.force_predicted_n
     ]
-    if model is not None and isinstance(true, float) and ratios:
-        stated_pa = model.young_pa / (model.modulus_factor or 1.0)
-        found_pa = stated_pa * float(np.mean(ratios))
-        yield _compared("modulus, from force at the measured depth", "kPa", true, found_pa)
-
-
-def _force_channel(world: EmulatedWorld, evidence: RunEvidence) -> Iterator[TruthComparison]:
-    tared = [
-        (r.tare_before, r.tare_after)
-        for r in _records(evidence)
-        if r.tare_before is not None and r.tare_after is not None
-    ]
-    noise, drift = world.values.get("force_noise_n"), world.values.get("force_drift_n_s")
-    if not tared or not isinstance(noise, float) or not isinstance(drift, float):
-        return
-    variances = [tare.deviation[FZ] ** 2 for pair in tared for tare in pair]
-    found_n = math.sqrt(float(np.mean(variances)))
-    yield _compared("noise of a force sample", "mN", noise, found_n)
+    if model is not None and ratios:
+        # Force is linear in the modulus.
+        found_pa = model.young_pa / (model.modulus_factor or 1.0) * float(np.mean(ratios))
+        yield (
+            "modulus, from force at the measured depth",
+            "kPa",
+            values.get("young_pa"),
+            found_pa,
+            0,
+        )
+    tares = [(r.tare_before, r.tare_after) for r in records if r.tare_before and r.tare_after]
+    if tares:
+        variances = [tare.deviation[FZ] ** 2 for pair in tares for tare in pair]
+        noise_n = math.sqrt(float(np.mean(variances)))
+        yield "noise of a force sample", "mN", values.get("force_noise_n"), noise_n, 0
     slopes = [
         (after.mean[FZ] - before.mean[FZ]) / ((after.start_ns - before.start_ns) * 1e-9)
-        for before, after in tared
+        for before, after in tares
         if after.start_ns > before.start_ns
     ]
     if slopes:
-        yield _compared("drift of the force sensor", "mN/s", drift, float(np.mean(slopes)))
+        drift_n_s = float(np.mean(slopes))
+        yield "drift of the force sensor", "mN/s", values.get("force_drift_n_s"), drift_n_s, 0
 
 
-def _records(evidence: RunEvidence) -> list[TrialRecord]:
-    return [t.record for t in evidence.trials if t.record is not None]
+def _part(pair: Any, axis: int) -> float:
+    """Return one of two coordinates of a truth that was read; NaN where it is not known."""
+    return float(pair[axis]) if isinstance(pair, list | tuple) else math.nan

@@ -201,21 +201,13 @@ def _join(words: Sequence[str]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """One input of the simulation.
+    """One input of the simulation."""
 
-    Attributes:
-        what: The input.
-        value: What was found or taken of it, with its unit; empty for many numbers.
-        source: The data that it was fitted to, or where it was stated.
-        in_sample: The judged presses are among these data.
-        effect: What that means for the scores.
-    """
-
-    what: str
-    value: str
-    source: str
-    in_sample: bool
-    effect: str
+    what: str  # the input
+    value: str  # what was found or taken of it, with its unit; empty for many numbers
+    source: str  # the data that it was fitted to, or where it was stated
+    in_sample: bool  # the judged presses are among these data
+    effect: str  # what that means for the scores
 
 
 def fits_of(evidence: RunEvidence) -> tuple[Fit, ...]:

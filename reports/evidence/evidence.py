@@ -32,12 +32,11 @@ class ImageGeometry:
     """How a camera frame becomes the image that is scored.
 
     Attributes:
-        crop_fraction: Part of the width and height cut off at each border.
         scale_x_m_px: Gel surface per pixel of the scored image [m/px]; None when not calibrated.
         scale_y_m_px: The same along y; the two differ on real sensors [m/px].
     """
 
-    crop_fraction: float = 0.15
+    crop_fraction: float = 0.15  # part of the width and height cut off at each border
     width_px: int = 320
     height_px: int = 240
     scale_x_m_px: float | None = None
@@ -49,20 +48,17 @@ class TrialImages:
     """Images of one trial as the camera saw them; what is found in them can be kept beside.
 
     Attributes:
-        real: Pixelwise median over the dwell.
-        reference: Pixelwise median of the no-contact frames taken before the press.
         first_half: Median over the first half of the dwell; with ``second_half`` it gives the
             noise ceiling. None when the dwell has fewer than four frames.
-        frame_count: Frames in the dwell.
         settled_change: By how much of the contact its first and its last third differ [1]; None
             when the dwell has fewer than three frames.
     """
 
-    real: ImageArray
-    reference: ImageArray
+    real: ImageArray  # pixelwise median over the dwell
+    reference: ImageArray  # pixelwise median of the no-contact frames taken before the press
     first_half: ImageArray | None = None
     second_half: ImageArray | None = None
-    frame_count: int = 0
+    frame_count: int = 0  # frames in the dwell
     settled_change: float | None = None
 
 
@@ -79,12 +75,11 @@ class IntermediateFrame:
     """What the camera showed at one force of a press.
 
     Attributes:
-        force_n: Measured then; None where nobody measured it.
         depth_m: The arm's, from where contact was felt; None likewise.
     """
 
     image: ImageArray
-    force_n: float | None
+    force_n: float | None  # measured then; None where nobody measured it
     depth_m: float | None
 
 
@@ -94,17 +89,14 @@ class IntermediateState:
 
     Attributes:
         force_n: Simulated [N]; ``depth_m`` likewise, from first touch.
-        image: Simulated, shape [height, width, 3].
-        dent_m: How far the gel's surface is pushed in, shape [height, width].
-        pressure_pa: On the gel that lies where a pixel looks, same shape.
         frame: The recorded frame nearest in force; None where none is near.
     """
 
     force_n: float
     depth_m: float
-    image: ImageArray
-    dent_m: FloatArray
-    pressure_pa: FloatArray
+    image: ImageArray  # simulated, shape [height, width, 3]
+    dent_m: FloatArray  # how far the gel's surface is pushed in, shape [height, width]
+    pressure_pa: FloatArray  # on the gel that lies where a pixel looks, same shape
     frame: IntermediateFrame | None = None
 
 
@@ -113,37 +105,29 @@ class StreamSummary:
     """Arrival of one stream's samples, measured from the recording.
 
     Attributes:
-        name: ``force``, ``image`` or ``arm``.
-        nominal_rate_hz: What the configuration asks for; None when it does not say.
-        rate_hz: Samples over the time they took.
         lost_count: Samples that the native counter shows and the recording lacks; None for a
             stream without a counter.
-        interval_p99_ms: 99th percentile of the time between arrivals [ms].
     """
 
-    name: str
-    nominal_rate_hz: float | None
-    rate_hz: float
+    name: str  # ``force``, ``image`` or ``arm``
+    nominal_rate_hz: float | None  # what the configuration asks for; None when it does not say
+    rate_hz: float  # samples over the time they took
     sample_count: int
     lost_count: int | None
     interval_median_ms: float
-    interval_p99_ms: float
+    interval_p99_ms: float  # 99th percentile of the time between arrivals [ms]
     interval_max_ms: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruthComparison:
-    """One quantity of the emulated world beside what the pipeline made of it.
-
-    Attributes:
-        trial: Trial it belongs to; 0 for the whole run.
-    """
+    """One quantity of the emulated world beside what the pipeline made of it."""
 
     name: str
     true: float
     recovered: float
     unit: str
-    trial: int = 0
+    trial: int = 0  # trial it belongs to; 0 for the whole run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,13 +135,11 @@ class EmulatedWorld:
     """What only a report may know of a dry run.
 
     Attributes:
-        values: Content of ``truth.json``, units in the keys.
-        surface_expected_m: Height of the gel that the configuration expects [m].
         dwells: True mean force [N] and depth [m] by trial, where the emulator's trace has them.
     """
 
-    values: dict[str, Any]
-    surface_expected_m: float
+    values: dict[str, Any]  # content of ``truth.json``, units in the keys
+    surface_expected_m: float  # height of the gel that the configuration expects [m]
     dwells: dict[int, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -170,8 +152,6 @@ class TrialEvidence:
             NaN where that has no force.
         simulated_image: The replay's rendered image in the scored geometry, rendered over this
             trial's own no-contact frame ``images.reference``.
-        force_curve: Tared pressing force [N], positive in compression.
-        depth_curve: Travel below the height of first contact [m].
         dwell_s: Start and end of the window that counts, on the curves' time axis [s].
         checks: What files, hashes and raw samples of the attempt say of ``record``.
         force_depth_simulated: Of the simulator with the modulus that is stated.
@@ -187,8 +167,8 @@ class TrialEvidence:
     replay: ReplayTrial | None = None
     images: TrialImages | None = None
     simulated_image: ImageArray | None = None
-    force_curve: Curve | None = None
-    depth_curve: Curve | None = None
+    force_curve: Curve | None = None  # tared pressing force [N], positive in compression
+    depth_curve: Curve | None = None  # travel below the height of first contact [m]
     dwell_s: tuple[float, float] | None = None
     checks: tuple[Criterion, ...] = ()
     force_depth_simulated: ForceDepthCurve | None = None
@@ -250,47 +230,41 @@ class RunEvidence:
 
     Attributes:
         trials: One for each press that was asked for, in order, recorded or not.
-        simulated: True when any device was emulated.
         provenance: ``versions``, ``config_hash``, ``seed``, ``name``, ``created``, ``devices``
             and whatever else says where the numbers come from; plain JSON values.
         contact_force_n: Force at which a press calls the gel touched: depth counts from there.
         stated: Standard uncertainties of cell, heights and delays by the fields of
             ``[uncertainty]``; ``search_speed`` [m/s] and ``contact_force`` [N], as they are.
-        model: What was replayed; None where nothing was.
         others: The same of further indenters and places.
-        sync_mode: What ties force and images together in time (``run.sync_mode``).
         force_check: How the cell read a known weight before the run; None where that was not tried.
         force_history: What all trials together say of the force sensor.
         weighed_after: A known weight was hung on the cell after the last trial, and it was right.
         unchecked_allowed: Whether it may press without such a check whatever its arm feels.
         world: The emulated world of a dry run; comparisons with it are made by ``compare``.
-        checks: What journal, description and replay say of each other.
-        imported: Where the run is from, if others recorded it.
         optics: What its presses gave when optics were calibrated from them.
-        optics_picture: Each of those presses, real, rendered and apart, as PNG.
         notes: What is no fault and has to be known of how the run was recorded, in sentences.
     """
 
     trials: tuple[TrialEvidence, ...]
-    simulated: bool
+    simulated: bool  # true when any device was emulated
     thresholds: ReportSection
     geometry: ImageGeometry = field(default_factory=ImageGeometry)
     provenance: dict[str, Any] = field(default_factory=dict)
     journal: JournalSummary = field(default_factory=JournalSummary)
     contact_force_n: float = 0.0
     stated: Mapping[str, Stated] = field(default_factory=dict)
-    model: ReplayModel | None = None
+    model: ReplayModel | None = None  # what was replayed; None where nothing was
     others: tuple[ReplayModel, ...] = ()
-    sync_mode: str = "host_clock"
+    sync_mode: str = "host_clock"  # what ties force and images together in time (``run.sync_mode``)
     force_check: ForceCheck | None = None
     force_history: ForceHistory = field(default_factory=lambda: ForceHistory(trials=(), sources=()))
     weighed_after: bool = False
     unchecked_allowed: bool = False
     world: EmulatedWorld | None = None
-    checks: tuple[Criterion, ...] = ()
-    imported: Imported | None = None
+    checks: tuple[Criterion, ...] = ()  # what journal, description and replay say of each other
+    imported: Imported | None = None  # where the run is from, if others recorded it
     optics: CalibratedOptics | None = None
-    optics_picture: bytes = b""
+    optics_picture: bytes = b""  # each of those presses, real, rendered and apart, as PNG
     notes: tuple[str, ...] = ()
 
     def model_of(self, trial: int) -> ReplayModel | None:

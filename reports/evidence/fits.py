@@ -22,13 +22,11 @@ class TiltFit:
     """The tilt of a tool, fitted to its moments.
 
     Attributes:
-        tilt_rad: Tilt of its axis towards x and y, shape [2] [rad].
-        uncertainty_rad: Standard uncertainty of each, shape [2].
         arm_m: From the point that moments refer to, to where the force acts, shape [2] [m].
     """
 
-    tilt_rad: FloatArray
-    uncertainty_rad: FloatArray
+    tilt_rad: FloatArray  # tilt of its axis towards x and y, shape [2] [rad]
+    uncertainty_rad: FloatArray  # standard uncertainty of each, shape [2]
     arm_m: FloatArray
 
 
@@ -70,17 +68,11 @@ _ROUNDS = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModulusFit:
-    """What a replay's modulus is to be multiplied by.
+    """What a replay's modulus is to be multiplied by."""
 
-    Attributes:
-        factor: Mean over the trials of measured force over simulated force at measured depth.
-        factor_deviation: Standard deviation of the trials' own factors.
-        trial_count: Trials that had both a depth and a force.
-    """
-
-    factor: float
-    factor_deviation: float
-    trial_count: int
+    factor: float  # mean over the trials of measured force over simulated force at measured depth
+    factor_deviation: float  # standard deviation of the trials' own factors
+    trial_count: int  # trials that had both a depth and a force
 
 
 def fit_modulus(

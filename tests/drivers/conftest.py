@@ -5,19 +5,19 @@ from __future__ import annotations
 import http.server
 import json
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from drivers.emulators.arm.controller import ControllerSettings
-from drivers.emulators.force_sensor.box import BoxSettings
 from drivers.emulators.launch import free_loopback_host
-from drivers.emulators.process import EmulatedProcess
-from tacauchy_rig.core.config.model import RobotModel
+from drivers.emulators.plant.truth import draw_truth, write_truth
+from drivers.emulators.process import DeviceSettings, EmulatedProcess
+from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.config.model import RigConfig, RobotModel
 from tacauchy_rig.core.run import Vector3
 
 
@@ -34,15 +34,32 @@ class EmulatedUr:
 EmulateUr = Callable[..., EmulatedUr]
 
 
+def changed(config: RigConfig, **sections: dict[str, Any]) -> RigConfig:
+    """Return a configuration with some fields of some sections changed, unchecked."""
+    parts = {name: getattr(config, name).model_copy(update=each) for name, each in sections.items()}
+    return config.model_copy(update=parts)
+
+
 @pytest.fixture
 def emulate_ur(tmp_path: Path) -> Iterator[EmulateUr]:
     """Return a function that starts a controller; those it started end with the test."""
     started: list[EmulatedProcess] = []
 
-    def start(model: RobotModel = RobotModel.E_SERIES, **more: Any) -> EmulatedUr:
+    def start(
+        model: RobotModel = RobotModel.E_SERIES,
+        *,
+        quirks: Set[str] = frozenset(),
+        seed: int = 0,
+        **robot: Any,
+    ) -> EmulatedUr:
+        """Start one; it feels no gel where it begins unless ``home`` is given."""
         host = free_loopback_host()
-        settings = ControllerSettings(folder=tmp_path, host=host, model=model, **more)
-        process = EmulatedProcess("robot", "arm.controller", settings, folder=tmp_path)
+        parts = {"model": model, "home": (0.3, -0.3, 0.2), **robot}
+        config = changed(load_config().config, robot=parts, emulation={"seed": seed})
+        settings = DeviceSettings(
+            folder=tmp_path, config=config, host=host, quirks=frozenset(quirks)
+        )
+        process = EmulatedProcess("robot", "arm.controller", settings)
         started.append(process)
         process.wait_ready()
         return EmulatedUr(host=host, folder=tmp_path, model=model, process=process)
@@ -63,9 +80,27 @@ def run_box() -> Callable[..., AbstractContextManager[str]]:
 
 
 @contextmanager
-def _running_box(folder: Path, *, load: Vector3 = (0.5, -0.25, 3.0), **more: Any) -> Iterator[str]:
-    settings = BoxSettings(folder=folder, load=load, **more)
-    process = EmulatedProcess("box", "force_sensor.box", settings, folder=folder)
+def _running_box(
+    folder: Path,
+    *,
+    load: Vector3 = (0.5, -0.25, 3.0),
+    noise_n: float = 0.002,
+    capacity: float = 50.0,
+    quirks: Set[str] = frozenset(),
+) -> Iterator[str]:
+    truth = replace(
+        draw_truth(0),
+        force_offset_n=load,
+        force_noise_n=noise_n,
+        torque_noise_nm=0.01 * noise_n,
+        force_drift_n_s=0.0,
+        cross_talk=(0.0, 0.0),
+        force_latency_s=0.0,
+    )
+    write_truth(folder, truth)
+    config = changed(load_config().config, force_sensor={"capacity": capacity})
+    settings = DeviceSettings(folder=folder, config=config, quirks=frozenset(quirks))
+    process = EmulatedProcess("box", "force_sensor.box", settings)
     try:
         ready = process.wait_ready()
         (folder / "ready.json").write_text(json.dumps(ready))

@@ -18,7 +18,6 @@ from drivers.checks import (
     device_checks,
     exposure_check,
     latency_timer_check,
-    missing_devices,
     require_devices,
 )
 from drivers.interfaces import StreamHealth
@@ -175,7 +174,7 @@ def test_automatic_exposure_is_warned_of() -> None:
 
 def test_controller_is_asked_who_it_is(emulate_ur: Callable[..., Any]) -> None:
     """A controller that is ready and at home passes; another generation is refused."""
-    host = emulate_ur(home=(0.0, -0.4, 0.23, 0.0, 3.14159265, 0.0)).host
+    host = emulate_ur(home=(0.0, -0.4, 0.23)).host
     results = checked(configured(robot__driver="ur5", robot__host=host))
     assert results["robot.controller"].status is CheckStatus.OK
     assert "e-series, software 5." in results["robot.controller"].finding
@@ -218,8 +217,8 @@ def test_those_that_are_there_pass(emulate_ur, run_box, tmp_path: Path) -> None:
     robot = emulate_ur(RobotModel.E_SERIES)
     with run_box(tmp_path) as port:
         config = real(host=robot.host, port=port)
-        assert list(missing_devices(config)) == []
-        assert list(missing_devices(config)) == []
+        require_devices(config)
+        require_devices(config)
 
 
 @pytest.mark.parametrize(

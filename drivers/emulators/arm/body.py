@@ -76,23 +76,19 @@ class ControllerBody:
     """Everything that the ports of one emulated controller share; powered and idle at first.
 
     Attributes:
-        motion: Of the tip, which begins at home.
         outputs: Value of each RTDE output field, always a tuple.
         inputs: Value of each RTDE input field that a client wrote.
-        runtime_state: State of the program.
-        remote_control: False when the pendant is in local control.
-        zero_ft_asked: ``zero_ftsensor`` came and has not been applied yet.
     """
 
     def __init__(self, model: RobotModel, home: Pose, *, remote_control: bool = True) -> None:
         self.model = model
         self.motion = ToolMotion(home)
-        self.remote_control = remote_control
+        self.remote_control = remote_control  # false when the pendant is in local control
         self.safety = SafetyStatus()
         self.runtime_state: int = RuntimeState.STOPPED
         self.tcp_offset: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self.payload_kg = 0.0
-        self.zero_ft_asked = False
+        self.zero_ft_asked = False  # ``zero_ftsensor`` came and has not been applied yet
         self.inputs = {name: _zero(type_name) for name, type_name in INPUT_TYPES.items()}
         self.outputs = {
             name: _zero(type_name)
@@ -133,9 +129,7 @@ class ControllerBody:
         """Bring the RTDE output fields up to date.
 
         Args:
-            time_s: The controller's time stamp [s].
             pose: Tip pose as the encoders report it [m, rad].
-            velocity: Tip velocity [m/s, rad/s].
             tcp_force: What the arm takes for force [N] and moment [N m] on its tip.
         """
         safety = self.safety
@@ -173,14 +167,12 @@ class ToolMotion:
     braking to a stop.
 
     Attributes:
-        pose: x, y, z [m] and rotation vector [rad] of the tip.
-        velocity: Tool velocity [m/s, rad/s].
         stalled: While True the arm stands still whatever it was told (an injected fault).
     """
 
     def __init__(self, home: Pose) -> None:
-        self.pose: Vector6 = home.as_vector()
-        self.velocity: Vector6 = _STILL
+        self.pose: Vector6 = home.as_vector()  # x, y, z [m] and rotation vector [rad] of the tip
+        self.velocity: Vector6 = _STILL  # tool velocity [m/s, rad/s]
         self.stalled = False
         self._target: Vector6 | None = None
         self._target_velocity: Vector6 | None = None

@@ -12,7 +12,6 @@ import socket
 import struct
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.arm.ur5_wire import RuntimeState
@@ -21,10 +20,9 @@ from drivers.emulators.arm.ports import DashboardPort, RtdePort, ScriptPort
 from drivers.emulators.arm.program import ControlProgram
 from drivers.emulators.faults import STOPS, Device, Fault, FaultKind
 from drivers.emulators.force_estimate import ForceEstimate
-from drivers.emulators.process import Service, keep_time, run_device
-from drivers.emulators.shared_world import WORLD_FILE, GelSettings, SharedWorld
+from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
+from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from drivers.emulators.silent_faults import SilentArmFaults
-from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Pose, Vector3, Vector6
 
@@ -32,40 +30,23 @@ from tacauchy_rig.core.run import Pose, Vector3, Vector6
 _CATCH_UP_S = 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ControllerSettings(GelSettings):
-    """How one emulated UR controller is set up; real ur_rtde clients connect to it.
-
-    The world lies in the folder if none is given, and the arm then feels no gel.
-
-    Attributes:
-        host: Loopback address to listen on; one controller for each address.
-        model: cb3 or e-series.
-        home: Pose of the tip at the start: x,y,z,rx,ry,rz [m, rad].
-        remote_control: False when the pendant is in local control.
-        force_sign: Of a push on the tool in actual_TCP_force.
-    """
-
-    host: str = "127.0.0.5"
-    model: RobotModel = RobotModel.E_SERIES
-    home: Vector6 = (0.3, -0.3, 0.2, 3.14159265, 0.0, 0.0)
-    remote_control: bool = True
-    force_sign: int = 1
-
-
 class UrController:
     """One emulated controller with its three ports."""
 
-    def __init__(self, settings: ControllerSettings, service: Service) -> None:
+    def __init__(self, settings: DeviceSettings, service: Service) -> None:
         self._settings = settings
         self._service = service
+        robot = settings.config.robot
         self.body = ControllerBody(
-            settings.model, Pose.of(settings.home), remote_control=settings.remote_control
+            robot.model,
+            Pose(position=robot.home, rotation_vector=robot.tool_rotation),
+            remote_control="local-control" not in settings.quirks,
         )
-        world = settings.world or settings.folder / WORLD_FILE
-        self._world = SharedWorld.create(world)
-        self._gel = settings.plant() if settings.world is not None else None
-        self._estimate = ForceEstimate(settings.model, seed=settings.seed, sign=settings.force_sign)
+        self._world = SharedWorld.create(settings.folder / WORLD_FILE)
+        self._gel = plant_of(settings)
+        self._estimate = ForceEstimate(
+            robot.model, seed=settings.config.emulation.seed, sign=robot.force_sign
+        )
         self._trace = ArmTrace(settings.folder)
         self._active: dict[FaultKind, Fault] = {}
         self._silent = SilentArmFaults()
@@ -79,20 +60,20 @@ class UrController:
         self._script = ScriptPort(settings.host, start_program=self._start_program)
         self._ports = [self._rtde, self._dashboard, self._script]
         self._program: ControlProgram | None = None
-        self._period_s = 1.0 / settings.model.rate_hz
+        self._period_s = 1.0 / robot.model.rate_hz
         self._start_s = time.monotonic()
         self._cycle = 0
         self._fed_s = 0.0
 
     def serve(self) -> None:
         """Say where it listens and serve clients until its time is over."""
-        settings = self._settings
+        settings, model = self._settings, self.body.model
         self._service.announce(
             host=settings.host,
             ports=[port.number for port in self._ports],
-            model=settings.model.value,
-            version=".".join(str(part) for part in VERSIONS[settings.model]),
-            rate_hz=settings.model.rate_hz,
+            model=model.value,
+            version=".".join(str(part) for part in VERSIONS[model]),
+            rate_hz=model.rate_hz,
             folder=str(settings.folder),
             world=str(self._world.path),
         )
@@ -157,14 +138,12 @@ class UrController:
             motion.pose = Pose.of(motion.pose).shifted(z=-off_m).as_vector()
 
     def _tool_force(self, pose: Pose, stamp_ns: int, passed_s: float) -> Vector6:
-        wrench: Vector6 = (0.0,) * 6
-        if self._gel is not None:
-            force, moment = self._gel.wrench(pose, stamp_ns)
-            wrench = (*force, *moment)
+        force, moment = self._gel.wrench(pose, stamp_ns)
         if self.body.zero_ft_asked:
             self._estimate.zero()
             self.body.zero_ft_asked = False
-        return self._estimate.advance(wrench, self.body.motion.velocity, duration_s=passed_s)
+        velocity = self.body.motion.velocity
+        return self._estimate.advance((*force, *moment), velocity, duration_s=passed_s)
 
     def _run_program(self, now_s: float) -> None:
         program = self._program
@@ -259,7 +238,7 @@ class UrController:
         self._trace.note(time.monotonic_ns(), name, self.body.motion.pose, **detail)
 
 
-def _refusal(settings: ControllerSettings, error: OSError) -> DeviceError:
+def _refusal(settings: DeviceSettings, error: OSError) -> DeviceError:
     if error.errno == errno.EADDRINUSE:
         remedy = "another emulator has that address: choose a free one such as 127.0.0.6"
     elif error.errno == errno.EADDRNOTAVAIL:
@@ -271,7 +250,7 @@ def _refusal(settings: ControllerSettings, error: OSError) -> DeviceError:
     )
 
 
-def _serve(settings: ControllerSettings, service: Service) -> None:
+def _serve(settings: DeviceSettings, service: Service) -> None:
     keep_time(mostly_sleeps=True)
     try:
         controller = UrController(settings, service)
@@ -330,4 +309,4 @@ class ArmTrace:
 
 
 if __name__ == "__main__":
-    sys.exit(run_device(ControllerSettings, Device.ROBOT, _serve))
+    sys.exit(run_device(Device.ROBOT, _serve))

@@ -44,25 +44,21 @@ class Connection:
     """A connected client: a socket that never blocks, with an optional delay.
 
     Attributes:
-        partial: Text that is not complete yet.
         reader: Of the packets of an RTDE client, as is what follows.
         output, inputs: What it has set up to be sent and to send.
-        every_cycles: How often it is sent a state, once ``started``.
-        alive: False once the client is gone; the owner then drops it.
-        delay_s: Added to both directions [s], to imitate a slow network.
     """
 
     def __init__(self, link: socket.socket) -> None:
         link.setblocking(False)
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.socket = link
-        self.alive = True
-        self.delay_s = 0.0
-        self.partial = b""
+        self.alive = True  # false once the client is gone; the owner then drops it
+        self.delay_s = 0.0  # added to both directions [s], to imitate a slow network
+        self.partial = b""  # text that is not complete yet
         self.reader = PacketReader()
         self.output: Recipe | None = None
         self.inputs: list[Recipe] = []
-        self.every_cycles = 1
+        self.every_cycles = 1  # how often it is sent a state, once ``started``
         self.started = False
         self._unsent = bytearray()
         self._late_out: deque[tuple[float, bytes]] = deque()

@@ -44,12 +44,9 @@ class ControlProgram:
     """One running control program.
 
     Args:
-        body: What the controller's ports share.
         offset: First register it uses: 0 or 24.
-        on_protective_stop: Called when the program asks for a protective stop.
 
     Attributes:
-        failed: True once it made a runtime error; it then ends.
         watchdog_period_s: Longest silence of the command register it accepts [s], None while no
             watchdog is set.
     """
@@ -66,7 +63,7 @@ class ControlProgram:
         self._asynchronous_move = False
         self._write_count = 0
         self._operation_id = 0
-        self.failed = False
+        self.failed = False  # true once it made a runtime error; it then ends
         self.watchdog_period_s: float | None = None
         self.command_register = f"input_int_register_{offset}"
         body.inputs[self.command_register] = (0,)

@@ -92,8 +92,6 @@ class FrameServer:
     """One address, any number of readers.
 
     Args:
-        listener: Accepts them.
-        reader: Speaks with one.
         address: Where they come to: a URL, or the path of a device.
     """
 

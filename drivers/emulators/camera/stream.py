@@ -1,24 +1,19 @@
 """An emulated camera: a process that serves frames of the plant over HTTP, or to a V4L2 device.
 
 The process prints one JSON line with its URL or path. Frames are captured on absolute deadlines and
-leave the camera's latency later; their numbers are drawn in, and ``camera_trace.jsonl`` holds what
-each one shows.
+leave the camera's latency later.
 """
 
 from __future__ import annotations
 
-import json
 import logging
 import random
 import sys
-import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
-from functools import partial
-from typing import TextIO
+from functools import lru_cache, partial
 from urllib.parse import urlsplit
 
 import cv2
@@ -38,11 +33,10 @@ from drivers.emulators.faults import Device, Fault, FaultKind, FaultyLine
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import GelCamera, Region
 from drivers.emulators.plant.truth import PlantTruth
-from drivers.emulators.process import Service, keep_time, run_device
-from drivers.emulators.shared_world import WORLD_FILE, GelSettings, SharedWorld, WorldState
+from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
+from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from drivers.emulators.silent_faults import SilentImageFaults
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.config.model import VideoDeviceName
 from tacauchy_rig.core.errors import DeviceError
 
 _MARGIN_PX = 64
@@ -77,21 +71,6 @@ class NoisePool:
         return slice(top, top + rows), slice(left, left + columns)
 
 
-BLOCK_PX = 8
-BIT_COUNT = 32
-STAMP_WIDTH_PX = BLOCK_PX * BIT_COUNT
-STAMP_HEIGHT_PX = 2 * BLOCK_PX
-DARK, BRIGHT = 16, 240
-
-
-def draw_number(image: ImageArray, number: int) -> None:
-    """Draw ``number`` into the top left corner of ``image`` [rows, columns, 3], in place."""
-    bits = (number >> np.arange(BIT_COUNT)) & 1
-    levels = np.where(np.stack([bits, 1 - bits]), BRIGHT, DARK).astype(np.uint8)
-    blocks = levels.repeat(BLOCK_PX, axis=0).repeat(BLOCK_PX, axis=1)
-    image[:STAMP_HEIGHT_PX, :STAMP_WIDTH_PX] = blocks[:, :, None]
-
-
 DEPTH_STEP_M = 4e-6
 PLACE_STEP_M = 1e-5
 LIGHT_STEP = 2e-3
@@ -115,14 +94,13 @@ class PressKey:
         return self.depth > 0
 
 
+_Contact = tuple[Region, ImageArray] | None
+
+
 class FrameFactory:
     """Makes frames of one plant: JPEG, or whatever ``encode`` makes of a BGR image.
 
     ``prepare`` may run in another thread than the rest: what it makes is published whole.
-
-    Attributes:
-        plant: The gel.
-        newest: What was prepared last; the camera shows it until a newer one is.
     """
 
     def __init__(
@@ -136,43 +114,37 @@ class FrameFactory:
         self._encode = encode
         self._camera = GelCamera(plant.truth, (width, height))
         self._noise = NoisePool(plant.truth, width, height)
-        self._stamped = height * plant.truth.unit.crop >= STAMP_HEIGHT_PX
-        self._lock = threading.Lock()
-        self._contacts: OrderedDict[PressKey, tuple[Region, ImageArray] | None] = OrderedDict()
-        self.newest = PressKey(depth=0, x=0, y=0, light=0)
-        self._light_step = 0
+        self._kept = lru_cache(_KEPT_COUNT)(self._rendered)
+        self._shown: tuple[PressKey, _Contact] = PressKey(depth=0, x=0, y=0, light=0), None
         self._unloaded = self._camera.render(None)
         # Made beforehand: too much light holds no camera up.
         self._overexposed = self._camera.render(None, light=_OVEREXPOSURE)
 
-    def prepare(self, key: PressKey) -> None:
-        """Render what ``compose`` needs for ``key``."""
-        if key.light != self._light_step:
-            self._unloaded = self._camera.render(None, light=_gain(key))
-            self._light_step = key.light
-        if key.is_contact and key not in self._contacts:
-            contact = self._rendered(key)
-            with self._lock:
-                self._contacts[key] = contact
-                while len(self._contacts) > _KEPT_COUNT:
-                    self._contacts.popitem(last=False)
-        self.newest = key
+    @property
+    def newest(self) -> PressKey:
+        """What was prepared last; the camera shows it until a newer one is."""
+        return self._shown[0]
 
-    def compose(self, key: PressKey, number: int) -> bytes:
-        """Return the frame of ``key``, with ``number`` drawn in where a border is cropped away."""
-        image = self._unloaded.copy()
-        with self._lock:
-            contact = self._contacts.get(key)
+    def prepare(self, key: PressKey) -> None:
+        """Render what the next frames show."""
+        contact = self._kept(key) if key.is_contact else None
+        if key.light != self.newest.light:
+            self._unloaded = self._camera.render(None, light=_gain(key))
+        self._shown = key, contact
+
+    def compose(self) -> bytes:
+        """Return the newest frame."""
+        image, (_, contact) = self._unloaded.copy(), self._shown
         if contact is not None:
             region, seen = contact
             image[region] = seen
-        return self._sent(image, number)
+        return self._sent(image)
 
-    def compose_overexposed(self, number: int) -> bytes:
+    def compose_overexposed(self) -> bytes:
         """Return a frame in which far too much light drowns everything."""
-        return self._sent(self._overexposed, number)
+        return self._sent(self._overexposed)
 
-    def _rendered(self, key: PressKey) -> tuple[Region, ImageArray] | None:
+    def _rendered(self, key: PressKey) -> _Contact:
         """Return what a press changes, where and how it is seen; None where that is nothing."""
         place = (key.x * PLACE_STEP_M, key.y * PLACE_STEP_M)
         profile = self.plant.surface_at(key.depth * DEPTH_STEP_M, place, self.plant.truth.tilt_rad)
@@ -181,38 +153,12 @@ class FrameFactory:
             return None
         return region, self._camera.render(profile, region=region, light=_gain(key))
 
-    def _sent(self, image: ImageArray, number: int) -> bytes:
-        raw = self._noise.added(self._camera.enlarged(image))
-        if self._stamped:
-            draw_number(raw, number)
-        return self._encode(raw)
+    def _sent(self, image: ImageArray) -> bytes:
+        return self._encode(self._noise.added(self._camera.enlarged(image)))
 
 
 def _gain(key: PressKey) -> float:
     return 1.0 + key.light * LIGHT_STEP
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraSettings(GelSettings):
-    """How one emulated camera is set up: an HTTP multipart JPEG stream of the gel, or V4L2.
-
-    The world lies in the folder if none is given.
-
-    Attributes:
-        host: Address to serve at.
-        port: Its port; 0 takes a free one.
-        width: Of the frames [px].
-        height: Of the frames [px].
-        rate: Frames per second.
-        video_device: Camera to play through V4L2, in place of the stream.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = 0
-    width: int = 640
-    height: int = 480
-    rate: float = 25.0
-    video_device: VideoDeviceName | None = None
 
 
 class BackgroundRenderer:
@@ -268,10 +214,8 @@ class FaultyOutput:
         return [] if FaultKind.STALL in active else self._line.due(now_ns)
 
 
-TRACE_FILE = "camera_trace.jsonl"
 _COMPOSING_S = 0.006  # left before a frame is due
 _LATENCY_LIMIT = 0.8  # of a frame's period
-_FLUSH_FRAMES = 25
 _LATE_PERIODS = 4  # this far behind, the schedule is moved instead of caught up with
 
 _logger = logging.getLogger(__name__)
@@ -282,7 +226,7 @@ class EmulatedCamera:
 
     def __init__(
         self,
-        settings: CameraSettings,
+        settings: DeviceSettings,
         service: Service,
         factory: FrameFactory,
         output: FaultyOutput,
@@ -294,14 +238,11 @@ class EmulatedCamera:
         self._output = output
         self._server: FrameServer | None = server
         self._plug_in = plug_in
-        self._world_path = settings.world or settings.folder / WORLD_FILE
-        self._world: SharedWorld | None = None
+        self._world = SharedWorld.create(settings.folder / WORLD_FILE)
         self._renderer = BackgroundRenderer(factory)
-        self._period_s = 1.0 / settings.rate
+        self._period_s = 1.0 / settings.config.camera.rate
         truth = factory.plant.truth
         self.latency_s = min(truth.camera_latency_s, _LATENCY_LIMIT * self._period_s)
-        self._trace: TextIO = (settings.folder / TRACE_FILE).open("w")
-        self._shown = PressKey(depth=0, x=0, y=0, light=0)
         self.start_ns = time.monotonic_ns() + 50_000_000
 
     def run(self) -> None:
@@ -316,52 +257,41 @@ class EmulatedCamera:
                 _logger.warning("%.0f ms behind: the schedule is moved", behind_s * 1e3)
                 continue
             time.sleep(max(0.0, -behind_s))
-            self._frame(number, capture_s)
+            self._frame(capture_s)
             number += 1
         self._close()
 
-    def _frame(self, number: int, capture_s: float) -> None:
-        wanted, depth_m = self._scene(capture_s)
+    def _frame(self, capture_s: float) -> None:
         due_s = capture_s + self.latency_s
-        self._renderer.ask(wanted, timeout_s=due_s - _COMPOSING_S - time.monotonic())
         # A gel that moves faster than it is rendered is seen late by one rendering, and not still.
-        self._shown = self._factory.newest if wanted.is_contact else wanted
+        wanted, timeout_s = self._scene(capture_s), due_s - _COMPOSING_S - time.monotonic()
+        self._renderer.ask(wanted, timeout_s=timeout_s)
         faults = self._active_faults()
         if any(fault.kind is FaultKind.SATURATE for fault in faults):
-            jpeg = self._factory.compose_overexposed(number)
+            jpeg = self._factory.compose_overexposed()
         else:
-            jpeg = self._factory.compose(self._shown, number)
+            jpeg = self._factory.compose()
         time.sleep(max(0.0, due_s - time.monotonic()))
         if self._server is not None:
             for frame in self._output.frames(jpeg, faults, now_s=time.monotonic()):
                 self._server.publish(frame)
-        self._write_trace(number, capture_s, depth_m)
 
-    def _scene(self, capture_s: float) -> tuple[PressKey, float]:
-        """Return what to show and how deep the tip really is [m]; the gel if no arm is known."""
+    def _scene(self, capture_s: float) -> PressKey:
+        """Return what to show; the unloaded gel if no arm is known."""
         plant = self._factory.plant
         elapsed_s = capture_s - self.start_ns * 1e-9
         light = round((plant.light_gain(elapsed_s) - 1.0) / LIGHT_STEP)
-        state = self._read_world()
-        if state is None or state.sequence == 0:
-            return PressKey(depth=0, x=0, y=0, light=light), 0.0
+        state = self._world.read()
+        if state.sequence == 0:
+            return PressKey(depth=0, x=0, y=0, light=light)
         depth_m = max(0.0, plant.depth(state.pose))
         x, y = plant.centre(state.pose)
-        key = PressKey(
+        return PressKey(
             depth=round(depth_m / DEPTH_STEP_M),
             x=round(x / PLACE_STEP_M),
             y=round(y / PLACE_STEP_M),
             light=light,
         )
-        return key, depth_m
-
-    def _read_world(self) -> WorldState | None:
-        """Return the arm's state, or None until another process has created the world."""
-        if self._world is None:
-            if not self._world_path.exists():
-                return None
-            self._world = SharedWorld.open(self._world_path)
-        return self._world.read()
 
     def _active_faults(self) -> list[Fault]:
         faults = self._service.faults_at(time.monotonic())
@@ -373,46 +303,35 @@ class EmulatedCamera:
             self._server = self._plug_in()
         return faults
 
-    def _write_trace(self, number: int, capture_s: float, depth_m: float) -> None:
-        line = {
-            "number": number,
-            "capture_ns": round(capture_s * 1e9),
-            "depth_true_m": depth_m,
-            "depth_shown_m": self._shown.depth * DEPTH_STEP_M,
-        }
-        self._trace.write(json.dumps(line) + "\n")
-        if number % _FLUSH_FRAMES == 0:
-            self._trace.flush()
-
     def _close(self) -> None:
         self._renderer.close()
-        self._trace.close()
         if self._server is not None:
             self._server.close()
 
 
-def _serve(settings: CameraSettings, service: Service) -> None:
+def _serve(settings: DeviceSettings, service: Service) -> None:
     cv2.setNumThreads(1)
-    name = settings.video_device
+    asked, emulation = settings.config.camera, settings.config.emulation
+    name = emulation.video_device
     encode = encode_jpeg if name is None else encoder_of(name)
-    factory = FrameFactory(settings.plant(), settings.width, settings.height, encode)
+    factory = FrameFactory(plant_of(settings), asked.width, asked.height, encode)
     keep_time(mostly_sleeps=False)
     if name is None:
         server = _listen(settings.host, settings.port)
         port = urlsplit(server.address).port or 0
         plug_in = partial(_listen, settings.host, port)  # again where it answers now
     else:
-        offer = description_of(name, width=settings.width, height=settings.height)
+        offer = description_of(name, width=asked.width, height=asked.height)
         plug_in = partial(serve_device, settings.folder / VIDEO_DEVICE, offer)
         server = plug_in()
     damage = _garbled if encode is encode_jpeg else without_a_packet
-    output = FaultyOutput(settings.seed, damage)
+    output = FaultyOutput(emulation.seed, damage)
     camera = EmulatedCamera(settings, service, factory, output, server, plug_in)
     service.announce(
         url=server.address,
-        width=settings.width,
-        height=settings.height,
-        rate_hz=settings.rate,
+        width=asked.width,
+        height=asked.height,
+        rate_hz=asked.rate,
         first_capture_ns=camera.start_ns,
         latency_s=camera.latency_s,
     )
@@ -430,4 +349,4 @@ def _listen(host: str, port: int) -> FrameServer:
 
 
 if __name__ == "__main__":
-    sys.exit(run_device(CameraSettings, Device.CAMERA, _serve))
+    sys.exit(run_device(Device.CAMERA, _serve))

@@ -16,10 +16,8 @@ import sys
 import time
 import tty
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
-from typing import Literal, TextIO
+from typing import TextIO
 
 from drivers.emulators.faults import Device, Fault, FaultKind, FaultyLine
 from drivers.emulators.force_sensor.source import (
@@ -28,9 +26,8 @@ from drivers.emulators.force_sensor.source import (
     WrenchSource,
     open_trace,
 )
-from drivers.emulators.plant.truth import PlantTruth, draw_truth
-from drivers.emulators.process import Service, keep_time, run_device
-from drivers.emulators.shared_world import GelSettings, SharedWorld
+from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
+from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from drivers.emulators.silent_faults import SilentWrenchFaults
 from drivers.force_sensor.sri_wire import (
     LINE_END,
@@ -41,17 +38,9 @@ from drivers.force_sensor.sri_wire import (
     encode_reply,
 )
 from tacauchy_rig.core.config.model import Checksum
-from tacauchy_rig.core.run import Vector3, Vector6, vector6
+from tacauchy_rig.core.run import Vector6, vector6
 
 _logger = logging.getLogger(__name__)
-
-
-class ReplyStyle(StrEnum):
-    """How the emulated box ends its replies: documents disagree, and a driver must bear each."""
-
-    DOLLAR_OK = "dollar-ok"
-    BARE_OK = "bare-ok"
-    SILENT = "silent"
 
 
 class PseudoPort:
@@ -118,29 +107,28 @@ class EmulatedBox:
     """The box's loop: commands in, frames out at the moments they are due."""
 
     def __init__(
-        self, settings: BoxSettings, service: Service, port: PseudoPort, trace: TextIO
+        self, settings: DeviceSettings, service: Service, port: PseudoPort, trace: TextIO
     ) -> None:
         self._service = service
         self._port = port
         self._trace = trace
-        plant = world = None
-        truth = settings.alone()
-        if settings.world is not None:
-            plant, world = settings.plant(), SharedWorld.create(settings.world)
-            truth = plant.truth
+        sensor, plant = settings.config.force_sensor, plant_of(settings)
         channel = ForceChannel(
-            truth, start_ns=time.monotonic_ns(), compression_sign=settings.compression_sign
+            plant.truth,
+            start_ns=time.monotonic_ns(),
+            compression_sign=sensor.compression_sign,
         )
+        world = SharedWorld.create(settings.folder / WORLD_FILE)
         self._source = WrenchSource(channel, plant, world)
-        self._commands = BoxCommands(
-            rate_hz=settings.rate, rate_command=settings.rate_command, style=settings.replies
-        )
+        self._commands = BoxCommands(rate_hz=round(sensor.rate), quirks=settings.quirks)
         self._stream = FrameStream(
-            seed=settings.seed, full_scale_n=settings.full_scale_n, latency_s=truth.force_latency_s
+            seed=settings.config.emulation.seed,
+            full_scale_n=sensor.capacity,
+            latency_s=plant.truth.force_latency_s,
         )
         self._zero: Vector6 = (0.0,) * 6
         self._due_ns = time.monotonic_ns()
-        self._rate_hz = settings.rate
+        self._rate_hz = self._commands.rate_hz
 
     def run(self) -> None:
         """Serve until stopped, or left behind by the parent process."""
@@ -219,44 +207,7 @@ class EmulatedBox:
 LINK_NAME = "force_sensor.port"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BoxSettings(GelSettings):
-    """How one emulated M8128-family box is set up; serial clients open its pseudo-terminal.
-
-    Without a world its load is constant.
-
-    Attributes:
-        rate: Frames per second until a client sets another.
-        full_scale_n: What Fz reads when saturated [N].
-        compression_sign: 1 where raw Fz is positive while the indenter is pressed, else -1.
-        rate_command: SMPF or SMPR.
-        replies: How it ends them: dollar-ok, bare-ok or silent.
-        load: Constant Fx, Fy and Fz [N].
-        noise_n: Noise of the constant load [N]; a hundredth of it in N m on each moment.
-    """
-
-    rate: int = 100
-    full_scale_n: float = 50.0
-    compression_sign: int = 1
-    rate_command: Literal["SMPF", "SMPR"] = "SMPF"
-    replies: ReplyStyle = ReplyStyle.DOLLAR_OK
-    load: Vector3 = (0.0, 0.0, 0.0)
-    noise_n: float = 0.002
-
-    def alone(self) -> PlantTruth:
-        """Return the truth of a sensor that stands alone: its load is a constant offset."""
-        return replace(
-            draw_truth(self.seed),
-            force_offset_n=self.load,
-            force_noise_n=self.noise_n,
-            torque_noise_nm=0.01 * self.noise_n,
-            force_drift_n_s=0.0,
-            cross_talk=(0.0, 0.0),
-            force_latency_s=0.0,
-        )
-
-
-def _serve(settings: BoxSettings, service: Service) -> None:
+def _serve(settings: DeviceSettings, service: Service) -> None:
     link = settings.folder / LINK_NAME
     with open_trace(settings.folder / TRACE_FILE) as trace:
         port = PseudoPort(link)
@@ -284,25 +235,17 @@ class BoxCommands:
 
     Attributes:
         streaming: Whether frames go out by themselves; a box keeps on when its port is closed.
-        single_count: Frames asked for one by one and not yet sent.
-        zero_requested: ``ADJZF`` came and has not been applied yet.
     """
 
-    def __init__(
-        self,
-        *,
-        rate_hz: int = 100,
-        rate_command: str = "SMPF",
-        style: ReplyStyle = ReplyStyle.DOLLAR_OK,
-    ) -> None:
+    def __init__(self, *, rate_hz: int = 100, quirks: frozenset[str] = frozenset()) -> None:
         self.rate_hz = rate_hz
         self.checksum = Checksum.SUM
         self.streaming = False
-        self.single_count = 0
-        self.zero_requested = False
+        self.single_count = 0  # frames asked for one by one and not yet sent
+        self.zero_requested = False  # ``ADJZF`` came and has not been applied yet
         self._format = ""
-        self._rate_command = rate_command
-        self._style = style
+        self._rate_command = "SMPR" if "smpr" in quirks else "SMPF"
+        self._quirks = quirks
         self._line = b""
 
     def receive(self, data: bytes) -> bytes:
@@ -316,10 +259,10 @@ class BoxCommands:
         if command is None:
             return b""
         reply = self._execute(command)
-        if self._style is ReplyStyle.SILENT or reply is None:
+        if "silent" in self._quirks or reply is None:
             return b""
         data = encode_reply(reply)
-        return data.replace(b"$", b"") if self._style is ReplyStyle.BARE_OK else data
+        return data.replace(b"$", b"") if "bare" in self._quirks else data
 
     def _execute(self, command: Command) -> Reply | None:
         name, value = command.name, command.value or ""
@@ -359,17 +302,15 @@ class FrameStream:
     """Turn values into the bytes that leave the box, as faults allow.
 
     Args:
-        full_scale_n: What Fz reads when its channel is saturated [N].
         latency_s: From the moment that a frame belongs to until it leaves [s].
 
     Attributes:
-        line: Of frames that wait for their moment to leave.
         number: Package number of the newest frame, not wrapped; it advances in every fault.
     """
 
     def __init__(self, *, seed: int, full_scale_n: float, latency_s: float = 0.0) -> None:
         self._wrench = SilentWrenchFaults(seed=seed, full_scale_n=full_scale_n)
-        self.line = FaultyLine(seed, _garbled)
+        self.line = FaultyLine(seed, _garbled)  # of frames that wait for their moment to leave
         self._latency_ns = round(latency_s * 1e9)
         self.number = -1
 
@@ -392,4 +333,4 @@ def _garbled(data: bytes, source: random.Random) -> bytes:
 
 
 if __name__ == "__main__":
-    sys.exit(run_device(BoxSettings, Device.FORCE_SENSOR, _serve))
+    sys.exit(run_device(Device.FORCE_SENSOR, _serve))

@@ -70,12 +70,7 @@ BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
 def open_trace(path: Path, *, boot_id: str | None = None) -> TextIO:
-    """Open the trace for more lines; the first line names the boot that its stamps belong to.
-
-    Args:
-        path: The file; it need not exist.
-        boot_id: This boot; as the kernel names it if None.
-    """
+    """Open the trace for more lines; the first line names the boot that its stamps belong to."""
     first = json.dumps({"boot_id": boot_id or BOOT_ID.read_text("ascii").strip()}) + "\n"
     before = path.read_text("utf-8") if path.is_file() else ""
     if not before.startswith(first):
@@ -92,14 +87,12 @@ class EmulatedForce:
     """What the emulated sensor reads and what is true at that moment.
 
     Attributes:
-        reading: Fx, Fy, Fz [N], Mx, My, Mz [N m] with noise, drift and cross-talk.
-        force_true_n: Pressing force without any of these [N].
         depth_true_m: Depth of the tip below the unloaded surface [m], negative above it; None
             where that means nothing: no gel, or the tip is beside it.
     """
 
-    reading: Vector6
-    force_true_n: float
+    reading: Vector6  # Fx, Fy, Fz [N], Mx, My, Mz [N m] with noise, drift and cross-talk
+    force_true_n: float  # pressing force without any of these [N]
     depth_true_m: float | None
 
 
@@ -107,28 +100,20 @@ class WrenchSource:
     """The force on the indenter as the gel, the arm's pose and the sensor's electronics make it.
 
     Until an arm has published a pose, the sensor hangs free.
-
-    Args:
-        channel: The sensor's electronics.
-        plant: The gel; None for a sensor that stands alone.
-        world: Says where the arm is.
     """
 
-    def __init__(
-        self, channel: ForceChannel, plant: Plant | None = None, world: SharedWorld | None = None
-    ) -> None:
+    def __init__(self, channel: ForceChannel, plant: Plant, world: SharedWorld) -> None:
         self._channel, self._plant, self._world = channel, plant, world
 
     def read(self, stamp_ns: int, *, hung_kg: float = 0.0) -> EmulatedForce:
         """Return the force for the newest pose of the arm; a weight pulls straight down."""
         rotation_vector, depth = _DOWN, -math.inf
         force, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        if self._plant is not None and self._world is not None:
-            state = self._world.read()
+        state = self._world.read()
+        if state.sequence > 0:
             rotation_vector = state.pose.rotation_vector
-            if state.sequence > 0:
-                force, torque = self._plant.wrench(state.pose, stamp_ns)
-                depth = self._plant.depth(state.pose)
+            force, torque = self._plant.wrench(state.pose, stamp_ns)
+            depth = self._plant.depth(state.pose)
         load = (force[0], force[1], force[2] - hung_kg * GRAVITY_M_S2)
         return EmulatedForce(
             reading=self._channel.reading(load, torque, rotation_vector, stamp_ns),

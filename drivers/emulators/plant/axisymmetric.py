@@ -83,19 +83,12 @@ class NeoHookean:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Equilibrium:
-    """One solution.
+    """One solution."""
 
-    Attributes:
-        displacement: (u_r, u_z) [m], shape [node_count, 2].
-        force: Force on the tip along the axis, over Young's modulus [m^2].
-        contact_radius_m: Largest deformed radius in contact [m]; 0 out of contact.
-        grip: How far the springs of friction are drawn; None without friction.
-    """
-
-    displacement: FloatArray
-    force: float = 0.0
-    contact_radius_m: float = 0.0
-    grip: Grip | None = None
+    displacement: FloatArray  # (u_r, u_z) [m], shape [node_count, 2]
+    force: float = 0.0  # force on the tip along the axis, over Young's modulus [m^2]
+    contact_radius_m: float = 0.0  # largest deformed radius in contact [m]; 0 out of contact
+    grip: Grip | None = None  # how far the springs of friction are drawn; None without friction
 
 
 class GelSolver:
@@ -315,12 +308,11 @@ class Grip:
     """Where the surface was when the tip last stood still.
 
     Attributes:
-        points: (r, z) of its points from the tip [m], shape [point_count, 2].
         pull: Along the tip, over Young's modulus, on the tip, likewise; zero out of contact.
         pressure: Likewise, shape [point_count].
     """
 
-    points: FloatArray
+    points: FloatArray  # (r, z) of its points from the tip [m], shape [point_count, 2]
     pull: FloatArray
     pressure: FloatArray
 
@@ -383,13 +375,12 @@ class TiltResponse:
     """The response to a tilt of one radian.
 
     Attributes:
-        displacement: Along r and z on the side that the tip tilts to [m], [node_count, 2].
         moment: On the tip about its lowest point, over Young's modulus, against the tilt [m^3].
         side_force: On the tip towards the side that it tilts to, over Young's modulus [m^2]; small
             beside F_z and known to its half only, since the rim's contact decides on it.
     """
 
-    displacement: FloatArray
+    displacement: FloatArray  # along r and z on the side that the tip tilts to [m], [node_count, 2]
     moment: float = 0.0
     side_force: float = 0.0
 

@@ -43,11 +43,10 @@ class FrameNoise:
     """How far frames are from what a camera without noise would show, inside the contacts.
 
     Attributes:
-        noise: Mean absolute difference that the sensor's noise makes [grey levels].
         recorded: The same of noise and the stream's JPEG together [grey levels].
     """
 
-    noise: float
+    noise: float  # mean absolute difference that the sensor's noise makes [grey levels]
     recorded: float
 
 
@@ -56,9 +55,6 @@ class _Press:
     """One press, or none: the gel without contact.
 
     Attributes:
-        number: From one on.
-        commanded_m: Where the robot went [m].
-        depth_m: How deep [m].
         touched_m: Where the ball touched the gel [m]; ``tilt_rad`` is the contact's tilt there.
         circle_px: Column, row and radius of the contact in the image that is scored [px].
     """
@@ -77,10 +73,8 @@ def write_ball_presses(
     """Press a 4.70 mm ball ``count`` times at scattered places and depths and keep the images.
 
     Args:
-        truth: The emulated world, with the optics that the calibration has to find.
         folder: Receives ``press-01.png`` ..., ``no_contact.png``, ``circles.csv`` and
             ``positions.csv``.
-        count: Number of presses.
         first: Number of the first press; presses of other numbers are at other places and depths.
         noise_free: Leave out the camera's noise and the JPEG of its stream.
     """
@@ -102,13 +96,7 @@ def write_ball_presses(
 
 
 def frame_noise(truth: PlantTruth, *, count: int = 40, first: int = 1) -> FrameNoise:
-    """Measure what noise and JPEG do to the frames of ``write_ball_presses`` inside the contacts.
-
-    Args:
-        truth: The emulated world.
-        count: Number of presses.
-        first: Number of the first press.
-    """
+    """Measure what noise and JPEG do to frames of ``write_ball_presses`` inside the contacts."""
     camera = _Camera(truth)
     noise, recorded = [], []
     rows, columns = np.ogrid[: truth.unit.image_size[1], : truth.unit.image_size[0]]

@@ -47,24 +47,18 @@ class SurfaceProfile:
     """The deformed surface around the indenter's axis.
 
     Attributes:
-        depth_m: Tip below the gel's highest point [m]; zero or less is no contact.
-        centre: The indenter's axis from the gel's centre, x and y [m].
         tilt: Tilt of the indenter's face towards x and y [rad]; of a ball, of the gel under it.
-        contact_radius: Radius in contact [m].
-        radius: Deformed radii from the axis [m], rising, shape [point_count].
-        height: Height there relative to the gel's highest point at rest [m].
-        radius_rest: Where those points were at rest [m].
         tilt_height: What a tilt of one radian adds to the height on the side that the indenter
             tilts to, at those radii [m]; empty for a ball.
     """
 
-    depth_m: float
-    centre: tuple[float, float]
+    depth_m: float  # tip below the gel's highest point [m]; zero or less is no contact
+    centre: tuple[float, float]  # the indenter's axis from the gel's centre, x and y [m]
     tilt: tuple[float, float]
-    contact_radius: float
-    radius: FloatArray
-    height: FloatArray
-    radius_rest: FloatArray
+    contact_radius: float  # radius in contact [m]
+    radius: FloatArray  # deformed radii from the axis [m], rising, shape [point_count]
+    height: FloatArray  # height there relative to the gel's highest point at rest [m]
+    radius_rest: FloatArray  # where those points were at rest [m]
     tilt_height: FloatArray
 
 
@@ -98,8 +92,6 @@ class Plant:
     stamps. ``surface_at`` and ``depth`` remember nothing.
 
     Args:
-        truth: The emulated world.
-        tip: The indenter's.
         surface: Where the gel's highest point is expected, in the robot's base frame [m].
     """
 

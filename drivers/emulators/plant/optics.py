@@ -58,16 +58,13 @@ class View:
 
     Attributes:
         width, height: Of the raw frame [px].
-        m_per_px: Real scale in x and y [m].
-        rotation_rad: Of the camera about its axis.
-        shift_m: Where the gel's centre is seen, from the image's centre [m].
     """
 
     width: int
     height: int
-    m_per_px: tuple[float, float]
-    rotation_rad: float
-    shift_m: tuple[float, float]
+    m_per_px: tuple[float, float]  # real scale in x and y [m]
+    rotation_rad: float  # of the camera about its axis
+    shift_m: tuple[float, float]  # where the gel's centre is seen, from the image's centre [m]
 
     def gel_points(self) -> tuple[Float32Array, Float32Array]:
         """Return x and y from the gel's centre for each pixel [m], shape [height, width]."""
@@ -91,8 +88,6 @@ def view_of(truth: PlantTruth, size: tuple[int, int], factor: int = 1) -> View:
     """Return the true mapping between the gel and raw frames of ``size`` (columns, rows) [px].
 
     Args:
-        truth: Says what the camera is like.
-        size: Of the raw frames.
         factor: How many raw pixels a pixel of the view covers in each direction.
 
     Raises:
@@ -129,10 +124,6 @@ class GelCamera:
 
     Frames are rendered no finer than they are scored, and enlarged, as lenses blur: a camera that
     shows shadows has time for no more pixels.
-
-    Args:
-        truth: The emulated world.
-        size: Width and height of the raw frame [px].
     """
 
     def __init__(self, truth: PlantTruth, size: tuple[int, int]) -> None:
@@ -184,7 +175,6 @@ class GelCamera:
 
         Args:
             profile: The pressed surface, or None for the unloaded gel.
-            region: Which pixels; all by default.
             light: Gain of all lights, for their drift.
         """
         rows, columns = region or self._whole
@@ -315,9 +305,7 @@ class _Light:
         """Return the light that reaches the camera from each pixel of ``region``.
 
         Args:
-            region: Which pixels.
             normal: Of the gel, by component.
-            crease: Share of extra scattered light.
             share: Of the light that is not hidden; None is all of it.
         """
         cosine = _dot(self.toward, normal, region)
@@ -424,7 +412,6 @@ def render_press(
 
     Args:
         truth: The emulated world; its pose and depth errors do not enter here.
-        tip: What is pressed.
         depth_m: How deep, below the gel under the tip [m]; 0 is the no-contact frame.
         size: Width and height of the raw frame [px]; 15 % on each side is border.
         centre_m: Where, from the gel's centre, along image right and down [m].

@@ -22,7 +22,6 @@ from tacauchy_rig.core.arrays import FloatArray
 
 POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)
 SHIPPED = Path(__file__).with_name("tables")
-_TILT_KEY = "leaning"  # of ``tilt_displacement`` in the files
 _DEEPEST_SHARE = 0.4  # of the gel's thickness
 
 log = logging.getLogger(__name__)
@@ -47,13 +46,6 @@ class PressTable:
     """Force and surface over depth; row 0 is the moment of contact.
 
     Attributes:
-        depths: Tip below the gel's highest point [m], shape [depth_count].
-        force: Over Young's modulus [m^2], shape [depth_count].
-        stiffness: Slope of the cubic spline through the forces, over Young's modulus [m].
-        contact_radius: Largest radius in contact [m], shape [depth_count].
-        radius_rest: Where points of the surface lie at rest [m], shape [point_count].
-        height_rest: Their height relative to the highest point [m].
-        displacement: Their (u_r, u_z) [m], shape [depth_count, point_count, 2].
         tilt_displacement: What a tilt of one radian adds to it on the side that the tip tilts to
             [m]; empty for a tip without a face, as is what follows.
         moment: On the tip about its lowest point, over Young's modulus, against a tilt of one
@@ -61,13 +53,13 @@ class PressTable:
         side_force: On the tip towards the side that it tilts to, likewise [m^2].
     """
 
-    depths: FloatArray
-    force: FloatArray
-    stiffness: FloatArray
-    contact_radius: FloatArray
-    radius_rest: FloatArray
-    height_rest: FloatArray
-    displacement: FloatArray
+    depths: FloatArray  # tip below the gel's highest point [m], shape [depth_count]
+    force: FloatArray  # over Young's modulus [m^2], shape [depth_count]
+    stiffness: FloatArray  # slope of the cubic spline through the forces, over Young's modulus [m]
+    contact_radius: FloatArray  # largest radius in contact [m], shape [depth_count]
+    radius_rest: FloatArray  # where points of the surface lie at rest [m], shape [point_count]
+    height_rest: FloatArray  # their height relative to the highest point [m]
+    displacement: FloatArray  # their (u_r, u_z) [m], shape [depth_count, point_count, 2]
     tilt_displacement: FloatArray = field(default_factory=_nothing)
     moment: FloatArray = field(default_factory=_nothing)
     side_force: FloatArray = field(default_factory=_nothing)
@@ -95,8 +87,8 @@ class PressTable:
         path.parent.mkdir(parents=True, exist_ok=True)
         fresh = path.with_name(f".{os.getpid()}-{path.name}")
         content = asdict(self)
-        content["displacement"] = self.displacement.astype(np.float32)
-        content[_TILT_KEY] = content.pop("tilt_displacement").astype(np.float32)
+        for large in ("displacement", "tilt_displacement"):
+            content[large] = content[large].astype(np.float32)
         with fresh.open("wb") as file:
             np.savez_compressed(file, **content)
         fresh.replace(path)
@@ -105,10 +97,7 @@ class PressTable:
     def load(cls, path: Path) -> PressTable:
         """Read a table that ``save`` wrote."""
         with path.open("rb") as file, np.load(file) as content:
-            fields = {name: content[name].astype(np.float64) for name in content.files}
-        if _TILT_KEY in fields:
-            fields["tilt_displacement"] = fields.pop(_TILT_KEY)
-        return cls(**fields)
+            return cls(**{name: content[name].astype(np.float64) for name in content.files})
 
 
 def press_table(case: PressCase) -> PressTable:
@@ -142,11 +131,7 @@ def cache_folder() -> Path:
 
 
 def compute_table(case: PressCase) -> PressTable:
-    """Press in steps and tabulate.
-
-    Raises:
-        ConvergenceError: No equilibrium was found in the first half of the depth asked for.
-    """
+    """Press in steps and tabulate."""
     from drivers.emulators.plant.tabulation import tabulate  # noqa: PLC0415 - scipy, for new tips
 
     return PressTable(**tabulate(case))

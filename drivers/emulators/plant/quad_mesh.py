@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict, dataclass, field
-from typing import Any
+import re
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,9 +12,7 @@ from drivers.emulators.plant.tips import CylinderTip, Tip
 from drivers.emulators.plant.truth import GelDisc
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 
-# Raise them when the numbers or the fields change, so that old tables are not used: a ball's, a
-# face's.
-_BALL_VERSION, _FACE_VERSION = 2, 3
+_VERSION = 4  # raised when the numbers or the fields change, so that old tables are not used
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,7 +20,6 @@ class PressCase:
     """Everything a table depends on. Young's modulus is not here: forces scale with it.
 
     Attributes:
-        friction: Coulomb coefficient between tip and gel.
         max_depth_m: Depth of the last row asked for [m]; a table may end a little earlier where
             the gel finds no equilibrium any more.
     """
@@ -31,7 +28,7 @@ class PressCase:
     gel: GelDisc = field(default_factory=GelDisc)
     poisson: float = 0.48
     max_depth_m: float = 1.0e-3
-    friction: float = 0.0
+    friction: float = 0.0  # Coulomb coefficient between tip and gel
 
     @property
     def has_face(self) -> bool:
@@ -40,24 +37,10 @@ class PressCase:
 
     def file_name(self) -> str:
         """Return a name made from the content."""
-        numbers = {name: value for name, value in asdict(self).items() if value != 0.0}
-        version = _FACE_VERSION if self.has_face else _BALL_VERSION
-        content = f"{version} {type(self.tip).__name__} {_rounded(numbers)}"
-        digest = hashlib.sha256(content.encode()).hexdigest()[:16]
+        # Digits that survive a round trip through text.
+        content = re.sub(r"[\d.]+(e-?\d+)?", lambda number: f"{float(number[0]):.9g}", repr(self))
+        digest = hashlib.sha256(f"{_VERSION} {content}".encode()).hexdigest()[:16]
         return f"{type(self.tip).__name__.lower()}-{self.tip.diameter_m * 1e3:g}mm-{digest}.npz"
-
-
-def _rounded(values: dict[str, Any]) -> list[tuple[str, Any]]:
-    """Return the items in order, with digits that survive a round trip through text."""
-    found: list[tuple[str, Any]] = []
-    for name, value in sorted(values.items()):
-        if isinstance(value, dict):
-            found.append((name, _rounded(value)))
-        elif not isinstance(value, tuple):
-            found.append((name, f"{value:.9g}"))
-        elif value:  # a gel of one material has the name it had before there were layers
-            found.append((name, [f"{share:.9g} {ratio:.9g}" for share, ratio in value]))
-    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,17 +52,14 @@ class Grading:
 
     Attributes:
         fine_from_m, fine_to_m: Radii between which elements have ``fine_size_m`` [m].
-        growth: Ratio of neighbouring element sizes outside that band.
-        top_size_m: Thickness of the uppermost elements [m].
-        largest_m: No element is longer than this [m].
     """
 
     fine_from_m: float
     fine_to_m: float
     fine_size_m: float
-    growth: float = 1.4
-    top_size_m: float = 5e-5
-    largest_m: float = 1.2e-3
+    growth: float = 1.4  # ratio of neighbouring element sizes outside that band
+    top_size_m: float = 5e-5  # thickness of the uppermost elements [m]
+    largest_m: float = 1.2e-3  # no element is longer than this [m]
 
     def grown(self, first: float, length: float) -> FloatArray:
         """Return points from 0 to ``length`` whose spacing grows from about ``first`` [m]."""
@@ -99,15 +79,13 @@ class QuadMesh:
     """Nodes and nine-node elements.
 
     Attributes:
-        nodes: (r, z) [m], z = 0 at the clamped base, shape [node_count, 2].
-        elements: Node numbers, lexicographic with r fastest, shape [element_count, 9].
         top_edges: Nodes of each element edge on the top, inwards to outwards, [edge_count, 3].
         base_nodes, axis_nodes: Nodes on z = 0 and on r = 0.
         stiffness: Modulus of each element over that of the uppermost layer, [element_count].
     """
 
-    nodes: FloatArray
-    elements: Int64Array
+    nodes: FloatArray  # (r, z) [m], z = 0 at the clamped base, shape [node_count, 2]
+    elements: Int64Array  # node numbers, lexicographic with r fastest, shape [element_count, 9]
     top_edges: Int64Array
     base_nodes: Int64Array
     axis_nodes: Int64Array

@@ -27,22 +27,18 @@ class Relief:
     """One press, seen from the camera; heights count towards it.
 
     Attributes:
-        centre: The indenter's axis from the gel's centre, x and y [m].
-        tilt: Tilt of the contact face towards x and y [rad].
         tilt_rise: Height that a tilt of one radian adds on its own side, over the radius [1], at
             multiples of ``STEP_M``.
         tilt_slope: Radial slope of that height [1], likewise.
-        reach_m: Beyond this radius the image does not change.
-        slope: Radial slope beyond that of the dome, at multiples of ``STEP_M``.
         curvature: Radial curvature [1/m], likewise.
         inside: 1 in contact, 0 outside, likewise.
         bulge: Height towards the camera over the unloaded gel [m], likewise.
     """
 
-    centre: tuple[float, float]
-    tilt: tuple[float, float]
-    reach_m: float
-    slope: Float32Array
+    centre: tuple[float, float]  # the indenter's axis from the gel's centre, x and y [m]
+    tilt: tuple[float, float]  # tilt of the contact face towards x and y [rad]
+    reach_m: float  # beyond this radius the image does not change
+    slope: Float32Array  # radial slope beyond that of the dome, at multiples of ``STEP_M``
     curvature: Float32Array
     inside: Float32Array
     bulge: Float32Array
@@ -135,7 +131,6 @@ def visible_share(
     """Return how much of a light each point of the gel sees, 0 to 1.
 
     Args:
-        relief: The press.
         x, y: Points of the gel, one a pixel [m], shape [height, width].
         toward: Unit vectors to the light, third component away from the gel, each like ``x``.
     """

@@ -12,17 +12,11 @@ from tacauchy_rig.core.errors import ConfigError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipDistance:
-    """Signed distance to a tip in the (r, z) half-plane, positive outside.
+    """Signed distance to a tip in the (r, z) half-plane, positive outside."""
 
-    Attributes:
-        value: Distance [m], shape [point_count].
-        gradient: Unit outward normal, shape [point_count, 2].
-        hessian: Second derivative [1/m], shape [point_count, 2, 2].
-    """
-
-    value: FloatArray
-    gradient: FloatArray
-    hessian: FloatArray
+    value: FloatArray  # distance [m], shape [point_count]
+    gradient: FloatArray  # unit outward normal, shape [point_count, 2]
+    hessian: FloatArray  # second derivative [1/m], shape [point_count, 2, 2]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,16 +27,13 @@ class GelDisc:
     """The gel at rest.
 
     Attributes:
-        radius_m: Radius of the disc [m].
-        thickness_m: Height of its highest point above the clamped base [m].
-        dome_radius_m: Radius of the domed top [m]; inf is flat.
         layers: From the base upwards, each with its share of the height and its modulus over that
             of the uppermost; empty for a gel of one material.
     """
 
-    radius_m: float = 12.9e-3
-    thickness_m: float = 4.0e-3
-    dome_radius_m: float = 134e-3
+    radius_m: float = 12.9e-3  # radius of the disc [m]
+    thickness_m: float = 4.0e-3  # height of its highest point above the clamped base [m]
+    dome_radius_m: float = 134e-3  # radius of the domed top [m]; inf is flat
     layers: tuple[tuple[float, float], ...] = ()
 
     def sag(self, radius: FloatArray) -> FloatArray:
@@ -72,32 +69,23 @@ class EmulatedUnit:
     """One make of sensor, by the sizes that a lab reads off it; the defaults are a GelSight Mini.
 
     Attributes:
-        name: For messages.
-        pad_size_m: Length along x and y [m].
         dome_radii_m: Of the pad's top along x and y [m]; None takes the disc's for both.
         gel: The disc of equal area that is pressed in its place.
-        young_pa: Nominal modulus of the layer that is touched [Pa].
-        poisson: Nominal Poisson's ratio.
-        image_size: Columns and rows of the image that is scored [px].
         pixel_m: Nominal size of its pixels on the gel, x and y [m].
-        crop: Part of the raw frame's width and height that is cut off at each border.
-        light: How the gel is seen.
-        shadows: Whether dents hide the lights from the gel behind them.
-        markers: Dots printed on the gel; None where it has none.
     """
 
     name: str = "gelsight-mini"
-    pad_size_m: tuple[float, float] = (25.25e-3, 20.75e-3)
+    pad_size_m: tuple[float, float] = (25.25e-3, 20.75e-3)  # length along x and y [m]
     dome_radii_m: tuple[float, float] | None = None
     gel: GelDisc = field(default_factory=GelDisc)
-    young_pa: float = 0.435e6
+    young_pa: float = 0.435e6  # nominal modulus of the layer that is touched [Pa]
     poisson: float = 0.48
-    image_size: tuple[int, int] = (320, 240)
+    image_size: tuple[int, int] = (320, 240)  # columns and rows of the image that is scored [px]
     pixel_m: tuple[float, float] = (0.0634e-3, 0.0634e-3)
-    crop: float = 0.15
+    crop: float = 0.15  # part of the raw frame's width and height that is cut off at each border
     light: GelLight = GelLight.COLOURED
-    shadows: bool = False
-    markers: MarkerGrid | None = None
+    shadows: bool = False  # whether dents hide the lights from the gel behind them
+    markers: MarkerGrid | None = None  # dots printed on the gel; None where it has none
 
     @property
     def dome_curvatures(self) -> tuple[float, float]:
@@ -111,50 +99,34 @@ class PlantTruth:
     """One gel, one mounting, one set of lights and noises.
 
     Attributes:
-        young_pa: Relaxed (long-term) Young's modulus of the gel [Pa].
-        poisson: Poisson's ratio, one of the tabulated ones.
-        relaxation_weights: Prony weights over the relaxed modulus.
-        relaxation_times_s: Their times [s].
         pose_error_m: Where the indenter really is, minus where the robot says, in x and y [m].
-        surface_error_m: Real height of the gel minus the expected one [m].
         tilt_rad: Real tilt of the indenter's axis (tip to flange) towards base x and y [rad]; every
             tilt of the plant has this sign.
-        friction: Coulomb coefficient between indenter and gel.
-        light_gain: Gain of the red, green and blue light.
-        light_drift_ratio: Change of all lights when warm, relative [1].
-        light_drift_time_s: Time constant of that [s].
-        image_noise_levels: Standard deviation of the image noise [grey levels].
-        image_scale_error: Relative error of the scale (m per px) in x and y.
-        image_rotation_rad: Rotation of the camera about its axis [rad].
         image_shift_m: Where the gel's centre is seen, from the image's centre [m].
         force_noise_n, torque_noise_nm: Standard deviation of a force sample [N], [N m].
-        force_offset_n: Zero offset of the force channels [N].
-        force_drift_n_s: Drift of Fz [N/s].
-        cross_talk: Share of Fz that shows up in Fx and Fy.
         force_latency_s, camera_latency_s: From the pose to the first byte on the wire [s].
-        unit: The make of sensor that all this is drawn around.
     """
 
     seed: int
-    young_pa: float
-    poisson: float
-    relaxation_weights: tuple[float, ...]
+    young_pa: float  # relaxed (long-term) Young's modulus of the gel [Pa]
+    poisson: float  # Poisson's ratio, one of the tabulated ones
+    relaxation_weights: tuple[float, ...]  # Prony weights over the relaxed modulus
     relaxation_times_s: tuple[float, ...]
     pose_error_m: tuple[float, float]
-    surface_error_m: float
+    surface_error_m: float  # real height of the gel minus the expected one [m]
     tilt_rad: tuple[float, float]
-    light_gain: tuple[float, float, float]
-    light_drift_ratio: float
-    light_drift_time_s: float
-    image_noise_levels: float
-    image_scale_error: tuple[float, float]
-    image_rotation_rad: float
+    light_gain: tuple[float, float, float]  # gain of the red, green and blue light
+    light_drift_ratio: float  # change of all lights when warm, relative [1]
+    light_drift_time_s: float  # time constant of that [s]
+    image_noise_levels: float  # standard deviation of the image noise [grey levels]
+    image_scale_error: tuple[float, float]  # relative error of the scale (m per px) in x and y
+    image_rotation_rad: float  # rotation of the camera about its axis [rad]
     image_shift_m: tuple[float, float]
     force_noise_n: float
     torque_noise_nm: float
     force_offset_n: tuple[float, float, float]
-    force_drift_n_s: float
-    cross_talk: tuple[float, float]
+    force_drift_n_s: float  # drift of Fz [N/s]
+    cross_talk: tuple[float, float]  # share of Fz that shows up in Fx and Fy
     force_latency_s: float
     camera_latency_s: float
     # Absent in worlds from before there was a choice.
@@ -177,9 +149,7 @@ def draw_truth(
     Every property is drawn by its name, so that a new one leaves the others as they were.
 
     Args:
-        seed: Any non-negative integer.
         unit: The make of sensor; a GelSight Mini if None.
-        friction: Coulomb coefficient between indenter and gel.
         tilt_rad: Tilt of the indenter's axis towards base x and y, in place of the drawn one [rad].
     """
 

@@ -45,7 +45,7 @@ def test_a_ready_controller_is_described(emulate_ur: Callable[..., Any], model: 
 
 def test_local_control_is_refused(emulate_ur: Callable[..., Any]) -> None:
     """An arm in local control is said to be, with the place of the switch."""
-    report = probe_controller(emulate_ur(remote_control=False).host)
+    report = probe_controller(emulate_ur(quirks={"local-control"}).host)
     with pytest.raises(DeviceError, match="is in local control") as caught:
         require_ready(report, model=RobotModel.E_SERIES)
     assert "remote control at the pendant" in caught.value.remedy

@@ -21,6 +21,7 @@ from drivers.emulators.faults import (
     parse_fault,
 )
 from drivers.emulators.process import DeviceSettings, Service, control_path, post_fault
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import ConfigError, DeviceError
 
 _seconds = st.floats(1e-6, 1e6)
@@ -28,7 +29,9 @@ _seconds = st.floats(1e-6, 1e6)
 
 @contextmanager
 def _listening(folder: Path, device: Device = Device.ROBOT) -> Iterator[Service]:
-    with closing(Service(DeviceSettings(folder=folder), device)) as service:
+    with closing(
+        Service(DeviceSettings(folder=folder, config=load_config().config), device)
+    ) as service:
         yield service
 
 

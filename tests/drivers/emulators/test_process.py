@@ -9,6 +9,7 @@ import pytest
 
 from drivers.emulators.faults import Device
 from drivers.emulators.process import DeviceSettings, command_line, keep_time, run_device
+from tacauchy_rig.core.config.load import load_config
 
 
 @pytest.mark.parametrize("mostly_sleeps", [True, False])
@@ -31,9 +32,11 @@ def test_a_folder_that_cannot_be_made_is_refused_in_words(monkeypatch, capsys, t
     """Whatever the device: exit status 2, its name, the reason and a remedy."""
     file = tmp_path / "file"
     file.touch()
-    command = command_line("any", DeviceSettings(folder=file / "folder"))
+    command = command_line(
+        "any", DeviceSettings(folder=file / "folder", config=load_config().config)
+    )
     monkeypatch.setattr(sys, "argv", command[2:])
-    assert run_device(DeviceSettings, Device.CAMERA, lambda *_: None) == 2
+    assert run_device(Device.CAMERA, lambda *_: None) == 2
     told = capsys.readouterr().err
     assert told.startswith("emulated camera: Not a directory")
     assert f"see that {file / 'folder'} can be created" in told

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from drivers.emulators.faults import FaultKind, parse_fault
-from drivers.emulators.force_sensor.box import LINK_NAME, ReplyStyle
+from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.emulators.process import post_fault
 from drivers.force_sensor.sri_m3733c import SriM3733c, explain_open_error
 from drivers.stream_buffer import device_holders
@@ -110,7 +110,7 @@ def test_crc32_frames(box: tuple[Path, str]) -> None:
 
 def test_older_box_and_plain_replies(run_box: RunBox, tmp_path: Path) -> None:
     """A box that knows SMPR only and answers without a dollar sign is set up all the same."""
-    with run_box(tmp_path, rate_command="SMPR", replies=ReplyStyle.BARE_OK) as port:
+    with run_box(tmp_path, quirks={"smpr", "bare"}) as port:
         sensor = sensor_at(port)
         identity = sensor.connect()
         sensor.close()
@@ -120,7 +120,7 @@ def test_older_box_and_plain_replies(run_box: RunBox, tmp_path: Path) -> None:
 
 def test_box_that_acknowledges_nothing(run_box: RunBox, tmp_path: Path) -> None:
     """Missing acknowledgements are recorded and not fatal where frames arrive."""
-    with run_box(tmp_path, replies=ReplyStyle.SILENT) as port:
+    with run_box(tmp_path, quirks={"silent"}) as port:
         sensor = sensor_at(port, connect_timeout=10.0)
         identity = sensor.connect()
         sensor.close()
@@ -177,7 +177,7 @@ def test_garbled_frames_are_counted_and_never_delivered(box: tuple[Path, str]) -
 
 def test_saturation_reads_full_scale(run_box: RunBox, tmp_path: Path) -> None:
     """A saturated channel reads the full scale, and comes back."""
-    with run_box(tmp_path, full_scale_n=40.0) as port, connected(port) as sensor:
+    with run_box(tmp_path, capacity=40.0) as port, connected(port) as sensor:
         post_fault(tmp_path, parse_fault("force_sensor:saturate+200ms"))
         samples = collect(sensor, lambda found: bool(found) and found[-1].wrench[2] == 40)
         samples += collect(sensor, lambda found: bool(found) and found[-1].wrench[2] < 4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import socket
 import subprocess
@@ -19,14 +20,15 @@ from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
 from drivers.arm.ur5_wire import DASHBOARD_PORT
-from drivers.emulators.arm.controller import ControllerSettings
 from drivers.emulators.faults import parse_fault
 from drivers.emulators.force_estimate import COARSENESS
-from drivers.emulators.process import command_line, post_fault
-from drivers.emulators.shared_world import WORLD_FILE, SharedWorld
+from drivers.emulators.process import DeviceSettings, command_line, post_fault
+from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Pose
 from tests.drivers.arm_notes import read_events, read_trace
+from tests.drivers.conftest import changed
 from tests.studies.fault_table.observation import arm_after
 
 _MODELS = list(RobotModel)
@@ -204,10 +206,10 @@ def test_every_interface_at_once(emulate_ur: Callable[..., Any], model: RobotMod
 
 def test_it_feels_the_gel(emulate_ur: Callable[..., Any], tmp_path: Path) -> None:
     """With a gel in its world, its own estimate of F_z is higher by the gel's force than above."""
-    home = Pose(position=(0.3, -0.3, 0.199), rotation_vector=(3.14159265, 0.0, 0.0))
-    world: Any = {"world": tmp_path / WORLD_FILE, "surface_m": (0.3, -0.3, 0.2), "seed": 3}
-    robot = emulate_ur(home=home.as_vector(), **world)
-    gel = ControllerSettings(folder=tmp_path, **world).plant()
+    home = Pose(position=(0.0, -0.4, 0.199), rotation_vector=(0.0, math.pi, 0.0))
+    robot = emulate_ur(home=home.position, seed=3)
+    config = changed(load_config().config, emulation={"seed": 3})
+    gel = plant_of(DeviceSettings(folder=tmp_path, config=config))
     found = _run("client_force", robot)
     expected = gel.relaxed_force(gel.depth(home))
     assert expected > 2.0
@@ -293,7 +295,7 @@ def test_stop_l_does_not_end_a_velocity(emulate_ur: Callable[..., Any]) -> None:
 
 def test_ready_line_and_world(emulate_ur: Callable[..., Any]) -> None:
     """The true pose is in the shared world before any client came."""
-    robot = emulate_ur(RobotModel.CB3, home=(0.1, -0.4, 0.15, 3.14, 0.0, 0.0), seed=3)
+    robot = emulate_ur(RobotModel.CB3, home=(0.1, -0.4, 0.15))
     state = SharedWorld.open(robot.folder / WORLD_FILE).read()
     while state.sequence == 0:
         state = SharedWorld.open(robot.folder / WORLD_FILE).read()
@@ -303,7 +305,9 @@ def test_ready_line_and_world(emulate_ur: Callable[..., Any]) -> None:
 def test_a_taken_address_is_refused(emulate_ur: Callable[..., Any], tmp_path: Path) -> None:
     """A second controller at an address says which, and what to do."""
     robot = emulate_ur()
-    second = ControllerSettings(folder=tmp_path / "second", host=robot.host)
+    second = DeviceSettings(
+        folder=tmp_path / "second", config=load_config().config, host=robot.host
+    )
     result = subprocess.run(
         command_line("arm.controller", second),
         capture_output=True,
@@ -320,12 +324,13 @@ def test_ends_with_its_parent(tmp_path: Path) -> None:
     """An emulator whose parent was killed does not stay behind."""
     starter = (
         "import pathlib, os, sys\n"
-        "from drivers.emulators.arm.controller import ControllerSettings\n"
         "from drivers.emulators.launch import free_loopback_host\n"
-        "from drivers.emulators.process import EmulatedProcess\n"
+        "from drivers.emulators.process import DeviceSettings, EmulatedProcess\n"
+        "from tacauchy_rig.core.config.load import load_config\n"
         "folder = pathlib.Path(sys.argv[1])\n"
-        "settings = ControllerSettings(folder=folder, host=free_loopback_host())\n"
-        "child = EmulatedProcess('robot', 'arm.controller', settings, folder=folder)\n"
+        "config, host = load_config().config, free_loopback_host()\n"
+        "settings = DeviceSettings(folder=folder, config=config, host=host)\n"
+        "child = EmulatedProcess('robot', 'arm.controller', settings)\n"
         "child.wait_ready()\n"
         "print(child.process.pid, flush=True)\n"
         "os._exit(0)\n"

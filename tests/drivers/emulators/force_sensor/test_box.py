@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulators.faults import Device, Fault, FaultKind
-from drivers.emulators.force_sensor.box import BoxCommands, FrameStream, ReplyStyle
+from drivers.emulators.force_sensor.box import BoxCommands, FrameStream
 from drivers.force_sensor.sri_wire import FrameParser
 from tacauchy_rig.core.config.model import Checksum
 from tacauchy_rig.core.run import Vector6
@@ -44,18 +44,16 @@ def test_settings_take_effect_and_are_told() -> None:
 
 def test_older_box_knows_the_other_name() -> None:
     """A box of the older kind refuses the newer name."""
-    box = BoxCommands(rate_command="SMPR")
+    box = BoxCommands(quirks=frozenset({"smpr"}))
     assert box.receive(b"AT+SMPF=50\r\n") == b"ACK+SMPF=50$ERROR\r\n"
     assert box.receive(b"AT+SMPR=50\r\n") == b"ACK+SMPR=50$OK\r\n"
     assert box.rate_hz == 50
 
 
-@pytest.mark.parametrize(
-    ("style", "reply"), [(ReplyStyle.BARE_OK, b"ACK+SMPF=50OK\r\n"), (ReplyStyle.SILENT, b"")]
-)
-def test_reply_styles(style: ReplyStyle, reply: bytes) -> None:
+@pytest.mark.parametrize(("quirk", "reply"), [("bare", b"ACK+SMPF=50OK\r\n"), ("silent", b"")])
+def test_reply_styles(quirk: str, reply: bytes) -> None:
     """The box can answer as other documents say, or not at all, and still obeys."""
-    box = BoxCommands(style=style)
+    box = BoxCommands(quirks=frozenset({quirk}))
     assert box.receive(b"AT+SMPF=50\r\n") == reply
     assert box.rate_hz == 50
 

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from drivers.emulators.faults import FAULTS_OF_DEVICE, Device, FaultKind
 from drivers.emulators.process import DeviceSettings, Service
 from tacauchy_rig.app.cli.app import app
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import ConfigError
 
 
@@ -22,7 +23,9 @@ def _run(*words: object) -> str:
 
 def test_a_running_device_is_told_of_a_fault(tmp_path: Path) -> None:
     """It hears what was told, which is written as JSON; a fault that nobody knows is refused."""
-    service = Service(DeviceSettings(folder=tmp_path), Device.FORCE_SENSOR)
+    service = Service(
+        DeviceSettings(folder=tmp_path, config=load_config().config), Device.FORCE_SENSOR
+    )
     words = ["--json", tmp_path / "told.json"]
     try:
         _run("fault", tmp_path, "force_sensor:freeze@1s+2s", *words)
