@@ -80,7 +80,6 @@ def device_checks(
     """Check every real device; never raises, because what is wrong is the result.
 
     Args:
-        config: Where the devices are and what is asked of them.
         measure_s: How long each stream is measured [s].
         sys_folder: Where the kernel tells about adapters and cameras.
     """

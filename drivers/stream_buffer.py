@@ -22,7 +22,6 @@ class StreamBuffer(Generic[SampleT]):
 
     Args:
         capacity: Samples kept for a late consumer; beyond it the oldest go and count as lost.
-        now_ns: Clock that stamps the samples.
     """
 
     def __init__(self, *, capacity: int, now_ns: Callable[[], int] = time.monotonic_ns) -> None:

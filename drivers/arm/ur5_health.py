@@ -28,7 +28,6 @@ class ArmHealth:
     """Judges states as they come, and remembers the first thing that went wrong.
 
     Args:
-        device: Name for messages.
         stale_limit_s: Age at which data count as lost [s].
         watchdog_hz: For the message of a program that was not fed [Hz].
     """

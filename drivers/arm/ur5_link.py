@@ -79,11 +79,6 @@ class Commander:
     def call(self, activity: str, function: Callable[[], T], *, deadline_s: float) -> T:
         """Return what ``function`` returns.
 
-        Args:
-            activity: What it does, for messages.
-            function: Makes one call into the library.
-            deadline_s: How long to wait [s].
-
         Raises:
             DeviceError: No answer in time, now or earlier, or the library raised an error.
         """

@@ -43,17 +43,13 @@ _PORT_PURPOSE = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControllerReport:
-    """What a controller says of itself.
-
-    Attributes:
-        version: Major, minor, bugfix and build of the controller's software.
-        remote_control: False when the pendant is in local control; None where the software has
-            no such mode.
-    """
+    """What a controller says of itself."""
 
     host: str
+    # Major, minor, bugfix and build of the controller's software.
     version: tuple[int, int, int, int]
     serial: str
+    # False when the pendant is in local control; None where the software has no such mode.
     remote_control: bool | None
     in_use: bool  # true when another client owns the command registers
     robot_mode: int
@@ -81,7 +77,6 @@ def probe_controller(host: str, *, timeout_s: float = 5.0) -> ControllerReport:
     """Ask a controller who and how it is, without moving or changing anything.
 
     Args:
-        host: Name or address.
         timeout_s: Deadline for everything together [s].
 
     Raises:

@@ -80,8 +80,6 @@ def find_device(
     Args:
         wanted: Path of a device file or of a link to it, a serial number, or a part of the
             camera's name.
-        sys_folder: Where the kernel lists cameras.
-        dev_folder: Where their device files are.
 
     Raises:
         DeviceError: None or several match, no permission, or in use.

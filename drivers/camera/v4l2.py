@@ -96,15 +96,12 @@ class VideoMode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Offer:
-    """What a camera says of itself.
-
-    Attributes:
-        ranges: Least value, largest value and step of each control that it has.
-    """
+    """What a camera says of itself."""
 
     driver: str  # the kernel's driver; ``uvcvideo`` for USB cameras
     card: str  # name of the camera
     modes: tuple[VideoMode, ...]
+    # Least value, largest value and step of each control that it has.
     ranges: dict[ControlId, tuple[int, int, int]]
 
 

@@ -112,15 +112,12 @@ _EXAMPLE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """One thing that goes wrong with one device.
-
-    Attributes:
-        duration_s: How long it lasts [s]; infinite for ever. At the end of a stop or an
-            unplugging somebody has unlocked the arm or plugged the device in again.
-    """
+    """One thing that goes wrong with one device."""
 
     device: Device
     kind: FaultKind
+    # How long it lasts [s]; infinite for ever. At the end of a stop or an unplugging somebody has
+    # unlocked the arm or plugged the device in again.
     duration_s: float = math.inf
     start_s: float = 0.0  # when it begins, after the emulator is told of it [s]; 0 is at once
     amount: float | None = None  # how much of it [SI unit]; the usual one if None

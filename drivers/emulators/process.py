@@ -38,17 +38,14 @@ END_TIMEOUT_S = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeviceSettings:
-    """What every emulator is told.
-
-    Attributes:
-        quirks: In what it differs from most of its kind: ``local-control`` of a robot; of a box
-            ``smpr`` for its rate, and replies that are ``bare`` or ``silent``.
-    """
+    """What every emulator is told."""
 
     folder: Path  # where the world and its truth, traces, logs and control sockets lie
     config: RigConfig  # the rig that it belongs to
     host: str = "127.0.0.1"  # address to serve at, or of the robot to follow
     port: int = 0  # of the camera's stream; 0 takes a free one
+    # In what it differs from most of its kind: ``local-control`` of a robot; of a box ``smpr`` for
+    # its rate, and replies that are ``bare`` or ``silent``.
     quirks: frozenset[str] = frozenset()
     parent_pid: int | None = None  # it ends with this process; None to serve until told otherwise
 
@@ -148,15 +145,12 @@ class Service:
     """What an emulated device listens to besides its wire: faults, a weight, the word to end.
 
     A fault or a weight is one JSON datagram to the Unix socket ``<folder>/<device>.control``.
-
-    Attributes:
-        hung_kg: Weight that somebody has hung on the device [kg], as of the last look at its
-            faults.
     """
 
     def __init__(self, settings: DeviceSettings, device: Device) -> None:
         self.device = device
         self.is_told_to_end = False  # set by SIGTERM and SIGINT
+        # Weight that somebody has hung on the device [kg], as of the last look at its faults.
         self.hung_kg = 0.0
         self._parent_pid = settings.parent_pid
         self._faults: list[tuple[float, float, Fault]] = []  # with start and end [s]

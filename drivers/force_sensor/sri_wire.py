@@ -124,13 +124,6 @@ class FrameParser:
     float; otherwise the search goes on one byte further, so damage costs the damaged frames alone.
     A jump of the package number counts once the next frame confirms it, because the number lies
     outside the checksum and may itself be damaged.
-
-    Attributes:
-        lost_count: Frames missing by the package number; a damaged frame is missing too. Where
-            the number repeated or ran backwards, as after a power cycle of the box, it is unknown.
-        corrupt_frame_count: Damaged stretches in units of a frame, at least one each; frames with
-            a right checksum that hold NaN or infinity, which are never returned; and frames whose
-            package number alone was damaged, which are.
     """
 
     def __init__(self, *, checksum: Checksum = Checksum.SUM) -> None:
@@ -142,7 +135,12 @@ class FrameParser:
         self._last_number: int | None = None
         self._counter = 0
         self._jump: _Jump | None = None
+        # Frames missing by the package number; a damaged frame is missing too. Where the number
+        # repeated or ran backwards, as after a power cycle of the box, it is unknown.
         self.lost_count = 0
+        # Damaged stretches in units of a frame, at least one each; frames with a right checksum
+        # that hold NaN or infinity, which are never returned; and frames whose package number alone
+        # was damaged, which are.
         self.corrupt_frame_count = 0
 
     def feed(self, data: bytes, *, stamp_ns: int = 0) -> list[ForceSample]:

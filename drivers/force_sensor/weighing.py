@@ -38,9 +38,6 @@ def weigh_connected(
     """Return the raw wrench without, with, and again without the load.
 
     Args:
-        sensor: Connected.
-        clock: That stamps its samples.
-        config: Rate and capacity of the cell.
         ask: Returns once the cell carries what is asked for.
 
     Raises:

@@ -48,13 +48,7 @@ class Reading:
 
 
 class Cycle:
-    """The control loop's body.
-
-    Attributes:
-        contact_z_m: Height of contact of the last trial [m]; before the first of a session the
-            lowest of those that passed in earlier ones; None where there was none.
-        observers: Called at each turn, whatever it finds; they must not block.
-    """
+    """The control loop's body."""
 
     def __init__(
         self,
@@ -75,7 +69,10 @@ class Cycle:
         self.rates = RateMeter()  # what arrived since the attempt began
         self.last_force_n = 0.0
         self.last_state: ArmSample | None = None
+        # Height of contact of the last trial [m]; before the first of a session the lowest of those
+        # that passed in earlier ones; None where there was none.
         self.contact_z_m: float | None = None
+        # Called at each turn, whatever it finds; they must not block.
         self.observers: list[Callable[[], None]] = []
         self._streams = StreamGuard(config)
         self._follow = FollowGuard(window_s=config.limits.no_motion)

@@ -43,7 +43,6 @@ class RecorderLink:
     Args:
         descriptors: Of the stream to the recorder, and of the channel on which it answers.
         store: Where to spill what it does not acknowledge.
-        source: Name of this producer.
         on_attempt: Told when another attempt begins, and of ``BETWEEN_ATTEMPTS`` at its end.
     """
 

@@ -20,13 +20,10 @@ from tacauchy_rig.core.expected_press import ExpectedPress
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageOptions:
-    """The operator's page.
-
-    Attributes:
-        outline: Expected contact in the image, as the page draws it; None where nobody knows.
-    """
+    """The operator's page."""
 
     port: int = 0  # of the loopback address; 0 takes a free one
+    # Expected contact in the image, as the page draws it; None where nobody knows.
     outline: dict[str, Any] | None = None
 
 
@@ -42,12 +39,7 @@ class ViewerOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """What a child is to do: its first message from the supervisor.
-
-    Attributes:
-        options: Of a viewer; the page's ``token`` is the first part of every path: whoever has it
-            sees the run and can stop it.
-    """
+    """What a child is to do: its first message from the supervisor."""
 
     root: Path
     config: RigConfig
@@ -55,6 +47,8 @@ class Job:
     descriptors: dict[str, int]  # sockets that the child inherited, by what they lead to
     expected: ExpectedPress | None = None  # what a press should give; None where nobody knows
     again: bool = False  # whether an earlier process had begun it in this session
+    # Of a viewer; the page's ``token`` is the first part of every path: whoever has it sees the run
+    # and can stop it.
     options: dict[str, Any] = field(default_factory=dict)
 
 
@@ -104,14 +98,12 @@ class Channel:
 
     Safe to send from several threads and from a signal handler. A ``RigError`` among the messages
     says that its sender cannot go on.
-
-    Attributes:
-        closed: True once the other end is gone and all that it sent has been received.
     """
 
     def __init__(self, end: socket.socket) -> None:
         end.setblocking(False)
         self._end = end
+        # True once the other end is gone and all that it sent has been received.
         self.closed = False
 
     @classmethod

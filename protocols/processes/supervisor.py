@@ -51,16 +51,13 @@ _CHECK_DISK = "check the disk, then `tacauchy-rig resume` tries them again"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionResult(ProgrammeResult):
-    """How a session ended.
-
-    Attributes:
-        acknowledged: Samples, frames and events that the recorder acknowledged, by producer, as
-            far as the producer lived to tell.
-        page: The page that was kept; None without one.
-    """
+    """How a session ended."""
 
     died: dict[str, str]  # processes that ended before they were told to, and how
+    # Samples, frames and events that the recorder acknowledged, by producer, as far as the producer
+    # lived to tell.
     acknowledged: dict[str, int]
+    # The page that was kept; None without one.
     page: Viewing | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -383,15 +380,12 @@ def run_session(
     """Run every trial without a passed attempt, with a process each for control, camera, record.
 
     Args:
-        store: The run's folder; new, or one to resume.
         config: Its configuration, with the addresses of emulated devices filled in.
         on_event: Told of every journal event, and of ``progress`` five times a second, in this
             thread.
         abort: Asked at every turn of the control loop; see ``protocols.guard.abort``.
-        expected: What a press should give; None where nobody knows.
         again: Trials to press once more though they have a passed attempt.
         page: The operator's page; None for none. Its address comes as the event ``page``.
-        viewers: Further viewers.
         keep_page: Leave the page open after a run that went through to its end; ``page`` of the
             result is then for the caller to release.
 

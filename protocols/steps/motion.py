@@ -220,14 +220,11 @@ SLOW_M_S = 0.002
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafeEnd:
-    """Where the arm was left, in a sentence for the operator too.
-
-    Attributes:
-        stop_ms: From the stop command to the first state at rest [ms]; None where the robot
-            could not be seen to rest.
-    """
+    """Where the arm was left, in a sentence for the operator too."""
 
     text: str
+    # From the stop command to the first state at rest [ms]; None where the robot could not be seen
+    # to rest.
     stop_ms: float | None
     peak_force_n: float  # largest force from the stop on [N]
     pose: Pose | None  # last pose that was seen

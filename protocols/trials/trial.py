@@ -35,16 +35,13 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedTrial:
-    """A trial that may still have to be run.
-
-    Attributes:
-        contact_z_m: Height at which an earlier session's passed attempt found the gel [m].
-    """
+    """A trial that may still have to be run."""
 
     index: int
     force_target_n: float
     next_attempt: int = 1  # number of its next attempt; attempts are never overwritten
     done: bool = False  # true when an earlier session has an attempt that passed
+    # Height at which an earlier session's passed attempt found the gel [m].
     contact_z_m: float | None = None
     record: TrialRecord | None = None  # of the attempt that passed, where ``done``
 

@@ -36,21 +36,14 @@ WRONG = f"{OF_CONTACT}residual_of_rival"
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """A column of the table.
+    """A column of the table."""
 
-    Attributes:
-        key: As ``means`` of a simulator has it.
-        digits: That are shown.
-        factor: From SI to ``unit``.
-        larger_is_better: None where the score is no error.
-    """
-
-    key: str
+    key: str  # as ``means`` of a simulator has it
     label: str
-    digits: int
-    larger_is_better: bool | None
+    digits: int  # that are shown
+    larger_is_better: bool | None  # none where the score is no error
     unit: str = ""
-    factor: float = 1.0
+    factor: float = 1.0  # from SI to ``unit``
 
     @property
     def heading(self) -> str:
@@ -87,18 +80,7 @@ _SEEN = ("metrics", "skill", "contact", "corrections", "floors")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedPress:
-    """One press of a simulator, scored.
-
-    Attributes:
-        force_error_n: Its force at the measured depth minus the measured one [N].
-        depth_error_m: Its depth at the measured force minus the measured one [m].
-        height_apart_rms_m: Of its surface from our replay's, which is no truth [m].
-        height_apart_largest_m: Likewise the largest [m].
-        pressure_apart_relative: Of its pressure from our replay's, which is no truth either: the
-            norm of the difference over that of ours, of all pixels.
-        shear_apart_relative: Of its shear, likewise; 1 is what no shear at all would be.
-        pressure_force_n: Its pressure, summed over the image [N]: its own force, or they disagree.
-    """
+    """One press of a simulator, scored."""
 
     index: int
     metrics: ImageScores | None
@@ -108,13 +90,16 @@ class JudgedPress:
     margin: ForceMargin | None
     floors: Floors | None
     force_n: float | None
-    force_error_n: float | None
+    force_error_n: float | None  # its force at the measured depth minus the measured one [N]
     force_error_relative: float | None
-    depth_error_m: float | None
-    height_apart_rms_m: float | None
-    height_apart_largest_m: float | None
+    depth_error_m: float | None  # its depth at the measured force minus the measured one [m]
+    height_apart_rms_m: float | None  # of its surface from our replay's, which is no truth [m]
+    height_apart_largest_m: float | None  # likewise the largest [m]
+    # Of its pressure from our replay's, which is no truth either: the norm of the difference over
+    # that of ours, of all pixels.
     pressure_apart_relative: float | None
-    shear_apart_relative: float | None
+    shear_apart_relative: float | None  # of its shear, likewise; 1 is what no shear at all would be
+    # Its pressure, summed over the image [N]: its own force, or they disagree.
     pressure_force_n: float | None
 
     @property
@@ -147,20 +132,14 @@ class JudgedPress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedSimulator:
-    """A simulator, scored.
+    """A simulator, scored."""
 
-    Attributes:
-        outputs: What it gave.
-        is_ours: It is the run's own replay.
-        presses: One for each press of the run that it simulated.
-        means: By score, over its presses; errors of force and depth without their sign.
-        wins: In how many presses its own image beats its images of the others, and of how many.
-    """
-
-    outputs: Outputs
-    is_ours: bool
-    presses: tuple[JudgedPress, ...]
+    outputs: Outputs  # what it gave
+    is_ours: bool  # it is the run's own replay
+    presses: tuple[JudgedPress, ...]  # one for each press of the run that it simulated
+    # By score, over its presses; errors of force and depth without their sign.
     means: dict[str, MeanInterval]
+    # In how many presses its own image beats its images of the others, and of how many.
     wins: tuple[int, int]
 
     @property
@@ -175,30 +154,21 @@ class JudgedSimulator:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
-    """What every simulator stands beside: a floor or the ceiling.
-
-    Attributes:
-        means: As of a simulator.
-    """
+    """What every simulator stands beside: a floor or the ceiling."""
 
     name: str
-    means: dict[str, MeanInterval]
+    means: dict[str, MeanInterval]  # as of a simulator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """Simulators, judged by the presses of one run.
-
-    Attributes:
-        floors: What says nothing of a press.
-        ceiling: What the sensor reaches against itself; None where the run does not tell.
-        evidence: The run; its simulated images are our replay's.
-    """
+    """Simulators, judged by the presses of one run."""
 
     simulators: tuple[JudgedSimulator, ...]
-    floors: tuple[Reference, ...]
+    floors: tuple[Reference, ...]  # what says nothing of a press
+    # What the sensor reaches against itself; None where the run does not tell.
     ceiling: Reference | None
-    evidence: RunEvidence
+    evidence: RunEvidence  # the run; its simulated images are our replay's
 
 
 def judge(
@@ -207,7 +177,6 @@ def judge(
     """Score simulators' outputs for the presses of a run.
 
     Args:
-        evidence: The run.
         others: Their images have the scored size; their trials are the run's.
         ours: What its own replay gives; stands first.
 
@@ -367,18 +336,14 @@ def _ceiling(evidence: RunEvidence) -> Reference | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contest:
-    """Ours against one other in one score.
-
-    Attributes:
-        ours: Mean over the presses that both have, in the score's unit; ``theirs`` likewise.
-        difference: Theirs minus ours, press by press, turned so that above zero ours is better;
-            None where the score is only of the means.
-    """
+    """Ours against one other in one score."""
 
     other: str
     score: Score
-    ours: float
+    ours: float  # mean over the presses that both have, in the score's unit; ``theirs`` likewise
     theirs: float
+    # Theirs minus ours, press by press, turned so that above zero ours is better; None where the
+    # score is only of the means.
     difference: MeanInterval
 
     @property

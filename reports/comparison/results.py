@@ -18,22 +18,13 @@ from tacauchy_rig.core.simulated import ReplayModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialResult:
-    """All numbers of one trial.
-
-    Attributes:
-        passed: Every criterion of ``criteria`` is met.
-        outcome: How the accepted or last attempt ended; ``missing`` when there is none.
-        metrics: The five scores on RGB; ``metrics_grey`` the same on luminance.
-        skill: Per score, its place between the no-contact floor and the ceiling.
-        discriminates: Per score, whether the right force beats every wrong one.
-        force_margin: By how much it does so inside the contact, and how far that scatters.
-    """
+    """All numbers of one trial."""
 
     index: int
     attempt: int
-    outcome: str
+    outcome: str  # how the accepted or last attempt ended; ``missing`` when there is none
     reason: str
-    passed: bool
+    passed: bool  # every criterion of ``criteria`` is met
     force_target_n: float
     force_measured_n: float | None
     force_deviation_n: float | None
@@ -43,12 +34,13 @@ class TrialResult:
     depth_measured_m: float | None
     depth_simulated_m: float | None
     force: ForceAgreement
-    metrics: ImageScores | None
+    metrics: ImageScores | None  # the five scores on RGB; ``metrics_grey`` the same on luminance
     metrics_grey: ImageScores | None
     floors: Floors | None
     ceiling: Ceiling | None
-    skill: dict[str, Skill]
-    discriminates: dict[str, bool]
+    skill: dict[str, Skill]  # per score, its place between the no-contact floor and the ceiling
+    discriminates: dict[str, bool]  # per score, whether the right force beats every wrong one
+    # By how much it does so inside the contact, and how far that scatters.
     force_margin: ForceMargin | None
     contact: ContactScores | None
     contact_no_contact_residual: float | None
@@ -62,49 +54,36 @@ class TrialResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunStatistics:
-    """Means over the trials with Student t intervals at 95 %.
+    """Means over the trials with Student t intervals at 95 %."""
 
-    Attributes:
-        metrics: Per score of the simulated images; ``no_contact`` the same of the floor.
-        psnr_of_mean_mse_db: PSNR of the mean MSE; ``metrics["psnr_db"]`` is the mean of PSNRs.
-        repeats_per_force: Fewest presses at any target force.
-    """
-
+    # Per score of the simulated images; ``no_contact`` the same of the floor.
     metrics: dict[str, MeanInterval]
     no_contact: dict[str, MeanInterval]
+    # PSNR of the mean MSE; ``metrics["psnr_db"]`` is the mean of PSNRs.
     psnr_of_mean_mse_db: float | None
     psnr_of_mean_mse_no_contact_db: float | None
     force_mismatch_n: MeanInterval
     prediction_error_relative: MeanInterval
     contact_zncc: MeanInterval
     contact_relative_residual: MeanInterval
-    repeats_per_force: int
+    repeats_per_force: int  # fewest presses at any target force
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ValidationReport:
-    """A run, judged.
-
-    Attributes:
-        criteria: What the run as a whole must meet, beside its trials.
-        verdict: A few plain sentences.
-        abstract: The main result in one sentence.
-        reading: What the scores can and cannot tell, sentence by sentence.
-        limits: What this report does not show.
-        evidence: What it was made from.
-    """
+    """A run, judged."""
 
     passed: bool
-    criteria: tuple[Criterion, ...]
-    verdict: str
-    abstract: str
-    reading: tuple[str, ...]
-    limits: tuple[str, ...]
+    criteria: tuple[Criterion, ...]  # what the run as a whole must meet, beside its trials
+    verdict: str  # a few plain sentences
+    abstract: str  # the main result in one sentence
+    reading: tuple[str, ...]  # what the scores can and cannot tell, sentence by sentence
+    limits: tuple[str, ...]  # what this report does not show
     trials: tuple[TrialResult, ...]
     statistics: RunStatistics
     matrices: tuple[WrongForceMatrix, ...]
     truth: tuple[TruthComparison, ...]
-    evidence: RunEvidence
+    evidence: RunEvidence  # what it was made from
 
 
 MAX_SETTLED_CHANGE = 0.05
@@ -333,18 +312,13 @@ COUNTS_OF_RUN = (MODULUS, MODULUS_TRIALS)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadlineRow:
-    """One criterion over all trials.
-
-    Attributes:
-        worst: Of the trials; None where one of them has no value.
-        met: Trials that met it, out of ``trials``.
-    """
+    """One criterion over all trials."""
 
     name: str
-    worst: float | None
+    worst: float | None  # of the trials; None where one of them has no value
     unit: str
     limit: str
-    met: int
+    met: int  # trials that met it, out of ``trials``
     trials: int
 
     @property

@@ -211,15 +211,12 @@ class AttemptReading:
 
 
 class RunReading:
-    """The attempts of a run that count: of each trial the latest passed, or else the latest ended.
-
-    Attributes:
-        records: What the protocol wrote, by trial; None for one that has not ended.
-    """
+    """The attempts of a run that count: of each trial the latest passed, or else the latest."""
 
     def __init__(self, store: RunStore, geometry: ImageGeometry) -> None:
         self.store = store
         self.geometry = geometry  # how frames become scored images; the sensor's file knows it
+        # What the protocol wrote, by trial; None for one that has not ended.
         self.records = {index: store.counting(index) for index in store.trial_indices()}
         self._attempts: dict[int, AttemptReading] = {}
 

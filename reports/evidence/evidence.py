@@ -29,36 +29,29 @@ PressKey = tuple[float, int, int]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageGeometry:
-    """How a camera frame becomes the image that is scored.
-
-    Attributes:
-        scale_x_m_px: Gel surface per pixel of the scored image [m/px]; None when not calibrated.
-        scale_y_m_px: The same along y; the two differ on real sensors [m/px].
-    """
+    """How a camera frame becomes the image that is scored."""
 
     crop_fraction: float = 0.15  # part of the width and height cut off at each border
     width_px: int = 320
     height_px: int = 240
+    # Gel surface per pixel of the scored image [m/px]; None when not calibrated.
     scale_x_m_px: float | None = None
-    scale_y_m_px: float | None = None
+    scale_y_m_px: float | None = None  # the same along y; the two differ on real sensors [m/px]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrialImages:
-    """Images of one trial as the camera saw them; what is found in them can be kept beside.
-
-    Attributes:
-        first_half: Median over the first half of the dwell; with ``second_half`` it gives the
-            noise ceiling. None when the dwell has fewer than four frames.
-        settled_change: By how much of the contact its first and its last third differ [1]; None
-            when the dwell has fewer than three frames.
-    """
+    """Images of one trial as the camera saw them; what is found in them can be kept beside."""
 
     real: ImageArray  # pixelwise median over the dwell
     reference: ImageArray  # pixelwise median of the no-contact frames taken before the press
+    # Median over the first half of the dwell; with ``second_half`` it gives the noise ceiling. None
+    # when the dwell has fewer than four frames.
     first_half: ImageArray | None = None
     second_half: ImageArray | None = None
     frame_count: int = 0  # frames in the dwell
+    # By how much of the contact its first and its last third differ [1]; None when the dwell has
+    # fewer than three frames.
     settled_change: float | None = None
 
 
@@ -72,47 +65,36 @@ class Curve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntermediateFrame:
-    """What the camera showed at one force of a press.
-
-    Attributes:
-        depth_m: The arm's, from where contact was felt; None likewise.
-    """
+    """What the camera showed at one force of a press."""
 
     image: ImageArray
     force_n: float | None  # measured then; None where nobody measured it
-    depth_m: float | None
+    depth_m: float | None  # the arm's, from where contact was felt; None likewise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IntermediateState:
-    """A press at one force on its way, or at its end.
+    """A press at one force on its way, or at its end."""
 
-    Attributes:
-        force_n: Simulated [N]; ``depth_m`` likewise, from first touch.
-        frame: The recorded frame nearest in force; None where none is near.
-    """
-
-    force_n: float
+    force_n: float  # simulated [N]; ``depth_m`` likewise, from first touch
     depth_m: float
     image: ImageArray  # simulated, shape [height, width, 3]
     dent_m: FloatArray  # how far the gel's surface is pushed in, shape [height, width]
     pressure_pa: FloatArray  # on the gel that lies where a pixel looks, same shape
+    # The recorded frame nearest in force; None where none is near.
     frame: IntermediateFrame | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamSummary:
-    """Arrival of one stream's samples, measured from the recording.
-
-    Attributes:
-        lost_count: Samples that the native counter shows and the recording lacks; None for a
-            stream without a counter.
-    """
+    """Arrival of one stream's samples, measured from the recording."""
 
     name: str  # ``force``, ``image`` or ``arm``
     nominal_rate_hz: float | None  # what the configuration asks for; None when it does not say
     rate_hz: float  # samples over the time they took
     sample_count: int
+    # Samples that the native counter shows and the recording lacks; None for a stream without a
+    # counter.
     lost_count: int | None
     interval_median_ms: float
     interval_p99_ms: float  # 99th percentile of the time between arrivals [ms]
@@ -132,49 +114,43 @@ class TruthComparison:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EmulatedWorld:
-    """What only a report may know of a dry run.
-
-    Attributes:
-        dwells: True mean force [N] and depth [m] by trial, where the emulator's trace has them.
-    """
+    """What only a report may know of a dry run."""
 
     values: dict[str, Any]  # content of ``truth.json``, units in the keys
     surface_expected_m: float  # height of the gel that the configuration expects [m]
+    # True mean force [N] and depth [m] by trial, where the emulator's trace has them.
     dwells: dict[int, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialEvidence:
-    """All that is known of one press.
-
-    Attributes:
-        force_target_n: What was asked for; of an imported press what was measured, which names it.
-            NaN where that has no force.
-        simulated_image: The replay's rendered image in the scored geometry, rendered over this
-            trial's own no-contact frame ``images.reference``.
-        dwell_s: Start and end of the window that counts, on the curves' time axis [s].
-        checks: What files, hashes and raw samples of the attempt say of ``record``.
-        force_depth_simulated: Of the simulator with the modulus that is stated.
-        intermediate: Equilibria up to its force, ascending; empty where no replay kept them.
-        place_known: It is known where on the pad was pressed; not so of many that are imported.
-        kind: Equal for presses of one indenter at one place, whose simulated images and forces are
-            compared with one another.
-    """
+    """All that is known of one press."""
 
     index: int
+    # What was asked for; of an imported press what was measured, which names it. NaN where that has
+    # no force.
     force_target_n: float
     record: TrialRecord | None = None
     replay: ReplayTrial | None = None
     images: TrialImages | None = None
+    # The replay's rendered image in the scored geometry, rendered over this trial's own no-contact
+    # frame ``images.reference``.
     simulated_image: ImageArray | None = None
     force_curve: Curve | None = None  # tared pressing force [N], positive in compression
     depth_curve: Curve | None = None  # travel below the height of first contact [m]
+    # Start and end of the window that counts, on the curves' time axis [s].
     dwell_s: tuple[float, float] | None = None
+    # What files, hashes and raw samples of the attempt say of ``record``.
     checks: tuple[Criterion, ...] = ()
+    # Of the simulator with the modulus that is stated.
     force_depth_simulated: ForceDepthCurve | None = None
     streams: tuple[StreamSummary, ...] = ()
+    # It is known where on the pad was pressed; not so of many that are imported.
     place_known: bool = True
+    # Equilibria up to its force, ascending; empty where no replay kept them.
     intermediate: tuple[IntermediateState, ...] = ()
+    # Equal for presses of one indenter at one place, whose simulated images and forces are compared
+    # with one another.
     kind: int = 0
 
     @property
@@ -226,45 +202,41 @@ def camera_of(provenance: Mapping[str, Any], *, simulated: bool) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunEvidence:
-    """A whole run and its replay.
+    """A whole run and its replay."""
 
-    Attributes:
-        trials: One for each press that was asked for, in order, recorded or not.
-        provenance: ``versions``, ``config_hash``, ``seed``, ``name``, ``created``, ``devices``
-            and whatever else says where the numbers come from; plain JSON values.
-        contact_force_n: Force at which a press calls the gel touched: depth counts from there.
-        stated: Standard uncertainties of cell, heights and delays by the fields of
-            ``[uncertainty]``; ``search_speed`` [m/s] and ``contact_force`` [N], as they are.
-        others: The same of further indenters and places.
-        force_check: How the cell read a known weight before the run; None where that was not tried.
-        force_history: What all trials together say of the force sensor.
-        weighed_after: A known weight was hung on the cell after the last trial, and it was right.
-        unchecked_allowed: Whether it may press without such a check whatever its arm feels.
-        world: The emulated world of a dry run; comparisons with it are made by ``compare``.
-        optics: What its presses gave when optics were calibrated from them.
-        notes: What is no fault and has to be known of how the run was recorded, in sentences.
-    """
-
+    # One for each press that was asked for, in order, recorded or not.
     trials: tuple[TrialEvidence, ...]
     simulated: bool  # true when any device was emulated
     thresholds: ReportSection
     geometry: ImageGeometry = field(default_factory=ImageGeometry)
+    # ``versions``, ``config_hash``, ``seed``, ``name``, ``created``, ``devices`` and whatever else
+    # says where the numbers come from; plain JSON values.
     provenance: dict[str, Any] = field(default_factory=dict)
     journal: JournalSummary = field(default_factory=JournalSummary)
+    # Force at which a press calls the gel touched: depth counts from there.
     contact_force_n: float = 0.0
+    # Standard uncertainties of cell, heights and delays by the fields of ``[uncertainty]``;
+    # ``search_speed`` [m/s] and ``contact_force`` [N], as they are.
     stated: Mapping[str, Stated] = field(default_factory=dict)
     model: ReplayModel | None = None  # what was replayed; None where nothing was
-    others: tuple[ReplayModel, ...] = ()
+    others: tuple[ReplayModel, ...] = ()  # the same of further indenters and places
     sync_mode: str = "host_clock"  # what ties force and images together in time (``run.sync_mode``)
+    # How the cell read a known weight before the run; None where that was not tried.
     force_check: ForceCheck | None = None
+    # What all trials together say of the force sensor.
     force_history: ForceHistory = field(default_factory=lambda: ForceHistory(trials=(), sources=()))
+    # A known weight was hung on the cell after the last trial, and it was right.
     weighed_after: bool = False
+    # Whether it may press without such a check whatever its arm feels.
     unchecked_allowed: bool = False
+    # The emulated world of a dry run; comparisons with it are made by ``compare``.
     world: EmulatedWorld | None = None
     checks: tuple[Criterion, ...] = ()  # what journal, description and replay say of each other
     imported: Imported | None = None  # where the run is from, if others recorded it
+    # What its presses gave when optics were calibrated from them.
     optics: CalibratedOptics | None = None
-    optics_picture: bytes = b""  # each of those presses, real, rendered and apart, as PNG
+    optics_picture: bytes = b""  # of each of its presses, real, rendered and apart, as PNG
+    # What is no fault and has to be known of how the run was recorded, in sentences.
     notes: tuple[str, ...] = ()
 
     def model_of(self, trial: int) -> ReplayModel | None:

@@ -19,14 +19,11 @@ STIFFNESS_UNCERTAINTY = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TiltFit:
-    """The tilt of a tool, fitted to its moments.
-
-    Attributes:
-        arm_m: From the point that moments refer to, to where the force acts, shape [2] [m].
-    """
+    """The tilt of a tool, fitted to its moments."""
 
     tilt_rad: FloatArray  # tilt of its axis towards x and y, shape [2] [rad]
     uncertainty_rad: FloatArray  # standard uncertainty of each, shape [2]
+    # From the point that moments refer to, to where the force acts, shape [2] [m].
     arm_m: FloatArray
 
 

@@ -73,12 +73,7 @@ def _zero(type_name: str) -> Value:
 
 
 class ControllerBody:
-    """Everything that the ports of one emulated controller share; powered and idle at first.
-
-    Attributes:
-        outputs: Value of each RTDE output field, always a tuple.
-        inputs: Value of each RTDE input field that a client wrote.
-    """
+    """Everything that the ports of one emulated controller share; powered and idle at first."""
 
     def __init__(self, model: RobotModel, home: Pose, *, remote_control: bool = True) -> None:
         self.model = model
@@ -89,7 +84,9 @@ class ControllerBody:
         self.tcp_offset: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self.payload_kg = 0.0
         self.zero_ft_asked = False  # ``zero_ftsensor`` came and has not been applied yet
+        # Value of each RTDE input field that a client wrote.
         self.inputs = {name: _zero(type_name) for name, type_name in INPUT_TYPES.items()}
+        # Value of each RTDE output field, always a tuple.
         self.outputs = {
             name: _zero(type_name)
             for name, type_name in OUTPUT_TYPES.items()
@@ -165,14 +162,12 @@ class ToolMotion:
 
     Three ways to move exclude one another: along a line to a target, at a set velocity, and
     braking to a stop.
-
-    Attributes:
-        stalled: While True the arm stands still whatever it was told (an injected fault).
     """
 
     def __init__(self, home: Pose) -> None:
         self.pose: Vector6 = home.as_vector()  # x, y, z [m] and rotation vector [rad] of the tip
         self.velocity: Vector6 = _STILL  # tool velocity [m/s, rad/s]
+        # While True the arm stands still whatever it was told (an injected fault).
         self.stalled = False
         self._target: Vector6 | None = None
         self._target_velocity: Vector6 | None = None

@@ -41,12 +41,7 @@ _SCRIPT_LIMIT = 1 << 20
 
 
 class Connection:
-    """A connected client: a socket that never blocks, with an optional delay.
-
-    Attributes:
-        reader: Of the packets of an RTDE client, as is what follows.
-        output, inputs: What it has set up to be sent and to send.
-    """
+    """A connected client: a socket that never blocks, with an optional delay."""
 
     def __init__(self, link: socket.socket) -> None:
         link.setblocking(False)
@@ -55,7 +50,8 @@ class Connection:
         self.alive = True  # false once the client is gone; the owner then drops it
         self.delay_s = 0.0  # added to both directions [s], to imitate a slow network
         self.partial = b""  # text that is not complete yet
-        self.reader = PacketReader()
+        self.reader = PacketReader()  # of the packets of an RTDE client, as is what follows
+        # What it has set up to be sent and to send.
         self.output: Recipe | None = None
         self.inputs: list[Recipe] = []
         self.every_cycles = 1  # how often it is sent a state, once ``started``
@@ -185,14 +181,11 @@ class Port(ABC):
 
 
 class RtdePort(Port):
-    """The RTDE server: handshakes, state out, registers in.
-
-    Attributes:
-        written: Names of the input fields that clients wrote in the last ``service``.
-    """
+    """The RTDE server: handshakes, state out, registers in."""
 
     def __init__(self, host: str, body: ControllerBody) -> None:
         super().__init__(host, RTDE_PORT)
+        # Names of the input fields that clients wrote in the last ``service``.
         self.written: set[str] = set()
         self._body = body
         self._owners: dict[str, Connection] = {}
@@ -270,7 +263,6 @@ class DashboardPort(Port):
     """The dashboard server: one line in, one line out.
 
     Args:
-        stop_program: Called by ``stop``.
         reset_safety: Called by ``unlock protective stop`` and by powering on.
     """
 

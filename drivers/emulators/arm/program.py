@@ -45,10 +45,6 @@ class ControlProgram:
 
     Args:
         offset: First register it uses: 0 or 24.
-
-    Attributes:
-        watchdog_period_s: Longest silence of the command register it accepts [s], None while no
-            watchdog is set.
     """
 
     def __init__(
@@ -64,6 +60,7 @@ class ControlProgram:
         self._write_count = 0
         self._operation_id = 0
         self.failed = False  # true once it made a runtime error; it then ends
+        # Longest silence of the command register it accepts [s], None while no watchdog is set.
         self.watchdog_period_s: float | None = None
         self.command_register = f"input_int_register_{offset}"
         body.inputs[self.command_register] = (0,)

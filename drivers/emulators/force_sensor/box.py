@@ -231,15 +231,12 @@ _CONSTANTS = {
 
 
 class BoxCommands:
-    """Settings of the box and the commands that change them.
-
-    Attributes:
-        streaming: Whether frames go out by themselves; a box keeps on when its port is closed.
-    """
+    """Settings of the box and the commands that change them."""
 
     def __init__(self, *, rate_hz: int = 100, quirks: frozenset[str] = frozenset()) -> None:
         self.rate_hz = rate_hz
         self.checksum = Checksum.SUM
+        # Whether frames go out by themselves; a box keeps on when its port is closed.
         self.streaming = False
         self.single_count = 0  # frames asked for one by one and not yet sent
         self.zero_requested = False  # ``ADJZF`` came and has not been applied yet
@@ -303,15 +300,13 @@ class FrameStream:
 
     Args:
         latency_s: From the moment that a frame belongs to until it leaves [s].
-
-    Attributes:
-        number: Package number of the newest frame, not wrapped; it advances in every fault.
     """
 
     def __init__(self, *, seed: int, full_scale_n: float, latency_s: float = 0.0) -> None:
         self._wrench = SilentWrenchFaults(seed=seed, full_scale_n=full_scale_n)
         self.line = FaultyLine(seed, _garbled)  # of frames that wait for their moment to leave
         self._latency_ns = round(latency_s * 1e9)
+        # Package number of the newest frame, not wrapped; it advances in every fault.
         self.number = -1
 
     def next_frame(

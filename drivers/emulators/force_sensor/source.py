@@ -84,15 +84,12 @@ def open_trace(path: Path, *, boot_id: str | None = None) -> TextIO:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EmulatedForce:
-    """What the emulated sensor reads and what is true at that moment.
-
-    Attributes:
-        depth_true_m: Depth of the tip below the unloaded surface [m], negative above it; None
-            where that means nothing: no gel, or the tip is beside it.
-    """
+    """What the emulated sensor reads and what is true at that moment."""
 
     reading: Vector6  # Fx, Fy, Fz [N], Mx, My, Mz [N m] with noise, drift and cross-talk
     force_true_n: float  # pressing force without any of these [N]
+    # Depth of the tip below the unloaded surface [m], negative above it; None where that means
+    # nothing: no gel, or the tip is beside it.
     depth_true_m: float | None
 
 

@@ -94,10 +94,6 @@ class Equilibrium:
 class GelSolver:
     """Presses one tip into one mesh; each call starts from the state it is given.
 
-    Args:
-        poisson: Poisson's ratio at small strain.
-        friction: Coulomb coefficient.
-
     Attributes:
         weights: 2 pi r dA times stiffness at the quadrature points [m^3], [element, point].
         edge_shape, edge_weights: Shape values of the surface's quadrature points, and 2 pi r ds at
@@ -118,9 +114,6 @@ class GelSolver:
 
     def press(self, tip_z_m: float, start: FloatArray, *, grip: Grip | None = None) -> Equilibrium:
         """Return the equilibrium with the tip's lowest point at ``tip_z_m`` [m] above the base.
-
-        Args:
-            grip: Where the tip came from, in a press with friction.
 
         Raises:
             ConvergenceError: Newton's method did not converge from ``start``.
@@ -305,16 +298,12 @@ STICK_PER_M = 5e5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grip:
-    """Where the surface was when the tip last stood still.
-
-    Attributes:
-        pull: Along the tip, over Young's modulus, on the tip, likewise; zero out of contact.
-        pressure: Likewise, shape [point_count].
-    """
+    """Where the surface was when the tip last stood still."""
 
     points: FloatArray  # (r, z) of its points from the tip [m], shape [point_count, 2]
+    # Along the tip, over Young's modulus, on the tip, likewise; zero out of contact.
     pull: FloatArray
-    pressure: FloatArray
+    pressure: FloatArray  # likewise, shape [point_count]
 
 
 class Springs:
@@ -372,26 +361,18 @@ _MOTION = np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TiltResponse:
-    """The response to a tilt of one radian.
-
-    Attributes:
-        moment: On the tip about its lowest point, over Young's modulus, against the tilt [m^3].
-        side_force: On the tip towards the side that it tilts to, over Young's modulus [m^2]; small
-            beside F_z and known to its half only, since the rim's contact decides on it.
-    """
+    """The response to a tilt of one radian."""
 
     displacement: FloatArray  # along r and z on the side that the tip tilts to [m], [node_count, 2]
+    # On the tip about its lowest point, over Young's modulus, against the tilt [m^3].
     moment: float = 0.0
+    # On the tip towards the side that it tilts to, over Young's modulus [m^2]; small beside F_z and
+    # known to its half only, since the rim's contact decides on it.
     side_force: float = 0.0
 
 
 def tilt_response(solver: GelSolver, pressed: Equilibrium) -> TiltResponse:
-    """Return how a press answers a tilt of its tip.
-
-    Args:
-        solver: What pressed last.
-        pressed: What it found.
-    """
+    """Return how a press answers a tilt of its tip."""
     mesh, u = solver.mesh, pressed.displacement.ravel()
     count, shape, weights = 3 * len(mesh.nodes), solver.edge_shape, 0.5 * solver.edge_weights
     gel_dofs, edge_dofs = dofs_of(mesh.elements, 3), dofs_of(mesh.top_edges, 3)

@@ -40,30 +40,23 @@ _REACH = (0.64, 0.55)  # of half the image
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameNoise:
-    """How far frames are from what a camera without noise would show, inside the contacts.
-
-    Attributes:
-        recorded: The same of noise and the stream's JPEG together [grey levels].
-    """
+    """How far frames are from what a camera without noise would show, inside the contacts."""
 
     noise: float  # mean absolute difference that the sensor's noise makes [grey levels]
-    recorded: float
+    recorded: float  # the same of noise and the stream's JPEG together [grey levels]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Press:
-    """One press, or none: the gel without contact.
-
-    Attributes:
-        touched_m: Where the ball touched the gel [m]; ``tilt_rad`` is the contact's tilt there.
-        circle_px: Column, row and radius of the contact in the image that is scored [px].
-    """
+    """One press, or none: the gel without contact."""
 
     number: int = 0
     commanded_m: tuple[float, float] = (0.0, 0.0)
     depth_m: float = 0.0
+    # Where the ball touched the gel [m]; ``tilt_rad`` is the contact's tilt there.
     touched_m: tuple[float, float] = (0.0, 0.0)
     tilt_rad: tuple[float, float] = (0.0, 0.0)
+    # Column, row and radius of the contact in the image that is scored [px].
     circle_px: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 

@@ -44,21 +44,18 @@ _STIFFENING_M = 3e-4  # beyond the table the stiffness doubles every so much dep
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurfaceProfile:
-    """The deformed surface around the indenter's axis.
-
-    Attributes:
-        tilt: Tilt of the indenter's face towards x and y [rad]; of a ball, of the gel under it.
-        tilt_height: What a tilt of one radian adds to the height on the side that the indenter
-            tilts to, at those radii [m]; empty for a ball.
-    """
+    """The deformed surface around the indenter's axis."""
 
     depth_m: float  # tip below the gel's highest point [m]; zero or less is no contact
     centre: tuple[float, float]  # the indenter's axis from the gel's centre, x and y [m]
+    # Tilt of the indenter's face towards x and y [rad]; of a ball, of the gel under it.
     tilt: tuple[float, float]
     contact_radius: float  # radius in contact [m]
     radius: FloatArray  # deformed radii from the axis [m], rising, shape [point_count]
     height: FloatArray  # height there relative to the gel's highest point at rest [m]
     radius_rest: FloatArray  # where those points were at rest [m]
+    # What a tilt of one radian adds to the height on the side that the indenter tilts to, at those
+    # radii [m]; empty for a ball.
     tilt_height: FloatArray
 
 

@@ -54,12 +54,9 @@ _BAND_PX = 16_000  # pixels worked on together: what the processor's cache holds
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """The raw frame's geometry: image right is base +x, image down is base +y.
+    """The raw frame's geometry: image right is base +x, image down is base +y."""
 
-    Attributes:
-        width, height: Of the raw frame [px].
-    """
-
+    # Of the raw frame [px].
     width: int
     height: int
     m_per_px: tuple[float, float]  # real scale in x and y [m]
@@ -266,11 +263,7 @@ class GelCamera:
 
 
 class _Light:
-    """One coloured bar of lights, as each pixel sees it.
-
-    Attributes:
-        toward: Unit vectors from the gel to the light, by component.
-    """
+    """One coloured bar of lights, as each pixel sees it."""
 
     def __init__(
         self, index: int, gain: float, unit: EmulatedUnit, x: Float32Array, y: Float32Array
@@ -283,6 +276,7 @@ class _Light:
         to_y = np.float32(away_m * np.sin(azimuth)) - y
         distance = _length(to_x, to_y, np.full_like(to_x, height_m))
         near = (away_m / distance) ** np.float32(_FALLOFF)
+        # Unit vectors from the gel to the light, by component.
         self.toward: tuple[Float32Array, ...] = (
             to_x / distance,
             to_y / distance,

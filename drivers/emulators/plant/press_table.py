@@ -43,15 +43,7 @@ def _nothing() -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressTable:
-    """Force and surface over depth; row 0 is the moment of contact.
-
-    Attributes:
-        tilt_displacement: What a tilt of one radian adds to it on the side that the tip tilts to
-            [m]; empty for a tip without a face, as is what follows.
-        moment: On the tip about its lowest point, over Young's modulus, against a tilt of one
-            radian [m^3], shape [depth_count].
-        side_force: On the tip towards the side that it tilts to, likewise [m^2].
-    """
+    """Force and surface over depth; row 0 is the moment of contact."""
 
     depths: FloatArray  # tip below the gel's highest point [m], shape [depth_count]
     force: FloatArray  # over Young's modulus [m^2], shape [depth_count]
@@ -60,8 +52,13 @@ class PressTable:
     radius_rest: FloatArray  # where points of the surface lie at rest [m], shape [point_count]
     height_rest: FloatArray  # their height relative to the highest point [m]
     displacement: FloatArray  # their (u_r, u_z) [m], shape [depth_count, point_count, 2]
+    # What a tilt of one radian adds to it on the side that the tip tilts to [m]; empty for a tip
+    # without a face, as is what follows.
     tilt_displacement: FloatArray = field(default_factory=_nothing)
+    # On the tip about its lowest point, over Young's modulus, against a tilt of one radian [m^3],
+    # shape [depth_count].
     moment: FloatArray = field(default_factory=_nothing)
+    # On the tip towards the side that it tilts to, likewise [m^2].
     side_force: FloatArray = field(default_factory=_nothing)
 
     def at(self, depth: float) -> tuple[float, float]:

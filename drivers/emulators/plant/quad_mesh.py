@@ -17,16 +17,13 @@ _VERSION = 4  # raised when the numbers or the fields change, so that old tables
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressCase:
-    """Everything a table depends on. Young's modulus is not here: forces scale with it.
-
-    Attributes:
-        max_depth_m: Depth of the last row asked for [m]; a table may end a little earlier where
-            the gel finds no equilibrium any more.
-    """
+    """Everything a table depends on. Young's modulus is not here: forces scale with it."""
 
     tip: Tip = field(default_factory=lambda: CylinderTip(diameter_m=5e-3))
     gel: GelDisc = field(default_factory=GelDisc)
     poisson: float = 0.48
+    # Depth of the last row asked for [m]; a table may end a little earlier where the gel finds no
+    # equilibrium any more.
     max_depth_m: float = 1.0e-3
     friction: float = 0.0  # Coulomb coefficient between tip and gel
 
@@ -49,11 +46,9 @@ class Grading:
 
     Without friction the gel is squeezed out from under the rim by a few hundred micrometres, so
     the fine band has to begin inside the rim, or coarse elements snap around its edge one by one.
-
-    Attributes:
-        fine_from_m, fine_to_m: Radii between which elements have ``fine_size_m`` [m].
     """
 
+    # Radii between which elements have ``fine_size_m`` [m].
     fine_from_m: float
     fine_to_m: float
     fine_size_m: float
@@ -76,19 +71,16 @@ class Grading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QuadMesh:
-    """Nodes and nine-node elements.
-
-    Attributes:
-        top_edges: Nodes of each element edge on the top, inwards to outwards, [edge_count, 3].
-        base_nodes, axis_nodes: Nodes on z = 0 and on r = 0.
-        stiffness: Modulus of each element over that of the uppermost layer, [element_count].
-    """
+    """Nodes and nine-node elements."""
 
     nodes: FloatArray  # (r, z) [m], z = 0 at the clamped base, shape [node_count, 2]
     elements: Int64Array  # node numbers, lexicographic with r fastest, shape [element_count, 9]
+    # Nodes of each element edge on the top, inwards to outwards, [edge_count, 3].
     top_edges: Int64Array
+    # Nodes on z = 0 and on r = 0.
     base_nodes: Int64Array
     axis_nodes: Int64Array
+    # Modulus of each element over that of the uppermost layer, [element_count].
     stiffness: FloatArray
 
     def at_quadrature(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -24,26 +24,19 @@ _SMOOTHING_M = 1.2e-5  # the paint does not follow an edge any sharper
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relief:
-    """One press, seen from the camera; heights count towards it.
-
-    Attributes:
-        tilt_rise: Height that a tilt of one radian adds on its own side, over the radius [1], at
-            multiples of ``STEP_M``.
-        tilt_slope: Radial slope of that height [1], likewise.
-        curvature: Radial curvature [1/m], likewise.
-        inside: 1 in contact, 0 outside, likewise.
-        bulge: Height towards the camera over the unloaded gel [m], likewise.
-    """
+    """One press, seen from the camera; heights count towards it."""
 
     centre: tuple[float, float]  # the indenter's axis from the gel's centre, x and y [m]
     tilt: tuple[float, float]  # tilt of the contact face towards x and y [rad]
     reach_m: float  # beyond this radius the image does not change
     slope: Float32Array  # radial slope beyond that of the dome, at multiples of ``STEP_M``
-    curvature: Float32Array
-    inside: Float32Array
-    bulge: Float32Array
+    curvature: Float32Array  # radial curvature [1/m], likewise
+    inside: Float32Array  # 1 in contact, 0 outside, likewise
+    bulge: Float32Array  # height towards the camera over the unloaded gel [m], likewise
+    # Height that a tilt of one radian adds on its own side, over the radius [1], at multiples of
+    # ``STEP_M``.
     tilt_rise: Float32Array
-    tilt_slope: Float32Array
+    tilt_slope: Float32Array  # radial slope of that height [1], likewise
 
     def places(
         self, x: Float32Array, y: Float32Array

@@ -24,16 +24,13 @@ FRICTION = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GelDisc:
-    """The gel at rest.
-
-    Attributes:
-        layers: From the base upwards, each with its share of the height and its modulus over that
-            of the uppermost; empty for a gel of one material.
-    """
+    """The gel at rest."""
 
     radius_m: float = 12.9e-3  # radius of the disc [m]
     thickness_m: float = 4.0e-3  # height of its highest point above the clamped base [m]
     dome_radius_m: float = 134e-3  # radius of the domed top [m]; inf is flat
+    # From the base upwards, each with its share of the height and its modulus over that of the
+    # uppermost; empty for a gel of one material.
     layers: tuple[tuple[float, float], ...] = ()
 
     def sag(self, radius: FloatArray) -> FloatArray:
@@ -66,21 +63,18 @@ class GelLight(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EmulatedUnit:
-    """One make of sensor, by the sizes that a lab reads off it; the defaults are a GelSight Mini.
-
-    Attributes:
-        dome_radii_m: Of the pad's top along x and y [m]; None takes the disc's for both.
-        gel: The disc of equal area that is pressed in its place.
-        pixel_m: Nominal size of its pixels on the gel, x and y [m].
-    """
+    """One make of sensor, by the sizes that a lab reads off it; at first a GelSight Mini."""
 
     name: str = "gelsight-mini"
     pad_size_m: tuple[float, float] = (25.25e-3, 20.75e-3)  # length along x and y [m]
+    # Of the pad's top along x and y [m]; None takes the disc's for both.
     dome_radii_m: tuple[float, float] | None = None
+    # The disc of equal area that is pressed in its place.
     gel: GelDisc = field(default_factory=GelDisc)
     young_pa: float = 0.435e6  # nominal modulus of the layer that is touched [Pa]
     poisson: float = 0.48
     image_size: tuple[int, int] = (320, 240)  # columns and rows of the image that is scored [px]
+    # Nominal size of its pixels on the gel, x and y [m].
     pixel_m: tuple[float, float] = (0.0634e-3, 0.0634e-3)
     crop: float = 0.15  # part of the raw frame's width and height that is cut off at each border
     light: GelLight = GelLight.COLOURED
@@ -96,24 +90,18 @@ class EmulatedUnit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlantTruth:
-    """One gel, one mounting, one set of lights and noises.
-
-    Attributes:
-        pose_error_m: Where the indenter really is, minus where the robot says, in x and y [m].
-        tilt_rad: Real tilt of the indenter's axis (tip to flange) towards base x and y [rad]; every
-            tilt of the plant has this sign.
-        image_shift_m: Where the gel's centre is seen, from the image's centre [m].
-        force_noise_n, torque_noise_nm: Standard deviation of a force sample [N], [N m].
-        force_latency_s, camera_latency_s: From the pose to the first byte on the wire [s].
-    """
+    """One gel, one mounting, one set of lights and noises."""
 
     seed: int
     young_pa: float  # relaxed (long-term) Young's modulus of the gel [Pa]
     poisson: float  # Poisson's ratio, one of the tabulated ones
     relaxation_weights: tuple[float, ...]  # Prony weights over the relaxed modulus
     relaxation_times_s: tuple[float, ...]
+    # Where the indenter really is, minus where the robot says, in x and y [m].
     pose_error_m: tuple[float, float]
     surface_error_m: float  # real height of the gel minus the expected one [m]
+    # Real tilt of the indenter's axis (tip to flange) towards base x and y [rad]; every tilt of the
+    # plant has this sign.
     tilt_rad: tuple[float, float]
     light_gain: tuple[float, float, float]  # gain of the red, green and blue light
     light_drift_ratio: float  # change of all lights when warm, relative [1]
@@ -121,12 +109,15 @@ class PlantTruth:
     image_noise_levels: float  # standard deviation of the image noise [grey levels]
     image_scale_error: tuple[float, float]  # relative error of the scale (m per px) in x and y
     image_rotation_rad: float  # rotation of the camera about its axis [rad]
+    # Where the gel's centre is seen, from the image's centre [m].
     image_shift_m: tuple[float, float]
+    # Standard deviation of a force sample [N], [N m].
     force_noise_n: float
     torque_noise_nm: float
     force_offset_n: tuple[float, float, float]
     force_drift_n_s: float  # drift of Fz [N/s]
     cross_talk: tuple[float, float]  # share of Fz that shows up in Fx and Fy
+    # From the pose to the first byte on the wire [s].
     force_latency_s: float
     camera_latency_s: float
     # Absent in worlds from before there was a choice.
