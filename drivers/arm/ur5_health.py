@@ -12,8 +12,7 @@ from drivers.arm.ur5_wire import (
     RTDE_PORT,
     RobotMode,
     RuntimeState,
-    robot_mode_name,
-    runtime_state_name,
+    in_words,
     safety_reason,
 )
 from drivers.interfaces import ProgramEndedError
@@ -125,10 +124,10 @@ class ArmHealth:
         if stopped is not None:
             raise self.lose(*stopped)
         if sample.robot_mode != RobotMode.RUNNING:
-            mode = robot_mode_name(sample.robot_mode)
+            mode = in_words(RobotMode, sample.robot_mode)
             raise self.lose(f"the arm is not running ({mode})", "power it on at the pendant")
         if sample.runtime_state != RuntimeState.PLAYING:
-            state = runtime_state_name(sample.runtime_state)
+            state = in_words(RuntimeState, sample.runtime_state)
             raise self.remember(
                 ProgramEndedError(
                     f"{self._device}: the program on the controller ended (runtime state {state})",

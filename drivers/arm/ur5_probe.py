@@ -23,8 +23,8 @@ from drivers.arm.ur5_wire import (
     PacketReader,
     Recipe,
     RobotMode,
+    in_words,
     pack_packet,
-    robot_mode_name,
     safety_reason,
 )
 from tacauchy_rig.core.config.model import RobotModel
@@ -137,7 +137,7 @@ def require_ready(report: ControllerReport, *, model: RobotModel) -> None:
         raise DeviceError(f"{where}: {stopped[0]}", remedy=stopped[1])
     if report.robot_mode != RobotMode.RUNNING:
         raise DeviceError(
-            f"{where}: the arm is not running ({robot_mode_name(report.robot_mode)})",
+            f"{where}: the arm is not running ({in_words(RobotMode, report.robot_mode)})",
             remedy="power the arm on and release its brakes at the pendant",
         )
     if report.in_use:

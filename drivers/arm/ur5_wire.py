@@ -252,13 +252,7 @@ def safety_reason(safety_bits: int) -> tuple[str, str] | None:
     return None
 
 
-def robot_mode_name(robot_mode: int) -> str:
-    """Return the mode in words, for example ``power off``."""
-    known: dict[int, str] = {mode: mode.name.lower().replace("_", " ") for mode in RobotMode}
-    return known.get(robot_mode, f"unknown mode {robot_mode}")
-
-
-def runtime_state_name(runtime_state: int) -> str:
-    """Return the program's state in words, for example ``stopped``."""
-    known: dict[int, str] = {state: state.name.lower() for state in RuntimeState}
-    return known.get(runtime_state, f"unknown state {runtime_state}")
+def in_words(kind: type[IntEnum], value: int) -> str:
+    """Return what a number of the controller means, for example ``power off``."""
+    names = {each.value: each.name.lower().replace("_", " ") for each in kind}
+    return names.get(value, f"unknown: {value}")

@@ -6,7 +6,7 @@ import logging
 import os
 import random
 import socket
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
@@ -147,11 +147,42 @@ class Emulation:
             DeviceError: One of them did not come up; the others are ended again.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
+        asked = self.config.emulation
+        truth = draw_truth(asked.seed, unit=self.unit, friction=asked.friction, tilt_rad=asked.tilt)
+        write_truth(self.folder, truth)
+        self.gel()  # its table is made here once: that may take longer than a device's coming up
+        SharedWorld.create(self.world_path).close()
+        if Device.ROBOT in self.devices:
+            self._robot_host = asked.robot_host
+            if self._robot_host == "auto":
+                self._robot_host = free_loopback_host()
+        elif self.follow_host is not None:
+            self._launch("pose_follower", "shared_world", host=self.follow_host)
         try:
-            self.addresses = self._start_all()
+            for device in Device:
+                if device in self.devices:
+                    self._start(device)
+            ready = {name: process.wait_ready() for name, process in self.processes.items()}
+            if asked.video_device is not None and Device.CAMERA in self.devices:
+                # Processes that are started from now on see the device.
+                self.preloaded = preloaded(self.folder / VIDEO_DEVICE)
+                before = {name: os.environ.get(name) for name in self.preloaded}
+                self._environment = {name: value for name, value in before.items() if value}
+                os.environ.update(self.preloaded)
+            for fault in map(parse_fault, asked.faults):
+                if fault.device in self.devices:
+                    post_fault(self.folder, fault)
         except DeviceError:
             self.stop()
             raise
+        logger.info("emulated devices: %s", ready)
+        url = ready.get(Device.CAMERA, {}).get("url")
+        self.camera_port = urlsplit(url or "").port or self.camera_port
+        # The link outlives a restart of the box; the pseudo-terminal behind it does not.
+        link = ready.get(Device.FORCE_SENSOR, {}).get("link")
+        self.addresses = EmulatedAddresses(
+            robot_host=self._robot_host or None, force_sensor_port=link, camera_url=url
+        )
         return self.addresses
 
     def restart(self, device: Device, *, tip: Vector3 | None = None) -> None:
@@ -167,59 +198,23 @@ class Emulation:
         self._start(device, tip=tip)
         self.processes[device.value].wait_ready()
 
-    def _start_all(self) -> EmulatedAddresses:
-        asked = self.config.emulation
-        truth = draw_truth(asked.seed, unit=self.unit, friction=asked.friction, tilt_rad=asked.tilt)
-        write_truth(self.folder, truth)
-        self.gel()  # its table is made here once: that may take longer than a device's coming up
-        SharedWorld.create(self.world_path).close()
-        port = url = None
-        if Device.ROBOT in self.devices:
-            self._robot_host = asked.robot_host
-            if self._robot_host == "auto":
-                self._robot_host = free_loopback_host()
-        elif self.follow_host is not None:
-            self._launch("pose_follower", "shared_world", self._settings(host=self.follow_host))
-        for device in Device:
-            if device in self.devices:
-                self._start(device)
-        for name, process in self.processes.items():
-            ready = process.wait_ready()
-            logger.info("emulated %s: %s", name, ready)
-            # The link outlives a restart of the box; the pseudo-terminal behind it does not.
-            port = ready.get("link", port)
-            url = ready.get("url", url)
-        if url is not None:
-            self.camera_port = urlsplit(url).port or 0
-        if self.config.emulation.video_device is not None and Device.CAMERA in self.devices:
-            # Processes that are started from now on see the device.
-            self.preloaded = preloaded(self.folder / VIDEO_DEVICE)
-            before = {name: os.environ.get(name) for name in self.preloaded}
-            self._environment = {name: value for name, value in before.items() if value}
-            os.environ.update(self.preloaded)
-        self._send_planned_faults()
-        host = self._robot_host or None
-        return EmulatedAddresses(robot_host=host, force_sensor_port=port, camera_url=url)
-
-    def _launch(self, name: str, module: str, settings: DeviceSettings) -> None:
-        self.processes[name] = EmulatedProcess(name, module, settings)
-
-    def _settings(self, **served: str | int) -> DeviceSettings:
-        return DeviceSettings(folder=self.folder, config=self.config, **served)  # type: ignore[arg-type]
-
     def _start(self, device: Device, *, tip: Vector3 | None = None) -> None:
-        if device is Device.ROBOT:
-            settings = self._settings(host=self._robot_host)
-            if tip is not None:
-                robot = self.config.robot.model_copy(update={"home": tip})
-                config = self.config.model_copy(update={"robot": robot})
-                settings = replace(settings, config=config)
-            self._launch(device, "arm.controller", settings)
-        elif device is Device.FORCE_SENSOR:
-            self._launch(device, "force_sensor.box", self._settings())
+        if device is Device.FORCE_SENSOR:
+            self._launch(device, "force_sensor.box")
+        elif device is Device.CAMERA:
+            self._launch(device, "camera.stream", host=self.camera_host, port=self.camera_port)
         else:
-            served = self._settings(host=self.camera_host, port=self.camera_port)
-            self._launch(device, "camera.stream", served)
+            self._launch(device, "arm.controller", tip=tip, host=self._robot_host)
+
+    def _launch(
+        self, name: str, module: str, *, tip: Vector3 | None = None, host: str = "", port: int = 0
+    ) -> None:
+        config = self.config
+        if tip is not None:
+            robot = config.robot.model_copy(update={"home": tip})
+            config = config.model_copy(update={"robot": robot})
+        settings = DeviceSettings(folder=self.folder, config=config, host=host, port=port)
+        self.processes[name] = EmulatedProcess(name, module, settings)
 
     def gel(self) -> Plant:
         """Return a fresh gel like the one that is pressed, once a device was started.
@@ -227,10 +222,4 @@ class Emulation:
         Raises:
             RecordError: The gel's truth cannot be read.
         """
-        return plant_of(self._settings())
-
-    def _send_planned_faults(self) -> None:
-        for text in self.config.emulation.faults:
-            fault = parse_fault(text)
-            if fault.device in self.devices:
-                post_fault(self.folder, fault)
+        return plant_of(DeviceSettings(folder=self.folder, config=self.config))

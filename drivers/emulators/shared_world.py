@@ -25,7 +25,7 @@ from rtde_receive import RTDEReceiveInterface
 from drivers.arm.ur5_probe import probe_controller
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
-from drivers.emulators.plant.truth import TRUTH_FILE, draw_truth, read_truth
+from drivers.emulators.plant.truth import TRUTH_FILE, read_truth
 from drivers.emulators.process import DeviceSettings, own_settings
 from tacauchy_rig.core.config.model import IndenterKind
 from tacauchy_rig.core.errors import DeviceError, RigError
@@ -173,19 +173,17 @@ def main() -> None:
 
 
 def plant_of(settings: DeviceSettings) -> Plant:
-    """Return the gel of a rig, at rest; the seed draws its world where no truth is written.
+    """Return the gel of a rig, at rest.
 
     Raises:
-        RecordError: The truth cannot be read.
-        ConfigError: The tip is impossible.
+        RecordError: Its truth is not written, or cannot be read.
     """
-    config, truth = settings.config, settings.folder / TRUTH_FILE
+    config = settings.config
     indenter = config.indenter
     tip: Tip = SphereTip(diameter_m=indenter.diameter)
     if indenter.kind is IndenterKind.CYLINDER:
         tip = CylinderTip(diameter_m=indenter.diameter, fillet_m=indenter.fillet)
-    known = read_truth(truth) if truth.exists() else draw_truth(config.emulation.seed)
-    return Plant(known, tip, config.sensor.surface)
+    return Plant(read_truth(settings.folder / TRUTH_FILE), tip, config.sensor.surface)
 
 
 if __name__ == "__main__":

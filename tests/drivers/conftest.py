@@ -56,6 +56,7 @@ def emulate_ur(tmp_path: Path) -> Iterator[EmulateUr]:
         host = free_loopback_host()
         parts = {"model": model, "home": (0.3, -0.3, 0.2), **robot}
         config = changed(load_config().config, robot=parts, emulation={"seed": seed})
+        write_truth(tmp_path, draw_truth(seed))
         settings = DeviceSettings(
             folder=tmp_path, config=config, host=host, quirks=frozenset(quirks)
         )

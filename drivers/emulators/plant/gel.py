@@ -204,7 +204,11 @@ class Plant:
         inside = min(max(depth, 0.0), float(table.depths[-1]))
         upper = int(np.clip(np.searchsorted(table.depths, inside), 1, table.depths.size - 1))
         share = (inside - table.depths[upper - 1]) / (table.depths[upper] - table.depths[upper - 1])
-        moved = (1.0 - share) * table.displacement[upper - 1] + share * table.displacement[upper]
+
+        def between(rows: FloatArray) -> FloatArray:
+            return np.asarray((1.0 - share) * rows[upper - 1] + share * rows[upper])
+
+        moved = between(table.displacement)
         if depth > inside:
             moved = moved * (depth / inside)
         contact = float(np.interp(inside, table.depths, table.contact_radius))
@@ -216,10 +220,9 @@ class Plant:
             height = np.minimum(height, face)
         tilt_height = np.zeros(0)
         if len(table.tilt_displacement) and any(tilt):
-            moved = (1.0 - share) * table.tilt_displacement[
-                upper - 1
-            ] + share * table.tilt_displacement[upper]
-            tilt_height = _odd_part(radius, height, math.hypot(*tilt) * moved) / math.hypot(*tilt)
+            tilted = math.hypot(*tilt)
+            tilt_height = _odd_part(radius, height, tilted * between(table.tilt_displacement))
+            tilt_height /= tilted
         return SurfaceProfile(
             depth_m=depth,
             centre=centre,

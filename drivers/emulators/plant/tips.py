@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,14 +64,6 @@ class CylinderTip(Tip):
     """Flat punch with a rounded edge."""
 
     fillet_m: float = 1e-4
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.fillet_m < 0.5 * self.diameter_m:
-            raise ConfigError(
-                f"emulated cylinder: a fillet of {self.fillet_m * 1e3:g} mm does not fit a "
-                f"diameter of {self.diameter_m * 1e3:g} mm",
-                remedy="give a fillet from 0 mm to below the radius",
-            )
 
     @property
     def edge_radius_m(self) -> float:

@@ -103,7 +103,7 @@ def _sample(
         (_sample(safety_bits=SafetyBit.SAFEGUARD_STOP), "safeguard stop"),
         (_sample(robot_mode=RobotMode.IDLE), r"not running \(idle\)"),
         (_sample(runtime_state=RuntimeState.STOPPED), r"ended \(runtime state stopped\)"),
-        (_sample(runtime_state=99), "unknown state 99"),
+        (_sample(runtime_state=99), "unknown: 99"),
     ],
 )
 def test_a_stop_is_named_and_stays(sample: ArmSample, message: str) -> None:

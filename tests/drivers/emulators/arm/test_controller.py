@@ -22,6 +22,7 @@ from rtde_receive import RTDEReceiveInterface
 from drivers.arm.ur5_wire import DASHBOARD_PORT
 from drivers.emulators.faults import parse_fault
 from drivers.emulators.force_estimate import COARSENESS
+from drivers.emulators.plant.truth import draw_truth, write_truth
 from drivers.emulators.process import DeviceSettings, command_line, post_fault
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from tacauchy_rig.core.config.load import load_config
@@ -305,6 +306,7 @@ def test_ready_line_and_world(emulate_ur: Callable[..., Any]) -> None:
 def test_a_taken_address_is_refused(emulate_ur: Callable[..., Any], tmp_path: Path) -> None:
     """A second controller at an address says which, and what to do."""
     robot = emulate_ur()
+    write_truth(tmp_path / "second", draw_truth(0))
     second = DeviceSettings(
         folder=tmp_path / "second", config=load_config().config, host=robot.host
     )
@@ -325,9 +327,11 @@ def test_ends_with_its_parent(tmp_path: Path) -> None:
     starter = (
         "import pathlib, os, sys\n"
         "from drivers.emulators.launch import free_loopback_host\n"
+        "from drivers.emulators.plant.truth import draw_truth, write_truth\n"
         "from drivers.emulators.process import DeviceSettings, EmulatedProcess\n"
         "from tacauchy_rig.core.config.load import load_config\n"
         "folder = pathlib.Path(sys.argv[1])\n"
+        "write_truth(folder, draw_truth(0))\n"
         "config, host = load_config().config, free_loopback_host()\n"
         "settings = DeviceSettings(folder=folder, config=config, host=host)\n"
         "child = EmulatedProcess('robot', 'arm.controller', settings)\n"

@@ -29,7 +29,7 @@ from drivers.emulators.faults import Device, Fault, FaultKind, parse_fault
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import render_press
 from drivers.emulators.plant.tips import CylinderTip
-from drivers.emulators.plant.truth import EmulatedUnit, draw_truth
+from drivers.emulators.plant.truth import EmulatedUnit, draw_truth, write_truth
 from drivers.emulators.process import DeviceSettings, EmulatedProcess, command_line, post_fault
 from drivers.emulators.shared_world import SharedWorld
 from tacauchy_rig.core.config.load import load_config
@@ -192,6 +192,7 @@ def camera_settings(folder: Path, *, rate: float = 25.0) -> DeviceSettings:
         sensor={"surface": (0.0, 0.0, SURFACE_Z)},
         emulation={"seed": 7},
     )
+    write_truth(folder, TRUTH)
     return DeviceSettings(folder=folder, config=config)
 
 

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
-from tacauchy_rig.core.errors import ConfigError
 
 TIPS: list[Tip] = [
     CylinderTip(diameter_m=5e-3, fillet_m=1e-4),
@@ -36,9 +35,3 @@ def test_the_underside_is_at_distance_zero(tip: Tip) -> None:
     r = np.linspace(0.0, 0.499 * tip.diameter_m, 50)
     np.testing.assert_allclose(tip.distance(r, tip.height(r)).value, 0.0, atol=1e-12)
     assert np.isinf(tip.height(np.array([0.51 * tip.diameter_m])))[0]
-
-
-def test_an_impossible_fillet_is_refused() -> None:
-    """The message names the fillet and the diameter."""
-    with pytest.raises(ConfigError, match=r"3 mm does not fit a diameter of 5 mm"):
-        CylinderTip(diameter_m=5e-3, fillet_m=3e-3)
