@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from reports.evidence.evidence import RunEvidence, StreamSummary, TrialEvidence, TruthComparison
-from reports.scores.contact import ContactScores, Corrections
+from reports.scores.contact import ContactScores, Corrections, PoseResidual
 from reports.scores.floors import Ceiling, Floors, ForceMargin, Skill, WrongForceMatrix
 from reports.scores.force_agreement import ForceAgreement
 from reports.scores.metrics import ImageScores, MeanInterval
@@ -158,73 +158,65 @@ def judge_model(
     The fitted shift of the indenter still counts as offset; advice about an edge is only for
     indenters that have one.
     """
+    has_rim = model is None or not model.indenter.startswith("sphere")
+    off_m = (0.0, 0.0) if model is None else model.found_offset_m
+    seen = corrections.pose if corrections and trial.place_known else None
     return (
-        _margin(thresholds, margin),
-        _residual(
-            thresholds,
-            contact,
-            has_rim=model is None or not model.indenter.startswith("sphere"),
-        ),
-        _offset(
-            thresholds,
-            corrections if trial.place_known else None,
-            (0.0, 0.0) if model is None else model.found_offset_m,
-        ),
-        _prediction(thresholds, force),
-        _mismatch(thresholds, force),
+        *_judge_images(thresholds, margin, contact, has_rim=has_rim),
+        _judge_place(thresholds, seen, off_m),
+        *_judge_forces(thresholds, force),
     )
 
 
-def _margin(thresholds: ReportSection, margin: ForceMargin | None) -> Criterion:
-    value = math.nan if margin is None else margin.in_spreads
-    limit = thresholds.min_force_margin
+def _judge_images(
+    thresholds: ReportSection,
+    margin: ForceMargin | None,
+    contact: ContactScores | None,
+    *,
+    has_rim: bool,
+) -> Iterator[Criterion]:
+    in_spreads = math.nan if margin is None else margin.in_spreads
     if margin is None:
         remedy = NOT_THERE
-    elif math.isnan(value):
+    elif math.isnan(in_spreads):
         remedy = "a margin needs a dwell of at least four frames and a visible contact"
     else:
         remedy = (
             f"the image of {margin.rival} fits this press equally well: the replay's images belong"
             " to other presses or to none, or the target forces are too close to distinguish"
         )
-    return Criterion.judged(
+    limit = thresholds.min_force_margin
+    yield Criterion.judged(
         MARGIN,
-        value,
-        passed=value >= limit,
+        in_spreads,
+        passed=in_spreads >= limit,
         limit="the correct force leaves a smaller residual in the contact than any wrong force and"
         f" no contact, by at least {limit:g} times the noise and repeat scatter",
         unit="spreads",
         remedy=remedy,
     )
-
-
-def _residual(
-    thresholds: ReportSection, contact: ContactScores | None, *, has_rim: bool
-) -> Criterion:
-    value = math.nan if contact is None else contact.relative_residual
+    residual = math.nan if contact is None else contact.relative_residual
     limit = thresholds.max_contact_residual
-    return Criterion.judged(
+    yield Criterion.judged(
         RESIDUAL,
-        value,
-        passed=value <= limit,
+        residual,
+        passed=residual <= limit,
         limit=f"at most {limit:g} of the contact's image change unexplained (no contact: 1)",
         unit="",
         remedy=NOT_THERE
-        if math.isnan(value)
+        if math.isnan(residual)
         else "look at the difference images: a ring points to the"
         f" {'fillet or the ' * has_rim}pose, a tint to the light, a disc to the force;"
         " calibrate scale and optics for this sensor",
     )
 
 
-def _offset(
-    thresholds: ReportSection, corrections: Corrections | None, found_offset_m: tuple[float, float]
+def _judge_place(
+    thresholds: ReportSection, pose: PoseResidual | None, off_m: tuple[float, float]
 ) -> Criterion:
-    pose, value = None if corrections is None else corrections.pose, math.nan
+    value, limit = math.nan, thresholds.max_contact_offset * 1e3
     if pose is not None and pose.x_mm is not None and pose.y_mm is not None:
-        x_mm, y_mm = (1e3 * found for found in found_offset_m)
-        value = math.hypot(x_mm + pose.x_mm, y_mm + pose.y_mm)
-    limit = thresholds.max_contact_offset * 1e3
+        value = math.hypot(1e3 * off_m[0] + pose.x_mm, 1e3 * off_m[1] + pose.y_mm)
     return Criterion.judged(
         OFFSET,
         value,
@@ -236,30 +228,29 @@ def _offset(
     )
 
 
-def _prediction(thresholds: ReportSection, force: ForceAgreement) -> Criterion:
+def _judge_forces(thresholds: ReportSection, force: ForceAgreement) -> Iterator[Criterion]:
     error, known = force.prediction_error_n, force.known_uncertainty_n
     value = math.nan if error is None or not known else error / known
     limit = thresholds.coverage_factor
-    return Criterion.judged(
+    mismatch = math.nan if force.mismatch_n is None else force.mismatch_n
+    if not math.isnan(value):
+        remedy = "gel, indenter or force sensor differ from their stated values: check the sensor's"
+        remedy += " file, the indenter, and the cell with a known weight"
+    elif force.mismatch_n is not None:
+        remedy = "the measured depth exceeds all simulated depths: check modulus and gel"
+    else:
+        remedy = NOT_THERE
+    yield Criterion.judged(
         PREDICTION,
         value,
         passed=abs(value) <= limit,
         limit=f"the force predicted at the measured depth deviates by at most {limit:g} times its"
         f" standard uncertainty{f' of {known:.3g} N' if known else ''}",
         unit="uncertainties",
-        remedy="the measured depth exceeds all simulated depths: check modulus and gel"
-        if math.isnan(value) and force.mismatch_n is not None
-        else NOT_THERE
-        if math.isnan(value)
-        else "gel, indenter or force sensor differ from their stated values: check the sensor's"
-        " file, the indenter, and the cell with a known weight",
+        remedy=remedy,
     )
-
-
-def _mismatch(thresholds: ReportSection, force: ForceAgreement) -> Criterion:
-    mismatch = math.nan if force.mismatch_n is None else force.mismatch_n
     limit = thresholds.max_force_mismatch
-    return Criterion.judged(
+    yield Criterion.judged(
         "force_mismatch",
         mismatch,
         passed=abs(mismatch) <= limit,
