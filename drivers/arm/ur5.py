@@ -206,11 +206,7 @@ class Ur5:
             self._link = None
 
     def _require_slow(self, *, speed: float, turn_speed: float = 0.0, acceleration: float) -> None:
-        """Refuse a motion beyond a cap, negative, or not a number.
-
-        Raises:
-            SafetyError: It is.
-        """
+        """Refuse a motion beyond a cap, negative, or not a number."""
         for name, asked, limit, unit in (
             ("speed", speed * 1e3, self._speed_cap_m_s * 1e3, "mm/s"),
             ("turning speed", turn_speed, _TURN_SPEED_CAP_RAD_S, "rad/s"),

@@ -41,11 +41,7 @@ class ArmHealth:
         self._wall_offset_s = time.time() - time.monotonic()
 
     def require_alive(self) -> None:
-        """Raise the first loss again, if there was one.
-
-        Raises:
-            DeviceError: The arm is lost.
-        """
+        """Raise the first loss again, if there was one."""
         if self._lost is not None:
             raise self._lost
 
@@ -102,11 +98,7 @@ class ArmHealth:
         return True
 
     def require_fresh(self) -> None:
-        """Refuse data whose time stamp stands still.
-
-        Raises:
-            DeviceError: Older than the limit.
-        """
+        """Refuse data whose time stamp stands still."""
         age_s = time.monotonic() - self._changed_s
         if age_s > self._limit_s:
             raise self.lose(
@@ -115,11 +107,7 @@ class ArmHealth:
             )
 
     def require_running(self, sample: ArmSample) -> None:
-        """Refuse an arm that was stopped, or whose program ended.
-
-        Raises:
-            DeviceError: With the reason, as far as the controller tells it.
-        """
+        """Refuse an arm that was stopped, or whose program ended."""
         stopped = safety_reason(sample.safety_bits)
         if stopped is not None:
             raise self.lose(*stopped)

@@ -202,11 +202,7 @@ class UrLink:
     def command(
         self, activity: str, function: Callable[[Any], object], *, deadline_s: float = COMMAND_S
     ) -> None:
-        """Make a control call that answers whether it was accepted; see ``Commander.call``.
-
-        Raises:
-            DeviceError: Refused, no answer in time, or the arm is lost.
-        """
+        """Make a control call that answers whether it was accepted; see ``Commander.call``."""
         self.health.require_alive()
         if not self.call(activity, function, deadline_s=deadline_s):
             self._explain_refusal()
@@ -284,11 +280,7 @@ class LineMove:
         self._start_s = 0.0
 
     def start(self, target: Vector6, *, speed: float, acceleration: float) -> None:
-        """Send the move [m, rad; m/s; m/s^2] and return at once.
-
-        Raises:
-            DeviceError: The controller refused.
-        """
+        """Send the move [m, rad; m/s; m/s^2] and return at once."""
         _, self._operation_before = self._link.call("reading progress", _progress)
         self._start_s = time.monotonic()
         self._link.command(
@@ -309,11 +301,7 @@ class LineMove:
         return True
 
     def stop(self, deceleration: float, *, deadline_s: float) -> None:
-        """Brake the tip at ``deceleration`` [m/s^2] and wait for it, at most ``deadline_s`` [s].
-
-        Raises:
-            DeviceError: The controller did not answer.
-        """
+        """Brake the tip at ``deceleration`` [m/s^2] and wait for it, at most ``deadline_s`` [s]."""
         end_s = time.monotonic() + deadline_s
         # Only the asynchronous form brakes the tip at [m/s^2]; the other one is a stopj.
         self._link.call("stopping", lambda c: c.stopL(deceleration, True), deadline_s=deadline_s)

@@ -149,11 +149,7 @@ def require_ready(report: ControllerReport, *, model: RobotModel) -> None:
 
 
 class _Port:
-    """A connection to one of the controller's ports, on which every wait ends at the deadline.
-
-    Raises:
-        DeviceError: Unknown name, refused, unreachable or silent.
-    """
+    """A connection to one of the controller's ports, on which every wait ends at the deadline."""
 
     def __init__(self, host: str, port: int, deadline_s: float) -> None:
         self.place = f"robot {host}: port {port} ({_PORT_PURPOSE[port]})"

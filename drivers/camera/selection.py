@@ -106,11 +106,7 @@ def find_device(
 
 
 def probe_url(url: str, *, timeout_s: float) -> None:
-    """See whether anything accepts connections where ``url`` points.
-
-    Raises:
-        DeviceError: Nothing does.
-    """
+    """See whether anything accepts connections where ``url`` points."""
     parts = urlsplit(url)
     address = (parts.hostname or "", parts.port or _PORTS.get(parts.scheme, 80))
     try:
@@ -137,11 +133,7 @@ def _by_path(path: str, present: list[VideoDevice]) -> VideoDevice:
 
 
 def check_access(device: VideoDevice) -> None:
-    """See whether this user may open the camera and nobody else holds it.
-
-    Raises:
-        DeviceError: No permission, or in use.
-    """
+    """See whether this user may open the camera and nobody else holds it."""
     if not os.access(device.path, os.R_OK | os.W_OK, effective_ids=True):
         raise DeviceError(
             f"camera: no permission to open {device.path}",

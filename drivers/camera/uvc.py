@@ -139,11 +139,7 @@ def _takes(stream: cv2.VideoCapture, mode: VideoMode, rate_hz: float) -> bool:
 def _lock(
     stream: cv2.VideoCapture, camera: CameraSection, offer: Offer
 ) -> Iterator[tuple[str, str]]:
-    """Set what the configuration states and read it back.
-
-    Raises:
-        DeviceError: The camera lacks a control, or does not keep the value.
-    """
+    """Set what the configuration states and read it back."""
     if camera.exposure is not None:
         stream.set(cv2.CAP_PROP_AUTO_EXPOSURE, MANUAL_EXPOSURE)
         _set(stream, ControlId.EXPOSURE, cv2.CAP_PROP_EXPOSURE, camera.exposure, offer)

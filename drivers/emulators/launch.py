@@ -62,9 +62,6 @@ def free_loopback_host() -> str:
     """Return a loopback address whose three controller ports are free.
 
     ur_rtde fixes the ports, so each emulated controller needs an address of its own.
-
-    Raises:
-        DeviceError: No free address was found in 200 tries.
     """
     source = random.Random()  # noqa: S311 - an address, not a secret
     for _ in range(200):
@@ -190,9 +187,6 @@ class Emulation:
 
         Args:
             tip: Where the arm is found then [m]; at home if None.
-
-        Raises:
-            DeviceError: It did not come up.
         """
         self.processes[device.value].stop()
         self._start(device, tip=tip)

@@ -78,11 +78,7 @@ class EmulatedProcess:
             )
 
     def wait_ready(self, *, timeout_s: float = READY_TIMEOUT_S) -> dict[str, Any]:
-        """Return the emulator's ready line.
-
-        Raises:
-            DeviceError: It ended, or said nothing before the deadline.
-        """
+        """Return the emulator's ready line."""
         deadline = time.monotonic() + timeout_s
         stream = self.process.stdout
         while stream is not None and time.monotonic() < deadline:
@@ -267,11 +263,7 @@ def post_fault(folder: Path, fault: Fault) -> None:
 
 
 def hang_weight(folder: Path, mass_kg: float) -> None:
-    """Hang a weight [kg] on the emulated cell in ``folder``; 0 takes it off.
-
-    Raises:
-        DeviceError: No emulated cell listens in ``folder``.
-    """
+    """Hang a weight [kg] on the emulated cell in ``folder``; 0 takes it off."""
     _post(folder, Device.FORCE_SENSOR, HungWeight(mass_kg=mass_kg))
 
 

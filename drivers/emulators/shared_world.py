@@ -72,11 +72,7 @@ class SharedWorld:
 
     @classmethod
     def open(cls, path: Path) -> SharedWorld:
-        """Map a file that another process created.
-
-        Raises:
-            DeviceError: The file is absent or is not such a file.
-        """
+        """Map a file that another process created."""
         if not path.is_file() or path.stat().st_size != _FILE_SIZE:
             raise DeviceError(
                 f"shared world {path}: absent, or not a file of this program",

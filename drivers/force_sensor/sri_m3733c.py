@@ -241,11 +241,7 @@ def _gone(path: str, error: Exception) -> DeviceError:
 
 
 def _open_port(path: str, *, baud_rate: int) -> serial.Serial:
-    """Open ``path`` exclusively, 8N1, and ask the adapter for low latency where it can.
-
-    Raises:
-        DeviceError: Absent, no permission, in use, or not a serial port; each with its remedy.
-    """
+    """Open ``path`` exclusively, 8N1, and ask the adapter for low latency where it can."""
     holders = device_holders(path)
     if holders:
         raise _in_use(path, holders)

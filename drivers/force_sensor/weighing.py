@@ -53,11 +53,7 @@ def weigh_connected(
 
 
 def weigh(config: RigConfig, *, ask: Callable[[Load], None]) -> tuple[Tare, Tare, Tare]:
-    """Connect the configured sensor alone, weigh, and let go of it; see ``weigh_connected``.
-
-    Raises:
-        DeviceError: It does not answer, or not as a cell should.
-    """
+    """Connect the configured sensor alone, weigh, and let go of it; see ``weigh_connected``."""
     sensor: ForceTorqueSensor = load(Kind.FORCE_SENSOR, config.force_sensor.driver)(config, None)
     try:
         sensor.connect()

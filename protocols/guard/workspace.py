@@ -54,11 +54,7 @@ class Workspace:
             )
 
     def check_start(self, pose: Pose) -> None:
-        """Refuse to start far from home.
-
-        Raises:
-            SafetyError: The distance, and where home is.
-        """
+        """Refuse to start far from home."""
         distance = math.dist(pose.position, self._home)
         if distance > self._box.home_radius:
             raise SafetyError(

@@ -203,11 +203,7 @@ class Recorder:
 
 
 def record(job: Job, supervisor: Channel) -> None:
-    """Do the recorder's job.
-
-    Raises:
-        RecordError: The disk is full or gone; producers and supervisor are told.
-    """
+    """Do the recorder's job."""
     ignore_signals()
     ask_for_priority(NICENESS)
     store = RunStore.open(job.root)

@@ -120,11 +120,7 @@ class Supervisor:
             child.close()
 
     def run(self) -> SessionResult:
-        """Connect, run the programme, end every process, and say how it went.
-
-        Raises:
-            DeviceError: Devices did not connect; all of them are named.
-        """
+        """Connect, run the programme, end every process, and say how it went."""
         if self._viewing.address:
             # Shown and not kept: whoever has it can stop the arm.
             self._show(JournalEvent.now("page", address=self._viewing.address))

@@ -37,9 +37,6 @@ class Viewing:
     """The viewers of a session, their feeds, and the page's address, which a restart keeps.
 
     The page shows what the ``others`` show; ``address`` holds its token and is empty without one.
-
-    Raises:
-        ConfigError: The page's port is taken.
     """
 
     def __init__(

@@ -237,11 +237,7 @@ class RunReading:
         return None if record is None else readable(lambda: self.read(record))
 
     def read(self, record: TrialRecord) -> AttemptReading:
-        """Return what is read of an attempt, its recording opened once.
-
-        Raises:
-            RecordError: The recording is missing or damaged.
-        """
+        """Return what is read of an attempt, its recording opened once."""
         if record.index not in self._attempts:
             self._attempts[record.index] = AttemptReading(self.store, record, self.geometry)
         return self._attempts[record.index]

@@ -134,11 +134,7 @@ class FrameServer:
 
 
 def mjpeg_server(host: str, port: int) -> FrameServer:
-    """Serve an HTTP multipart JPEG stream.
-
-    Raises:
-        OSError: The address cannot be listened on.
-    """
+    """Serve an HTTP multipart JPEG stream."""
     listener = socket.create_server((host, port), backlog=4)
     host, port = listener.getsockname()[:2]
     return FrameServer(listener, Reader, f"http://{host}:{port}/stream.mjpg")
@@ -188,11 +184,7 @@ _DAMAGED = b"\0without a packet\0"
 
 
 def serve_device(path: Path, description: str) -> FrameServer:
-    """Plug a device in at ``path``, as good as new; it goes when the server is closed.
-
-    Raises:
-        OSError: The folder cannot be written.
-    """
+    """Plug a device in at ``path``, as good as new; it goes when the server is closed."""
     path.with_name(f"{path.name}.wedged").unlink(missing_ok=True)
     frames = path.with_name(f"{path.name}.frames")
     frames.unlink(missing_ok=True)

@@ -113,11 +113,7 @@ class GelSolver:
         self._clamped = np.union1d(dofs_of(mesh.base_nodes[:, None], 2), 2 * mesh.axis_nodes)
 
     def press(self, tip_z_m: float, start: FloatArray, *, grip: Grip | None = None) -> Equilibrium:
-        """Return the equilibrium with the tip's lowest point at ``tip_z_m`` [m] above the base.
-
-        Raises:
-            ConvergenceError: Newton's method did not converge from ``start``.
-        """
+        """Return the equilibrium with the tip's lowest point at ``tip_z_m`` [m] above the base."""
         self._tip_z_m, self.springs, u = tip_z_m, None, start.ravel()
         if self._friction == 0.0 or grip is None:
             u = self._newton(u, self._clamped)
@@ -151,11 +147,7 @@ class GelSolver:
         return np.asarray(strain.reshape(*self.weights.shape, 9) + np.eye(3).ravel())
 
     def _gripped(self, u: FloatArray, grip: Grip | None) -> tuple[FloatArray, Grip]:
-        """Solve with the springs' limits of the last round until those stand still.
-
-        Raises:
-            ConvergenceError: They do not.
-        """
+        """Solve with the springs' limits of the last round until those stand still."""
         weights = self.edge_weights.ravel()
         pressure = -PENALTY_PER_M * self.contact(u)[2] if grip is None else grip.pressure
         for _ in range(_GRIP_LIMIT):
@@ -246,11 +238,7 @@ class GelSolver:
 
 
 def solved(matrix: csc_matrix, load: FloatArray, free: Int64Array) -> FloatArray:
-    """Return the solution over the ``free`` degrees of freedom, zero at the others.
-
-    Raises:
-        ConvergenceError: The matrix is singular.
-    """
+    """Return the solution over the ``free`` degrees of freedom, zero at the others."""
     found = np.zeros_like(load)
     try:
         factor = splu(

@@ -86,9 +86,6 @@ def view_of(truth: PlantTruth, size: tuple[int, int], factor: int = 1) -> View:
 
     Args:
         factor: How many raw pixels a pixel of the view covers in each direction.
-
-    Raises:
-        ConfigError: The size is not one that such a camera has.
     """
     width, height = size
     if not (320 <= width <= 3280 and 240 <= height <= 2464):

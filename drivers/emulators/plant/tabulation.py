@@ -24,11 +24,7 @@ _CUT_LIMIT = 3
 
 
 def tabulate(case: PressCase) -> dict[str, FloatArray]:
-    """Press in steps; return the fields of a ``PressTable``.
-
-    Raises:
-        ConvergenceError: No equilibrium was found in the first half of the depth asked for.
-    """
+    """Press in steps; return the fields of a ``PressTable``."""
     mesh, top_m = mesh_disc(case.gel, _grading(case)), case.gel.thickness_m
     solver = GelSolver(mesh, case.tip, poisson=case.poisson, friction=case.friction)
     depth_count = round(case.max_depth_m / _DEPTH_STEP_M)

@@ -211,11 +211,7 @@ def write_truth(folder: Path, truth: PlantTruth) -> Path:
 
 
 def read_truth(path: Path) -> PlantTruth:
-    """Read what ``write_truth`` wrote.
-
-    Raises:
-        RecordError: Absent or not such a file.
-    """
+    """Read what ``write_truth`` wrote."""
     try:
         return _TRUTH.validate_json(read_bytes(path, what="the truth"))
     except ValueError as error:
