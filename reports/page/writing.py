@@ -234,7 +234,7 @@ def write_report(
 
 
 def make_room(folder: Path) -> None:
-    """Take files from a report's folder that have another name anywhere, which keeps its content."""
+    """Take out of a report's folder the files that have another name, which keeps their content."""
     with _refusing(folder):
         for path in folder.rglob("*"):
             if path.is_file() and path.stat().st_nlink > 1:

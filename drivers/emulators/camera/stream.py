@@ -170,7 +170,7 @@ class BackgroundRenderer:
         self._request: Future[None] | None = None
 
     def ask(self, key: PressKey, *, timeout_s: float) -> None:
-        """Ask for ``key`` and wait for it at most ``timeout_s`` [s]; an older request is forgotten."""
+        """Ask for ``key`` and wait at most ``timeout_s`` [s]; an older request is forgotten."""
         if self._request is not None:
             self._request.cancel()
         self._request = self._thread.submit(self._factory.prepare, key)
