@@ -46,29 +46,19 @@ class Touched(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactScores:
-    """How well the simulated change of the image matches the real one.
+    """How well the simulated change of the image matches the real one."""
 
-    Attributes:
-        zncc: Correlation of the two changes inside the region: place and shape.
-        relative_residual: Norm of the difference of the changes over the norm of the real one:
-            amplitude, so force. 0 is perfect, 1 is what predicting no contact gives.
-        error_levels: Mean absolute error inside the region [grey level].
-        ssim_crop: SSIM of a square around the real footprint.
-        mask_iou: Overlap of the two footprints over their union.
-        centroid_error_px: Distance of the footprints' centroids [px].
-        radius_error_px: Simulated minus real radius of a disc of the footprint's area [px].
-        centroid_error_mm: None when the scale [mm/px] is unknown.
-    """
-
-    zncc: float
+    zncc: float  # correlation of the two changes inside the region: place and shape
+    # Norm of the difference of the changes over the norm of the real one: amplitude, so force. 0 is
+    # perfect, 1 is what predicting no contact gives.
     relative_residual: float
-    error_levels: float
-    ssim_crop: float
-    mask_iou: float
-    centroid_error_px: float
-    radius_error_px: float
+    error_levels: float  # mean absolute error inside the region [grey level]
+    ssim_crop: float  # SSIM of a square around the real footprint
+    mask_iou: float  # overlap of the two footprints over their union
+    centroid_error_px: float  # distance of the footprints' centroids [px]
+    radius_error_px: float  # simulated minus real radius of a disc of the footprint's area [px]
     radius_real_px: float
-    centroid_error_mm: float | None = None
+    centroid_error_mm: float | None = None  # none when the scale [mm/px] is unknown
     radius_error_mm: float | None = None
     radius_real_mm: float | None = None
 
@@ -245,46 +235,32 @@ MIN_LIGHT_FRACTION = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseResidual:
-    """Translation that brings the simulated contact onto the real one.
+    """Translation that brings the simulated contact onto the real one."""
 
-    Attributes:
-        x_px: Positive: the real contact lies to the right of the simulated one [px].
-        y_px: Positive: the real contact lies below the simulated one [px].
-        x_mm: The same in mm; None when the scale is unknown.
-    """
-
-    x_px: float
-    y_px: float
-    x_mm: float | None = None
+    x_px: float  # positive: the real contact lies to the right of the simulated one [px]
+    y_px: float  # positive: the real contact lies below the simulated one [px]
+    x_mm: float | None = None  # the same in mm; None when the scale is unknown
     y_mm: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LightResidual:
-    """real = gain * simulated + offset, fitted per channel (R, G, B) outside the contact.
-
-    Attributes:
-        offset: [grey level].
-        pixel_fraction: Part of the frame that the fit used.
-    """
+    """real = gain * simulated + offset, fitted per channel (R, G, B) outside the contact."""
 
     gain: tuple[float, float, float]
-    offset: tuple[float, float, float]
-    pixel_fraction: float
+    offset: tuple[float, float, float]  # [grey level]
+    pixel_fraction: float  # part of the frame that the fit used
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Corrections:
-    """Residuals of pose and light, and the scores with them taken out.
-
-    Attributes:
-        contact_pose_light_corrected: The light is taken out of the no-contact frame as well.
-    """
+    """Residuals of pose and light, and the scores with them taken out."""
 
     pose: PoseResidual | None
     light: LightResidual | None
     metrics_pose_corrected: ImageScores | None
     metrics_pose_light_corrected: ImageScores | None
+    # The light is taken out of the no-contact frame as well.
     contact_pose_light_corrected: ContactScores | None
 
 

@@ -47,17 +47,12 @@ class SkillStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Floors:
-    """Scores of images that carry no information about this press.
+    """Scores of images that carry no information about this press."""
 
-    Attributes:
-        no_contact: The real no-contact frame in place of the simulated image.
-        flat_mean: One flat colour, the real image's own mean.
-        wrong_force: Per score, the best that any other trial's simulated image reaches: the
-            hardest of the wrong forces. None with a single trial.
-    """
-
-    no_contact: ImageScores
-    flat_mean: ImageScores
+    no_contact: ImageScores  # the real no-contact frame in place of the simulated image
+    flat_mean: ImageScores  # one flat colour, the real image's own mean
+    # Per score, the best that any other trial's simulated image reaches: the hardest of the wrong
+    # forces. None with a single trial.
     wrong_force: ImageScores | None = None
 
 
@@ -71,34 +66,27 @@ class Ceiling:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Skill:
-    """(score - floor) / (ceiling - floor); the floor is the no-contact frame.
+    """(score - floor) / (ceiling - floor); the floor is the no-contact frame."""
 
-    Attributes:
-        value: None where there is no ceiling, or none that discriminates. Above 1 a noise-free
-            image beats the sensor's own repeat, which says nothing about the simulator.
-    """
-
+    # None where there is no ceiling, or none that discriminates. Above 1 a noise-free image beats
+    # the sensor's own repeat, which says nothing about the simulator.
     value: float | None
     status: SkillStatus
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WrongForceMatrix:
-    """One score of every real press (row) against every simulated press (column).
-
-    Attributes:
-        trials: Trial of each row and column.
-        forces_n: Their target forces [N]; presses to one target are not wrong for one another.
-        values: Shape [n, n]; NaN where a score does not exist, as between presses of other
-            indenters or places.
-        diagonal_wins: Per row, whether the own press scores better than every wrong force.
-    """
+    """One score of every real press (row) against every simulated press (column)."""
 
     metric: str
     larger_is_better: bool
-    trials: tuple[int, ...]
+    trials: tuple[int, ...]  # trial of each row and column
+    # Their target forces [N]; presses to one target are not wrong for one another.
     forces_n: tuple[float, ...]
+    # Shape [n, n]; NaN where a score does not exist, as between presses of other indenters or
+    # places.
     values: tuple[tuple[float, ...], ...]
+    # Per row, whether the own press scores better than every wrong force.
     diagonal_wins: tuple[bool, ...]
 
 
@@ -291,20 +279,15 @@ PER_MEDIAN = 1.4826  # standard deviation over the median of the sizes, of norma
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceMargin:
-    """How clearly a real press is told from wrong forces by its image.
+    """How clearly a real press is told from wrong forces by its image."""
 
-    Attributes:
-        value: Smallest residual that a wrong force or no contact leaves, minus that of the own
-            force; negative where a wrong one wins. NaN where no contact shows.
-        spread: How far ``value`` scatters for nothing but noise of the images or, where forces were
-            pressed more than once and that is more, from press to press. None where neither is
-            known.
-        rival: What came second: a force, or no contact.
-    """
-
+    # Smallest residual that a wrong force or no contact leaves, minus that of the own force;
+    # negative where a wrong one wins. NaN where no contact shows.
     value: float
+    # How far ``value`` scatters for nothing but noise of the images or, where forces were pressed
+    # more than once and that is more, from press to press. None where neither is known.
     spread: float | None
-    rival: str
+    rival: str  # what came second: a force, or no contact
 
     @property
     def in_spreads(self) -> float:
@@ -316,18 +299,15 @@ class ForceMargin:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Reading:
-    """One trial's margin.
-
-    Attributes:
-        change: Between the margins of the two halves of the dwell; NaN without halves.
-        sensitivity: Standard deviation of the margin for noise of one grey level that is the same
-            everywhere and has no memory [1/grey level].
-    """
+    """One trial's margin."""
 
     press_key: PressKey
     value: float
     rival: str
+    # Between the margins of the two halves of the dwell; NaN without halves.
     change: float = math.nan
+    # Standard deviation of the margin for noise of one grey level that is the same everywhere and
+    # has no memory [1/grey level].
     sensitivity: float = math.nan
 
     @property

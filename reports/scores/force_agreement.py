@@ -32,38 +32,24 @@ class TermGroup(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UncertaintyTerm:
-    """One line of the budget.
-
-    Attributes:
-        value_n: Standard uncertainty of the force [N]; None when nobody has measured it.
-        degrees_of_freedom: None where its uncertainty is taken as known.
-        basis: How the value is known, or why it is not.
-    """
+    """One line of the budget."""
 
     name: str
     group: TermGroup
-    value_n: float | None
-    basis: str
-    degrees_of_freedom: float | None = None
+    value_n: float | None  # standard uncertainty of the force [N]; None when nobody has measured it
+    basis: str  # how the value is known, or why it is not
+    degrees_of_freedom: float | None = None  # none where its uncertainty is taken as known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Combined:
-    """What the known terms of a budget come to.
+    """What the known terms of a budget come to."""
 
-    Attributes:
-        value_n: Root sum of squares, u_val of ASME V&V 20 [N].
-        degrees_of_freedom: After Welch and Satterthwaite; None where no term has any.
-        expanded_n: Half width of the 95 % interval, by Student's t of them [N].
-        largest: Name of the term that pays most to reduce.
-        without_largest_n: What ``value_n`` would be without it [N].
-    """
-
-    value_n: float
-    degrees_of_freedom: float | None
-    expanded_n: float
-    largest: str
-    without_largest_n: float
+    value_n: float  # root sum of squares, u_val of ASME V&V 20 [N]
+    degrees_of_freedom: float | None  # after Welch and Satterthwaite; None where no term has any
+    expanded_n: float  # half width of the 95 % interval, by Student's t of them [N]
+    largest: str  # name of the term that pays most to reduce
+    without_largest_n: float  # what ``value_n`` would be without it [N]
 
 
 def combine(terms: Sequence[UncertaintyTerm]) -> Combined | None:
@@ -102,13 +88,9 @@ _IN_CONTACT = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scatter:
-    """How presses of one run differ in measured over predicted force.
+    """How presses of one run differ in measured over predicted force."""
 
-    Attributes:
-        relative: Standard deviation of a single press [1]; None where too few tell it.
-    """
-
-    relative: float | None
+    relative: float | None  # standard deviation of a single press [1]; None where too few tell it
     degrees_of_freedom: float | None
     basis: str
 
@@ -293,30 +275,24 @@ UNKNOWN_SCATTER = scatter_of(())
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceAgreement:
-    """Simulated against measured force of one trial.
-
-    Attributes:
-        mismatch_n: Simulated minus measured at the accepted depth [N]; by construction small.
-        force_predicted_n: Simulated force at the measured depth [N]; None outside the curve.
-        prediction_error_n: Predicted minus measured [N], E = S - D of ASME V&V 20.
-        depth_error_m: Simulated minus measured depth at equal force [m], both from first touch.
-        touch_depth_m: Depth of the simulator at the force that the press called contact [m];
-            added to the measured depth.
-        known_uncertainty_n: Root sum of squares of the known terms of ``budget`` [N].
-        combined: The same with degrees of freedom and the 95 % interval; None without a term.
-        budget_complete: False when any term is unknown: u_val is then larger than shown.
-    """
+    """Simulated against measured force of one trial."""
 
     tolerance_n: float
+    # Simulated minus measured at the accepted depth [N]; by construction small.
     mismatch_n: float | None
+    # Simulated force at the measured depth [N]; None outside the curve.
     force_predicted_n: float | None
-    prediction_error_n: float | None
+    prediction_error_n: float | None  # predicted minus measured [N], E = S - D of ASME V&V 20
     prediction_error_relative: float | None
+    # Simulated minus measured depth at equal force [m], both from first touch.
     depth_error_m: float | None
+    # Depth of the simulator at the force that the press called contact [m]; added to the measured
+    # depth.
     touch_depth_m: float | None
-    known_uncertainty_n: float | None
+    known_uncertainty_n: float | None  # root sum of squares of the known terms of ``budget`` [N]
+    # The same with degrees of freedom and the 95 % interval; None without a term.
     combined: Combined | None
-    budget_complete: bool
+    budget_complete: bool  # false when any term is unknown: u_val is then larger than shown
     budget: tuple[UncertaintyTerm, ...]
 
 

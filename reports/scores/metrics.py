@@ -25,18 +25,12 @@ PEAK = 255.0
 
 
 class Metric(StrEnum):
-    """The five scores, by the names they have in ``summary.json``.
+    """The five scores, by the names they have in ``summary.json``."""
 
-    Attributes:
-        label: What a sentence calls it; ``short`` is for narrow places.
-        decimals: How many a table shows.
-        unit: As figures write it; empty for a plain number.
-    """
-
-    label: str
+    label: str  # what a sentence calls it; ``short`` is for narrow places
     short: str
-    decimals: int
-    unit: str
+    decimals: int  # how many a table shows
+    unit: str  # as figures write it; empty for a plain number
 
     def __new__(cls, key: str, label: str, short: str, decimals: int, unit: str = "") -> Self:
         """Take a score's name in JSON as its value, the rest as attributes."""
@@ -69,19 +63,13 @@ class Metric(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageScores:
-    """The five scores of one image against another.
-
-    Attributes:
-        ncc: NaN where one of the images is flat, because the correlation does not exist.
-        psnr_db: Peak signal-to-noise ratio [dB]; infinite for identical images.
-        mse: Mean squared error [grey level^2].
-    """
+    """The five scores of one image against another."""
 
     ssim: float
-    ncc: float
+    ncc: float  # NaN where one of the images is flat, because the correlation does not exist
     histogram_correlation: float
-    psnr_db: float
-    mse: float
+    psnr_db: float  # peak signal-to-noise ratio [dB]; infinite for identical images
+    mse: float  # mean squared error [grey level^2]
 
     def value(self, metric: Metric) -> float:
         """Return the score that ``metric`` names."""
@@ -189,20 +177,13 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeanInterval:
-    """A mean over trials with its Student t interval.
+    """A mean over trials with its Student t interval."""
 
-    Attributes:
-        mean: None when no trial gave a finite value.
-        low: Lower end at ``CONFIDENCE``; None below two values.
-        deviation: Sample standard deviation over the trials; None below two values.
-        count: Number of finite values.
-    """
-
-    mean: float | None
-    low: float | None
+    mean: float | None  # none when no trial gave a finite value
+    low: float | None  # lower end at ``CONFIDENCE``; None below two values
     high: float | None
-    deviation: float | None
-    count: int
+    deviation: float | None  # sample standard deviation over the trials; None below two values
+    count: int  # number of finite values
 
 
 def t_interval(values: Sequence[float]) -> MeanInterval:

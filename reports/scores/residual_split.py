@@ -66,35 +66,27 @@ UNMENDABLE = (Cause.NOISE, Cause.REST)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mode:
-    """What one unknown does to the images.
-
-    Attributes:
-        size: Its standard uncertainty, in ``unit``.
-        changes: By trial, what so much of it changes [grey level], shape [height, width, 3].
-    """
+    """What one unknown does to the images."""
 
     name: str
     cause: Cause
-    size: float
+    size: float  # its standard uncertainty, in ``unit``
     unit: str
+    # By trial, what so much of it changes [grey level], shape [height, width, 3].
     changes: Mapping[int, FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
 class _Trial:
-    """Changes against the no-contact frame, and where they count.
-
-    Attributes:
-        around: The rows and columns of the region, and some more for what is smoothed or moved.
-        noise: Mean square of the camera's noise in their difference [grey level^2].
-    """
+    """Changes against the no-contact frame, and where they count."""
 
     index: int
     real: FloatArray
     simulated: FloatArray
     region: BoolArray
+    # The rows and columns of the region, and some more for what is smoothed or moved.
     around: tuple[slice, slice]
-    noise: float
+    noise: float  # mean square of the camera's noise in their difference [grey level^2]
 
     @property
     def inside(self) -> BoolArray:

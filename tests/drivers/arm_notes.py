@@ -18,19 +18,12 @@ def read_events(folder: Path) -> list[dict[str, object]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraceRow:
-    """True state of the tip at one cycle.
+    """True state of the tip at one cycle."""
 
-    Attributes:
-        stamp_ns: CLOCK_MONOTONIC.
-        position: x, y, z [m].
-        velocity: vx, vy, vz [m/s].
-        runtime_state: State of the controller's program.
-    """
-
-    stamp_ns: int
-    position: Vector3
-    velocity: Vector3
-    runtime_state: int
+    stamp_ns: int  # CLOCK_MONOTONIC
+    position: Vector3  # x, y, z [m]
+    velocity: Vector3  # vx, vy, vz [m/s]
+    runtime_state: int  # state of the controller's program
 
 
 def read_trace(folder: Path) -> list[TraceRow]:

@@ -29,15 +29,13 @@ class MockArm:
     Attributes:
         refuses_poses: Whether its controller admits no pose.
         ignores_moves: Whether it takes moves and does not begin them.
-        fastest_m_s: Highest tool speed so far.
-        watchdog_stops: How often the watchdog had to stop the arm.
     """
 
     def __init__(self, world: MockWorld) -> None:
         self.world = world
         self.refuses_poses = self.ignores_moves = False
-        self.watchdog_stops = 0
-        self.fastest_m_s = 0.0
+        self.watchdog_stops = 0  # how often the watchdog had to stop the arm
+        self.fastest_m_s = 0.0  # highest tool speed so far
         self._target: Pose | None = None
         self._speed = 0.0
         self._acceleration = world.config.robot.acceleration

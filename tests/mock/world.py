@@ -71,11 +71,6 @@ class MockWorld:
         bias: Raw wrench while nothing touches [N, N m].
         surface_offset_m: How much higher the gel lies than the configuration says.
         motion_delay_s: From a velocity command to the arm's reaction.
-
-    Attributes:
-        faults: Those that are on now.
-        disturbance: Wrench that something else exerts on the sensor.
-        now_ns: Time the world has reached [ns].
     """
 
     def __init__(
@@ -103,11 +98,11 @@ class MockWorld:
         self.pose = Pose(position=config.robot.home, rotation_vector=config.robot.tool_rotation)
         self.velocity: Vector6 = Still
         self.force_n = 0.0
-        self.disturbance: Vector6 = Still
-        self.faults: list[Fault] = []
+        self.disturbance: Vector6 = Still  # wrench that something else exerts on the sensor
+        self.faults: list[Fault] = []  # those that are on now
         self.on_fault: list[Callable[[Fault, bool], None]] = []
         self.start_ns = clock.now_ns()
-        self.now_ns = self.start_ns
+        self.now_ns = self.start_ns  # time the world has reached [ns]
         self._drive: Callable[[float], Vector6] | None = None
         self._listeners: list[Callable[[int], None]] = []
         self._plans: list[tuple[Callable[[], bool], Callable[[], None]]] = []

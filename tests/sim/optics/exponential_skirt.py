@@ -18,14 +18,10 @@ class ExponentialSkirt:
     """A ball inside the contact; outside, a skirt whose tilt decays exponentially from the rim.
 
     Tilt is continuous at the rim, as under a smooth ball (Hertz), and dies out over a length.
-
-    Attributes:
-        ball_radius_m: Radius of the ball [m].
-        decay_m: Distance over which the tilt falls by e [m].
     """
 
-    ball_radius_m: float
-    decay_m: float
+    ball_radius_m: float  # radius of the ball [m]
+    decay_m: float  # distance over which the tilt falls by e [m]
 
     def __call__(self, contact_radius_m: float) -> RadialProfile:
         """Return the gel's surface where the contact has this radius [m]."""

@@ -29,18 +29,13 @@ ROUNDED = "cylinder:diameter=4mm", "cylinder:diameter=4mm,fillet=0.1mm"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Called:
-    """What a command took.
-
-    Attributes:
-        silent_s: The longest time without a line [s].
-        most_bytes: The most memory of it and the processes that it started, shared pages once.
-    """
+    """What a command took."""
 
     name: str
     status: int
     took_s: float
-    silent_s: float
-    most_bytes: int
+    silent_s: float  # the longest time without a line [s]
+    most_bytes: int  # the most memory of it and the processes that it started, shared pages once
     lines: tuple[str, ...]
 
 

@@ -37,15 +37,10 @@ _PLASTIC = 1.324717957244746
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Written:
-    """What the folder does not say.
+    """What the folder does not say."""
 
-    Attributes:
-        truth: The emulated world.
-        force_n: By press, without noise [N].
-    """
-
-    truth: PlantTruth
-    force_n: FloatArray
+    truth: PlantTruth  # the emulated world
+    force_n: FloatArray  # by press, without noise [N]
 
 
 def write_folder(folder: Path, *, presses: int, seed: int) -> Written:

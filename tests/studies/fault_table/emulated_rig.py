@@ -52,12 +52,7 @@ def write_case_config(
 
 
 class EmulatedRig:
-    """Emulated robot, force sensor and camera at addresses that a restart keeps.
-
-    Attributes:
-        rig_toml: Configuration that takes them for real devices.
-        devices: To be started and stopped by whoever uses them.
-    """
+    """Emulated robot, force sensor and camera at addresses that a restart keeps."""
 
     def __init__(
         self, folder: Path, *, target_n: float = TARGET_N, dwell_s: float = DWELL_S
@@ -66,10 +61,12 @@ class EmulatedRig:
         self.folder.mkdir(parents=True, exist_ok=True)
         host = free_loopback_host()
         camera_port = _free_port(host)
+        # Configuration that takes them for real devices.
         self.rig_toml = write_case_config(
             self.folder, host=host, camera_port=camera_port, target_n=target_n, dwell_s=dwell_s
         )
         self.config: RigConfig = load_config(self.rig_toml).config
+        # To be started and stopped by whoever uses them.
         self.devices = Emulation(
             self.config,
             folder=self.folder / EMULATION_NAME,

@@ -30,11 +30,7 @@ PAGE = re.compile(r"\bpage (http://\S+)")
 
 
 class CommandProcess:
-    """``tacauchy-rig COMMAND ... --press-only`` with its output in files.
-
-    Attributes:
-        hung: It had to be ended because it did not end by itself.
-    """
+    """``tacauchy-rig COMMAND ... --press-only`` with its output in files."""
 
     def __init__(
         self,
@@ -44,7 +40,7 @@ class CommandProcess:
         name: str,
         environment: Mapping[str, str] | None = None,
     ) -> None:
-        self.hung = False
+        self.hung = False  # it had to be ended because it did not end by itself
         self._out, self._err = folder / f"{name}.out", folder / f"{name}.err"
         with self._out.open("wb") as out, self._err.open("wb") as err:
             self.process = subprocess.Popen(

@@ -33,17 +33,13 @@ NOTE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """What became of a world.
-
-    Attributes:
-        beyond: How far the worst force that passed is off beyond its uncertainty [1]; -1 where none
-            passed.
-    """
+    """What became of a world."""
 
     group: str
     world: World
     kind: str
     passed: int
+    # How far the worst force that passed is off beyond its uncertainty [1]; -1 where none passed.
     beyond: float
     uncertainty: float  # largest stated of those that passed [1]
     above_n: float  # largest true force above what it may be [N]

@@ -97,14 +97,10 @@ class Place(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """One fault.
-
-    Attributes:
-        size: Of the force [1]; of a zero [N]. Positive reads too little.
-    """
+    """One fault."""
 
     kind: Kind
-    size: float
+    size: float  # of the force [1]; of a zero [N]. Positive reads too little
     trial: int  # in which it begins
     moment: float = 0.0  # where in that trial: 0 before its tare, 1 at its end
     time_s: float = 5.0  # with which creep builds up under load

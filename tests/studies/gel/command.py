@@ -104,17 +104,14 @@ def presses_of(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fitted:
-    """What a calibration of one gel with some indenters says.
-
-    Attributes:
-        held: Whether the intervals of modulus, Poisson's ratio and friction hold what is true.
-        left_out: Forces of presses left out that lay within their interval, and how many there are.
-    """
+    """What a calibration of one gel with some indenters says."""
 
     indenters: tuple[str, ...]
+    # Whether the intervals of modulus, Poisson's ratio and friction hold what is true.
     held: tuple[bool, bool, bool]
     told: tuple[bool, bool, bool]  # whether they are closed
     uncertainty: float | None  # of the modulus, over the true one; None where it is not told
+    # Forces of presses left out that lay within their interval, and how many there are.
     left_out: tuple[int, int]
 
 

@@ -32,15 +32,12 @@ SHORT = ('robot.model="cb3"',)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """What became of a state.
-
-    Attributes:
-        failures: What was wrong afterwards, in words; empty where there was a way forward.
-    """
+    """What became of a state."""
 
     number: int
     cut_s: float
     said: tuple[str, ...]  # what was unlike the moment of the cut
+    # What was wrong afterwards, in words; empty where there was a way forward.
     failures: tuple[str, ...]
 
 

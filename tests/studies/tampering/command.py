@@ -38,14 +38,11 @@ class Reader(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """What was noticed of one case.
-
-    Attributes:
-        named: Per command, the criteria that were missed, or the refusal in words.
-    """
+    """What was noticed of one case."""
 
     case: str
     care: Care
+    # Per command, the criteria that were missed, or the refusal in words.
     named: dict[str, tuple[str, ...]]
 
     @property

@@ -30,13 +30,10 @@ STEPS_TO_DOUBLE = 2
 
 @dataclass(frozen=True, slots=True)
 class WrongModel:
-    """One way of being wrong.
-
-    Attributes:
-        evidence: What the report then sees; the size is in ``unit``.
-    """
+    """One way of being wrong."""
 
     name: str  # in a few words
+    # What the report then sees; the size is in ``unit``.
     evidence: Callable[[Bench, float], RunEvidence]
     hides: str = ""  # why less is not caught, in a clause
     size: float = 0.0  # the wrong model's own; zero for one that is a matter of kind

@@ -43,22 +43,16 @@ indenter = "sphere:diameter=8mm"
 
 @dataclass(slots=True)
 class Folder:
-    """A folder of presses before it is written.
-
-    Attributes:
-        force_n: Of each press.
-        depth_mm: That this gel has at those forces, roughly.
-        rows: Head line and cells.
-        told: What a refusal has to say, each of it; empty where forces have to come out.
-    """
+    """A folder of presses before it is written."""
 
     root: Path
     random: np.random.Generator
-    force_n: np.ndarray
-    depth_mm: np.ndarray
-    rows: list[list[str]] = field(default_factory=list)
+    force_n: np.ndarray  # of each press
+    depth_mm: np.ndarray  # that this gel has at those forces, roughly
+    rows: list[list[str]] = field(default_factory=list)  # head line and cells
     separator: str = ","
     spec: dict[str, str] = field(default_factory=dict)
+    # What a refusal has to say, each of it; empty where forces have to come out.
     told: Sequence[str] = ()
     prefix: bytes = b""
     tolerance_n: float = 1e-9
