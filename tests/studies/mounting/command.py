@@ -12,7 +12,7 @@ import numpy as np
 import typer
 from scipy.optimize import brentq
 
-from drivers.emulators.force_sensor.source import ForceChannel
+from drivers.emulators.force_sensor.box import ForceChannel
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth

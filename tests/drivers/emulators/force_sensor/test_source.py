@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.emulators.force_sensor.source import TRACE_FILE, ForceChannel, WrenchSource, open_trace
+from drivers.emulators.force_sensor.box import TRACE_FILE, ForceChannel, WrenchSource, open_trace
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth
