@@ -21,6 +21,7 @@ from drivers.emulators.plant.truth import FRICTION, GelDisc
 from tacauchy_rig.core.arrays import FloatArray
 
 POISSON_STEPS = (0.47, 0.475, 0.48, 0.485, 0.49)
+_TILT_KEY = "leaning"  # of ``tilt_displacement`` in the files
 SHIPPED = Path(__file__).with_name("tables")
 _DEEPEST_SHARE = 0.4  # of the gel's thickness
 
@@ -84,8 +85,8 @@ class PressTable:
         path.parent.mkdir(parents=True, exist_ok=True)
         fresh = path.with_name(f".{os.getpid()}-{path.name}")
         content = asdict(self)
-        for large in ("displacement", "tilt_displacement"):
-            content[large] = content[large].astype(np.float32)
+        content["displacement"] = self.displacement.astype(np.float32)
+        content[_TILT_KEY] = content.pop("tilt_displacement").astype(np.float32)
         with fresh.open("wb") as file:
             np.savez_compressed(file, **content)
         fresh.replace(path)
@@ -94,7 +95,10 @@ class PressTable:
     def load(cls, path: Path) -> PressTable:
         """Read a table that ``save`` wrote."""
         with path.open("rb") as file, np.load(file) as content:
-            return cls(**{name: content[name].astype(np.float64) for name in content.files})
+            fields = {name: content[name].astype(np.float64) for name in content.files}
+        if _TILT_KEY in fields:
+            fields["tilt_displacement"] = fields.pop(_TILT_KEY)
+        return cls(**fields)
 
 
 def press_table(case: PressCase) -> PressTable:

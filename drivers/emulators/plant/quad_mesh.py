@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import re
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from drivers.emulators.plant.tips import CylinderTip, Tip
 from drivers.emulators.plant.truth import GelDisc
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 
-_VERSION = 4  # raised when the numbers or the fields change, so that old tables are not used
+# Raise them when the numbers or the fields change, so that old tables are not used: a ball's, a
+# face's.
+_BALL_VERSION, _FACE_VERSION = 2, 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,10 +36,24 @@ class PressCase:
 
     def file_name(self) -> str:
         """Return a name made from the content."""
-        # Digits that survive a round trip through text.
-        content = re.sub(r"[\d.]+(e-?\d+)?", lambda number: f"{float(number[0]):.9g}", repr(self))
-        digest = hashlib.sha256(f"{_VERSION} {content}".encode()).hexdigest()[:16]
+        numbers = {name: value for name, value in asdict(self).items() if value != 0.0}
+        version = _FACE_VERSION if self.has_face else _BALL_VERSION
+        content = f"{version} {type(self.tip).__name__} {_rounded(numbers)}"
+        digest = hashlib.sha256(content.encode()).hexdigest()[:16]
         return f"{type(self.tip).__name__.lower()}-{self.tip.diameter_m * 1e3:g}mm-{digest}.npz"
+
+
+def _rounded(values: dict[str, Any]) -> list[tuple[str, Any]]:
+    """Return the items in order, with digits that survive a round trip through text."""
+    found: list[tuple[str, Any]] = []
+    for name, value in sorted(values.items()):
+        if isinstance(value, dict):
+            found.append((name, _rounded(value)))
+        elif not isinstance(value, tuple):
+            found.append((name, f"{value:.9g}"))
+        elif value:  # a gel of one material has the name it had before there were layers
+            found.append((name, [f"{share:.9g} {ratio:.9g}" for share, ratio in value]))
+    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
