@@ -158,48 +158,41 @@ def draw_truth(
     pose_angle = uniform("pose direction", -np.pi, np.pi)
     pose_length = uniform("pose error", 1.0e-4, 3.0e-4)
     drift_sign = 1.0 if uniform("drift sign", -1.0, 1.0) > 0.0 else -1.0
-    drawn = PlantTruth(
-        seed=seed,
-        young_pa=make.young_pa * (1.0 + 0.05 * normal("young")),
-        poisson=round(min(make.poisson + offset, _POISSON_LIMIT), 6),
-        relaxation_weights=(
+    tilt = tilt_rad or [1.5e-3 * normal(f"tilt {axis}") for axis in "xy"]
+    drawn = {
+        "seed": seed,
+        "young_pa": make.young_pa * (1.0 + 0.05 * normal("young")),
+        "poisson": round(min(make.poisson + offset, _POISSON_LIMIT), 6),
+        "relaxation_weights": [
             uniform("relaxation fast", 0.02, 0.04),
             uniform("relaxation slow", 0.03, 0.04),
-        ),
-        relaxation_times_s=(0.3, 3.0),
-        pose_error_m=(pose_length * np.cos(pose_angle), pose_length * np.sin(pose_angle)),
-        surface_error_m=2.0e-4 * normal("surface"),
-        tilt_rad=tilt_rad or (1.5e-3 * normal("tilt x"), 1.5e-3 * normal("tilt y")),
-        light_gain=(
-            1.0 + 0.03 * normal("red"),
-            1.0 + 0.03 * normal("green"),
-            1.0 + 0.03 * normal("blue"),
-        ),
-        light_drift_ratio=uniform("light drift", -0.015, -0.005),
-        light_drift_time_s=uniform("light drift time", 120.0, 300.0),
-        image_noise_levels=uniform("image noise", 1.2, 1.8),
-        image_scale_error=(
-            0.005 * normal("scale x"),
-            0.005 * normal("scale y"),
-        ),
-        image_rotation_rad=0.005 * normal("image rotation"),
-        image_shift_m=(1.5e-4 * normal("shift x"), 1.5e-4 * normal("shift y")),
-        force_noise_n=uniform("force noise", 0.005, 0.010),
-        torque_noise_nm=uniform("torque noise", 1e-4, 2e-4),
-        force_offset_n=(
-            0.3 * normal("offset x"),
-            0.3 * normal("offset y"),
-            0.8 * normal("offset z"),
-        ),
-        force_drift_n_s=drift_sign * uniform("drift", 4e-4, 9e-4),
-        cross_talk=(0.005 * normal("talk x"), 0.005 * normal("talk y")),
-        force_latency_s=uniform("force latency", 0.002, 0.006),
-        camera_latency_s=uniform("camera latency", 0.010, 0.035),
-        friction=friction,
-        unit=make,
-    )
-    # Plain floats, so that a truth read back from its file is equal to the one drawn.
-    return _TRUTH.validate_json(json.dumps(asdict(drawn)))
+        ],
+        "relaxation_times_s": (0.3, 3.0),
+        "pose_error_m": (pose_length * np.cos(pose_angle), pose_length * np.sin(pose_angle)),
+        "surface_error_m": 2.0e-4 * normal("surface"),
+        "tilt_rad": tilt,
+        "light_gain": [1.0 + 0.03 * normal(colour) for colour in ("red", "green", "blue")],
+        "light_drift_ratio": uniform("light drift", -0.015, -0.005),
+        "light_drift_time_s": uniform("light drift time", 120.0, 300.0),
+        "image_noise_levels": uniform("image noise", 1.2, 1.8),
+        "image_scale_error": [0.005 * normal(f"scale {axis}") for axis in "xy"],
+        "image_rotation_rad": 0.005 * normal("image rotation"),
+        "image_shift_m": [1.5e-4 * normal(f"shift {axis}") for axis in "xy"],
+        "force_noise_n": uniform("force noise", 0.005, 0.010),
+        "torque_noise_nm": uniform("torque noise", 1e-4, 2e-4),
+        "force_offset_n": [
+            size_n * normal(f"offset {axis}")
+            for axis, size_n in (("x", 0.3), ("y", 0.3), ("z", 0.8))
+        ],
+        "force_drift_n_s": drift_sign * uniform("drift", 4e-4, 9e-4),
+        "cross_talk": [0.005 * normal(f"talk {axis}") for axis in "xy"],
+        "force_latency_s": uniform("force latency", 0.002, 0.006),
+        "camera_latency_s": uniform("camera latency", 0.010, 0.035),
+        "friction": friction,
+        "unit": asdict(make),
+    }
+    # By way of text, so that a truth read back from its file is equal to the one drawn.
+    return _TRUTH.validate_json(json.dumps(drawn))
 
 
 def write_truth(folder: Path, truth: PlantTruth) -> Path:
