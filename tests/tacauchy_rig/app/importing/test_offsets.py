@@ -115,7 +115,6 @@ def _ns(time_s: float) -> int:
 def _seen(plant: Plant, heights_m: FloatArray, random: np.random.Generator) -> Iterator[np.ndarray]:
     """Yield frames scaled down, each depth rendered once and with noise of its own each time."""
     factory, known = FrameFactory(plant, *SIZE), LOOKS.setdefault(plant.truth.seed, {})
-    factory._stamped = False  # a number that changes in each frame would fill a tenth of it
     noise = plant.truth.image_noise_levels * SMALL[0] / SIZE[0]
     for z in heights_m.tolist():
         depth_m = plant.depth(Pose(position=(0.0, 0.0, z), rotation_vector=DOWN))
@@ -123,7 +122,7 @@ def _seen(plant: Plant, heights_m: FloatArray, random: np.random.Generator) -> I
         key = PressKey(depth=max(0, depth), x=0, y=0, light=0)
         if key not in known:
             factory.prepare(key)
-            data = np.frombuffer(factory.compose(key, 0), np.uint8)
+            data = np.frombuffer(factory.compose(), np.uint8)
             image = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))
             known[key] = cv2.resize(image, SMALL, interpolation=cv2.INTER_AREA)
         yield known[key] + noise * random.standard_normal(known[key].shape)
