@@ -58,7 +58,8 @@ def command_line(module: str, settings: DeviceSettings) -> list[str]:
 
 def own_settings() -> DeviceSettings:
     """Return the settings of this process, as ``command_line`` wrote them."""
-    return pickle.loads(base64.b64decode(sys.argv[1]))  # type: ignore[no-any-return]  # noqa: S301
+    settings: DeviceSettings = pickle.loads(base64.b64decode(sys.argv[1]))  # noqa: S301
+    return settings
 
 
 class EmulatedProcess:
