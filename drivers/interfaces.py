@@ -46,38 +46,27 @@ SampleT = TypeVar("SampleT")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeviceIdentity:
-    """Identity of a connected device, recorded with every run.
-
-    Attributes:
-        simulated: True for emulators, so that a report can say so.
-    """
+    """Identity of a connected device, recorded with every run."""
 
     driver: str
     address: str
     model: str
     serial: str
-    simulated: bool
+    simulated: bool  # true for emulators, so that a report can say so
     settings: dict[str, str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamHealth:
-    """State of a stream since its start.
-
-    Attributes:
-        age_s: Time since the newest sample arrived [s]; infinite before the first.
-        lost_count: Samples that the device counted and this host never saw.
-        corrupt_count: Bytes or frames dropped because length or checksum disagreed.
-        repeat_count: Longest run of identical consecutive samples, now.
-        clipped_ratio: Share of the newest judged image that is at full scale; 0 for other streams.
-    """
+    """State of a stream since its start."""
 
     received_count: int = 0
-    lost_count: int = 0
-    corrupt_count: int = 0
-    repeat_count: int = 0
-    age_s: float = math.inf
+    lost_count: int = 0  # samples that the device counted and this host never saw
+    corrupt_count: int = 0  # bytes or frames dropped because length or checksum disagreed
+    repeat_count: int = 0  # longest run of identical consecutive samples, now
+    age_s: float = math.inf  # time since the newest sample arrived [s]; infinite before the first
     rate_hz: float = 0.0
+    # Share of the newest judged image that is at full scale; 0 for other streams.
     clipped_ratio: float = 0.0
 
 
@@ -170,16 +159,12 @@ class Camera(StreamingDevice[ImageFrame], Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FrameMark:
-    """That a frame arrived; the frame itself goes to the record on its own way.
-
-    Attributes:
-        digest: Of the frame's bytes: equal ones are the same picture, noise included.
-        touched: Whether the picture differs from those without contact, where that was asked for.
-    """
+    """That a frame arrived; the frame itself goes to the record on its own way."""
 
     stamp_ns: int
     counter: int
-    digest: int = 0
+    digest: int = 0  # of the frame's bytes: equal ones are the same picture, noise included
+    # Whether the picture differs from those without contact, where that was asked for.
     touched: bool = False
 
 

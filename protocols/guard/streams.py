@@ -24,9 +24,6 @@ class StreamGuard:
     A computer that was held up finds old samples although the sensor is well. So an age counts
     only once the loop has been running undisturbed for as long as the limit; but never is more
     than ``PATIENCE`` times the limit accepted.
-
-    Attributes:
-        force_lag_s: How late the newest force sample arrived, against the undelayed stream [s].
     """
 
     def __init__(self, config: RigConfig) -> None:
@@ -36,6 +33,7 @@ class StreamGuard:
         self._held_up_s = 0.0
         self._period_ns = 1e9 / config.force_sensor.rate
         self._earliest: tuple[int, float] | None = None
+        # How late the newest force sample arrived, against the undelayed stream [s].
         self.force_lag_s = 0.0
 
     def note_turn(self, turn_s: float) -> None:
