@@ -70,7 +70,6 @@ class BallOnGel(InteractiveSceneCfg):
         indenter=Sphere(diameter_m=2.0 * RADIUS_M),
         pad_frame=(0.0, 0.0, -0.5 * PAD.height_m, 0.0, 0.0, 0.0, 1.0),
         tip_frame=(0.0, 0.0, -RADIUS_M, 0.0, 0.0, 0.0, 1.0),
-        gel={"damping_n_s_m": 5.0},
     )
 
 

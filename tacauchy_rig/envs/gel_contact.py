@@ -1,10 +1,10 @@
 """Contact between gels and rigid objects of a robot simulator, computed by one ``Batch``.
 
 An engine gives the frames of pads and objects at every substep and gets the forces on both. The gel
-is quasi-static: it has no mass, and dissipates nothing but what ``damping_n_s_m`` states. The
-engine's own contact between the two bodies has to be off. The forces are explicit: a step h of the
-engine is stable while h < 2 sqrt(m / k) and h < m / c, with the object's mass m, the gel's
-stiffness k (0.5 to 5 N/mm) and the damping c.
+is quasi-static: it has no mass, and dissipates only by friction and by ``loss_s``. The engine's own
+contact between the two bodies has to be off. The loss acts on the speeds at the end of the engine's
+step, so that steps of up to 2 ``loss_s`` are stable for light objects too; without it, while a step
+is shorter than 2 sqrt(m / k), with the object's mass m and the gel's stiffness k (about 1 N/mm).
 """
 
 from __future__ import annotations
@@ -50,15 +50,27 @@ class Frames(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """Rigid bodies in the world, shape [count, 3] each."""
+    """Rigid bodies in the world, shape [count, ...] each."""
 
     centres_m: FloatArray
     velocities: FloatArray  # of the centres of mass [m/s]
     spins: FloatArray  # [rad/s]
+    inverse_masses: FloatArray  # [1/kg], zero for a body that is held
+    inverse_inertias: FloatArray  # about the centres, along the world's axes, [count, 3, 3]
 
     def at(self, points_m: FloatArray) -> FloatArray:
-        """Return the velocities [m/s] of points of the bodies."""
-        return self.velocities + np.cross(self.spins, points_m - self.centres_m)
+        """Return velocity [m/s] and spin at points of the bodies, shape [count, 6]."""
+        swept = np.cross(self.spins, points_m - self.centres_m)
+        return np.column_stack([self.velocities + swept, self.spins])
+
+    def mobility(self, points_m: FloatArray) -> FloatArray:
+        """Return acceleration and spin's change at points over wrenches there, [count, 6, 6]."""
+        arms = np.tile(np.eye(6), (len(points_m), 1, 1))
+        arms[:, :3, 3:] = np.cross((points_m - self.centres_m)[:, None], np.eye(3))
+        inverse = np.zeros_like(arms)
+        inverse[:, :3, :3] = self.inverse_masses[:, None, None] * np.eye(3)
+        inverse[:, 3:, 3:] = self.inverse_inertias
+        return np.asarray(arms @ inverse @ arms.transpose(0, 2, 1))
 
 
 class GelContact:
@@ -70,8 +82,8 @@ class GelContact:
         sensor: Name, or path of a sensor's file.
         edge_m: Edges of the gel's mesh [m]: shorter ones lower the error and take longer.
         friction: Coulomb coefficient between object and gel.
-        damping_n_s_m: Force against the object's speed along the pad's normal while it touches,
-            over that speed [N s/m]. ``wrench`` is without it.
+        loss_s: Viscous forces of the gel over its stiffness times speed [s]; 2 ms are a loss
+            tangent of 0.1 at 8 Hz (assumed: sensor files state none). ``wrench`` is without them.
         device: Where the gels are computed, ``cpu`` or ``cuda:0``.
 
     Attributes:
@@ -92,20 +104,22 @@ class GelContact:
         count: int,
         sensor: str = "gelsight-mini",
         edge_m: float = 2.5e-3,
-        friction: float = 0.0,
-        damping_n_s_m: float = 0.0,
+        friction: float = 0.5,
+        loss_s: float = 2e-3,
         device: str = "cpu",
     ) -> None:
         gel = load_sensor(sensor)
         if not isinstance(gel.pad, BoxPad):
             raise ConfigError(f"sensor {sensor}: its pad is a mesh", remedy="take a box or a dome")
-        self._pad, self._ball, self._damping = gel.pad, _bounding_ball(indenter), damping_n_s_m
+        self._pad, self._ball, self._loss_s = gel.pad, _bounding_ball(indenter), loss_s
         self._is_rod = isinstance(indenter, Cylinder)
         made: dict[str, Any] = {"edge_m": edge_m, "friction": friction, "device": device}
         model = sensor_model(gel.pad, gel.material, layers=gel.layers, **made)
         self.batch = Batch(model, [indenter], [0] * count)
+        self._material, self._friction = gel.material, friction
         self._drawing = SurfaceImages(model, indenter, gel, count=count)
         self.wrench, self.force_error = np.zeros((count, 6)), np.zeros(count)
+        self._radii_m = np.zeros(count)  # of discs as large as what touches
         self.is_valid, self.is_near = np.ones(count, np.bool_), np.zeros(count, np.bool_)
 
     def press(self, pads: Frames, tips: Frames) -> None:
@@ -132,26 +146,46 @@ class GelContact:
             arrived = found.valid & near
             self.wrench[arrived] = found.wrench[arrived]
             self.force_error[near] = found.force_error[near]
+            self._radii_m[arrived] = np.sqrt(found.contact_area_m2[arrived] / np.pi)
             self.is_valid = arrived | ~near
 
     def loads(
-        self, pads: Frames, tips: Frames, pad_motions: Motions, motions: Motions
+        self, pads: Frames, tips: Frames, pad_motions: Motions, motions: Motions, step_s: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Return what the contact exerts on pads' bodies and on objects, in the world.
+        """Return what the contact exerts on pads' bodies and on objects in a step, in the world.
 
         Returns:
             Force [N], and moment about the body's centre of mass [N m], shape [count, 6] each.
         """
-        wrench, pushes = self.wrench.copy(), self.wrench[:, 2] > 0.0
-        away = pads.turn.inv().apply(motions.at(tips.at) - pad_motions.at(tips.at))[:, 2]
-        damped = np.maximum(wrench[:, 2] - self._damping * away, 0.0)
-        wrench[pushes, 2] = damped[pushes]
-        force, moment = pads.turn.apply(wrench[:, :3]), pads.turn.apply(wrench[:, 3:])
+        turn = np.kron(np.eye(2), pads.turn.as_matrix())
+        back = turn.transpose(0, 2, 1)
+        speeds = back @ (motions.at(tips.at) - pad_motions.at(tips.at))[..., None]
+        mobility = back @ (motions.mobility(tips.at) + pad_motions.mobility(tips.at)) @ turn
+        viscous = self._loss_s * self._stiffness()[..., None]
+        lost = np.linalg.solve(np.eye(6) + step_s * viscous * mobility, viscous * speeds)[..., 0]
+        # Friction bounds what acts along the surface, and no contact pulls.
+        a, one = self._radii_m, np.ones(len(lost))
+        shares = np.column_stack([self._friction * one, self._friction * one, one, a, a, a])
+        most = shares * np.maximum(self.wrench[:, 2:3], 0.0)
+        wrench = (turn @ (self.wrench - np.clip(lost, -most, most))[..., None])[..., 0]
         on_object, on_pad = (
             np.column_stack([force, moment + np.cross(tips.at - body.centres_m, force)])
+            for force, moment in [(wrench[:, :3], wrench[:, 3:])]
             for body in (motions, pad_motions)
         )
         return -on_pad, on_object
+
+    def _stiffness(self) -> FloatArray:
+        """Return what a rigid disc in a half-space resists motions with [N/m, N m], [count, 6]."""
+        poisson, radii_m = self._material.poisson, self._radii_m
+        normal = 2.0 * radii_m * self._material.young_pa / (1.0 - poisson**2)
+        grip = float(self._friction > 0.0)
+        along = grip * 2.0 * (1.0 - poisson) / (2.0 - poisson)
+        shares = np.array(
+            [along, along, 1.0, 2.0 / 3.0, 2.0 / 3.0, grip * 4.0 / 3.0 * (1.0 - poisson)]
+        )
+        lengths = np.column_stack([np.ones((len(radii_m), 3)), np.tile(radii_m[:, None] ** 2, 3)])
+        return np.asarray(normal[:, None] * shares * lengths)
 
     def reset(self, which: NDArray[np.bool_] | None = None) -> None:
         """Put gels back to rest, nothing touching them; None is all."""

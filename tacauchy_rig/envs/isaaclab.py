@@ -80,7 +80,7 @@ class TactileSensor(SensorBase):
         """Press the objects where a newton state has them, and add the forces to it [N, N m]."""
         if self._is_initialized:
             self._felt.update(state)
-            self._felt.apply(state)
+            self._felt.apply(state, NewtonManager.get_solver_dt())
 
     def _initialize_impl(self) -> None:
         super()._initialize_impl()
@@ -122,7 +122,7 @@ class TactileSensorCfg(SensorBaseCfg):
             out of the gel.
         tip_frame: The shape's lowest point in its body [m], and quaternion; z points away from the
             gel.
-        gel: Sensor, mesh, friction and damping, as ``GelContact`` takes them.
+        gel: Sensor, mesh, friction and loss, as ``GelContact`` takes them.
     """
 
     class_type: type[TactileSensor] = TactileSensor

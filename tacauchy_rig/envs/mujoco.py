@@ -76,20 +76,26 @@ class TactileSensor:
 
     def update(self, data: Any) -> None:
         """Press the object into the gel, and set the forces on both bodies."""
+        for of_state in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel):
+            of_state(self._model, data)  # mj_step leaves those of its beginning
         pad, tip = (
             Frames.of(np.r_[data.xpos[body], np.roll(data.xquat[body], -1)][None]).then(frame)
             for body, frame in zip(self._bodies, self._frames, strict=True)
         )
         self.contact.press(pad, tip)
         moving = [self._motion(data, body) for body in self._bodies]
-        loads = self.contact.loads(pad, tip, moving[0], moving[1])
+        loads = self.contact.loads(pad, tip, moving[0], moving[1], self._model.opt.timestep)
         for body, load in zip(self._bodies, loads, strict=True):
             data.xfrc_applied[body] = load[0]
 
     def _motion(self, data: Any, body: int) -> Motions:
         speeds = np.zeros(6)
         mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_BODY, body, speeds, 0)
-        return Motions(data.xipos[body][None], speeds[None, 3:], speeds[None, :3])
+        turn = data.ximat[body].reshape(3, 3)
+        mass, inertia = self._model.body_mass[body], self._model.body_inertia[body]
+        inverse = (turn / np.where(inertia > 0.0, inertia, np.inf)) @ turn.T
+        parts = (speeds[3:], speeds[:3], 1.0 / mass if mass > 0.0 else 0.0, inverse)
+        return Motions(data.xipos[body][None], *(np.asarray(each)[None] for each in parts))
 
 
 def _body(model: Any, name: str) -> int:
@@ -104,7 +110,7 @@ def ball_on_pad(*, mass_kg: float = 0.02, fall_m: float = 1e-4) -> tuple[Any, Ta
     height_m = load_sensor("gelsight-mini").pad.height_m + fall_m
     xml = _BALL.format(height_m=height_m, radius_m=4e-3, mass_kg=mass_kg)
     model = mujoco.MjModel.from_xml_string(xml)
-    return model, TactileSensor(model, "pad", "ball", Sphere(diameter_m=8e-3), damping_n_s_m=6.0)
+    return model, TactileSensor(model, "pad", "ball", Sphere(diameter_m=8e-3))
 
 
 def main(steps: int = 400) -> None:

@@ -27,9 +27,6 @@ except ImportError as error:
         "the package newton is not installed", remedy="pip install 'tacauchy-rig[newton]'"
     ) from error
 
-# About critical for the example's ball of 20 g.
-_DAMPING_N_S_M = 6.0
-
 
 class TactileSensor:
     """Gels on bodies of a newton model, each pressed by one object.
@@ -72,7 +69,10 @@ class TactileSensor:
                 remedy="name one object for each pad, by the labels of their bodies",
             )
         self._pad_frame, self._tip_frame = np.asarray(pad_frame), np.asarray(tip_frame)
-        self._centres = model.body_com.numpy().astype(np.float64)
+        self._centres, self._inverse_masses, self._inverse_inertias = (
+            each.numpy().astype(np.float64)
+            for each in (model.body_com, model.body_inv_mass, model.body_inv_inertia)
+        )
         device = str(model.device)
         self.contact = GelContact(indenter, count=len(self._pads), device=device, **settings)
 
@@ -85,19 +85,23 @@ class TactileSensor:
         )
         self.contact.press(*self._at)
 
-    def apply(self, state: Any) -> None:
-        """Add the forces of the last ``update`` to the bodies."""
+    def apply(self, state: Any, step_s: float) -> None:
+        """Add the forces of the last ``update`` to the bodies, for a solver's step [s]."""
         speeds, forces = state.body_qd.numpy(), state.body_f.numpy().copy()
         on = (self._pads, self._objects)
         moving = [self._motions(speeds, each) for each in on]
-        for which, load in zip(on, self.contact.loads(*self._at, *moving), strict=True):
+        loads = self.contact.loads(*self._at, moving[0], moving[1], step_s)
+        for which, load in zip(on, loads, strict=True):
             np.add.at(forces, which, load)
         state.body_f.assign(forces)
 
     def _motions(self, speeds: FloatArray, which: IntArray) -> Motions:
         body = Frames.of(self._poses[which])
         centres_m = body.at + body.turn.apply(self._centres[which])
-        return Motions(centres_m, speeds[which, :3], speeds[which, 3:])
+        turn = body.turn.as_matrix()
+        inverse = turn @ self._inverse_inertias[which] @ turn.transpose(0, 2, 1)
+        spun = (speeds[which, :3], speeds[which, 3:], self._inverse_masses[which], inverse)
+        return Motions(centres_m, *spun)
 
 
 def _bodies(model: Any, chosen: str | Sequence[int]) -> IntArray:
@@ -115,7 +119,10 @@ def balls_on_pads(
     fall_m: float = 1e-4,
     **settings: Any,
 ) -> tuple[Any, TactileSensor]:
-    """Return a model of balls above gels that are held fast, and its sensor."""
+    """Return a model of balls above gels that are held fast, and its sensor.
+
+    The balls are weighted at the bottom, so that they right themselves: others roll off a dome.
+    """
     builder, height_m = newton.ModelBuilder(), load_sensor("gelsight-mini").pad.height_m
     inertia = 0.4 * mass_kg * (diameter_m / 2.0) ** 2
     for k in range(count):
@@ -123,7 +130,7 @@ def balls_on_pads(
         builder.add_body(xform=(UNMOVED[:3], UNMOVED[3:]), label="pad", is_kinematic=True)
         builder.add_body(
             xform=((1e-4 * (k % 10), 0.0, height_m + fall_m), UNMOVED[3:]),
-            com=(0.0, 0.0, diameter_m / 2.0),
+            com=(0.0, 0.0, diameter_m / 4.0),
             mass=mass_kg,
             inertia=[inertia, 0.0, 0.0, 0.0, inertia, 0.0, 0.0, 0.0, inertia],
             lock_inertia=True,
@@ -139,14 +146,13 @@ def main(
     steps: Annotated[int, typer.Option(help="Of the engine.")] = 400,
     step_s: Annotated[float, typer.Option(help="Length of a step [s].")] = 1e-3,
     device: Annotated[str, typer.Option(help="cpu or cuda:0.")] = "cpu",
-    friction: Annotated[float, typer.Option(help="Between ball and gel.")] = 0.0,
+    friction: Annotated[float, typer.Option(help="Between ball and gel.")] = 0.5,
     images: Annotated[bool, typer.Option(help="Draw every camera in every step.")] = False,
 ) -> None:
     """Drop balls on gels, and print wrench over weight, and steps per second."""
     start_warp()
     typer.echo("compiling kernels: a minute the first time")
-    gel = {"friction": friction, "damping_n_s_m": _DAMPING_N_S_M}
-    model, sensor = balls_on_pads(environments, device=device, **gel)
+    model, sensor = balls_on_pads(environments, device=device, friction=friction)
     solver, weight_n = newton.solvers.SolverSemiImplicit(model), 0.02 * 9.81
     state, after = model.state(), model.state()
     felt_s, said = 0.0, time.perf_counter()
@@ -155,7 +161,7 @@ def main(
         state.clear_forces()
         at = time.perf_counter()
         sensor.update(state)
-        sensor.apply(state)
+        sensor.apply(state, step_s)
         if images:
             sensor.contact.images()
         Device(device).synchronise()

@@ -18,7 +18,7 @@ def export(
         typer.Argument(
             metavar="RUN|PRESS|CALIBRATION",
             help="A run's folder; a folder of `press --out` (vtu, usd); or what `calibrate optics` "
-            "wrote, or a sensor's name for its nominal optics (isaaclab, taxim, tacex).",
+            "wrote, or a sensor's name for its optics (isaaclab, taxim, tacex) or body (usd).",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder to write to.")],

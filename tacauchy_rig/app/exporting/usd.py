@@ -11,35 +11,39 @@ from typing import Any
 
 import numpy as np
 
+from sim.mesh.elements import boundary_faces
+from sim.mesh.refinement import sensor_mesh
+from sim.scene.pad import BoxPad
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.exporting.episode import needed
 from tacauchy_rig.app.exporting.states import states_of
 from tacauchy_rig.core.arrays import AnyArray
+from tacauchy_rig.core.errors import ConfigError
 
 STATES_A_SECOND = 12
 PRIMVARS = {"contact_pressure_pa": "Float", "contact_shear_pa": "Vector3f"}
 _FOCAL_MM, _TENTHS = 10.0, 10.0
 """A camera's focal length, and USD's apertures, which are in tenths of a scene unit."""
+_EDGE_M, _WALL_M, _DEEP_M = 1.25e-3, 1e-3, 0.025
+"""Edges of a sensor's mesh at its surface, and a case's walls and depth: sensor files have none."""
 _PARALLEL_M = 0.02
 """How far below the gel's top a camera of parallel rays is put."""
 
 
 def write_usd(press: Path, out: Path) -> None:
-    """Write ``press.usd`` of a press.
+    """Write ``press.usd`` of a press, or of a sensor, by name or file, ``NAME.usd``.
 
     Raises:
         RecordError: The folder holds no states of a press.
     """
+    if not press.is_dir():
+        _write_sensor(load_sensor(str(press)), out)
+        return
     found = states_of(press)
-    Usd, UsdGeom = needed("pxr.Usd"), needed("pxr.UsdGeom")
-    stage = Usd.Stage.CreateNew(str(out / "press.usd"))
-    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
-    needed("pxr.UsdPhysics").SetStageKilogramsPerUnit(stage, 1.0)
+    stage = _new_stage(out / "press.usd", "Press")
     stage.SetStartTimeCode(0)
     stage.SetEndTimeCode(len(found["node_m"]) - 1)
     stage.SetTimeCodesPerSecond(STATES_A_SECOND)
-    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/Press").GetPrim())
     _define_gel(stage, found)
     _define_indenter(stage, found)
     if sensor := str(found["sensor"]):
@@ -47,12 +51,78 @@ def write_usd(press: Path, out: Path) -> None:
     stage.GetRootLayer().Save()
 
 
+def _write_sensor(sensor: Sensor, out: Path) -> None:
+    """Write a sensor at rest: gel, of the touched layer's material, case, and camera.
+
+    Raises:
+        ConfigError: A mesh bounds the pad.
+    """
+    pad = sensor.pad
+    if not isinstance(pad, BoxPad):
+        raise ConfigError(f"sensor {sensor.name}: its pad is a mesh", remedy="export a press of it")
+    mesh = sensor_mesh(pad, edge_m=_EDGE_M)
+    faces, count = boundary_faces(mesh.tets)[0], len(mesh.vertices)
+    found: dict[str, AnyArray] = {
+        "node_rest_m": mesh.vertices,
+        "node_m": mesh.vertices[None],
+        "elements": mesh.tets,
+        "faces": faces,
+        "young_pa": np.full(len(mesh.tets), sensor.material.young_pa),
+        "poisson": np.full(len(mesh.tets), sensor.material.poisson),
+        "density_kg_m3": np.array(sensor.material.density_kg_m3),
+        "contact_pressure_pa": np.zeros((1, count)),
+        "contact_shear_pa": np.zeros((1, count, 3)),
+    }
+    stage = _new_stage(out / f"{sensor.name}.usd", "Sensor")
+    _define_gel(stage, found)
+    gel, case = ((0.55, 0.6, 0.65), (0.08, 0.08, 0.08))
+    skin = _define_mesh(stage, "Gel/Skin", mesh.vertices, faces, gel)  # most draw no TetMesh
+    _colour(stage, skin, gel)
+    half = np.array(pad.half_extents())
+    square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    rings = [(half, 0.0), (half + _WALL_M, 0.0), (half + _WALL_M, -_DEEP_M), (half, -_DEEP_M)]
+    corners = np.concatenate([np.column_stack([square * s, np.full(4, z)]) for s, z in rings])
+    sides = [
+        (4 * r + k, 4 * ((r + 1) % 4) + k, 4 * ((r + 1) % 4) + (k + 1) % 4, 4 * r + (k + 1) % 4)
+        for r in range(4)
+        for k in range(4)
+    ]
+    prim = _define_mesh(stage, "Case", corners, np.array(sides), case)
+    needed("pxr.UsdPhysics").CollisionAPI.Apply(prim)
+    _define_camera(stage, sensor)
+    stage.GetRootLayer().Save()
+
+
+def _colour(stage: Any, prim: Any, colour: tuple[float, float, float]) -> None:
+    """Give the stage's material a surface, and a prim that material."""
+    UsdShade, kinds = needed("pxr.UsdShade"), needed("pxr.Sdf").ValueTypeNames
+    material = UsdShade.Material.Get(stage, f"{stage.GetDefaultPrim().GetPath()}/Material")
+    shader = UsdShade.Shader.Define(stage, f"{material.GetPath()}/Surface")
+    shader.CreateIdAttr("UsdPreviewSurface")
+    shader.CreateInput("diffuseColor", kinds.Color3f).Set(needed("pxr.Gf").Vec3f(*colour))
+    surface = shader.CreateOutput("surface", kinds.Token)
+    material.CreateSurfaceOutput().ConnectToSource(surface)
+    UsdShade.MaterialBindingAPI.Apply(prim).Bind(material)
+
+
+def _new_stage(path: Path, root: str) -> Any:
+    """Return a stage in metres and kilograms, z up, with a default prim."""
+    UsdGeom = needed("pxr.UsdGeom")
+    stage = needed("pxr.Usd").Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    needed("pxr.UsdPhysics").SetStageKilogramsPerUnit(stage, 1.0)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, f"/{root}").GetPrim())
+    return stage
+
+
 def _define_gel(stage: Any, found: dict[str, AnyArray]) -> None:
     """Define the gel's mesh, its samples in time and its material."""
+    root = stage.GetDefaultPrim().GetPath()
     UsdGeom, UsdShade, Sdf = (needed(f"pxr.{name}") for name in ("UsdGeom", "UsdShade", "Sdf"))
-    body = UsdGeom.Xform.Define(stage, "/Press/Gel").GetPrim()
+    body = UsdGeom.Xform.Define(stage, f"{root}/Gel").GetPrim()
     body.AddAppliedSchema("PhysicsDeformableBodyAPI")
-    mesh = UsdGeom.TetMesh.Define(stage, "/Press/Gel/Mesh")
+    mesh = UsdGeom.TetMesh.Define(stage, f"{root}/Gel/Mesh")
     prim, corners = mesh.GetPrim(), np.unique(found["elements"][:, :4])
     number = np.zeros(len(found["node_rest_m"]), dtype=np.int32)
     number[corners] = np.arange(len(corners))
@@ -79,7 +149,7 @@ def _define_gel(stage: Any, found: dict[str, AnyArray]) -> None:
         values |= {name: found[name][k][corners] for name in PRIMVARS}
         for name, array in values.items():
             fields[name].Set(_array("Vec3f" if array.ndim > 1 else "Float", array), k)
-    material = UsdShade.Material.Define(stage, "/Press/Material")
+    material = UsdShade.Material.Define(stage, f"{root}/Material")
     of_material = material.GetPrim()
     of_material.AddAppliedSchema("PhysicsVolumeDeformableMaterialAPI")
     touched = int(np.argmax(found["node_rest_m"][found["elements"][:, :4], 2].sum(axis=1)))
@@ -96,13 +166,8 @@ def _define_gel(stage: Any, found: dict[str, AnyArray]) -> None:
 def _define_indenter(stage: Any, found: dict[str, AnyArray]) -> None:
     """Define the rigid indenter, which moves as a whole."""
     UsdGeom, Gf = needed("pxr.UsdGeom"), needed("pxr.Gf")
-    mesh = UsdGeom.Mesh.Define(stage, "/Press/Indenter")
     vertices, faces = found["indenter_vertex_m"], found["indenter_faces"]
-    mesh.CreatePointsAttr(_array("Vec3f", vertices))
-    mesh.CreateFaceVertexIndicesAttr(_array("Int", faces.reshape(-1)))
-    mesh.CreateFaceVertexCountsAttr(_array("Int", np.full(len(faces), faces.shape[1])))
-    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    mesh.CreateExtentAttr(_array("Vec3f", np.array([vertices.min(axis=0), vertices.max(axis=0)])))
+    mesh = UsdGeom.Mesh(_define_mesh(stage, "Indenter", vertices, faces, (0.6, 0.6, 0.6)))
     moves = mesh.AddTransformOp()
     for k, (tip, turned) in enumerate(
         zip(found["indenter_tip_m"], found["indenter_rotation"], strict=True)
@@ -112,6 +177,21 @@ def _define_indenter(stage: Any, found: dict[str, AnyArray]) -> None:
         moves.Set(Gf.Matrix4d(*matrix.reshape(-1).tolist()), k)
 
 
+def _define_mesh(
+    stage: Any, name: str, points: AnyArray, faces: AnyArray, colour: tuple[float, float, float]
+) -> Any:
+    """Define a mesh of flat faces with corners [m] below the default prim, and return its prim."""
+    UsdGeom = needed("pxr.UsdGeom")
+    mesh = UsdGeom.Mesh.Define(stage, f"{stage.GetDefaultPrim().GetPath()}/{name}")
+    mesh.CreatePointsAttr(_array("Vec3f", points))
+    mesh.CreateFaceVertexIndicesAttr(_array("Int", faces.reshape(-1)))
+    mesh.CreateFaceVertexCountsAttr(_array("Int", np.full(len(faces), faces.shape[1])))
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    mesh.CreateExtentAttr(_array("Vec3f", np.array([points.min(axis=0), points.max(axis=0)])))
+    mesh.CreateDisplayColorAttr(_array("Vec3f", np.array([colour])))
+    return mesh.GetPrim()
+
+
 def _define_camera(stage: Any, sensor: Sensor) -> None:
     """Define the sensor's camera, which looks up through the gel; of a mirrored one as unmirrored.
 
@@ -119,7 +199,7 @@ def _define_camera(stage: Any, sensor: Sensor) -> None:
     """
     view = sensor.camera
     UsdGeom, Gf = needed("pxr.UsdGeom"), needed("pxr.Gf")
-    camera = UsdGeom.Camera.Define(stage, "/Press/Camera")
+    camera = UsdGeom.Camera.Define(stage, f"{stage.GetDefaultPrim().GetPath()}/Camera")
     size = np.array([view.width * view.scale_x_m, view.height * view.scale_y_m])
     is_parallel = np.isinf(view.distance_m)
     distance_m = _PARALLEL_M if is_parallel else view.distance_m

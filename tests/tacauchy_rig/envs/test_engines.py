@@ -28,7 +28,7 @@ def _go(model: Any, sensor: TactileSensor, count: int, state: Any = None) -> tup
     for _ in range(count):
         state.clear_forces()
         sensor.update(state)
-        sensor.apply(state)
+        sensor.apply(state, STEP_S)
         impulse = impulse + state.body_f.numpy()[1::2, 2] * STEP_S
         solver.step(state, after, None, None, STEP_S)
         state, after = after, state
@@ -37,7 +37,7 @@ def _go(model: Any, sensor: TactileSensor, count: int, state: Any = None) -> tup
 
 def test_balls_rest_on_gels_in_newton_with_their_weight_as_wrench() -> None:
     """Both rest within 1 % of their weight; the impulse is what stopped gravity's; none sinks."""
-    model, sensor = balls_on_pads(2, device="cpu", mass_kg=MASS_KG, damping_n_s_m=6.0)
+    model, sensor = balls_on_pads(2, device="cpu", mass_kg=MASS_KG)
     state, impulse = _go(model, sensor, 120)
     weight_n = MASS_KG * GRAVITY
     np.testing.assert_allclose(sensor.contact.wrench[:, 2], weight_n, rtol=0.01)
@@ -47,8 +47,10 @@ def test_balls_rest_on_gels_in_newton_with_their_weight_as_wrench() -> None:
 
 
 def test_a_fast_ball_comes_back_from_the_gel_in_newton() -> None:
-    """At 50 mm/s, without damping, it keeps its energy within a tenth, and does not go through."""
-    model, sensor = balls_on_pads(1, device="cpu", mass_kg=MASS_KG, fall_m=2e-4)
+    """At 50 mm/s, without loss, it keeps its energy within a tenth, and does not go through."""
+    model, sensor = balls_on_pads(
+        1, device="cpu", mass_kg=MASS_KG, fall_m=2e-4, loss_s=0.0, friction=0.0
+    )
     state, top_m = model.state(), sensor.contact.batch.model.height_m
     speeds = state.body_qd.numpy()
     speeds[1, 2] = -0.05

@@ -96,6 +96,17 @@ def test_usd_is_valid_and_in_time(press: Path, states: dict[str, Any], tmp_path:
     assert low == pytest.approx(states["indenter_tip_m"][last, 2], abs=1e-7)
 
 
+@pytest.mark.parametrize("sensor", ["gelsight-mini", "digit", "9dtact"])
+def test_usd_of_a_sensor_is_valid(sensor: str, tmp_path: Path) -> None:
+    """Gel, case, camera and material, of which USD's validators have nothing to say."""
+    export(Path(sensor), tmp_path / "out", Format.USD)
+    stage = Usd.Stage.Open(str(tmp_path / "out" / f"{sensor}.usd"))
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert not UsdValidation.ValidationContext(validators).Validate(stage)
+    for prim in ("Gel/Mesh", "Gel/Skin", "Case", "Camera", "Material"):
+        assert stage.GetPrimAtPath(f"/Sensor/{prim}").IsDefined()
+
+
 def test_the_camera_sees_what_the_sensor_s_does(press: Path, tmp_path: Path) -> None:
     """A place on the gel is in the same pixel by USD's own camera."""
     export(press, tmp_path / "out", Format.USD)
