@@ -16,10 +16,11 @@ from sim.scene.indenter import tilted
 from sim.scene.scene import ContactMode, Drive, Effect, Output, Preset, Scene
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.force_search import find_force
-from sim.solve.loading_path import STEP_SHARE, Hold, LoadingPath
+from sim.solve.loading_path import Hold, LoadingPath
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Inertia, weight
 from sim.solve.path_point import PathPoint
+from sim.solve.stepping import STEP_SHARE
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.long_task import doing
 

@@ -17,13 +17,13 @@ import numpy as np
 
 from sim.contact.state import State
 from sim.scene.indenter import Indenter, Plane
-from sim.solve.equilibrium import EquilibriumSolver, Reuse, SolverOptions
+from sim.solve.equilibrium import EquilibriumSolver, SolverOptions
 from sim.solve.model import Model
-from sim.solve.nodal_energies import Inertia, Potential
+from sim.solve.nodal_energies import Potential
 from sim.solve.path_point import PathCounts, PathPoint
 from sim.solve.refusals import base_depth_m
 from sim.solve.starts import OVERLAP_SHARE
-from sim.solve.stepping import CarryPhase, DepthPhase, ForcePhase, Phase, Stepping
+from sim.solve.stepping import STEP_SHARE, CarryPhase, DepthPhase, ForcePhase, Stepping
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 from tacauchy_rig.core.long_task import check_time
@@ -94,11 +94,6 @@ def touch_height(
     return float(state.tip[2])
 
 
-STEP_SHARE = 0.0125
-"""Of the pad's height: the longest step, if nothing else is said.
-
-Twice as long is faster, but a ball of 6 mm then caught a coarse gel's face at twice the energy.
-"""
 # Of the longest step, or of that if nothing else is said: the first one where points take hold.
 # Under a flat punch 0.05 mm take 872 evaluations in one step, 347 in two.
 _GRIPPING_SHARE = 0.25
@@ -116,56 +111,25 @@ class Hold(StrEnum):
 
 
 @dataclass(slots=True)
-class LoadingPath:
-    """Moves one indenter against one pad.
-
-    Args:
-        model: The pad.
-        indenter: The body.
-        centre_m: Where its tip comes down, x and y [m].
-        rotation: Indenter frame to pad frame from the start.
-        step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
-        potentials: Further energies of the nodes, such as weight.
-        inertia: Mass of the nodes, for a path in time.
-        reuse: What the solver keeps from step to step; None is what the size calls for.
-        keeps_all: Keep every equilibrium, for ``taken_over``.
+class LoadingPath(Stepping):
+    """Moves one indenter against one pad: by depth, by force, and along it.
 
     Attributes:
         unloaded: Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's
             stress at rest deform it.
     """
 
-    model: Model
-    indenter: Indenter
-    centre_m: tuple[float, float] = (0.0, 0.0)
-    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
-    step_max_m: float = 0.0
-    options: SolverOptions = field(default_factory=SolverOptions)
-    potentials: Sequence[Potential] = ()
-    inertia: Inertia | None = None
-    reuse: Reuse | None = None
-    keeps_all: bool = False
-    counts: PathCounts = field(default_factory=PathCounts)
-    solver: EquilibriumSolver = field(init=False)
     unloaded: FloatArray = field(init=False)
-    touch_m: float = field(init=False)
     setup_s: float = field(init=False)
-    _stepping: Stepping = field(init=False)
 
     def __post_init__(self) -> None:
         started = time.perf_counter()
-        if self.step_max_m == 0.0:
-            self.step_max_m = STEP_SHARE * self.model.height_m
-        self.solver = EquilibriumSolver(
-            self.model, self.indenter, self.potentials, reuse=self.reuse
-        )
+        Stepping.__post_init__(self)
         self.unloaded = unloaded_positions(
             self.model, options=self.options, potentials=self.potentials
         )
-        if self.model.relaxation is not None:
-            self.model.relaxation.forget(self.unloaded)
-        if self.inertia is not None:
-            self.inertia.forget(self.unloaded)
+        for memory in self.memories:
+            memory.forget(self.unloaded)
         self.touch_m = touch_height(
             self.model,
             self.indenter,
@@ -173,36 +137,19 @@ class LoadingPath:
             centre_m=self.centre_m,
             rotation=self.rotation,
         )
-        self._stepping = Stepping(
-            solver=self.solver,
+        half = np.abs(self.model.nodes[:, :2]).max(axis=0)
+        self.base_depth_m = base_depth_m(
+            self.indenter,
+            self.rotation,
+            reach_m=np.stack([-half, half]) - np.array(self.centre_m),
             touch_m=self.touch_m,
-            counts=self.counts,
-            base_depth_m=base_depth_m(
-                self.indenter,
-                self.rotation,
-                reach_m=_extent(self.model) - np.array(self.centre_m),
-                touch_m=self.touch_m,
-            ),
-            potentials=self.potentials,
-            inertia=self.inertia,
-            keeps_all=self.keeps_all,
         )
         self.setup_s = time.perf_counter() - started
 
     @property
-    def last(self) -> PathPoint | None:
-        """The equilibrium that was reached last, also when a phase ended in an error."""
-        return self._stepping.last
-
-    @property
-    def history(self) -> Sequence[tuple[float, float]]:
-        """(depth [m], F_z [N]) of every equilibrium so far, intermediate ones to 0.1 %."""
-        return self._stepping.history
-
-    @property
     def points(self) -> Sequence[PathPoint]:
         """The equilibria so far: all, or the last ones."""
-        return tuple(self._stepping.known)
+        return tuple(self.known)
 
     def stiffer(self, factor: float) -> LoadingPath:
         """Return the same path, at its start, in a gel that is so many times as stiff.
@@ -210,7 +157,7 @@ class LoadingPath:
         Raises:
             ConfigError: Weight, mass or relaxation is modelled: they do not scale with stiffness.
         """
-        if self.potentials or self.inertia is not None or self.model.relaxation is not None:
+        if self.potentials or self.memories:
             raise ConfigError(
                 "a gel with weight, mass or relaxation goes another way if it is stiffer",
                 remedy="press the stiffer gel from the start",
@@ -229,7 +176,7 @@ class LoadingPath:
         state = point.state.copy()
         if state.grip is not None:
             state.grip.loads = stiffer * state.grip.loads
-        found = self._settle(state, intermediate=True)
+        found = self.settle(state, intermediate=True)
         return replace(found, stiffness_n_m=stiffer * point.stiffness_n_m)
 
     def resume(self, state: State, *, load_n: float | None, stiffness_n_m: float) -> PathPoint:
@@ -243,15 +190,10 @@ class LoadingPath:
             ConvergenceError: There is no equilibrium near it.
         """
         started = time.perf_counter()
-        found = self._stepping.settle(
-            state,
-            load_n=load_n,
-            must_touch=self._stepping.must_touch(self.touch_m - float(state.tip[2])),
-            intermediate=False,
-            options=self.options,
-        )
+        touches = self.must_touch(self.touch_m - float(state.tip[2]))
+        found = self.settle(state, load_n=load_n, must_touch=touches, intermediate=False)
         self.counts.wall_s += time.perf_counter() - started
-        return self._stepping.accept(replace(found, stiffness_n_m=stiffness_n_m))
+        return self.accept(replace(found, stiffness_n_m=stiffness_n_m))
 
     def advance(
         self,
@@ -271,7 +213,7 @@ class LoadingPath:
                 last depth that was reached, ``last`` holds it.
             ConfigError: The indenter would be below the gel's base, or at it.
         """
-        most_m = self._stepping.base_depth_m
+        most_m = self.base_depth_m
         if depth_m >= most_m:
             raise ConfigError(
                 f"a depth of {depth_m * 1e3:.4f} mm is more than the gel has room for: at "
@@ -289,7 +231,7 @@ class LoadingPath:
             step_max_m=self.step_max_m,
             exact=_DEPTH_EXACT_SHARE * self.model.height_m,
         )
-        return self._go(point, phase, duration_s)
+        return self.go(point, phase, duration_s)
 
     def push(
         self,
@@ -317,7 +259,7 @@ class LoadingPath:
             exact=_FORCE_EXACT_SHARE * force_n,
             step_max_m=self.step_max_m,
         )
-        return self._go(point, phase, duration_s)
+        return self.go(point, phase, duration_s)
 
     def dwell(self, duration_s: float) -> PathPoint:
         """Let time pass at the same depth, as one step; a gel that relaxes pushes back less.
@@ -326,8 +268,8 @@ class LoadingPath:
             ConvergenceError: As for ``advance``, or nothing was pressed yet.
         """
         point = self._pressed("dwells")
-        self._stepping.begin(duration_s)
-        return self._stepping.accept(self._settle(point.state.copy(), intermediate=False))
+        self.begin(duration_s)
+        return self.accept(self.settle(point.state.copy(), intermediate=False))
 
     def carry(
         self,
@@ -362,7 +304,7 @@ class LoadingPath:
             step_max_m=self.step_max_m,
             radius_m=point.contact_radius_m,
         )
-        return self._go(point, phase, duration_s)
+        return self.go(point, phase, duration_s)
 
     def untouched(self, depth_m: float) -> State:
         """Return the unloaded pad with the indenter at a depth."""
@@ -386,32 +328,20 @@ class LoadingPath:
             )
         return self.last
 
-    def _go(self, point: PathPoint, phase: Phase, duration_s: float | None) -> PathPoint:
-        return self._stepping.go(point, phase, duration_s=duration_s, options=self.options)
-
-    def _settle(self, state: State, *, intermediate: bool, must_touch: bool = False) -> PathPoint:
-        return self._stepping.settle(
-            state,
-            load_n=None,
-            must_touch=must_touch,
-            intermediate=intermediate,
-            options=self.options,
-        )
-
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
         depth = min(depth_m, self._first_step_m)
         if depth_m > 0.0:
-            depth = min(depth, depth_m * self._stepping.longest_share(duration_s))
-        self._stepping.begin(_part(depth / depth_m, duration_s) if depth_m > 0.0 else duration_s)
+            depth = min(depth, depth_m * self.longest_share(duration_s))
+        self.begin(_part(depth / depth_m, duration_s) if depth_m > 0.0 else duration_s)
         # Points that take hold, or have mass, remember an intermediate state as it is found.
         remembers = self.model.contact_options.is_tangential or self.inertia is not None
         intermediate = depth < depth_m and not remembers
-        point = self._settle(
+        point = self.settle(
             self.untouched(depth),
             intermediate=intermediate,
-            must_touch=self._stepping.must_touch(depth),
+            must_touch=self.must_touch(depth),
         )
-        return self._stepping.accept(point)
+        return self.accept(point)
 
     @property
     def _first_step_m(self) -> float:
@@ -430,25 +360,18 @@ class LoadingPath:
         Under a force that grows evenly that is what it carries by then; found by secants of the
         logarithms: what a gel with mass carries falls with the square of the time.
         """
-        remembers = self.model.relaxation is not None or self.inertia is not None
-        if not remembers or duration_s in (None, math.inf) or point is not None:
+        if not self.memories or duration_s in (None, math.inf) or point is not None:
             return _TOUCHING_SHARE
         at, slope, known = math.log(_TOUCHING_SHARE), -1.0, None
         for _ in range(_TOUCHING_TRIES):
-            self._stepping.begin(_part(math.exp(at), duration_s))
+            self.begin(_part(math.exp(at), duration_s))
             start = self.untouched(OVERLAP_SHARE * self.model.height_m)
-            carried = float(self._settle(start, intermediate=True).force_n[2])
+            carried = float(self.settle(start, intermediate=True).force_n[2])
             missed = math.log(carried / force_n) - at
             if known is not None and at != known[0]:
                 slope = min(slope, (missed - known[1]) / (at - known[0]))
             known, at = (at, missed), min(0.0, at - missed / slope)
         return math.exp(at)
-
-
-def _extent(model: Model) -> FloatArray:
-    """Return the least and the greatest x and y of a pad [m], shape [2, 2]."""
-    half = np.abs(model.nodes[:, :2]).max(axis=0)
-    return np.stack([-half, half])
 
 
 def _part(share: float, duration_s: float | None) -> float | None:

@@ -18,7 +18,9 @@ import numpy as np
 
 from sim.contact.state import State
 from sim.material.relaxation import Relaxation
-from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, SolverOptions
+from sim.scene.indenter import Indenter
+from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, Reuse, SolverOptions
+from sim.solve.model import Model
 from sim.solve.nodal_energies import Inertia, Potential
 from sim.solve.path_point import PathCounts, PathPoint, predicted_state
 from sim.solve.starts import OVERLAP_SHARE, overlap_fraction
@@ -32,6 +34,11 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 _STILL = np.zeros(3)
 # No stiffness [N/m], or no travel [m]: it keeps quotients finite.
 _NOTHING = 1e-30
+STEP_SHARE = 0.0125
+"""Of the pad's height: the longest step, if nothing else is said.
+
+Twice as long is faster, but a ball of 6 mm then caught a coarse gel's face at twice the energy.
+"""
 # A push's steps are at least this share of its force, also where the gel hardly resists.
 _FORCE_STEP_MIN_SHARE = 1e-3
 # Of the longest step: a press that fails in shorter ones stops.
@@ -171,49 +178,70 @@ def _stopped(point: PathPoint, phase: Phase, error: ConvergenceError) -> Converg
     )
 
 
-@dataclass(slots=True, kw_only=True)
+@dataclass(slots=True)
 class Stepping:
-    """Steps through equilibria, and has a gel that relaxes or has mass remember them.
+    """Steps one indenter through equilibria of one pad; a gel that relaxes or has mass remembers.
 
-    Attributes:
+    Args:
+        model: The pad.
+        indenter: The body.
+        centre_m: Where its tip comes down, x and y [m].
+        rotation: Indenter frame to pad frame from the start.
+        step_max_m: Largest single advance [m]; 0 chooses an eightieth of the pad's height.
         potentials: Further energies of the nodes besides inertia, such as weight.
-        last: The equilibrium that was reached last, also when a phase ended in an error.
-        history: (depth [m], F_z [N]) of every equilibrium so far.
+        inertia: Mass of the nodes, for a path in time.
+        reuse: What the solver keeps from step to step; None is what the size calls for.
+        keeps_all: Keep every equilibrium, not the last ones only.
     """
 
-    solver: EquilibriumSolver
-    touch_m: float  # tip height from which depth counts [m]
-    counts: PathCounts
-    base_depth_m: float = math.inf  # where the indenter is at the gel's base [m]
+    model: Model
+    indenter: Indenter
+    centre_m: tuple[float, float] = (0.0, 0.0)
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    step_max_m: float = 0.0
+    options: SolverOptions = field(default_factory=SolverOptions)
     potentials: Sequence[Potential] = ()
     inertia: Inertia | None = None
+    reuse: Reuse | None = None
     keeps_all: bool = False
-    last: PathPoint | None = None
-    history: list[tuple[float, float]] = field(default_factory=list)
-    known: deque[PathPoint] = field(init=False)  # the last of these; all of them if ``keeps_all``
+    counts: PathCounts = field(default_factory=PathCounts)
+    solver: EquilibriumSolver = field(init=False)
+    touch_m: float = field(init=False)  # tip height from which depth counts [m]
+    base_depth_m: float = field(init=False)  # where the indenter is at the gel's base [m]
+    # The equilibrium that was reached last, also when a phase ended in an error.
+    last: PathPoint | None = field(init=False, default=None)
+    # (depth [m], F_z [N]) of every equilibrium so far, intermediate ones to 0.1 %.
+    history: list[tuple[float, float]] = field(init=False, default_factory=list)
+    # The last of these equilibria; all of them if ``keeps_all``.
+    known: deque[PathPoint] = field(init=False)
     # Points of the phases of one direction, with their places along it.
     _alike: deque[tuple[float, PathPoint]] = field(
-        default_factory=lambda: deque(maxlen=_REMEMBERED)
+        init=False, default_factory=lambda: deque(maxlen=_REMEMBERED)
     )
-    _direction: tuple[object, ...] = ()
+    _direction: tuple[object, ...] = field(init=False, default=())
 
     def __post_init__(self) -> None:
+        if self.step_max_m == 0.0:
+            self.step_max_m = STEP_SHARE * self.model.height_m
         self.known = deque(maxlen=None if self.keeps_all else _REMEMBERED)
+        self.solver = EquilibriumSolver(
+            self.model, self.indenter, self.potentials, reuse=self.reuse
+        )
 
     @property
-    def _memories(self) -> tuple[Inertia | Relaxation, ...]:
+    def memories(self) -> tuple[Inertia | Relaxation, ...]:
         """What goes on from where a step ended, and not from any point of the path."""
-        both = (self.solver.model.relaxation, self.inertia)
+        both = (self.model.relaxation, self.inertia)
         return tuple(each for each in both if each is not None)
 
     def must_touch(self, depth_m: float) -> bool:
         """Return whether an indenter that came down to a depth [m] cannot but touch."""
-        deep = depth_m > _TOUCHES_FROM_SHARE * self.solver.model.height_m
-        return deep and not self._memories
+        deep = depth_m > _TOUCHES_FROM_SHARE * self.model.height_m
+        return deep and not self.memories
 
     def begin(self, duration_s: float | None) -> None:
         """Begin a step of a time [s]; None is for ever."""
-        for memory in self._memories:
+        for memory in self.memories:
             memory.begin_step(math.inf if duration_s is None else duration_s)
         if self.inertia is not None:
             self.solver.replace_potentials((*self.potentials, *self.inertia.flight))
@@ -223,7 +251,7 @@ class Stepping:
         self.last = point
         self.known.append(point)
         self.history.append((point.depth_m, float(point.force_n[2])))
-        for memory in self._memories:
+        for memory in self.memories:
             memory.commit(point.state.positions)
         return point
 
@@ -231,14 +259,12 @@ class Stepping:
         """Return the largest part of what takes a time [s] that may be one step."""
         if duration_s is None or not math.isfinite(duration_s):
             return 1.0
-        share = 1.0 if self.solver.model.relaxation is None else _EVEN_SHARE
+        share = 1.0 if self.model.relaxation is None else _EVEN_SHARE
         if self.inertia is not None:
             share = min(share, self.inertia.step_max_s / duration_s)
         return share
 
-    def go(
-        self, point: PathPoint, phase: Phase, *, duration_s: float | None, options: SolverOptions
-    ) -> PathPoint:
+    def go(self, point: PathPoint, phase: Phase, duration_s: float | None) -> PathPoint:
         """Go along a phase from a point, the last one or an earlier.
 
         Raises:
@@ -247,7 +273,7 @@ class Stepping:
             ConfigError: A gel that relaxes or has mass would have to go back.
         """
         started = time.perf_counter()
-        if point is not self.last and self._memories:
+        if point is not self.last and self.memories:
             raise ConfigError(
                 "a gel that relaxes or has mass cannot go back to an earlier point of its path",
                 remedy="drive it by load or by depth, not by the displacement search",
@@ -265,7 +291,7 @@ class Stepping:
             while phase.is_short_of(at):
                 advance = self._advance(phase.end - at, step)
                 try:
-                    found, taken = self._increment(point, phase, at, advance, pace, options)
+                    found, taken = self._increment(point, phase, at, advance, pace)
                 except ConvergenceError as error:
                     step = abs(advance) / _CUT
                     failed_at.append(at)
@@ -316,7 +342,6 @@ class Stepping:
         at: float,
         advance: float,
         pace: float | None,
-        options: SolverOptions,
     ) -> tuple[PathPoint, float]:
         """Go one step; return where that led and how much of the phase was done."""
         state, fraction = self._predicted(point, phase, at, advance), 1.0
@@ -331,7 +356,6 @@ class Stepping:
             and advance > 0.0
             and self.must_touch(at + taken),
             intermediate=self.inertia is None and phase.is_short_of(at + taken),
-            options=options,
             before=point,
         )
         return found, taken
@@ -355,8 +379,8 @@ class Stepping:
         turned = phase.turned(state.rotation, advance)
         tip = state.tip + advance * velocity
         state.rotation = turned
-        model = self.solver.model
-        fraction = overlap_fraction(model, self.solver.indenter, state, tip, advance * motion)
+        model = self.model
+        fraction = overlap_fraction(model, self.indenter, state, tip, advance * motion)
         if np.any(spin) and fraction < 1.0:
             raise ConvergenceError("the next turn would overlap the indenter")
         if fraction * abs(advance) < phase.longest(point.stiffness_n_m) * _OVERLAP_LEFT_MIN_SHARE:
@@ -377,7 +401,7 @@ class Stepping:
         Returns:
             Motion of the nodes [m/unit], shape [node_count, 3], and of F_z [N/unit].
         """
-        model, contact = self.solver.model, point.equilibrium.contact
+        model, contact = self.model, point.equilibrium.contact
         carried = velocity + np.cross(spin, contact.points - point.state.tip)
         change = np.cross(spin, contact.forces)
         change -= np.einsum("fpij,fpj->fpi", contact.stiffness, carried)
@@ -390,7 +414,7 @@ class Stepping:
     def _predicted(self, point: PathPoint, phase: Phase, at: float, advance: float) -> State | None:
         """Return the state to which the points so far lead; None where they do not tell enough."""
         known, place = self._basis(point, phase, at)
-        model = self.solver.model
+        model = self.model
         if not point.force_n.any():
             state = point.state.copy()
         elif len(known) > 1:
@@ -409,7 +433,7 @@ class Stepping:
         elif phase.load_at(at) is None:
             state.tip[2] = self.touch_m - (at + advance)
         if model.contact_options.extension < 1.0:  # a parabola throughout forgives any overlap
-            gaps = model.surface.gaps(state.positions, self.solver.indenter, state)
+            gaps = model.surface.gaps(state.positions, self.indenter, state)
             if not gaps.min() >= -OVERLAP_SHARE * model.height_m:
                 return None
         return state
@@ -421,8 +445,8 @@ class Stepping:
 
         Where an equilibrium depends on the indenter's place alone, those of any phase serve.
         """
-        tangential = self.solver.model.contact_options.is_tangential
-        if self._memories or tangential or isinstance(phase, CarryPhase):
+        tangential = self.model.contact_options.is_tangential
+        if self.memories or tangential or isinstance(phase, CarryPhase):
             return list(self._alike), self._alike[-1][0]
         held = phase.load_at(phase.end) is None
         known = [
@@ -437,10 +461,9 @@ class Stepping:
         self,
         state: State,
         *,
-        load_n: float | None,
+        load_n: float | None = None,
         must_touch: bool = False,
         intermediate: bool,
-        options: SolverOptions,
         before: PathPoint | None = None,
     ) -> PathPoint:
         """Find the equilibrium, friction's lagged pressure included.
@@ -455,7 +478,8 @@ class Stepping:
         Raises:
             ConvergenceError: There is none.
         """
-        solver, model, wanted = self.solver, self.solver.model, options.residual_relative
+        solver, model, options = self.solver, self.model, self.options
+        wanted = options.residual_relative
         if load_n is not None:
             load_n = load_n / model.mesh.symmetry.copies
             wanted = min(wanted, options.load_relative)
@@ -469,7 +493,7 @@ class Stepping:
         return self._point(state, found, before)
 
     def _point(self, state: State, found: Equilibrium, before: PathPoint | None) -> PathPoint:
-        force = self.solver.model.mesh.symmetry.whole_force(found.push_n)
+        force = self.model.mesh.symmetry.whole_force(found.push_n)
         depth = self.touch_m - float(state.tip[2])
         rise, travel, last = float(force[2]), depth, 0.0
         if before is not None:
