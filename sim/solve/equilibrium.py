@@ -39,10 +39,10 @@ from sim.solve.descents import Descents
 from sim.solve.linear_solver import StiffnessFactor
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Potential
-from sim.solve.refusals import faces_gel
 from sim.solve.starts import (
     OVERLAP_SHARE,
     TANGLED_SHARE,
+    faces_gel,
     inverted_share,
     refuse_deep_overlap,
     untangle,

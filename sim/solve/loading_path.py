@@ -21,9 +21,8 @@ from sim.solve.equilibrium import EquilibriumSolver, SolverOptions
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Potential
 from sim.solve.path_point import PathCounts, PathPoint
-from sim.solve.refusals import base_depth_m
-from sim.solve.starts import OVERLAP_SHARE
-from sim.solve.stepping import STEP_SHARE, CarryPhase, DepthPhase, ForcePhase, Stepping
+from sim.solve.starts import OVERLAP_SHARE, base_depth_m
+from sim.solve.stepping import STEP_SHARE, CarryPhase, ForcePhase, Phase, Stepping
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 from tacauchy_rig.core.long_task import check_time
@@ -224,7 +223,7 @@ class LoadingPath(Stepping):
         if point is None:
             point = self._first(depth_m, duration_s)
             duration_s = _part(1.0 - point.depth_m / depth_m, duration_s) if depth_m > 0.0 else None
-        phase = DepthPhase(
+        phase = Phase(
             start=point.depth_m,
             end=depth_m,
             goal=f"{depth_m * 1e3:.4f} mm",

@@ -1,6 +1,8 @@
-"""Starts of a descent: those that overlap the indenter too far, and those turned inside out.
+"""Starts and ends of a descent that are refused, and starts turned inside out.
 
-Between equilibria the surfaces may overlap by ``OVERLAP_SHARE`` of the pad's height.
+Between equilibria the surfaces may overlap by ``OVERLAP_SHARE`` of the pad's height. A gap is
+measured to the nearest side of the indenter: where gel has come past the middle of a small body,
+that is the wrong one, and contact pulls the gel's surface, or has none.
 
 Newton alone finds its way back from many states that are collapsed, flattened, mirrored or
 shuffled, but a collapsed element says nothing about the direction, and now and then the pad stays
@@ -18,7 +20,7 @@ import scipy.sparse.linalg
 
 from sim.contact.state import State
 from sim.mesh.discretisation import assembled
-from sim.scene.indenter import Indenter
+from sim.scene.indenter import Indenter, Plane, TurnedIndenter
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
@@ -78,6 +80,44 @@ def refuse_deep_overlap(model: Model, indenter: Indenter, state: State) -> None:
         raise ConvergenceError(
             f"{message}, where its nearest side does not face the gel", remedy=remedy
         )
+
+
+# What presses has 0.9 to 1.0, under the folds of a deep sharp rim too; what has passed through, a
+# part of it or all, 0.03 to -1.0.
+_FACING_LEAST = 0.6
+_SAMPLES = 65
+
+
+def faces_gel(forces: FloatArray, outward: FloatArray, *, friction: float) -> bool:
+    """Return whether a contact presses on the outside of the gel, wherever it touches.
+
+    Args:
+        forces: On the indenter [N], shape [face_count, point_count, 3].
+        outward: Normals of the gel's surface at these points, of any length, likewise.
+        friction: Coefficient by which forces may lean [-].
+    """
+    sizes = np.linalg.norm(outward, axis=2)
+    pushed = np.einsum("fpi,fpi->fp", forces, outward) / np.maximum(sizes, 1e-300)
+    least = _FACING_LEAST / np.hypot(1.0, friction)
+    return bool(pushed.sum() >= least * np.linalg.norm(forces, axis=2).sum())
+
+
+def base_depth_m(
+    indenter: Indenter, rotation: FloatArray, *, reach_m: FloatArray, touch_m: float
+) -> float:
+    """Return the depth at which an indenter's lowest point over the pad is at the gel's base [m].
+
+    Args:
+        reach_m: Least and greatest x and y of the pad seen from the tip [m], shape [2, 2].
+        touch_m: Height of the tip at first touch [m].
+    """
+    if isinstance(indenter, Plane) or np.array_equal(rotation, np.eye(3)):
+        return touch_m
+    turned = TurnedIndenter(indenter=indenter, rotation=rotation)
+    low, high = (np.clip(each, *reach_m) for each in turned.reach())
+    axes = [np.linspace(a, b, _SAMPLES) for a, b in zip(low, high, strict=True)]
+    heights = turned.lower_surface(*np.meshgrid(*axes, indexing="ij"))
+    return touch_m + min(0.0, float(heights.min()))
 
 
 logger = logging.getLogger(__name__)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import math
 import time
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -66,19 +65,15 @@ _TELLS_STIFFNESS = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Phase(ABC):
-    """One parameter from ``start`` to ``end``.
-
-    Attributes:
-        load_n: F_z to keep, while the depth follows [N]; None keeps or changes the depth.
-    """
+class Phase:
+    """One parameter from ``start`` to ``end``: here, straight down to a depth [m]."""
 
     start: float
     end: float
     goal: str  # what is to be reached, for messages
     exact: float  # difference from the end that counts as none
     step_max_m: float  # longest travel of a point of the indenter in one step [m]
-    load_n: float | None = None
+    load_n: float | None = None  # F_z to keep, while the depth follows [N]
     twist_rad: float = 0.0  # turn about z through the tip for one of the parameter [rad]
 
     @property
@@ -90,13 +85,13 @@ class Phase(ABC):
         """Return whether ``at`` is not the end yet."""
         return abs(self.end - at) > self.exact
 
-    @abstractmethod
-    def longest(self, stiffness_n_m: float) -> float:
+    def longest(self, stiffness_n_m: float) -> float:  # noqa: ARG002
         """Return the longest step of the parameter; dF_z / d(depth) is given [N/m]."""
+        return self.step_max_m
 
-    @abstractmethod
-    def rate(self, stiffness_n_m: float) -> tuple[FloatArray, FloatArray]:
+    def rate(self, stiffness_n_m: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
         """Return velocity [m/unit] and spin [rad/unit] of the indenter, shape [3] each."""
+        return _DOWN, _STILL
 
     def turned(self, rotation: FloatArray, advance: float) -> FloatArray:
         """Return the rotation after a step about the pad's z."""
@@ -109,23 +104,11 @@ class Phase(ABC):
         return self.load_n
 
 
-class DepthPhase(Phase):
-    """Straight down to a depth [m]."""
-
-    def longest(self, stiffness_n_m: float) -> float:  # noqa: ARG002
-        """Return the longest step [m]."""
-        return self.step_max_m
-
-    def rate(self, stiffness_n_m: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
-        """Return velocity and spin for a metre of depth."""
-        return _DOWN, _STILL
-
-
 class ForcePhase(Phase):
     """Straight down until a force F_z [N] is carried."""
 
     def longest(self, stiffness_n_m: float) -> float:
-        """Return the longest step [N]: the force of the longest advance."""
+        """Return the force of the longest advance [N]."""
         return max(stiffness_n_m * self.step_max_m, _FORCE_STEP_MIN_SHARE * self.end)
 
     def rate(self, stiffness_n_m: float) -> tuple[FloatArray, FloatArray]:
@@ -160,22 +143,6 @@ class CarryPhase(Phase):
     def rate(self, stiffness_n_m: float) -> tuple[FloatArray, FloatArray]:  # noqa: ARG002
         """Return velocity and spin over the whole phase."""
         return self.shift_m, np.array([0.0, 0.0, self.twist_rad])
-
-
-def _hardly_moves(failed_at: Sequence[float], longest: float) -> bool:
-    """Return whether the last failed steps began at places that hardly differ."""
-    recent = failed_at[-_FAILED_STEPS:]
-    return len(recent) == _FAILED_STEPS and (
-        abs(recent[-1] - recent[0]) < _PROGRESS_LEAST_SHARE * longest
-    )
-
-
-def _stopped(point: PathPoint, phase: Phase, error: ConvergenceError) -> ConvergenceError:
-    return ConvergenceError(
-        f"the press stopped at {point.depth_m * 1e3:.4f} mm and {point.force_n[2]:.4f} N on the "
-        f"way to {phase.goal}: {error.message}",
-        remedy=error.remedy,
-    )
 
 
 @dataclass(slots=True)
@@ -289,7 +256,11 @@ class Stepping:
         at, step, failed_at = phase.start, min(phase.longest(point.stiffness_n_m), even), []
         with doing(f"pressing to {phase.goal}") as tell:
             while phase.is_short_of(at):
-                advance = self._advance(phase.end - at, step)
+                left = phase.end - at
+                advance = float(np.clip(left, -step, step))
+                if self.inertia is not None:
+                    # Parted evenly: a sliver of time at the end would turn rounding into speed.
+                    advance = left / max(1, math.ceil(abs(left) / step - _LONGER))
                 try:
                     found, taken = self._increment(point, phase, at, advance, pace)
                 except ConvergenceError as error:
@@ -297,10 +268,24 @@ class Stepping:
                     failed_at.append(at)
                     logger.debug("increment of %.3g failed: %s", advance, error.message)
                     longest = phase.longest(point.stiffness_n_m)
-                    if step < longest * _STEP_MIN_SHARE or _hardly_moves(failed_at, longest):
-                        raise _stopped(point, phase, error) from error
+                    hardly_moves = len(failed_at) >= _FAILED_STEPS and (
+                        abs(at - failed_at[-_FAILED_STEPS]) < _PROGRESS_LEAST_SHARE * longest
+                    )
+                    if step < longest * _STEP_MIN_SHARE or hardly_moves:
+                        raise ConvergenceError(
+                            f"the press stopped at {point.depth_m * 1e3:.4f} mm and "
+                            f"{point.force_n[2]:.4f} N on the way to {phase.goal}: "
+                            f"{error.message}",
+                            remedy=error.remedy,
+                        ) from error
                     continue
-                self._refuse_too_deep(found, phase)
+                if found.depth_m >= self.base_depth_m:  # shorter steps would lead there too
+                    raise ConvergenceError(
+                        f"the gel does not carry {phase.goal}: at {point.force_n[2]:.4f} N the "
+                        f"indenter is {point.depth_m * 1e3:.4f} mm deep, and at "
+                        f"{self.base_depth_m * 1e3:.4f} mm it is at the gel's base",
+                        remedy="press with less force",
+                    )
                 point = self.accept(found)
                 tell(f"{point.depth_m * 1e3:.4f} mm, {point.force_n[2]:.4f} N")
                 self._alike.append((self._alike[-1][0] + taken, point))
@@ -310,30 +295,6 @@ class Stepping:
                 )
         self.counts.wall_s += time.perf_counter() - started
         return point
-
-    def _refuse_too_deep(self, point: PathPoint, phase: Phase) -> None:
-        """End where an indenter has come to the gel's base, or beyond.
-
-        Raises:
-            ConvergenceError: It has; shorter steps would lead there too.
-        """
-        if point.depth_m >= self.base_depth_m:
-            last = self.last or point
-            raise ConvergenceError(
-                f"the gel does not carry {phase.goal}: at {last.force_n[2]:.4f} N the indenter is "
-                f"{last.depth_m * 1e3:.4f} mm deep, and at {self.base_depth_m * 1e3:.4f} mm it "
-                "is at the gel's base",
-                remedy="press with less force",
-            )
-
-    def _advance(self, left: float, step: float) -> float:
-        """Return the next step's length; of a gel with mass what is left is parted evenly.
-
-        A sliver of time at a phase's end would turn rounding into speed.
-        """
-        if self.inertia is None:
-            return float(np.clip(left, -step, step))
-        return left / max(1, math.ceil(abs(left) / step - _LONGER))
 
     def _increment(
         self,
@@ -352,20 +313,14 @@ class Stepping:
         found = self.settle(
             state,
             load_n=phase.load_at(at + taken),
-            must_touch=isinstance(phase, DepthPhase)
-            and advance > 0.0
-            and self.must_touch(at + taken),
+            must_touch=type(phase) is Phase and advance > 0.0 and self.must_touch(at + taken),
             intermediate=self.inertia is None and phase.is_short_of(at + taken),
             before=point,
         )
         return found, taken
 
     def _along_tangent(self, point: PathPoint, phase: Phase, advance: float) -> tuple[State, float]:
-        """Return where the tangent leads, and the fraction of the step that overlap allows.
-
-        Raises:
-            ConvergenceError: It allows none.
-        """
+        """Return where the tangent leads, and the fraction of the step that overlap allows."""
         state = point.state.copy()
         # The stiffness of a state before would be that of another contact.
         self.solver.take_factor(state)
@@ -392,15 +347,7 @@ class Stepping:
     def _response(
         self, point: PathPoint, velocity: FloatArray, spin: FloatArray
     ) -> tuple[FloatArray, float]:
-        """Return the response to a motion of the indenter, by the stiffness factored last.
-
-        Args:
-            velocity: Of the tip [m/unit], shape [3].
-            spin: About the tip [rad/unit], shape [3].
-
-        Returns:
-            Motion of the nodes [m/unit], shape [node_count, 3], and of F_z [N/unit].
-        """
+        """Return how nodes [m/unit] and F_z [N/unit] answer a motion of the indenter."""
         model, contact = self.model, point.equilibrium.contact
         carried = velocity + np.cross(spin, contact.points - point.state.tip)
         change = np.cross(spin, contact.forces)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.solve.stepping import CarryPhase, DepthPhase, ForcePhase
+from sim.solve.stepping import CarryPhase, ForcePhase, Phase
 
 
 def _carried(twist_rad: float, *, load_n: float | None = None) -> CarryPhase:
@@ -41,7 +41,7 @@ def test_a_step_carries_no_point_farther_than_allowed() -> None:
 
 def test_depth_and_force_go_straight_down() -> None:
     """A newton takes 1/k of way; both ends are met to their rounding."""
-    depth = DepthPhase(goal="1 mm", start=0.0, end=1e-3, exact=1e-14, step_max_m=5e-5)
+    depth = Phase(goal="1 mm", start=0.0, end=1e-3, exact=1e-14, step_max_m=5e-5)
     force = ForcePhase(goal="2 N", start=0.0, end=2.0, exact=2e-12, step_max_m=5e-5)
     np.testing.assert_array_equal(depth.rate(400.0)[0], [0.0, 0.0, -1.0])
     np.testing.assert_allclose(force.rate(400.0)[0], [0.0, 0.0, -1.0 / 400.0])

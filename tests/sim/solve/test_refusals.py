@@ -14,7 +14,7 @@ from sim.press import press
 from sim.press_command import scene_from
 from sim.scene.indenter import Cylinder, Sphere, tilted
 from sim.solve.loading_path import LoadingPath
-from sim.solve.refusals import base_depth_m, faces_gel
+from sim.solve.starts import base_depth_m, faces_gel
 from tacauchy_rig.core.errors import ConfigError, TimeLimitError
 from tests.sim.test_press import small_model
 
