@@ -13,8 +13,7 @@ from typing import Any
 import warp as wp
 
 from sim.contact.indenter_distance import Poses
-from sim.optics.height.node_kernel import AT_RIM, SMOOTH, TOUCHES, Canvas, Gel, is_part
-from sim.optics.height.underside import underside
+from sim.optics.height.node_kernel import AT_RIM, SMOOTH, TOUCHES, Canvas, Gel, is_part, underside
 from sim.scene.triangle_rays import BESIDE
 
 _EDGE_TOLERANCE = wp.constant(wp.float64(1.0e-9))

@@ -8,11 +8,106 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import warp as wp
 
-from sim.contact.indenter_distance import Poses
-from sim.optics.height.underside import underside
-from sim.scene.triangle_rays import BESIDE
+from sim.contact.indenter_distance import AnyBody, Body, MeshBody, Poses, body_of, posed, poses_at
+from sim.device import Device
+from sim.fields.surface import SurfaceState
+from sim.scene.triangle_rays import BESIDE, lowest_height
+from tacauchy_rig.core.arrays import FloatArray
+
+_TILT_ITERATIONS = wp.constant(40)
+_SETTLED_M = wp.constant(wp.float64(1.0e-12))
+
+
+@wp.func
+def _lowest(body: Body, x: wp.float64, y: wp.float64):
+    """Return the height over a point in the indenter's frame, ``BESIDE`` beside the body."""
+    zero = wp.float64(0.0)
+    away = x * x + y * y
+    radius = wp.sqrt(away)
+    inside = wp.clamp(radius - (body.radius - body.fillet), zero, body.fillet)
+    squared = wp.where(body.is_ball, away, inside * inside)  # the root costs a ball digits
+    arc = wp.sqrt(wp.max(body.fillet * body.fillet - squared, zero))
+    return wp.where(radius > body.radius, BESIDE, body.fillet - arc)
+
+
+@wp.func  # type: ignore[no-redef]
+def _lowest(body: MeshBody, x: wp.float64, y: wp.float64):
+    """Return the height over a point in the indenter's frame, ``BESIDE`` beside the body."""
+    return lowest_height(body.surface, x, y)
+
+
+@wp.func  # type: ignore[no-redef]
+def _lowest(body: AnyBody, x: wp.float64, y: wp.float64):
+    """Return the height over a point in the indenter's frame, ``BESIDE`` beside the body."""
+    lowest = wp.float64(0.0)
+    if body.is_mesh:
+        lowest = lowest_height(body.mesh.surface, x, y)
+        if lowest < BESIDE:
+            lowest -= body.rounding
+    else:
+        lowest = _lowest(body.analytic, x, y)
+    return lowest
+
+
+@wp.func
+def underside(body: Any, poses: Poses, away_m: wp.float64, env: int, x: wp.float64, y: wp.float64):
+    """Return the height of an environment's indenter over the pad [m], ``BESIDE`` beside it.
+
+    The body is larger than the indenter by ``away_m``, and its tip lies lower by as much.
+
+    A tilted indenter is solved for by fixed-point iteration along z, which contracts while tilt
+    times slope stays below one; the flanks of a tilted cylinder do not count as underside.
+    """
+    here = posed(body, poses, env)
+    R = poses.rotations[env]
+    tip = poses.tips[env]
+    dx = x - (tip[0] - away_m * R[0, 2])
+    dy = y - (tip[1] - away_m * R[1, 2])
+    lateral = R[0, 2] * dx + R[1, 2] * dy
+    upright = wp.abs(R[0, 2]) + wp.abs(R[1, 2]) < _SETTLED_M
+    height = wp.float64(0.0)
+    beside = bool(False)  # noqa: UP018 - a variable to Warp, not a constant
+    for _ in range(_TILT_ITERATIONS):
+        at_x = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * height
+        at_y = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * height
+        lowest = _lowest(here, at_x, at_y)
+        beside = lowest >= BESIDE
+        found = (wp.where(beside, wp.float64(0.0), lowest) - lateral) / R[2, 2]
+        settled = wp.abs(found - height) < _SETTLED_M
+        height = found
+        if upright or settled:
+            break
+    return wp.where(beside, BESIDE, height + tip[2] - away_m * R[2, 2])
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def _undersides(
+    body: Any,
+    poses: Poses,
+    # Data in:
+    places: wp.array(dtype=wp.vec2d),
+    # Data out:
+    height_out: wp.array(dtype=wp.float64),
+):
+    """Find the underside over places."""
+    i = wp.tid()
+    height_out[i] = underside(body, poses, wp.float64(0.0), 0, places[i][0], places[i][1])
+
+
+def indenter_height(surface: SurfaceState, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the height of the indenter's underside over x, y of the pad [m], inf beside it."""
+    device = Device("cpu")
+    poses = poses_at(surface.indenter_position[None], surface.indenter_rotation[None], device)
+    places = device.array(np.stack([x, y], axis=-1).reshape(-1, 2), wp.vec2d)
+    height = device.empty((len(places),), wp.float64)
+    body = body_of(surface.indenter)
+    device.launch(_undersides, (len(places),), [body, poses, places], [height])
+    found: FloatArray = height.numpy().reshape(np.shape(x))
+    return np.where(found >= float(BESIDE), np.inf, found)
+
 
 _SIXTEEN = wp.constant(16)
 _STEEP_SLOPE = wp.constant(wp.float64(0.5))
@@ -28,56 +123,43 @@ FREE, AT_RIM = wp.constant(8), wp.constant(16)
 class Gel:
     """How the drawn nodes follow a model's, and which of them make faces and parts.
 
-    What a mesh does not call for is empty: steep faces that are cut (``drawn_nodes``), rings that
+    What a mesh does not call for is empty: steep faces that are cut (``height_map``), rings that
     are drawn round, neighbours of nodes of linear faces.
 
     Attributes:
         sources: Node of the model that each drawn one is, or mirrors, shape [node_count].
-        signs: Of its coordinates.
-        lifts: By what the pad's top lies higher at rest [m].
-        faces: Nodes of each face, shape [face_count, 6 or 3].
         parts: Nodes of the faces, then of the sixteen parts of each, the same width.
         facets: Corners of a part's linear facets among its nodes, shape [4 or 1, 3].
-        standoff: By how much what bounds the gel is larger than the indenter [m].
-        gap: Largest gap between gel and what bounds it that counts as touching [m].
         values: Shape functions of a face at the places of a cut one, shape [place_count, 6].
         straight: How far a place moves, seen from above, with the bend of each edge that is drawn
             straight, shape [place_count, 3].
         across: The face across each edge, -1 at the border, shape [face_count, 3].
-        face: A face of each node that cutting adds.
-        beside: The other one of a node on an edge, -1 where there is none.
-        place: Which place of ``face`` it is.
-        axis: Of the rings, x and y [m].
-        angle: About the axis at rest of the nodes [rad].
         between: Nodes in the middle of chords, shape [ring_count, sector_count].
-        on_rays: Nodes at the ends of chords, the same shape.
         weights: Of radius, turn and height of those in the middle in theirs, shape [ring_count,
             sector_count, sector_count].
-        neighbour_starts: Where the neighbours of each node begin.
-        neighbours: Nodes at most two edges away.
     """
 
     sources: wp.array(dtype=wp.int32)
-    signs: wp.array(dtype=wp.vec3d)
-    lifts: wp.array(dtype=wp.float64)
-    faces: wp.array2d(dtype=wp.int32)
+    signs: wp.array(dtype=wp.vec3d)  # of its coordinates
+    lifts: wp.array(dtype=wp.float64)  # by what the pad's top lies higher at rest [m]
+    faces: wp.array2d(dtype=wp.int32)  # nodes of each face, shape [face_count, 6 or 3]
     parts: wp.array2d(dtype=wp.int32)
     facets: wp.array2d(dtype=wp.int32)
-    standoff: wp.float64
-    gap: wp.float64
+    standoff: wp.float64  # by how much what bounds the gel is larger than the indenter [m]
+    gap: wp.float64  # largest gap between gel and what bounds it that counts as touching [m]
     values: wp.array2d(dtype=wp.float64)
     straight: wp.array2d(dtype=wp.float64)
     across: wp.array2d(dtype=wp.int32)
-    face: wp.array(dtype=wp.int32)
-    beside: wp.array(dtype=wp.int32)
-    place: wp.array(dtype=wp.int32)
-    axis: wp.vec2d
-    angle: wp.array(dtype=wp.float64)
+    face: wp.array(dtype=wp.int32)  # a face of each node that cutting adds
+    beside: wp.array(dtype=wp.int32)  # the other one of a node on an edge, -1 where there is none
+    place: wp.array(dtype=wp.int32)  # which place of ``face`` it is
+    axis: wp.vec2d  # of the rings, x and y [m]
+    angle: wp.array(dtype=wp.float64)  # about the axis at rest of the nodes [rad]
     between: wp.array2d(dtype=wp.int32)
-    on_rays: wp.array2d(dtype=wp.int32)
+    on_rays: wp.array2d(dtype=wp.int32)  # nodes at the ends of chords, the same shape
     weights: wp.array3d(dtype=wp.float64)
-    neighbour_starts: wp.array(dtype=wp.int32)
-    neighbours: wp.array(dtype=wp.int32)
+    neighbour_starts: wp.array(dtype=wp.int32)  # where the neighbours of each node begin
+    neighbours: wp.array(dtype=wp.int32)  # nodes at most two edges away
 
 
 @wp.struct
@@ -85,25 +167,18 @@ class Canvas:
     """What is drawn; the first index is the environment.
 
     Attributes:
-        nodes: The model's and those that cutting adds [m].
-        slopes: Of the indenter at the nodes.
-        sums: Slope of the gel at the nodes times a weight, and the weight.
-        states: Of the nodes, see ``TOUCHES`` and what follows.
-        steep: 1 for a face that is cut.
-        heights: By pixel [m].
         pressed: 1 for a pixel of a facet that touches with all its corners.
-        covered: 1 where a pixel is covered.
         rest: Height of the unloaded surface by pixel [m]; of no environment.
     """
 
-    nodes: wp.array2d(dtype=wp.vec3d)
-    slopes: wp.array2d(dtype=wp.vec2d)
-    sums: wp.array2d(dtype=wp.vec3d)
-    states: wp.array2d(dtype=wp.int32)
-    steep: wp.array2d(dtype=wp.int32)
-    heights: wp.array2d(dtype=wp.float64)
+    nodes: wp.array2d(dtype=wp.vec3d)  # the model's and those that cutting adds [m]
+    slopes: wp.array2d(dtype=wp.vec2d)  # of the indenter at the nodes
+    sums: wp.array2d(dtype=wp.vec3d)  # slope of the gel at the nodes times a weight, and the weight
+    states: wp.array2d(dtype=wp.int32)  # of the nodes, see ``TOUCHES`` and what follows
+    steep: wp.array2d(dtype=wp.int32)  # 1 for a face that is cut
+    heights: wp.array2d(dtype=wp.float64)  # by pixel [m]
     pressed: wp.array2d(dtype=wp.uint8)
-    covered: wp.array(dtype=wp.uint8)
+    covered: wp.array(dtype=wp.uint8)  # 1 where a pixel is covered
     rest: wp.array(dtype=wp.float64)
 
 
@@ -192,7 +267,7 @@ def _is_added(gel: Gel, canvas: Canvas, env: int, i: int):
 
 @wp.kernel(enable_backward=False)
 def add_nodes(gel: Gel, canvas: Canvas):
-    """Put nodes where steep faces are cut, see ``drawn_nodes``."""
+    """Put nodes where steep faces are cut, see ``height_map``."""
     env, i = wp.tid()
     if not _is_added(gel, canvas, env, i):
         return

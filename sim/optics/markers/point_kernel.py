@@ -30,17 +30,11 @@ def carry_points(
 
 @wp.struct
 class Projection:
-    """How points of the gel are seen.
+    """How points of the gel are seen."""
 
-    Attributes:
-        back: Pixels for a pad step [px/m].
-        middle: Column and row of the camera's axis [px].
-        per_distance: One over the pinhole's distance from the gel [1/m].
-    """
-
-    back: wp.mat22d
-    middle: wp.vec2d
-    per_distance: wp.float64
+    back: wp.mat22d  # pixels for a pad step [px/m]
+    middle: wp.vec2d  # column and row of the camera's axis [px]
+    per_distance: wp.float64  # one over the pinhole's distance from the gel [1/m]
 
 
 @wp.kernel(enable_backward=False)

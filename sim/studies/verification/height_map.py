@@ -18,7 +18,7 @@ from sim.effects.scene_path import follow, path_for
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.optics.height.height_map import height_maps
-from sim.optics.height.underside import indenter_height
+from sim.optics.height.node_kernel import indenter_height
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry

@@ -12,8 +12,7 @@ from matplotlib.tri import Triangulation
 
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.fields.press_fields import TrialFields, gel_vtu, indenter_vtu, trial_fields
-from sim.fields.states import passed_states
+from sim.fields.press_fields import TrialFields, gel_vtu, indenter_vtu, passed_states, trial_fields
 from sim.mesh.elements import linear_facets
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.marker_printer import surface_displacement

@@ -12,7 +12,7 @@ from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import RunEvidence
 from sim.fields.surface import SurfaceState
 from sim.optics.colour.photometric import PhotometricModel
-from sim.optics.height.underside import indenter_height
+from sim.optics.height.node_kernel import indenter_height
 from sim.scene.indenter import Cylinder
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset

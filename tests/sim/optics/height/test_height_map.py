@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.mesh.elements import FACE_EDGES, quadratic_nodes
 from sim.optics.height.height_map import height_maps
-from sim.optics.height.underside import indenter_height
+from sim.optics.height.node_kernel import indenter_height
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.pad import BoxPad
 from tacauchy_rig.core.errors import ConfigError

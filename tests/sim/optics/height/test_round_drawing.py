@@ -13,9 +13,8 @@ from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state
 from sim.fields.surface import SurfaceState
 from sim.mesh.elements import linear_facets
-from sim.optics.height.drawn_nodes import cut_face, cut_tables
-from sim.optics.height.height_map import height_maps
-from sim.optics.height.underside import indenter_height
+from sim.optics.height.height_map import cut_face, cut_tables, height_maps
+from sim.optics.height.node_kernel import indenter_height
 from sim.scene.indenter import Cylinder
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad

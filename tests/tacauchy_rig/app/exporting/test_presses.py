@@ -11,7 +11,7 @@ import pyvista
 from pxr import Gf, Usd, UsdGeom, UsdShade, UsdValidation
 
 from sim.effects.presets import build_model
-from sim.fields.states import passed_states
+from sim.fields.press_fields import passed_states
 from sim.press_command import scene_from
 from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import LoadingPath
