@@ -69,13 +69,10 @@ _OF_THE_MESH = {Effect.SYMMETRY, Effect.LOCKING_FREE_ELEMENT}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorEstimate:
-    """Estimated errors of a press.
+    """Estimated errors of a press."""
 
-    Attributes:
-        relative: Relative error of each output; of shear over the pressure. Empty where nothing is
-            known; ``basis`` says how it is known, or why not.
-    """
-
+    # Relative error of each output; of shear over the pressure. Empty where nothing is known;
+    # ``basis`` says how it is known, or why not.
     relative: dict[Output, float]
     basis: str
 

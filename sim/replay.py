@@ -59,18 +59,15 @@ _PATH_DEPENDENT = (Effect.GRAVITY, Effect.INERTIA, Effect.VISCOELASTICITY)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReferencePath:
-    """The loading path of a reference gel to some forces.
-
-    Attributes:
-        history: Along the path; of a gel that relaxes, which is pressed anew for each force, at
-            the forces only.
-        took_s: Time by the wall or the processor's, whichever is less [s]: others may have worked.
-    """
+    """The loading path of a reference gel to some forces."""
 
     scene: Scene
     plan: EffectPlan
     path: LoadingPath
+    # Along the path; of a gel that relaxes, which is pressed anew for each force, at the forces
+    # only
     history: History
+    # Time by the wall or the processor's, whichever is less [s]: others may have worked
     took_s: float
 
     def is_usable_for(self, scene: Scene, plan: EffectPlan) -> bool:

@@ -256,25 +256,21 @@ _TINY_PA = wp.constant(wp.float64(1.0e-12))
 
 @dataclass(frozen=True, slots=True)
 class ContactKernels:
-    """The kernels for one kind of body, with or without what resists along the surface.
-
-    Attributes:
-        force: Position and gap [m] of every point, force on the indenter [N] and its stiffness
-            [N/m].
-        hold: Holds points that touch and frees the others; takes over their pressure, corrects
-            what ``touch`` gave, and tells the pressure's change and size [N].
-        wrench: Adds force [N] and moment about the tip [N m] on the indenter, and the area at rest
-            of what touches [m^2].
-        spread: Adds pressure and shear on the gel, times the area at rest [N], to the nodes around
-            every point, by shares that are nowhere negative.
-    """
+    """The kernels for one kind of body, with or without what resists along the surface."""
 
     touch: Any  # energies [J] and gaps [m]; adds forces [N] to the nodes
+    # Position and gap [m] of every point, force on the indenter [N] and its stiffness [N/m]
     force: Any
+    # Holds points that touch and frees the others; takes over their pressure, corrects what
+    # ``touch`` gave, and tells the pressure's change and size [N]
     hold: Any
     drag: Any  # lets anchors of sliding points follow
     stiffen: Any  # semidefinite stiffness of every point [N/m], and which nodes are touched
+    # Adds force [N] and moment about the tip [N m] on the indenter, and what touches of the area at
+    # rest [m^2], all summed up
     wrench: Any
+    # Adds pressure and shear on the gel, times the area at rest [N], to the nodes around every
+    # point, by shares that are nowhere negative
     spread: Any
 
 

@@ -13,22 +13,17 @@ _OVERLOOKED_M = 5e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactOptions:
-    """Settings of contact.
-
-    Attributes:
-        extension: Share of d_hat below which the barrier is a parabola, at most. At 1 it is one
-            altogether, which Newton likes best, and gaps stay positive while the pressure is below
-            kappa / d_hat.
-        overlap: By how many times d_hat a point may overlap where the barrier is a parabola
-            altogether.
-    """
+    """Settings of contact."""
 
     distance_m: float = 1.0e-5  # d_hat [m]: the barrier acts from here on
     bonded: bool = False
     friction: float = 0.0  # Coulomb coefficient mu; zero without friction
     slip_m: float = 1.0e-6  # tangential offset at which sticking has become sliding [m]
+    # Share of d_hat below which the barrier is a parabola, at most. At 1 it is one altogether,
+    # which Newton likes best, and gaps stay positive while the pressure is below kappa / d_hat.
     extension: float = 0.5
     stiffness: float = 8.0  # kappa over E d_hat
+    # By how many times d_hat a point may overlap where the barrier is a parabola altogether
     overlap: float = 0.0
 
     @property
@@ -48,19 +43,15 @@ class ContactOptions:
 
 @dataclass(slots=True, kw_only=True)
 class Grip:
-    """What tangential contact remembers of every contact point, shape [face_count, point_count].
+    """What tangential contact remembers of every contact point, shape [face_count, point_count]."""
 
-    Attributes:
-        held: 1 where a point touches, or, while a step is under way in which it came to, the share
-            of its path that it has touched for; 0 where it is free.
-        anchors: Where on the indenter it holds on, in the indenter's frame [m], shape [..., 3];
-            where it was last, for one that is free.
-        loads: Lagged contact pressure along the indenter's normal, in its frame [Pa], shape
-            [..., 3].
-    """
-
+    # 1 where a point touches, or, while a step is under way in which it came to, the share of its
+    # path that it has touched for; 0 where it is free
     held: FloatArray
+    # Where on the indenter it holds on, in the indenter's frame [m], shape [..., 3]; where it was
+    # last, for one that is free
     anchors: FloatArray
+    # Lagged contact pressure along the indenter's normal, in its frame [Pa], shape [..., 3]
     loads: FloatArray
 
 

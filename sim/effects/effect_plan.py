@@ -18,16 +18,13 @@ from tacauchy_rig.core.errors import ConfigError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedEffect:
-    """One row of a plan.
-
-    Attributes:
-        costs: Relative error of each output if it is left out; empty where it changes nothing,
-            None where nobody knows.
-    """
+    """One row of a plan."""
 
     effect: Effect
     on: bool  # it is simulated
     reason: str  # why, with the numbers
+    # Relative error of each output if it is left out; empty where it changes nothing, None where
+    # nobody knows
     costs: dict[Output, float] | None = None
     asked: bool = False  # the user switched it
 
@@ -41,14 +38,10 @@ class PlannedEffect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectPlan:
-    """What is simulated of a scene, and why.
-
-    Attributes:
-        tolerances: Relative error of each output that is asked for that all effects left out may
-            have together.
-    """
+    """What is simulated of a scene, and why."""
 
     rows: dict[Effect, PlannedEffect]
+    # Relative error of each output that is asked for that all effects left out may have together
     tolerances: dict[Output, float] = field(default_factory=dict)
     tried_s: float = 0.0  # processor time of the coarse presses that it rests on [s]
 

@@ -36,17 +36,14 @@ _MEMORIES = (Effect.INERTIA, Effect.VISCOELASTICITY)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndState:
-    """Where a press ends.
-
-    Attributes:
-        way: What the mesh of the way gives at the same depth or force; None where the scene's own
-            mesh was the way's.
-        way_path: The path on that mesh; with all its states if they are kept.
-    """
+    """Where a press ends."""
 
     path: LoadingPath  # on the scene's own mesh
     point: PathPoint
+    # What the mesh of the way gives at the same depth or force; None where the scene's own mesh was
+    # the way's
     way: PressOutputs | None = None
+    # The path on that mesh; with all its states if they are kept
     way_path: LoadingPath | None = None
 
 

@@ -129,23 +129,20 @@ _RIM_REACH_SHARE = 0.6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resolution:
-    """A mesh's numbers.
+    """A mesh's numbers."""
 
-    Attributes:
-        edge_share: Edge length at a sharp rim over the punch's radius, or over that of the disc of
-            a footprint's area.
-        smooth_share: Edge length under a rounded indenter over the expected contact radius; under a
-            footprint the largest, over that of the disc.
-        under_share: Largest edge length under the indenter and near it, over the pad's height.
-    """
-
+    # Edge length at a sharp rim over the punch's radius, or over that of the disc of a footprint's
+    # area
     edge_share: float
+    # Edge length under a rounded indenter over the expected contact radius; under a footprint the
+    # largest, over that of the disc
     smooth_share: float
     growth: float  # ratio of neighbouring edge lengths away from there
     sector_count: int = 0  # sectors of a full turn of a revolved mesh
     fillet_share: float = 0.5  # largest edge length at a rounded rim over its fillet
     rounded_share: float = 0.04  # largest edge length at a rounded rim over the punch's radius
     size_max_m: float = 2.5e-3  # largest edge length [m]
+    # Largest edge length under the indenter and near it, over the pad's height
     under_share: float = math.inf
 
 

@@ -25,22 +25,19 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactSignature:
-    """What the contact of one equilibrium looks like, seen along z; forces act on the gel.
+    """What the contact of one equilibrium looks like, seen along z; forces act on the gel."""
 
-    Attributes:
-        normal_n: Resultant of the normal forces, as a vector [N], shape [3].
-        tangential_n: Resultant of the tangential forces, as a vector [N], shape [3].
-        circumferential_share: Mean of |cos| of the angle between the tangential force and the way
-            around the axis, weighted by the force's size, over the vertices.
-        radial_share: The same with the way straight from the axis, along the indenter's surface.
-    """
-
+    # Resultant of the normal forces, as a vector [N], shape [3]
     normal_n: tuple[float, float, float]
     normal_sum_n: float  # sum of the normal forces' sizes [N]
+    # Resultant of the tangential forces, as a vector [N], shape [3]
     tangential_n: tuple[float, float, float]
     tangential_sum_n: float  # sum of the tangential forces' sizes [N]
     centre_m: tuple[float, float]  # centre of pressure relative to the indenter's axis, x and y [m]
+    # Mean of |cos| of the angle between the tangential force and the way around the axis, weighted
+    # by the force's size, over the vertices
     circumferential_share: float
+    # The same with the way straight from the axis, along the indenter's surface
     radial_share: float
     inward_share: float  # weighted mean of the cosine with the way towards the axis
     radial_share_points: float  # ``radial_share`` over the contact points

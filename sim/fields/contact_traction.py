@@ -47,13 +47,10 @@ class SurfaceTraction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactTraction:
-    """Contact forces on the gel, by contact point or by vertex.
-
-    Attributes:
-        normals: The indenter's outward unit normals, zero where nothing touches, shape [..., 3].
-    """
+    """Contact forces on the gel, by contact point or by vertex."""
 
     arms_m: FloatArray  # from the indenter's tip [m], shape [..., 3]
+    # The indenter's outward unit normals, zero where nothing touches, shape [..., 3]
     normals: FloatArray
     normal_n: FloatArray  # normal force [N]; positive presses on the gel
     tangential_n: FloatArray  # tangential force [N], shape [..., 3]

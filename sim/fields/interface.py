@@ -34,15 +34,13 @@ class InterfaceTraction:
 
     The elements' own stress is discontinuous. That of a stiff skin is worth little across it: the
     error scales with the skin's modulus, the traction with the soft gel's.
-
-    Attributes:
-        force_n: Of the gel below on the gel above for the whole pad, +z in compression as the force
-            on the indenter is, shape [3]: the sum of the nodal forces, which equilibrium makes
-            equal to the base's force, but for the weight in between.
     """
 
     below: BoolArray  # which tetrahedra lie below it, shape [tet_count]
     faces: IntArray  # on it, shape [face_count, face_node_count]
+    # Of the gel below on the gel above for the whole pad, +z in compression as the force on the
+    # indenter is, shape [3]: the sum of the nodal forces, which equilibrium makes equal to the
+    # base's force, but for the weight in between
     force_n: FloatArray
     element: StressOnSides  # by the stress of each element
 

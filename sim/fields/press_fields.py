@@ -22,17 +22,14 @@ from tacauchy_rig.core.arrays import AnyArray, FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialFields:
-    """Fields of one equilibrium, units in the names.
-
-    Attributes:
-        intermediate: The surface along the loading path and at its end, the smallest force first;
-            empty where it was not asked for.
-    """
+    """Fields of one equilibrium, units in the names."""
 
     shape: dict[str, AnyArray]  # nodes and faces of the deformed surface, and the indenter's tip
     at_nodes: dict[str, FloatArray]
     at_faces: dict[str, FloatArray]
     surface: SurfaceState  # the deformed contact surface, for the optics
+    # The surface along the loading path and at its end, the smallest force first; empty where it
+    # was not asked for
     intermediate: tuple[IntermediateState, ...] = ()
 
     @property

@@ -26,15 +26,12 @@ from tacauchy_rig.core.arrays import BoolArray, FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurfaceStress:
-    """Algorithm 1 on every face that is not clamped, shape [face_count, ...].
-
-    Attributes:
-        normal_pa: p_n = t . n; negative is compression.
-    """
+    """Algorithm 1 on every face that is not clamped, shape [face_count, ...]."""
 
     normals: FloatArray
     areas_m2: FloatArray
     traction_pa: FloatArray  # t = sigma n, sigma of the parent tetrahedron (mean over its points)
+    # p_n = t . n; negative is compression.
     normal_pa: FloatArray
     tangential_pa: FloatArray  # t - p_n n
 
@@ -95,16 +92,13 @@ _ROWS, _COLUMNS = (0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CauchyStress:
-    """Stress of a whole model [Pa].
-
-    Attributes:
-        nodes_pa: Recovered; where layers meet, that of the layer above, shape [node_count, 3, 3].
-        errors_pa: Estimated error of each tetrahedron's own stress: root mean square of the norm of
-            what it and the recovered one are apart, shape [tet_count].
-    """
+    """Stress of a whole model [Pa]."""
 
     cells_pa: FloatArray  # mean over each tetrahedron's points, shape [tet_count, 3, 3]
+    # Recovered; where layers meet, that of the layer above, shape [node_count, 3, 3]
     nodes_pa: FloatArray
+    # Estimated error of each tetrahedron's own stress: root mean square of the norm of what it and
+    # the recovered one are apart, shape [tet_count]
     errors_pa: FloatArray
 
 

@@ -33,15 +33,12 @@ _ON_BASE = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SparsePattern:
-    """Upper triangle of a symmetric matrix over the free degrees of freedom.
+    """Upper triangle of a symmetric matrix over the free degrees of freedom."""
 
-    Attributes:
-        free_dofs: Position of each unknown in the flat nodal vector, shape [dof_count].
-        block_keys: Sorted row * row_count + column of each block, shape [block_count].
-    """
-
+    # Position of each unknown in the flat nodal vector, shape [dof_count]
     free_dofs: NDArray[np.int64]
     block_row: IntArray  # block row of each node, -1 where it is fixed, shape [node_count]
+    # Sorted row * row_count + column of each block, shape [block_count]
     block_keys: NDArray[np.int64]
     indptr: IntArray  # CSR row starts, shape [dof_count + 1]
     indices: IntArray  # CSR columns, sorted, diagonal included
@@ -126,16 +123,13 @@ def _keys(rows: AnyIntArray, columns: AnyIntArray, stride: int) -> NDArray[np.in
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Discretisation:
-    """What of a pad is fixed by its mesh and element type.
-
-    Attributes:
-        faces: Nodes of every face that may be touched, its corners first: those on the surface,
-            neither clamped nor on a plane of symmetry.
-    """
+    """What of a pad is fixed by its mesh and element type."""
 
     reference: ReferenceElement
     nodes: FloatArray  # at rest [m], shape [node_count, 3]
     elements: IntArray  # nodes of every tetrahedron, its corners first
+    # Nodes of every face that may be touched, its corners first: those on the surface, neither
+    # clamped nor on a plane of symmetry
     faces: IntArray
     face_parents: IntArray
     clamped: NDArray[np.bool_]  # nodes on the base, shape [node_count]

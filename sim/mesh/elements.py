@@ -34,25 +34,19 @@ class ElementOrder(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReferenceElement:
-    """Tables of one element type.
-
-    Attributes:
-        gradients: Shape function gradients in reference coordinates, shape
-            [point_count, node_count, 3].
-        face_values: Shape functions of a face at its contact points, shape
-            [face_point_count, face_node_count].
-        face_gradients: Their derivatives along the edges 01 and 02, shape
-            [face_point_count, face_node_count, 2].
-        face_points: Barycentric coordinates of the contact points, shape [face_point_count, 3].
-    """
+    """Tables of one element type."""
 
     order: ElementOrder
+    # Shape function gradients in reference coordinates, shape [point_count, node_count, 3]
     gradients: FloatArray
     points: FloatArray  # barycentric coordinates of the quadrature points, shape [point_count, 4]
     weights: FloatArray  # quadrature weights that sum to one, shape [point_count]
+    # Shape functions of a face at its contact points, shape [face_point_count, face_node_count]
     face_values: FloatArray
+    # Their derivatives along the edges 01 and 02, shape [face_point_count, face_node_count, 2]
     face_gradients: FloatArray
     face_weights: FloatArray  # contact quadrature weights that sum to one, shape [face_point_count]
+    # Barycentric coordinates of the contact points, shape [face_point_count, 3]
     face_points: FloatArray
 
     @property

@@ -33,16 +33,12 @@ _BISECTIONS = 30
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Footprint:
-    """Where a pad will be touched, in points of its undeformed top.
+    """Where a pad will be touched, in points of its undeformed top."""
 
-    Attributes:
-        edge: Sharp edge of the contact and creases within it [m], shape [edge_count, 3]; none
-            under a ball.
-        rim: Points on the sharp edge itself, where ``edge`` has samples beside it [m], shape
-            [rim_count, 3].
-    """
-
+    # Sharp edge of the contact and creases within it [m], shape [edge_count, 3]; none under a ball
     edge: FloatArray
+    # Points on the sharp edge itself, where ``edge`` has samples beside it [m], shape [rim_count,
+    # 3]
     rim: FloatArray
     inside: FloatArray  # points over the whole contact [m], shape [inside_count, 3]
     area_m2: float  # area of the contact seen from above [m^2]

@@ -37,18 +37,15 @@ _LINE_SAMPLES = 2001
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grading:
-    """Where to be fine, and how fast to coarsen.
-
-    Attributes:
-        near_max_m: Largest edge length up to the radius ``near_m`` [m], at every height; farther
-            out it may be longer by the distance from there.
-    """
+    """Where to be fine, and how fast to coarsen."""
 
     start_m: float  # the fine stretch of the top edge begins at this radius [m]
     end_m: float  # it ends here [m]; equal to ``start_m`` for the rim of a punch
     size_m: float  # edge length on the stretch [m]
     growth: float = 1.6  # edge length gained per length of distance from it, plus one
     size_max_m: float = 2.5e-3  # largest edge length [m]
+    # Largest edge length up to the radius ``near_m`` [m], at every height; farther out it may be
+    # longer by the distance from there
     near_max_m: float = math.inf
     near_m: float = 0.0
 

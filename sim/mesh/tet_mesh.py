@@ -22,20 +22,17 @@ from tacauchy_rig.core.store.durable import write_atomically
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TetMesh:
-    """Corner nodes and positively oriented tetrahedra of a pad.
-
-    Attributes:
-        symmetry: The symmetry by which these tetrahedra stand for the whole pad.
-        layers: Layer of each tetrahedron from the base upwards, shape [tet_count]; None where the
-            mesh was made for a gel of one material.
-        axis_m: Axis about which it was revolved, x and y [m]; None where it was not.
-    """
+    """Corner nodes and positively oriented tetrahedra of a pad."""
 
     vertices: FloatArray  # positions [m], shape [vertex_count, 3]; the clamped base lies at z = 0
     tets: IntArray  # shape [tet_count, 4]
     name: str
+    # The symmetry by which these tetrahedra stand for the whole pad
     symmetry: MirrorSymmetry = field(default_factory=MirrorSymmetry)
+    # Layer of each tetrahedron from the base upwards, shape [tet_count]; None where the mesh was
+    # made for a gel of one material
     layers: IntArray | None = None
+    # Axis about which it was revolved, x and y [m]; None where it was not
     axis_m: tuple[float, float] | None = None
 
     @property

@@ -35,16 +35,13 @@ _TETWILD_SETTINGS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TetWildOptions:
-    """How fTetWild fills a pad; None leaves a setting to the preset.
-
-    Attributes:
-        stop_energy: AMIPS energy at which optimisation stops; 3 is a regular tetrahedron's.
-        dihedral_min_rad: Least angle between faces of a tetrahedron that is accepted [rad].
-    """
+    """How fTetWild fills a pad; None leaves a setting to the preset."""
 
     l_r: float | None = None  # largest edge length over the bounding box's diagonal
     epsilon_r: float | None = None  # how far the surface may move over the bounding box's diagonal
+    # AMIPS energy at which optimisation stops; 3 is a regular tetrahedron's
     stop_energy: float | None = None
+    # Least angle between faces of a tetrahedron that is accepted [rad]
     dihedral_min_rad: float | None = None
 
     def __post_init__(self) -> None:
@@ -303,11 +300,7 @@ class Scene:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneTerms:
-    """The words of a press: each field is the value of the option of its name.
-
-    Attributes:
-        output: What is asked for besides force and depth; no option of every command.
-    """
+    """The words of a press: each field is the value of the option of its name."""
 
     indenter: str
     sensor: str | None = None
@@ -329,4 +322,5 @@ class SceneTerms:
     tolerance: str | None = None
     effect: list[str] | None = None
     drive: Drive = Drive.LOAD
+    # What is asked for besides force and depth; no option of every command
     output: Sequence[Output] = ()

@@ -120,18 +120,14 @@ _ALIKE, _FARTHEST = 0.05, 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TriangleSurface:
-    """A closed surface whose normals point outwards.
-
-    Attributes:
-        faces: Counter-clockwise seen from outside, shape [face_count, 3]; edge k of a face runs
-            from its corner k to the next.
-        ring_starts: Where the faces of each vertex begin in ``ring_faces``, shape
-            [vertex_count + 1].
-    """
+    """A closed surface whose normals point outwards."""
 
     vertices: FloatArray  # shape [vertex_count, 3]
+    # Counter-clockwise seen from outside, shape [face_count, 3]; edge k of a face runs from its
+    # corner k to the next
     faces: IntArray
     neighbours: IntArray  # the face across each edge, shape [face_count, 3]
+    # Where the faces of each vertex begin in ``ring_faces``, shape [vertex_count + 1]
     ring_starts: IntArray
     ring_faces: IntArray  # faces around the vertices, shape [3 face_count]
     face_normals: FloatArray  # unit normals, shape [face_count, 3]; zero for a face without area

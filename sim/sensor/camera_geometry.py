@@ -18,13 +18,6 @@ class CameraGeometry:
     The camera looks along +z from below the pad, so that rows grow with +y where columns grow
     with +x; ``mirrored`` is for cameras whose driver or mirror turns the rows over. Pixel (0, 0)
     is the centre of the first pixel.
-
-    Attributes:
-        rotation_rad: Angle from the pad's x axis to the direction of growing columns [rad].
-        crop_fraction: Part of the raw frame's width cut off at left and right each, and of its
-            height at top and bottom each, before it is resized.
-        distance_m: Of the camera's pinhole from the gel [m]: what is pressed nearer to it is seen
-            farther from the image's middle. Infinite is a view by parallel rays.
     """
 
     width: int  # columns of the image after crop and resize
@@ -33,9 +26,14 @@ class CameraGeometry:
     scale_y_m: float  # pad length seen by one row [m/px]
     centre_x_px: float  # column that sees the pad's centre
     centre_y_px: float  # row that sees the pad's centre
+    # Angle from the pad's x axis to the direction of growing columns [rad]
     rotation_rad: float = 0.0
     mirrored: bool = False  # true where rows grow with -y
+    # Part of the raw frame's width cut off at left and right each, and of its height at top and
+    # bottom each, before it is resized
     crop_fraction: float = 0.0
+    # Of the camera's pinhole from the gel [m]: what is pressed nearer to it is seen farther from
+    # the image's middle. Infinite is a view by parallel rays.
     distance_m: float = math.inf
 
     def __post_init__(self) -> None:

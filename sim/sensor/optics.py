@@ -15,14 +15,11 @@ from tacauchy_rig.core.registry import Kind, load
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lamp:
-    """A lamp beside the gel, as drawings state it; a calibration replaces it.
-
-    Attributes:
-        colour: Grey levels added to red, green and blue of a surface that faces the lamp.
-    """
+    """A lamp beside the gel, as drawings state it; a calibration replaces it."""
 
     azimuth_rad: float  # where it stands, from growing columns towards growing rows [rad]
     elevation_rad: float  # angle of its light to the unloaded surface [rad]
+    # Grey levels added to red, green and blue of a surface that faces the lamp
     colour: tuple[float, float, float]
 
     @property
@@ -46,21 +43,17 @@ class ShadowCaster:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Renderer:
-    """A kind of sensor images, found in the registry by ``optics.kind``.
+    """A kind of sensor images, found in the registry by ``optics.kind``."""
 
-    Attributes:
-        read: From ``[optics]``, the lamps and the file's name for messages to the colours before
-            any calibration, a ``sim.optics.colour.colour_model.ColourModel``; None where the file
-            gives none.
-        exponents: Of the terms that a calibration fits, shape [term_count, 5], see
-            ``PhotometricModel``; None cannot be calibrated.
-        sees_slope: Colours depend on the gel's slope; otherwise grey depends on its depth.
-    """
-
+    # From ``[optics]``, the lamps and the file's name for messages to the colours before any
+    # calibration, a ``sim.optics.colour.colour_model.ColourModel``; None where the file gives none
     read: Callable[[Mapping[str, Any], tuple[Lamp, ...], str], Any]
     needed: tuple[str, ...] = ()  # keys that ``[optics]`` must have, beside ``kind``
     optional: tuple[str, ...] = ("source",)
+    # Of the terms that a calibration fits, shape [term_count, 5], see ``PhotometricModel``; None
+    # cannot be calibrated
     exponents: IntArray | None = None
+    # Colours depend on the gel's slope; otherwise grey depends on its depth
     sees_slope: bool = True
 
 

@@ -59,33 +59,27 @@ EXTENSIONS = (0.25, 0.1, 0.03, 0.01, 0.003, 0.001)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SolverOptions:
-    """When the steps stop.
-
-    Attributes:
-        residual_floor_n: Residual norm that is always enough [N], as is the rounding's; None is
-            1.5e-11 E H^2 with the pad's height H, so that it scales with the problem.
-        iteration_max: Most steps for one form of the barrier, which is relaxed where gel stays too
-            near; each form begins to count anew.
-    """
+    """When the steps stop."""
 
     residual_relative: float = 1e-8  # residual norm over the contact force's norm
+    # Residual norm that is always enough [N], as is the rounding's; None is 1.5e-11 E H^2 with the
+    # pad's height H, so that it scales with the problem
     residual_floor_n: float | None = None
     load_relative: float = 1e-7  # the same where a load is asked for, which is met as closely
+    # Most steps for one form of the barrier, which is relaxed where gel stays too near; each form
+    # begins to count anew
     iteration_max: int = 600
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reuse:
-    """What is kept from step to step; a small pad's factor costs as much as ten to fifteen steps.
-
-    Attributes:
-        evaluations_max: A state begins with a new factor if the last one took more evaluations.
-        patience: In a state, after so many steps with a factor, it is renewed if the residual is
-            still more than this share of the contact force.
-    """
+    """What is kept from step to step; a small pad's factor costs as much as ten to fifteen."""
 
     memory: int = 16
+    # A state begins with a new factor if the last one took more evaluations
     evaluations_max: int = 10
+    # In a state, after so many steps with a factor, it is renewed if the residual is still more
+    # than this share of the contact force
     patience: tuple[tuple[int, float], ...] = ((5, 1e-2), (10, 1e-3), (30, 0.0))
 
 
@@ -99,20 +93,17 @@ NEWTON = Reuse(memory=0, evaluations_max=0, patience=((1, 0.0),))
 
 @dataclass(frozen=True, kw_only=True)
 class Equilibrium:
-    """A converged state's numbers.
-
-    Attributes:
-        touch: Finds the contact at the last positions, exact or not ``curved``.
-        stalled: The residual is above what was asked, relative and floor: rounding, a standstill
-            or the last iteration ended the steps at one that does no harm.
-    """
+    """A converged state's numbers."""
 
     iterations: int
     push_n: FloatArray  # force on the indenter, modelled part [N], shape [3]
+    # Finds the contact at the last positions, exact or not ``curved``
     touch: Callable[..., ContactForces]
     elastic_gradient: FloatArray  # gradient of the elastic energy [N], shape [node_count, 3]
     residual_n: float  # norm of the unbalanced force [N]
     min_jacobian: float
+    # The residual is above what was asked, relative and floor: rounding, a standstill or the last
+    # iteration ended the steps at one that does no harm
     stalled: bool = False
 
     @cached_property

@@ -26,13 +26,10 @@ _NO_STIFFNESS_N_M = 1e-30
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceMatch:
-    """Result of a search.
-
-    Attributes:
-        history: (depth [m], F_z [N]) of every evaluation, in order; of a push, of its load steps.
-    """
+    """Result of a search."""
 
     point: PathPoint  # the accepted equilibrium
+    # (depth [m], F_z [N]) of every evaluation, in order; of a push, of its load steps
     history: tuple[tuple[float, float], ...]
     newton_iterations: int  # factorisations spent
 

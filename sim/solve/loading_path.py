@@ -111,13 +111,10 @@ class Hold(StrEnum):
 
 @dataclass(slots=True)
 class LoadingPath(Stepping):
-    """Moves one indenter against one pad: by depth, by force, and along it.
+    """Moves one indenter against one pad: by depth, by force, and along it."""
 
-    Attributes:
-        unloaded: Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's
-            stress at rest deform it.
-    """
-
+    # Nodes of the pad before it is touched [m]: undeformed, unless weight or the law's stress at
+    # rest deform it
     unloaded: FloatArray = field(init=False)
     setup_s: float = field(init=False)
 

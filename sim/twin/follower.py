@@ -48,20 +48,16 @@ class Goal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwinFrame:
-    """The twin at one goal.
-
-    Attributes:
-        force_error_n: Stated error [N]: 95 % of such presses err by less; None where nobody
-            knows.
-        pressure_pa: On the gel where the image's pixels look, shape [rows, columns]; None where
-            it was not asked for.
-    """
+    """The twin at one goal."""
 
     goal: Goal
     force_n: float  # its F_z [N]; zero where nothing touches
+    # Stated error [N]: 95 % of such presses err by less; None where nobody knows
     force_error_n: float | None
     depth_m: float  # travel below first touch [m]
     image: ImageArray  # what the camera would show, RGB, uint8, shape [height, width, 3]
+    # On the gel where the image's pixels look, shape [rows, columns]; None where it was not asked
+    # for
     pressure_pa: FloatArray | None
     shear_pa: FloatArray | None  # size of the tangential traction there, likewise
     solve_s: float
@@ -128,17 +124,14 @@ _MAP_SHARE = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageOptions:
-    """How a twin's images are made; None is what the sensor's file says.
-
-    Attributes:
-        device: Where they are drawn: ``cpu`` or ``cuda:0``. One press is too small for a GPU, and
-            is solved on a processor.
-    """
+    """How a twin's images are made; None is what the sensor's file says."""
 
     width_px: int = 160  # of its images, at most; they are as high as that makes them
     colours: ColourModel | None = None  # colour of a surface
     geometry: CameraGeometry | None = None  # where the pixels of a whole image look
     blur_px: float = 0.0  # standard deviation of the camera's blur, in pixels of the whole image
+    # Where they are drawn: ``cpu`` or ``cuda:0``. One press is too small for a GPU, and is solved
+    # on a processor.
     device: str = "cpu"
 
     def view(self, sensor: Sensor) -> tuple[CameraGeometry, float]:

@@ -39,22 +39,18 @@ class Tangent:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Law:
-    """A constitutive law.
-
-    Attributes:
-        parameters: (E [Pa], nu) to the four numbers that the Warp functions take.
-        rest_stress: (E [Pa], nu) to the isotropic stress at F = 1 [Pa]. Where it is not zero, the
-            undeformed pad is no equilibrium.
-        is_objective: The energy does not see rotations. A law that is not objective is quadratic
-            in F - 1.
-    """
+    """A constitutive law."""
 
     name: str
+    # (E [Pa], nu) to the four numbers that the Warp functions take
     parameters: Callable[[float, float], tuple[float, float, float, float]]
     energy: Any  # (F, parameters) to the energy density [J/m^3]
     stress: Any  # (F, parameters) to the first Piola-Kirchhoff stress [Pa]
     tangent: Any  # (F, parameters) to its derivative
+    # (E [Pa], nu) to the isotropic stress at F = 1 [Pa]. Where it is not zero, the undeformed pad
+    # is no equilibrium.
     rest_stress: Callable[[float, float], float] = lambda _young_pa, _poisson: 0.0
+    # The energy does not see rotations. A law that is not objective is quadratic in F - 1.
     is_objective: bool = True
 
 

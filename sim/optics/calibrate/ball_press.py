@@ -82,18 +82,14 @@ class Circle:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BallPress:
-    """One image of a pressed ball.
-
-    Attributes:
-        tracks: The gel's markers as they were followed into the image; None where it has none.
-        hidden: True where markers or what was excluded hide the gel, shape [height, width]; None
-            is nowhere.
-    """
+    """One image of a pressed ball."""
 
     name: str
     image: ImageArray  # RGB, uint8, shape [height, width, 3]
     circle: Circle
+    # The gel's markers as they were followed into the image; None where it has none
     tracks: MarkerTracks | None = None
+    # True where markers or what was excluded hide the gel, shape [height, width]; None is nowhere
     hidden: BoolArray | None = None
 
     @property

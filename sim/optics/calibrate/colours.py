@@ -42,18 +42,15 @@ _ROUNDS = 3  # how often circles are nudged and the model is fitted again
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """What a set of presses gave.
-
-    Attributes:
-        scene: The scene with the no-contact frame averaged over all frames, which has less noise.
-        lights: Light of each frame [grey levels], shape [press_count, 3, 3]; see ``light_at``.
-        shadows: What the dents hide from the lamps; None where the sensor shows no shadows.
-    """
+    """What a set of presses gave."""
 
     model: PhotometricModel
+    # The scene with the no-contact frame averaged over all frames, which has less noise
     scene: PressScene
     circles: tuple[Circle, ...]  # nudged circles, in the order of the presses
+    # Light of each frame [grey levels], shape [press_count, 3, 3]; see ``light_at``
     lights: FloatArray
+    # What the dents hide from the lamps; None where the sensor shows no shadows
     shadows: ShadowCaster | None = None
     blur_px: float = 0.0  # standard deviation of the camera's blur [px]
     motion: MotionModel = ORTHOGRAPHIC

@@ -148,16 +148,12 @@ class RenderedPress(PlacedPress):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressScores:
-    """Scores over a set of presses.
-
-    Attributes:
-        r2_no_contact: The same of the no-contact frame in place of the rendering; likewise the
-            next two.
-    """
+    """Scores over a set of presses."""
 
     r2: float  # share of the variance of the colour change explained inside the contacts
     mae: float  # mean absolute error inside the contacts [grey levels]
     ssim_crop: float
+    # The same of the no-contact frame in place of the rendering; likewise the next two
     r2_no_contact: float
     mae_no_contact: float
     ssim_crop_no_contact: float
@@ -166,14 +162,11 @@ class PressScores:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarkerScores:
-    """How far markers are seen from where they are drawn, over all presses of a set.
-
-    Attributes:
-        moved_px: Median motion of those under and beside the contact, within 1.6 of its radii [px].
-    """
+    """How far markers are seen from where they are drawn, over all presses of a set."""
 
     tracked: int  # markers that were followed from the no-contact frame into the presses' images
     lost: int
+    # Median motion of those under and beside the contact, within 1.6 of its radii [px]
     moved_px: float
     error_px: float  # median distance of drawn from tracked motion [px]
     error_m: float
@@ -206,14 +199,11 @@ def marker_scores(rendered: Sequence[RenderedPress], pixel_m: float) -> MarkerSc
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckScores(PressScores):
-    """Scores of presses that the model has not seen: circles nudged, with each frame's light.
+    """Scores of presses that the model has not seen: circles nudged, with each frame's light."""
 
-    Attributes:
-        as_labelled: Labelled circles, with each frame's light as estimated outside the contact.
-        as_labelled_frames_as_they_came: Labelled circles, against the frames as they came.
-    """
-
+    # Labelled circles, with each frame's light as estimated outside the contact
     as_labelled: PressScores
+    # Labelled circles, against the frames as they came
     as_labelled_frames_as_they_came: PressScores
     light_rms_levels: float  # root mean square of the level of that light [grey levels]
     nudge_rms_px: float  # root mean square of the circles' moves in x, y and radius [px]
@@ -366,18 +356,15 @@ def _saturated_share(press: BallPress) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlopeCoverage:
-    """How often each slope was seen.
-
-    Attributes:
-        slopes_seen_share: Part of the disc of tilts up to the limit that at least one press shows.
-        tilt_edges: Borders of the bins of tilt (sine of the surface's angle), shape [_BINS + 1].
-        presses_seen: Presses that show a tilt, by tilt along rows and columns, [_BINS, _BINS].
-    """
+    """How often each slope was seen."""
 
     tilt_limit: float
+    # Part of the disc of tilts up to the limit that at least one press shows
     slopes_seen_share: float
     image_share: float  # part of the image that lies in at least one contact
+    # Borders of the bins of tilt (sine of the surface's angle), shape [_BINS + 1]
     tilt_edges: FloatArray
+    # Presses that show a tilt, by tilt along rows and columns, [_BINS, _BINS]
     presses_seen: Int64Array
 
 

@@ -42,15 +42,12 @@ DEPTHS_M = (2e-4, 3.5e-4, 5e-4, 7e-4, 9e-4, 1.2e-3)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RadialProfile:
-    """Axisymmetric gel surface.
-
-    Attributes:
-        outward_m: How far the gel that is there now has moved away from the axis [m], same shape.
-    """
+    """Axisymmetric gel surface."""
 
     radius_m: FloatArray  # ascending distances from the ball's axis [m], shape [sample_count]
     tilt: FloatArray  # sine of the surface's angle, positive where it rises outwards, same shape
     indentation_m: FloatArray  # unloaded minus loaded height [m], same shape
+    # How far the gel that is there now has moved away from the axis [m], same shape
     outward_m: FloatArray
 
     def curvature(self, radius_m: FloatArray, *, width_m: float) -> FloatArray:

@@ -28,13 +28,9 @@ _FARTHEST_M = 1.0  # of a camera whose rays are not taken to be parallel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionModel:
-    """What all presses of a sensor share.
+    """What all presses of a sensor share."""
 
-    Attributes:
-        per_distance: One over the distance of the camera's pinhole from the gel [1/m]; 0 is an
-            orthographic view.
-    """
-
+    # One over the distance of the camera's pinhole from the gel [1/m]; 0 is an orthographic view
     per_distance: float = 0.0
     slide: float = 1.0  # share of the simulated motion along the surface that is seen
 

@@ -139,20 +139,16 @@ class PlacedPress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressScene:
-    """Camera, no-contact frame and gel that all presses of a set share.
-
-    Attributes:
-        background: No-contact frame without its markers, RGB levels as float, shape
-            [height, width, 3].
-        rest_slope: dz/d(column) and dz/d(row) of the unloaded gel [1], shape [2, height, width];
-            None is level gel.
-    """
+    """Camera, no-contact frame and gel that all presses of a set share."""
 
     geometry: CameraGeometry
+    # No-contact frame without its markers, RGB levels as float, shape [height, width, 3]
     background: FloatArray
     profile: GelProfile
     exponents: IntArray
     markers: PrintedMarkers | None = None  # those of the no-contact frame; None where it shows none
+    # dz/d(column) and dz/d(row) of the unloaded gel [1], shape [2, height, width]; None is level
+    # gel
     rest_slope: FloatArray | None = None
     lamp_count: int = 0  # near lamps that the model may have; with none it is a polynomial alone
 

@@ -39,12 +39,9 @@ _EXAMPLES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetPoints:
-    """Points of a target that an image shows.
+    """Points of a target that an image shows."""
 
-    Attributes:
-        positions_m: From the target's middle, x along its rows, y down its columns [m], [n, 2].
-    """
-
+    # From the target's middle, x along its rows, y down its columns [m], [n, 2]
     positions_m: FloatArray
     pixels: FloatArray  # column and row [px], shape [n, 2]
     wanted: int
@@ -247,16 +244,13 @@ def _value(key: str, text: str) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScaleFit:
-    """A camera's geometry and how well it fits.
-
-    Attributes:
-        shear_rad: Departure of the pixel axes from a right angle that the geometry cannot express.
-        scale_error_m: Standard error of the scales in x and y, from the residuals [m/px].
-    """
+    """A camera's geometry and how well it fits."""
 
     geometry: CameraGeometry
     residual_px: float  # root mean square distance of the fitted from the labelled centres [px]
+    # Departure of the pixel axes from a right angle that the geometry cannot express
     shear_rad: float
+    # Standard error of the scales in x and y, from the residuals [m/px]
     scale_error_m: tuple[float, float]
     rotation_error_rad: float  # standard error of the rotation, from the residuals [rad]
     centre_error_px: float  # standard error of the centre, from the residuals [px]

@@ -71,14 +71,11 @@ green and blue [grey levels], shape [3, rows, columns]."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelColours:
-    """What is drawn of a model over a no-contact frame: a Warp kernel, or a NumPy function.
-
-    Attributes:
-        kernel: From the samples' tilts and indentations to the mean change of light of pixels.
-    """
+    """What is drawn of a model over a no-contact frame: a Warp kernel, or a NumPy function."""
 
     light: Float32Array  # of the no-contact frame [grey levels], shape [3, height, width]
     response: Response = LINEAR
+    # From the samples' tilts and indentations to the mean change of light of pixels
     kernel: Any = None
     inputs: Sequence[Any] = ()  # of the kernel, but for samples
     function: SampleColours | None = None  # in place of a kernel

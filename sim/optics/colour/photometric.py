@@ -165,12 +165,9 @@ _PLACES = 3  # 1, u and v
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NearLamp:
-    """A lamp beside the gel.
+    """A lamp beside the gel."""
 
-    Attributes:
-        azimuth_rad: Direction in which it stands, from growing columns towards growing rows [rad].
-    """
-
+    # Direction in which it stands, from growing columns towards growing rows [rad]
     azimuth_rad: float
     elevation_rad: float  # angle of its light to the gel in the middle of the image [rad]
     distance: float  # from the middle of the image, in halves of its width
@@ -201,16 +198,13 @@ class NearLamp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShadingTerms:
-    """Lamps and creases; each contributes its value, and that times u and times v.
-
-    Attributes:
-        crease_limit: Curvature of the sharpest bend that the pixels resolve [1/m]; sharper creases
-            are taken to be so sharp. Balls bend the gel less: up to there it is extrapolated.
-    """
+    """Lamps and creases; each contributes its value, and that times u and times v."""
 
     lamps: tuple[NearLamp, ...]
     softness: float  # half width of their terminators, as a cosine
     aspect: float  # height of the image over its width
+    # Curvature of the sharpest bend that the pixels resolve [1/m]; sharper creases are taken to be
+    # so sharp. Balls bend the gel less: up to there it is extrapolated.
     crease_limit: float
 
     @property
@@ -266,27 +260,25 @@ class PhotometricModel:
 
     colour change = sum_k coefficient_k p^a_k q^b_k u^c_k v^d_k w^e_k, with a + b + e >= 1.
     It is a change of light, in grey levels below the camera's knee; see ``Response``.
-
-    Attributes:
-        tilt_limit: Largest tilt the coefficients were fitted to; steeper surfaces are rendered
-            as this steep in their own direction, not extrapolated.
-        indentation_limit_m: Largest indentation the coefficients were fitted to [m], likewise.
-        terms: Lamps and creases, not bounded by the limit of tilt; None has none.
-        term_coefficients: Grey levels of red, green, blue for each of them, shape [count, 3].
-        reference: Grey level of a no-contact frame to which the change holds; where the frame is
-            brighter or darker, the change of light is so too, as paint and lamps shade both alike.
-            None adds the same everywhere.
-        provenance: Where the coefficients come from, as JSON values with units in the keys.
     """
 
     exponents: IntArray  # a, b, c, d, e of each term, shape [term_count, 5]
     coefficients: FloatArray  # grey levels of red, green, blue for each term, shape [term_count, 3]
+    # Largest tilt the coefficients were fitted to; steeper surfaces are rendered as this steep in
+    # their own direction, not extrapolated
     tilt_limit: float = 1.0
+    # Largest indentation the coefficients were fitted to [m], likewise
     indentation_limit_m: float = math.inf
+    # Lamps and creases, not bounded by the limit of tilt; None has none
     terms: ShadingTerms | None = None
+    # Grey levels of red, green, blue for each of them, shape [count, 3]
     term_coefficients: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     response: Response = LINEAR
+    # Grey level of a no-contact frame to which the change holds; where the frame is brighter or
+    # darker, the change of light is so too, as paint and lamps shade both alike. None adds the same
+    # everywhere.
     reference: float | None = None
+    # Where the coefficients come from, as JSON values with units in the keys
     provenance: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -125,38 +125,35 @@ class Gel:
 
     What a mesh does not call for is empty: steep faces that are cut (``height_map``), rings that
     are drawn round, neighbours of nodes of linear faces.
-
-    Attributes:
-        sources: Node of the model that each drawn one is, or mirrors, shape [node_count].
-        parts: Nodes of the faces, then of the sixteen parts of each, the same width.
-        facets: Corners of a part's linear facets among its nodes, shape [4 or 1, 3].
-        values: Shape functions of a face at the places of a cut one, shape [place_count, 6].
-        straight: How far a place moves, seen from above, with the bend of each edge that is drawn
-            straight, shape [place_count, 3].
-        across: The face across each edge, -1 at the border, shape [face_count, 3].
-        between: Nodes in the middle of chords, shape [ring_count, sector_count].
-        weights: Of radius, turn and height of those in the middle in theirs, shape [ring_count,
-            sector_count, sector_count].
     """
 
+    # Node of the model that each drawn one is, or mirrors, shape [node_count]
     sources: wp.array(dtype=wp.int32)
     signs: wp.array(dtype=wp.vec3d)  # of its coordinates
     lifts: wp.array(dtype=wp.float64)  # by what the pad's top lies higher at rest [m]
     faces: wp.array2d(dtype=wp.int32)  # nodes of each face, shape [face_count, 6 or 3]
+    # Nodes of the faces, then of the sixteen parts of each, the same width
     parts: wp.array2d(dtype=wp.int32)
+    # Corners of a part's linear facets among its nodes, shape [4 or 1, 3]
     facets: wp.array2d(dtype=wp.int32)
     standoff: wp.float64  # by how much what bounds the gel is larger than the indenter [m]
     gap: wp.float64  # largest gap between gel and what bounds it that counts as touching [m]
+    # Shape functions of a face at the places of a cut one, shape [place_count, 6]
     values: wp.array2d(dtype=wp.float64)
+    # how far a place moves, seen from above, with the bend of each edge drawn straight
     straight: wp.array2d(dtype=wp.float64)
+    # The face across each edge, -1 at the border, shape [face_count, 3]
     across: wp.array2d(dtype=wp.int32)
     face: wp.array(dtype=wp.int32)  # a face of each node that cutting adds
     beside: wp.array(dtype=wp.int32)  # the other one of a node on an edge, -1 where there is none
     place: wp.array(dtype=wp.int32)  # which place of ``face`` it is
     axis: wp.vec2d  # of the rings, x and y [m]
     angle: wp.array(dtype=wp.float64)  # about the axis at rest of the nodes [rad]
+    # Nodes in the middle of chords, shape [ring_count, sector_count]
     between: wp.array2d(dtype=wp.int32)
     on_rays: wp.array2d(dtype=wp.int32)  # nodes at the ends of chords, the same shape
+    # Of radius, turn and height of those in the middle in theirs, shape [ring_count, sector_count,
+    # sector_count]
     weights: wp.array3d(dtype=wp.float64)
     neighbour_starts: wp.array(dtype=wp.int32)  # where the neighbours of each node begin
     neighbours: wp.array(dtype=wp.int32)  # nodes at most two edges away
@@ -164,12 +161,7 @@ class Gel:
 
 @wp.struct
 class Canvas:
-    """What is drawn; the first index is the environment.
-
-    Attributes:
-        pressed: 1 for a pixel of a facet that touches with all its corners.
-        rest: Height of the unloaded surface by pixel [m]; of no environment.
-    """
+    """What is drawn; the first index is the environment."""
 
     nodes: wp.array2d(dtype=wp.vec3d)  # the model's and those that cutting adds [m]
     slopes: wp.array2d(dtype=wp.vec2d)  # of the indenter at the nodes
@@ -177,8 +169,10 @@ class Canvas:
     states: wp.array2d(dtype=wp.int32)  # of the nodes, see ``TOUCHES`` and what follows
     steep: wp.array2d(dtype=wp.int32)  # 1 for a face that is cut
     heights: wp.array2d(dtype=wp.float64)  # by pixel [m]
+    # 1 for a pixel of a facet that touches with all its corners
     pressed: wp.array2d(dtype=wp.uint8)
     covered: wp.array(dtype=wp.uint8)  # 1 where a pixel is covered
+    # Height of the unloaded surface by pixel [m]; of no environment
     rest: wp.array(dtype=wp.float64)
 
 

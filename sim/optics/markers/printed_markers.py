@@ -43,16 +43,13 @@ _INK = 0.15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrintedMarkers:
-    """The markers of one no-contact frame.
-
-    Attributes:
-        print: How much of the gel is seen, 0 under ink and 1 beside it, then what red, green and
-            blue differ from ink and gel mixed so [grey levels], shape [height, width, 4].
-    """
+    """The markers of one no-contact frame."""
 
     frame: ImageArray  # the frame as it is, RGB, uint8, shape [height, width, 3]
     bare: ImageArray  # the frame without its markers, likewise
     dark: Float32Array  # colour of the ink [grey levels], shape [3]
+    # How much of the gel is seen, 0 under ink and 1 beside it, then what red, green and blue differ
+    # from ink and gel mixed so [grey levels], shape [height, width, 4]
     print: Float32Array
     mask: BoolArray  # true on the markers and a little beyond, shape [height, width]
     centres_px: FloatArray  # column and row of each marker at rest [px], shape [n, 2]
@@ -78,14 +75,11 @@ class PrintedMarkers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarkerTracks:
-    """Markers of a frame at rest that were found again.
-
-    Attributes:
-        error_px: Standard error of each component, from what two windows differ by [px], [n].
-    """
+    """Markers of a frame at rest that were found again."""
 
     rest_px: FloatArray  # column and row of their centres at rest [px], shape [n, 2]
     motion_px: FloatArray  # along columns and rows [px], shape [n, 2]
+    # Standard error of each component, from what two windows differ by [px], [n]
     error_px: FloatArray
     lost: int  # markers at rest that were not found again
 
