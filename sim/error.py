@@ -137,8 +137,17 @@ def estimate_from(
     changes = coarse.outputs.changes(found)
     if plan.is_on(Effect.LOCKING_FREE_ELEMENT):  # those that lock err alike in all faces
         each = coarse.outputs.shear_change(found) / math.sqrt(found.touched_count)
-        changes[Output.SHEAR] = each * _grip_left(scene, found)
-    rule, refinement = _rule(scene, plan)
+        if scene.contact is ContactMode.FRICTION and scene.friction:  # by what is left of mu
+            each *= max(0.0, 1.0 - found.sizes[Output.SHEAR] / scene.friction)
+        changes[Output.SHEAR] = each
+    rule, refinement = _FINER, scene.refinement
+    is_ball = isinstance(scene.indenter, Sphere)
+    if not plan.is_on(Effect.LOCKING_FREE_ELEMENT):
+        rule, refinement = dict.fromkeys(Output, (1.0, _LINEAR_ERROR, 0.0)), 1.0
+    elif scene.preset is Preset.FAST:
+        rule = _UNDER_BALL if is_ball else _UNDER_RIM
+    elif not is_ball:
+        rule = _FINER_RIM
     gap = scene.contact_distance_m / max(found.depth_m, scene.contact_distance_m)
     relative = {}
     for output in Output:
@@ -163,23 +172,6 @@ def estimate_from(
         relative=relative,
         basis=f"{basis}, {omitted:.2%} for effects left out" if omitted else basis,
     )
-
-
-def _rule(scene: Scene, plan: EffectPlan) -> tuple[_Rule, float]:
-    """Return by what a scene's outputs err, and how many times shorter its edges are."""
-    if not plan.is_on(Effect.LOCKING_FREE_ELEMENT):
-        return dict.fromkeys(Output, (1.0, _LINEAR_ERROR, 0.0)), 1.0
-    is_ball = isinstance(scene.indenter, Sphere)
-    if scene.preset is not Preset.FAST:
-        return _FINER if is_ball else _FINER_RIM, scene.refinement
-    return _UNDER_BALL if is_ball else _UNDER_RIM, scene.refinement
-
-
-def _grip_left(scene: Scene, found: PressOutputs) -> float:
-    """Return the share of mu that the shear leaves; all of it where nothing slides."""
-    if scene.contact is not ContactMode.FRICTION or not scene.friction:
-        return 1.0
-    return max(0.0, 1.0 - found.sizes[Output.SHEAR] / scene.friction)
 
 
 def _fast(refinement: float) -> Setting:

@@ -86,18 +86,15 @@ class ReferencePath:
 
         The match reports the states above the force before, ``above_n`` [N].
         """
-        start = self._state_below(force_n / stiffer)
+        # Starting at the force itself would leave a step of the size of rounding errors.
+        most_n = (1.0 - _FORCE_LEFT_SHARE) * force_n / stiffer
+        known = [point for point in self.path.points if 0.0 < point.force_n[2] <= most_n]
+        start = max(known, key=lambda point: float(point.force_n[2]), default=None)
         taken = None if start is None else path.taken_over(start, stiffer=stiffer)
         match = push_to_force(path, force_n, start=taken)
         curve = ((depth, stiffer * force) for depth, force in self.history)
         passed = tuple(each for each in curve if above_n < each[1] < force_n)
         return replace(match, history=passed + match.history[-1:])
-
-    def _state_below(self, force_n: float) -> PathPoint | None:
-        # Starting at the force itself would leave a step of the size of rounding errors.
-        most_n = (1.0 - _FORCE_LEFT_SHARE) * force_n
-        known = [point for point in self.path.points if 0.0 < point.force_n[2] <= most_n]
-        return max(known, key=lambda point: float(point.force_n[2]), default=None)
 
 
 def path_depends_on_modulus(plan: EffectPlan) -> bool:
@@ -416,9 +413,7 @@ def _replay(
         poisson=scene.material.poisson,
         layers=tuple(
             ReplayLayer(
-                share=layer.share,
-                young_pa=layer.material.young_pa,
-                poisson=layer.material.poisson,
+                share=layer.share, young_pa=layer.material.young_pa, poisson=layer.material.poisson
             )
             for layer in scene.layers
         ),

@@ -117,10 +117,7 @@ def carried_over(
 
 
 def _interpolated(model: Model, values: FloatArray, places: FloatArray) -> FloatArray:
-    """Return a quadratic model's nodal values at places of its undeformed gel, shape [n, 3].
-
-    Places outside of it, as between two meshes of one dome, take the nearest element's values.
-    """
+    """Return a quadratic model's nodal values at places in or beside its undeformed gel, [n, 3]."""
     corners = model.nodes[model.elements[:, :4]]
     to_shares = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
     count = min(_NEAR_TETS, len(corners))
@@ -138,10 +135,7 @@ def _interpolated(model: Model, values: FloatArray, places: FloatArray) -> Float
 
 
 def _taken_hold(model: Model, state: State, other: Model, moved: State) -> Grip | None:
-    """Return what another mesh's points hold on to, by the nearest points of the first.
-
-    A point's anchor is as far from it as those of its neighbours are from them.
-    """
+    """Return what another mesh's points hold on to: as far off as those of the nearest points."""
     free = other.surface.free_grip(moved.positions, moved.tip, moved.rotation)
     if free is None or state.grip is None:
         return None

@@ -12,8 +12,7 @@ from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.scene import Scene
 
 GRAVITY_M_S2 = 9.81
-# Weight stiffens a gel by a share rho g H / E, and moved no output by more than 3.4 times that in
-# drawn presses. Beyond this scale it is on.
+# Weight stiffens a gel by a share rho g H / E, and moved no output by more than 3.4 times that.
 _GRAVITY, _GRAVITY_RANGE = 5.0, 0.02
 # In proportion to (T1 / t)^2, from this many periods on. Presses of 2.5 to 50 % of the pad: below
 # it the pad rings while it is pressed (F_z of two after 3.0 and 3.2 periods by 1.6 and 4.9 %).
@@ -22,8 +21,7 @@ _INERTIA, _INERTIA_PERIODS = 0.05, 4.0
 # 1.6 times, plates 2.7 times, and with nu 0.499 2.9 times at 57 %.
 _BEYOND = 20.0
 # Share of the gel's height, or of a softer skin's, from which a sharp rim finds several equilibria,
-# which differ in the folds at the rim: of two drawn presses as deep, one is 1.7 % deeper with half
-# the load steps; of one 2.4 times as deep as its skin, inertia of nothing moves markers by 17 %.
+# which differ in the folds at the rim: one press is 1.7 % deeper with half the load steps.
 _FOLDS_FROM = 0.25
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 
 import numpy as np
 
@@ -105,22 +106,17 @@ def _not_revolved(scene: Scene) -> str:
         return "the pad's surface comes from a file"
     if isinstance(scene.indenter, MeshIndenter):
         return "the indenter is a mesh"
-    if _lifts_its_rim(scene):
-        return "the indenter is tilted so far that it touches on one side"
+    tilt = math.hypot(*scene.motion.tilt_rad)
+    if tilt != 0.0 and not isinstance(scene.indenter, Sphere):
+        rise = 2.0 * contact_reach(scene) * math.tan(min(tilt, _TILT_MAX_RAD))
+        share = _PUNCH_TILT_SHARE if isinstance(scene.indenter, Cylinder) else _TILT_SHARE
+        if rise > share * mesh_depth(scene):
+            return "the indenter is tilted so far that it touches on one side"
     start = np.array(scene.centre_m)
     ways = np.stack([start, start + np.array(scene.motion.shift_m)])
     if scene.pad.distance_to_outline(ways).min() < _MARGIN_SHARE * contact_reach(scene):
         return "the indenter's edge lies beside the pad"
     return ""
-
-
-def _lifts_its_rim(scene: Scene) -> bool:
-    tilt = math.hypot(*scene.motion.tilt_rad)
-    if tilt == 0.0 or isinstance(scene.indenter, Sphere):
-        return False
-    rise = 2.0 * contact_reach(scene) * math.tan(min(tilt, _TILT_MAX_RAD))
-    share = _PUNCH_TILT_SHARE if isinstance(scene.indenter, Cylinder) else _TILT_SHARE
-    return rise > share * mesh_depth(scene)
 
 
 _DIHEDRAL_MIN_RAD = math.radians(2.0)
@@ -197,7 +193,10 @@ def footprint_mesh(
     if isinstance(pad, BoxPad) and has_brick(scene):
         base = brick_mesh(pad, spacing_m=coarse_m, symmetry=symmetry or MirrorSymmetry())
     else:
-        base = _base_mesh(scene, sizing)
+        shares = interface_shares(scene.layers)
+        key = mesh_key(pad, sizing, shares)
+        wild = partial(wild_mesh, pad, sizing, name=f"fTetWild, {key}", interface_shares=shares)
+        base = stored_mesh("base", key, partial(wild, graded=False))
     edge_m = resolution.edge_share * touched.radius_m
     if isinstance(scene.indenter, Cylinder) and scene.indenter.fillet_m > 0.0:
         edge_m = min(edge_m, resolution.fillet_share * scene.indenter.fillet_m)
@@ -215,18 +214,6 @@ def footprint_mesh(
     mesh = replace(fitted, name=f"footprint, {scene.preset.value}, on {base.name}")
     refuse_flat(mesh, scene.tetwild.dihedral_min_rad or _DIHEDRAL_MIN_RAD)
     return mesh
-
-
-def _base_mesh(scene: Scene, sizing: WildSizing) -> TetMesh:
-    """Return the pad filled by fTetWild with coarse tetrahedra; made once and kept."""
-    shares = interface_shares(scene.layers)
-    key = mesh_key(scene.pad, sizing, shares)
-
-    def made() -> TetMesh:
-        name = f"fTetWild, {key}"
-        return wild_mesh(scene.pad, sizing, name=name, interface_shares=shares, graded=False)
-
-    return stored_mesh("base", key, made)
 
 
 def _scene_footprint(scene: Scene, *, depth_m: float) -> Footprint:

@@ -60,8 +60,7 @@ class PressOutputs:
             Output.DEPTH: self.depth_m,
             Output.PRESSURE: self._pressure_p95(),
             Output.SHEAR: _share(
-                _norm(self.shear_pa, self.areas_m2),
-                _norm(self.pressure_pa[:, None], self.areas_m2),
+                _norm(self.shear_pa, self.areas_m2), _norm(self.pressure_pa[:, None], self.areas_m2)
             ),
             Output.IMAGE: _norm(self.slopes, self.top_m2),
             Output.MARKERS: _norm(self.motion_m, self.top_m2),

@@ -37,15 +37,9 @@ _SUMS = {Output.FORCE, Output.DEPTH}
 # costs; medians of drawn scenes (`tacauchy-rig effects-check --random`). Small strains save
 # nothing.
 _SAVES = {Effect.FRICTION: 0.5, Effect.GRAVITY: 0.08, Effect.VISCOELASTICITY: 0.08}
-_COSTS = {
-    Preset.FAST: 0.15,
-    Preset.BALANCED: 0.06,
-    Preset.ACCURATE: 0.02,
-    Preset.REFERENCE: 0.01,
-}
-# A fine press's difference is at most so many times that of its one coarse press, which resolves
-# the slip in a contact less sharply: 1.5 times in F_z, 3.2 times in a field's motion were the most
-# in 60 drawn presses. With two coarse presses it is the finer one's and what the two are apart.
+_COSTS = {Preset.FAST: 0.15, Preset.BALANCED: 0.06, Preset.ACCURATE: 0.02, Preset.REFERENCE: 0.01}
+# A fine press's difference is at most so many times that of its one coarse press (1.5 in F_z, 3.2
+# in a field in 60 drawn presses). With two it is the finer one's and what the two are apart.
 _ONE_COARSE, _ONE_COARSE_FIELDS = 2.0, 4.0
 # Trying would only confirm that friction is needed where mu is so many tolerances of shear or
 # markers: a straight press's tangential traction came out as 0.06 to 0.7 mu of the pressure, and a

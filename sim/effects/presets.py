@@ -32,20 +32,13 @@ from sim.solve.model import Model
 
 PAPER_SIZING = WildSizing()
 _SLOPE_MAX = 0.75
-# Of an edge at a sharp rim, and of the depth: radius that the rim is given. A mesh follows
-# no corner, and what it catches of one hangs on chance. F_z of the 5 mm punch in a GelSight Mini,
-# 0.5 mm deep, on edges 0.9, 1 and 1.1 times as short as preset balanced's, is 3.11, 3.08 and 3.12 N
-# without, 2.99, 3.01 and 2.98 N with a quarter of an edge, and tends to 2.986 N. A 3 mm punch slid
-# 0.14 mm deep differed by 4 % in F_z from itself with inertia, by 0.05 % with a quarter. Half an
-# edge is as good there, and 1 to 2 % too soft where the depth is less.
+# Of an edge at a sharp rim, and of the depth: radius that the rim is given. A mesh follows no
+# corner, and what it catches of one hangs on chance: F_z of a 5 mm punch, 0.5 mm deep, on three
+# edges a tenth apart is 3.11, 3.08 and 3.12 N without, 2.99, 3.01 and 2.98 N with a quarter of an
+# edge, and tends to 2.986 N. Half an edge is 1 to 2 % too soft where the depth is less.
 _RIM_SHARE = 0.25
-
-
-# F_z of a punch with a fillet of 0.1 mm, 0.5 mm deep in a GelSight Mini, edges of 0.05 mm at its
-# rim: preset fast 2.942 N; with 24 or 32 sectors 2.943 and 2.944 N; with growth 1.5 instead of 2
-# 2.920 N; with every edge halved 2.896 N. What lies away from the rim decides, not the rim.
-# Under a ball edges and sectors are those at which its pressure is round to 3 % of its maximum and
-# 2 % off Hertz, both with room (docs/explanation/meshes.md): 20 sectors and 0.17 left 5.6 %.
+# Away from a fillet, growth and edges decide F_z, sectors and the rim's edges do not. Under a ball
+# the pressure is round to 3 % of its maximum and 2 % off Hertz (docs/explanation/meshes.md).
 RESOLUTIONS = {
     Preset.FAST: Resolution(edge_share=0.04, smooth_share=0.25, growth=2.0, sector_count=16),
     Preset.BALANCED: Resolution(
@@ -64,35 +57,25 @@ RESOLUTIONS = {
     ),
 }
 
-# Preset fast of a light scene: at a rim an edge as long as the fillet. A 5 mm cylinder 1 mm deep in
-# a GelSight Mini, d_hat 20 um, against preset accurate: fillet 0.3 mm +2.0 % (preset fast's other
-# edges +3.1 %, twice these +10 %), fillet 0.1 mm +5.9 % (+3.5 %).
+# Preset fast of a light scene: at a rim an edge as long as the fillet. A 5 mm cylinder 1 mm deep,
+# against preset accurate: fillet 0.3 mm +2.0 %, fillet 0.1 mm +5.9 %.
 LIGHT = replace(RESOLUTIONS[Preset.FAST], fillet_share=1.0, rounded_share=0.12)
-
-
-# A light scene's edges under the indenter, over the pad's height, where nu is above this. A punch
-# of 5 mm, fillet 0.3 mm, 0.5 mm deep with nu 0.499: 5.6 % too stiff without, 4.3 % with; 1.2 times
-# shorter edges throughout 3.3 %. At 0.48 there is 2.3 % without.
+# A light scene's edges under the indenter, over the pad's height, where nu is above this: at 0.499
+# a punch is 5.6 % too stiff without, 4.3 % with.
 _KEEPS_VOLUME_ABOVE, _UNDER_SHARE = 0.49, 0.25
 # Where shear is asked for and points may slide, edges are so many times shorter there: the shear
 # has a kink where sliding begins, which edges smear (docs/results/verification.md).
 _SHEAR_REFINEMENT = {Preset.BALANCED: 1.25, Preset.ACCURATE: 1.9, Preset.REFERENCE: 1.9}
-# There a point that sticks gives by a tenth of the usual slip length: 1 um of the 29 um by which a
-# ball of 32 mm that is turned carries the gel takes 3 to 5 % off the shear of what sticks.
+# There a point that sticks gives by a tenth of the usual slip length, which would take 3 to 5 % off
+# the shear under a turned ball.
 _SHEAR_SLIP_M = 0.1e-6
 # Of the pad's height beyond an indenter's end: so far the gel flows.
 _NEAR_SHARE = 0.7
-
-
-# A light scene's F_z is decided in the section through its axis. A punch of 4 mm on edges 1, 1.4
-# and 2 times shorter than these: 2.4, 1.3 and 0.68 % off with 16 sectors, 2.2, 1.3 and 0.54 % with
-# 24, for 1.5 to 2 times the time; 3.3, 2.0 and 1.3 % with 12.
+# A light scene's F_z is decided in the section through its axis: a punch of 4 mm is 2.4 % off with
+# 16 sectors, 2.2 % with 24, for 1.5 to 2 times the time, and 3.3 % with 12.
 _SECTOR_GROWTH, _SECTOR_BASE = 0.5, 1.6
-
-# Of a light scene whose indenter is carried, turned or tilted: half or all of the pad is meshed,
-# and its errors are not among those measured for tolerances. F_z of nine such presses, six of them
-# drawn, is 0 to 0.9 % larger than with edges of at most 2.5 mm, mostly 0.2 %; a sixth fewer
-# tetrahedra.
+# Of a light scene whose indenter is carried, turned or tilted, where half or all of the pad is
+# meshed: F_z of nine such presses is 0 to 0.9 % larger than with edges of at most 2.5 mm.
 _MOVED_SIZE_MAX_M = 4e-3
 
 

@@ -28,9 +28,8 @@ from tacauchy_rig.core.long_task import doing
 # thousandth of it, at most, and a load is then met no closer than that.
 _ROUGHLY, _ROUGHER, _OF_TOLERANCE = 1e-6, 1e-5, 1e-3
 # What depends on the way that points slide or take hold. Where it is asked for, steps are so many
-# times shorter: three balls' shear with mu 0.5 is 0.8 to 2.0 % of the pressure off, with steps 4
-# times shorter 0.2 to 0.6 %, for 1.3 to 1.8 times the time (against 8 times shorter ones). The
-# image of a bonded punch 0.2 mm deep is 3.1 % off that in 60 steps, with 4 times shorter 0.2 %.
+# times shorter: three balls' shear with mu 0.5 is then 0.2 to 0.6 % of the pressure off, not 0.8 to
+# 2.0 %, for 1.3 to 1.8 times the time.
 _PATH_DEPENDENT = {Output.SHEAR, Output.MARKERS}
 _PATH_DEPENDENT_STEPS = 4.0
 # So many steps at least, and as many as this over the tolerance. Gel under a ball 2 % deep moves
@@ -51,11 +50,7 @@ def path_for(
 ) -> LoadingPath:
     """Return the path that a scene's indenter will go, with the planned effects.
 
-    Args:
-        model: Reuse this model instead of meshing and assembling anew.
-        device: Warp device of a new model.
-        refinement: Make every edge this many times shorter than the scene does.
-        keeps_all: Keep every equilibrium on the way.
+    A model is reused; without one the scene is meshed, every edge ``refinement`` times shorter.
 
     Raises:
         ConfigError: The scene cannot be built, or its force is far beyond what the gel carries.

@@ -101,12 +101,7 @@ def _fitted(
 ) -> Iterator[tuple[IntArray, FloatArray]]:
     """Yield touched nodes and what was fitted there, pressure and shear [Pa], a block at a time.
 
-    The contact points are those of the whole surface, mirrored where a part of it is modelled.
-
-    Args:
-        areas: Of the contact points, on the deformed surface [m^2], shape [face_count,
-            point_count].
-        normals: Of the surface at the model's nodes, shape [node_count, 3].
+    The contact points are those of the whole surface; their areas are of the deformed one [m^2].
     """
     contact, split = point.equilibrium.contact, contact_forces(point)
     nodes, local = np.unique(model.faces, return_inverse=True)
@@ -152,13 +147,7 @@ def _incidence(faces: IntArray, size: int) -> scipy.sparse.csr_matrix:
 def _at_origin(
     offsets: FloatArray, values: FloatArray, weights: FloatArray, row: IntArray, degree: int
 ) -> FloatArray:
-    """Return the values at zero of the polynomials that fit best, shape [row_count, value_count].
-
-    Args:
-        offsets: In a plane [m], shape [pair_count, point_count, 2].
-        values: Shape [pair_count, point_count, value_count].
-        row: Which polynomial each pair belongs to, rising, shape [pair_count].
-    """
+    """Return the values at zero of the polynomials that fit best, by ``row`` of the pairs."""
     starts = np.flatnonzero(np.diff(row, prepend=-1))
     reach = np.maximum.reduceat(np.abs(offsets).max(axis=(1, 2)), starts)
     x, y = np.moveaxis(offsets / reach[row][:, None, None], 2, 0)

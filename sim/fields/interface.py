@@ -59,11 +59,7 @@ def interface_traction(model: Model, positions: FloatArray) -> tuple[InterfaceTr
 
 
 def on_sides(
-    model: Model,
-    positions: FloatArray,
-    faces: IntArray,
-    below_pa: FloatArray,
-    above_pa: FloatArray,
+    model: Model, positions: FloatArray, faces: IntArray, below_pa: FloatArray, above_pa: FloatArray
 ) -> StressOnSides:
     """Return the tractions of stresses at the points of faces, shape [f, p, 3, 3]."""
     vectors = model.reference.area_vectors(positions[faces])

@@ -81,7 +81,10 @@ class ElasticBody:
             history=device.zeros(self._shape if self._remembers else (1, 1), wp.mat33d),
         )
         self._slots = device.array(pad.pattern.slots(pad.elements), wp.int32)
-        self.rounding_n = _rounding_force(pad, young_pa, poisson)
+        mu, lam = lame(young_pa, poisson)
+        stiffness = (lam + 2.0 * mu) * pad.volumes * (pad.inverse_jacobians**2).sum(axis=(1, 2))
+        reach = np.abs(pad.nodes[pad.elements[:, :4]]).max(axis=(1, 2))
+        self.rounding_n = float(KERNEL_EPSILON * np.linalg.norm(stiffness * reach))
         self.relaxation = (
             None if prony is None else Relaxation(law, self._arrays, prony, pad.nodes, device)
         )
@@ -206,10 +209,3 @@ def _parameters(law: Law, young_pa: FloatArray, poisson: FloatArray) -> FloatArr
     distinct, material = np.unique(materials, axis=0, return_inverse=True)
     parameters = np.array([law.parameters(*constants) for constants in distinct.tolist()])
     return parameters[material.reshape(-1)]
-
-
-def _rounding_force(pad: Discretisation, young_pa: FloatArray, poisson: FloatArray) -> float:
-    mu, lam = lame(young_pa, poisson)
-    stiffness = (lam + 2.0 * mu) * pad.volumes * (pad.inverse_jacobians**2).sum(axis=(1, 2))
-    reach = np.abs(pad.nodes[pad.elements[:, :4]]).max(axis=(1, 2))
-    return float(KERNEL_EPSILON * np.linalg.norm(stiffness * reach))

@@ -119,21 +119,18 @@ class _Samples:
         # The indenter's height over the pad, its tip at z = 0; inf beside either.
         self.clearance = np.where(self.on_pad, self.underside - top, np.inf)
         if np.any(low >= high) or not np.isfinite(self.clearance).any():
-            _refuse_beside(press)
+            half_x, half_y = (1e3 * each for each in press.pad.half_extents())
+            at_x, at_y = 1e3 * press.centre
+            raise ConfigError(
+                f"the indenter at x = {at_x:.4g} mm, y = {at_y:.4g} mm comes down beside the pad "
+                "and never touches its top",
+                remedy=f"move it over the pad, which reaches from {-half_x:.4g} to {half_x:.4g} mm "
+                f"in x and from {-half_y:.4g} to {half_y:.4g} mm in y",
+            )
         self.limit = float(self.clearance.min()) + (1.0 - _EDGE_OVERLAP) * depth_m
         self.touched = self.clearance <= self.limit
         self.points = np.stack([x, y, top], axis=-1)
         self.spacing = np.array([axis[1] - axis[0] for axis in axes])
-
-
-def _refuse_beside(press: _Press) -> None:
-    half_x, half_y = press.pad.half_extents()
-    raise ConfigError(
-        f"the indenter at x = {press.centre[0] * 1e3:.4g} mm, y = {press.centre[1] * 1e3:.4g} mm "
-        "comes down beside the pad and never touches its top",
-        remedy=f"move it over the pad, which reaches from {-half_x * 1e3:.4g} to "
-        f"{half_x * 1e3:.4g} mm in x and from {-half_y * 1e3:.4g} to {half_y * 1e3:.4g} mm in y",
-    )
 
 
 def _on_rim(press: _Press, samples: _Samples, inner: IntArray, outer: IntArray) -> FloatArray:
@@ -149,10 +146,7 @@ def _on_rim(press: _Press, samples: _Samples, inner: IntArray, outer: IntArray) 
 
 
 def _sharp_pairs(samples: _Samples) -> tuple[IntArray, IntArray]:
-    """Return touched samples and free ones beside them that the indenter rises steeply over.
-
-    By their indices, shape [2, pair_count] each.
-    """
+    """Return indices of touched samples and of free ones beside them that it rises steeply over."""
     free, touched = samples.on_pad & ~samples.touched, np.argwhere(samples.touched)
     pairs = []
     for axis, step in ((0, (1, 0)), (0, (-1, 0)), (1, (0, 1)), (1, (0, -1))):

@@ -139,10 +139,7 @@ def sensor_mesh(pad: BoxPad, *, edge_m: float, interface_shares: Sequence[float]
 
 
 def _edges(mesh: TetMesh) -> tuple[IntArray, FloatArray, IntArray, IntArray]:
-    """Return the edges' ends and lengths [m], and those of every tetrahedron: all and the longest.
-
-    Among equal edges the longest is the same one for all tetrahedra.
-    """
+    """Return the edges' ends and lengths [m], and every tetrahedron's edges and longest edge."""
     count = len(mesh.vertices)
     pairs = np.sort(mesh.tets[:, _EDGES].astype(np.int64), axis=2)
     keys, of_tets = np.unique(pairs[..., 0] * count + pairs[..., 1], return_inverse=True)

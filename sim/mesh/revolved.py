@@ -53,14 +53,9 @@ class Grading:
 def _half_section(
     radius_m: float, bands_m: tuple[float, ...], grading: Grading
 ) -> tuple[FloatArray, IntArray, IntArray]:
-    """Triangulate the rectangle from the axis to a radius, and from the base to the top.
+    """Triangulate the section up to a radius; no triangle crosses one of the rising heights [m].
 
-    Args:
-        bands_m: Rising heights [m] from the base to the top: no triangle crosses one.
-
-    Returns:
-        Radius and height of the points [m], shape [point_count, 2]; triangles, shape
-        [triangle_count, 3]; the layer of each from the base upwards.
+    Returned are the points' radius and height [m], the triangles, and the layer of each.
     """
 
     def size_at(points: FloatArray) -> FloatArray:
@@ -254,10 +249,7 @@ def _sectors(
 def _revolve(
     triangles: IntArray, on_axis: BoolArray, sectors: int, angle_count: int
 ) -> tuple[IntArray, IntArray]:
-    """Cut every triangle times sector in tetrahedra; collapsed ones on the axis are left out.
-
-    Tetrahedra, shape [tet_count, 4], come with the triangle that each is of, shape [tet_count].
-    """
+    """Cut every triangle times sector in tetrahedra, and say which triangle each is of."""
     count = len(on_axis)
     a, b, c = np.sort(triangles, axis=1).T
     tets = []

@@ -69,7 +69,13 @@ def wild_mesh(
     """
     surface = pad_surface(pad, spacing_m=sizing.fine_m, interface_shares=interface_shares)
     snap = _SNAP_ENVELOPES * sizing.envelope_share * float(np.linalg.norm(np.ptp(surface[0], 0)))
-    _refuse_thin(pad, interface_shares, snap)
+    thin = min(np.diff([0.0, *interface_shares, 1.0])) * pad.height_m
+    if interface_shares and thin < 2.0 * snap:
+        raise ConfigError(
+            f"a layer of {thin * 1e6:.3g} um is too thin for fTetWild, which moves surfaces "
+            f"by up to {0.5 * snap * 1e6:.3g} um",
+            remedy="use another preset, or a thicker layer",
+        )
     background = _background(pad, sizing) if graded else {}
     vertices, tets = _tetrahedralized(
         vertices=surface[0],
@@ -139,16 +145,6 @@ def _background(pad: Pad, sizing: WildSizing) -> dict[str, Any]:
         "bg_tets": cells[:, [1, 2, 4, 3]].astype(np.int32),
         "bg_values": edge_length_at(points, pad, sizing),
     }
-
-
-def _refuse_thin(pad: Pad, shares: tuple[float, ...], snap_m: float) -> None:
-    thin = min(np.diff([0.0, *shares, 1.0])) * pad.height_m
-    if shares and thin < 2.0 * snap_m:
-        raise ConfigError(
-            f"a layer of {thin * 1e6:.3g} um is too thin for fTetWild, which moves surfaces "
-            f"by up to {0.5 * snap_m * 1e6:.3g} um",
-            remedy="use another preset, or a thicker layer",
-        )
 
 
 def _snapped_layers(

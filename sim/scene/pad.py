@@ -9,12 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.scene.triangle_surface import (
-    MeshUnit,
-    TriangleSurface,
-    closed_surface,
-    read_triangles,
-)
+from sim.scene.triangle_surface import MeshUnit, TriangleSurface, closed_surface, read_triangles
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
 

@@ -269,24 +269,17 @@ class Scene:
         """
         if self.barrier_m is not None:
             return self.barrier_m
-        if self.has_wide_barrier:
-            return max(BARRIER_M, self._wide_barrier_m())
-        return _BONDED_SHARE * BARRIER_M if self.contact is ContactMode.BONDED else BARRIER_M
-
-    def _wide_barrier_m(self) -> float:
-        """Return a contact distance that halves Newton's iterations [m].
-
-        Under a 5 mm cylinder with a fillet of 0.3 mm, 1 mm deep in a GelSight Mini, F_z is 1.0 %
-        larger with 40 um than with 10 um. On shorter edges it falls as the mesh's own error does.
-        Under a sharp one, 0.5 mm deep, preset accurate's mesh gives 2.97 N with 40 and 20 um, 3.01
-        N with 10 and 5 um: a narrow one catches faces at the rim's side.
-        """
+        if not self.has_wide_barrier:
+            return _BONDED_SHARE * BARRIER_M if self.contact is ContactMode.BONDED else BARRIER_M
+        # It halves Newton's iterations. Under a 5 mm cylinder with a fillet of 0.3 mm, 1 mm deep,
+        # F_z is 1.0 % larger with 40 um than with 10 um; on shorter edges that falls as the mesh's
+        # own error does.
         depth = self.target.depth_m
         widest = _DEPTH_SHARE * depth if depth is not None else _WIDE_BARRIER_M
         widest = min(widest, _WIDE_BARRIER_M)
         if self._edge_radius_m > 0.0:
             widest = min(widest, _ROUND_SHARE * self._edge_radius_m)
-        return widest / max(1.0, self.refinement) ** 2
+        return max(BARRIER_M, widest / max(1.0, self.refinement) ** 2)
 
     @property
     def _edge_radius_m(self) -> float:

@@ -34,7 +34,13 @@ def parse_pad(text: str) -> Pad:
     """
     kind, _, sizes = text.partition(":")
     if kind == "box":
-        return _box(sizes)
+        parts = sizes.split("x")
+        if len(parts) != 3:
+            raise ConfigError(
+                f"--pad box:{sizes}: needs three sizes", remedy="write box:20.75x25.25x4.5mm"
+            )
+        x, y, height = _with_one_unit(parts, Dimension.LENGTH, "--pad box")
+        return BoxPad(size_x_m=x, size_y_m=y, height_m=height)
     if kind == "disc":
         given = _sizes(sizes, _DISC, field="--pad disc")
         return DiscPad(radius_m=given["radius"], height_m=given["height"])
@@ -58,16 +64,6 @@ def _file_and_unit(text: str, option: str, *, default: str = "") -> tuple[Path, 
             remedy=f"write mesh:{file},unit=mm; units are {', '.join(MeshUnit)}",
         )
     return Path(file), MeshUnit(unit)
-
-
-def _box(sizes: str) -> BoxPad:
-    parts = sizes.split("x")
-    if len(parts) != 3:
-        raise ConfigError(
-            f"--pad box:{sizes}: needs three sizes", remedy="write box:20.75x25.25x4.5mm"
-        )
-    x, y, height = _with_one_unit(parts, Dimension.LENGTH, "--pad box")
-    return BoxPad(size_x_m=x, size_y_m=y, height_m=height)
 
 
 def parse_layer(text: str, *, law: str) -> Layer:

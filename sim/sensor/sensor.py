@@ -302,10 +302,7 @@ def _layers(data: dict[str, Any], numbers: dict[str, Measured]) -> tuple[Layer, 
 
 
 def _camera(table: dict[str, Any], numbers: dict[str, Measured]) -> CameraGeometry:
-    """Return the pixels after the crop; ``centre`` is what of the pad is in the image's middle.
-
-    The configuration reads the rates (``tacauchy_rig.core.config.load``), which are checked here.
-    """
+    """Return the pixels after the crop; ``core.config.load`` reads the rates, checked here."""
     width, height = (_count(table, "camera", key) for key in ("width", "height"))
     pixel_x, pixel_y, centre_x, centre_y = (
         numbers[f"camera.{name}"].value for name in ("pixel_x", "pixel_y", "centre_x", "centre_y")

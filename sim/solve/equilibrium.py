@@ -258,12 +258,7 @@ class EquilibriumSolver:
         self._descents.set(since=0, touches=touches, attempt=attempt)
 
     def _run(self, state: State, grip_start: Grip | None) -> int:
-        """Let the environment run, and give it what it asks for; say how it ended.
-
-        Raises:
-            ConvergenceError: There is no way down, or too many steps were taken.
-            TimeLimitError: The time is over.
-        """
+        """Let the environment run, and give it what it asks for; say how it ended."""
         descents = self._descents
         counted = 0
         while True:
@@ -318,11 +313,7 @@ class EquilibriumSolver:
         )
 
     def _look_at_start(self, state: State) -> None:
-        """Turn a start inside out the right way round, if that lowers the energy.
-
-        Raises:
-            ConvergenceError: It is too deep in the indenter.
-        """
+        """Turn a start inside out the right way round, if that lowers the energy."""
         model, start = self.model, state.positions
         tangled = model.gel.energy(start)[1] <= 0.0
         if tangled and inverted_share(model, start) >= TANGLED_SHARE:

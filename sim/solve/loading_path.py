@@ -34,10 +34,7 @@ _EXACT_SHARE, _TRIES = 2.5e-10, 100
 
 
 def unloaded_positions(
-    model: Model,
-    *,
-    options: SolverOptions,
-    potentials: Sequence[Potential] = (),
+    model: Model, *, options: SolverOptions, potentials: Sequence[Potential] = ()
 ) -> FloatArray:
     """Return the nodes at equilibrium without an indenter [m], shape [node_count, 3].
 
@@ -127,11 +124,7 @@ class LoadingPath(Stepping):
         for memory in self.memories:
             memory.forget(self.unloaded)
         self.touch_m = touch_height(
-            self.model,
-            self.indenter,
-            self.unloaded,
-            centre_m=self.centre_m,
-            rotation=self.rotation,
+            self.model, self.indenter, self.unloaded, centre_m=self.centre_m, rotation=self.rotation
         )
         half = np.abs(self.model.nodes[:, :2]).max(axis=0)
         self.base_depth_m = base_depth_m(
@@ -192,11 +185,7 @@ class LoadingPath(Stepping):
         return self.accept(replace(found, stiffness_n_m=stiffness_n_m))
 
     def advance(
-        self,
-        depth_m: float,
-        *,
-        start: PathPoint | None = None,
-        duration_s: float | None = None,
+        self, depth_m: float, *, start: PathPoint | None = None, duration_s: float | None = None
     ) -> PathPoint:
         """Press (or retract) to a depth.
 
@@ -230,11 +219,7 @@ class LoadingPath(Stepping):
         return self.go(point, phase, duration_s)
 
     def push(
-        self,
-        force_n: float,
-        *,
-        start: PathPoint | None = None,
-        duration_s: float | None = None,
+        self, force_n: float, *, start: PathPoint | None = None, duration_s: float | None = None
     ) -> PathPoint:
         """Press (or retract) until the indenter carries a force F_z [N]; its depth is found.
 
@@ -333,9 +318,7 @@ class LoadingPath(Stepping):
         remembers = self.model.contact_options.is_tangential or self.inertia is not None
         intermediate = depth < depth_m and not remembers
         point = self.settle(
-            self.untouched(depth),
-            intermediate=intermediate,
-            must_touch=self.must_touch(depth),
+            self.untouched(depth), intermediate=intermediate, must_touch=self.must_touch(depth)
         )
         return self.accept(point)
 

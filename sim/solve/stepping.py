@@ -297,12 +297,7 @@ class Stepping:
         return point
 
     def _increment(
-        self,
-        point: PathPoint,
-        phase: Phase,
-        at: float,
-        advance: float,
-        pace: float | None,
+        self, point: PathPoint, phase: Phase, at: float, advance: float, pace: float | None
     ) -> tuple[PathPoint, float]:
         """Go one step; return where that led and how much of the phase was done."""
         state, fraction = self._predicted(point, phase, at, advance), 1.0

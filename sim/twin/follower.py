@@ -280,10 +280,7 @@ class Follower:
         )
 
     def _traction_maps(self, point: PathPoint | None) -> tuple[FloatArray, FloatArray]:
-        """Return pressure and size of shear [Pa] on the gel that lies at rest where a pixel looks.
-
-        A part of a pad is drawn whole.
-        """
+        """Return pressure and shear [Pa] on the gel that lies at rest where a pixel looks."""
         shape = (self._map_view.height, self._map_view.width)
         if point is None:
             return np.zeros(shape), np.zeros(shape)

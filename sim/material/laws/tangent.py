@@ -80,13 +80,7 @@ def cofactor(F: Any) -> Any:
 
 @wp.func
 def tangent_block(
-    t: Tangent,
-    g: wp.vec3d,
-    h: wp.vec3d,
-    Gg: wp.vec3d,
-    Gh: wp.vec3d,
-    Cg: wp.vec3d,
-    Ch: wp.vec3d,
+    t: Tangent, g: wp.vec3d, h: wp.vec3d, Gg: wp.vec3d, Gh: wp.vec3d, Cg: wp.vec3d, Ch: wp.vec3d
 ) -> wp.mat33d:
     """Return the block of two shape gradients; the products with G and C are given."""
     w = (t.deformation * wp.cross(g, h)) * t.e

@@ -153,7 +153,11 @@ class SurfaceHeights:
         meshes = [body for body in bodies if isinstance(body, MeshIndenter)]
         self._kept = [uploaded_surface(body, device) for body in meshes]
         self._is_quadratic = top.faces.shape[1] == 6
-        lifts = np.zeros(len(top.rest)) if pad is None else _lifts(top.rest, pad)
+        # What each node lies below the pad's top at rest: edges are chords of a dome.
+        lifts = np.zeros(len(top.rest))
+        if pad is not None:
+            lifts = pad.height_at(top.rest[:, 0], top.rest[:, 1]) - top.rest[:, 2]
+            lifts[~np.isfinite(lifts)] = 0.0
         self._take_tables(top, lifts, standoff=standoff_m, gap=contact_gap_m)
         self._canvas = self._blank()
         empty = self._device.empty
@@ -276,12 +280,6 @@ def _view(geometry: CameraGeometry) -> Any:
     )
 
 
-def _lifts(rest: FloatArray, pad: Pad) -> FloatArray:
-    """Return what each node lies below the pad's top at rest [m]; edges are chords of a dome."""
-    lift = pad.height_at(rest[:, 0], rest[:, 1]) - rest[:, 2]
-    return np.where(np.isfinite(lift), lift, 0.0)
-
-
 _SAME_RADIUS_M = 1e-9
 _SAME_ANGLE_RAD = 1e-6
 _SECTORS_MIN = 4
@@ -319,9 +317,7 @@ def round_rings(
 def _rings(
     faces: IntArray, radius: FloatArray, angle: FloatArray
 ) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield the complete rings: those of corners, and those in the middle between two of them.
-
-    Of each, the nodes on the rays between sectors, and those in the middle of sectors.
+    """Yield the complete rings' nodes on the rays between sectors, and in the middle of sectors.
 
     A node in the middle of an edge belongs to the ring that the radii of its ends name: they are
     equal on a chord; of a ring between two others, it is an edge along a ray or a diagonal.

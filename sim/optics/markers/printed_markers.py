@@ -153,10 +153,7 @@ def follow_markers(printed: PrintedMarkers, loaded: ImageArray) -> MarkerTracks:
         moved[off], error[off] = _flow(before, after, rest[off], start)
     found = ~_off_neighbours(rest, moved)
     return MarkerTracks(
-        rest_px=rest[found],
-        motion_px=moved[found],
-        error_px=error[found],
-        lost=int(np.sum(~found)),
+        rest_px=rest[found], motion_px=moved[found], error_px=error[found], lost=int(np.sum(~found))
     )
 
 

@@ -380,12 +380,7 @@ def darkening(
 
 
 def lost_share(
-    bulge: RealArray,
-    tilt: Float32Array,
-    lamp: Lamp,
-    geometry: CameraGeometry,
-    *,
-    softness_m: float,
+    bulge: RealArray, tilt: Float32Array, lamp: Lamp, geometry: CameraGeometry, *, softness_m: float
 ) -> Float32Array:
     """Return the share of a lamp's light that a dent takes away, shape [height, width]."""
     device = Device("cpu")
