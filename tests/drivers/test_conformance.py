@@ -74,6 +74,7 @@ def test_mock_streams_conform() -> None:
     camera_streams(lambda: MockCamera.from_config(config), rate_hz=config.camera.rate)
 
 
+@pytest.mark.slow
 def test_an_emulated_arm_conforms(emulated: RigConfig) -> None:
     """The real driver, as far as an emulated controller can tell."""
     settings = [*LAX, f"robot.host={emulated.robot.host}"]

@@ -107,6 +107,7 @@ def test_the_same_gel_continues_from_its_own_reference_path(beyond: float) -> No
     assert replay.trials[0].depth_simulated_m == pytest.approx(reference.history[-1][0], rel=2e-4)
 
 
+@pytest.mark.slow
 def test_a_gel_that_relaxes_is_pressed_anew_without_a_reference_path() -> None:
     """Its stress does not scale with stiffness at the same time."""
     term = RelaxationTerm(share=0.2, time_s=1.0)

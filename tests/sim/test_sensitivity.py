@@ -43,6 +43,7 @@ def test_a_tilt_to_the_other_side_is_the_mirror_image(scene: Scene) -> None:
     assert there.history[0][0] == pytest.approx(back.history[0][0], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_greater_tilt_costs_more(scene: Scene) -> None:
     """A tenth of a degree is within the preset's tolerance of the image, a degree is not."""
     small, large = (tilt_costs(scene, 3.0, math.radians(tilt)) for tilt in (0.1, 1.0))

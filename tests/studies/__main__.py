@@ -22,7 +22,6 @@ STUDIES = {
     "residual": "tests.studies.residual.command:residual_check",
     "twin-bench": "tests.studies.twin_bench.command:twin_bench",
     "libuipc": "tests.studies.libuipc.command:libuipc",
-    "paper-mesh": "tests.studies.paper_mesh.command:paper_mesh",
     "power-cuts": "tests.studies.power_cuts.command:power_cuts",
     "hostile-runs": "tests.studies.hostile_runs.command:hostile_runs",
     "judge-page": "tests.studies.judge_page.command:judge_page",

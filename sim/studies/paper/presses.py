@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +19,6 @@ from sim.press import PressResult, measure, press
 from sim.press_command import scene_from
 from sim.scene.material import LawName
 from sim.scene.scene import Drive, Preset, Scene, Target
-from sim.studies.paper.claims import claims
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 # The contact surface's edges are measured so near the pad's middle [m] and above this share of its
@@ -85,22 +81,6 @@ def preset_statistics(scene: Scene) -> tuple[MeshStatistics, MeshStatistics]:
     name = f"fTetWild, unrefined, {key}"
     coarse = stored_mesh("paper-unrefined", key, lambda: wild_mesh(scene.pad, sizing, name=name))
     return mesh_statistics(coarse), mesh_statistics(fine)
-
-
-Trial = dict[str, Any]
-"""One ``pad`` in words and ``share``, l_r: the coarse edge length over the bounding box's diagonal;
-meshed with and without the fine region it has ``found``, the paper's table by claim."""
-
-
-def miss(trial: Trial) -> float:
-    """Return the root mean square of the logarithm of ours over the paper's, as a share."""
-    logs = [math.log(value / claims()[name].value) for name, value in trial["found"].items()]
-    return math.expm1(math.sqrt(sum(each**2 for each in logs) / len(logs)))
-
-
-def read_trials(file: Path) -> list[Trial]:
-    """Read a search that was kept, the nearest first; empty where there is none."""
-    return sorted(json.loads(file.read_text("utf-8")), key=miss) if file.exists() else []
 
 
 # Its punch and friction; the rim's fillet and the gel's modulus, which it does not state, are ours.

@@ -27,13 +27,10 @@ from sim.studies.paper.presses import (
     FORCES_N,
     THIN,
     ModelPresses,
-    Trial,
     every_press,
     mesh_numbers,
-    miss,
     preset_statistics,
     pressed,
-    read_trials,
     rest_stress_pa,
     scenes,
 )
@@ -219,11 +216,8 @@ def _draw_scores(axes: Axes, reports: Sequence[Report]) -> None:
     axes.set(xlim=(_SSIM_FROM, 1.0), xlabel="SSIM of the full frame")
 
 
-SEARCH_FILE = "paper_mesh_search.json"
 _MESH, _LAW, _MODES = "its mesh's table", "its law at rest", "contact modes"
 _SENSORS = ("gelsight-mini", "digit", "9dtact")
-# Trials of the search on the page, the nearest.
-_NEAREST = 4
 _SCORES = {
     "ssim": "SSIM",
     "ncc": "NCC",
@@ -239,13 +233,11 @@ class Paper(Study):
     benchmarks: InitVar[Path]
     speeds: Speeds = field(init=False)
     reports: list[Report] = field(init=False)
-    trials: list[Trial] = field(init=False)
 
     name, title, kind = "paper", "The paper, claim by claim", "measurement"
 
     def __post_init__(self, benchmarks: Path) -> None:
         self.speeds, self.reports = read_speeds(benchmarks), read_kept(benchmarks)
-        self.trials = read_trials(benchmarks / SEARCH_FILE)
 
     def cases(self) -> Sequence[Case]:
         """Return the models, and what else is measured here."""
@@ -313,7 +305,6 @@ class Paper(Study):
         if len(found) < len(self.cases()):
             return super().page(results, about, images)
         reference = found[ACCURATE]
-        shares = [trial["share"] for trial in self.trials]
         facts = {
             "c": self.comparison(results),
             "claims": claims(),
@@ -332,17 +323,6 @@ class Paper(Study):
             "forces": FORCES_N,
             "thin_sigma": models[THIN]["at_depth"]["sigma_off"],
             "wide_gap_mm": models[AS_CONFIGURED]["at_depth"]["gap_m"] * 1e3,
-            "trial_count": len(self.trials),
-            "nearest": [{**trial, "miss": miss(trial)} for trial in self.trials[:_NEAREST]],
-            "share_low": min(shares, default=0.0),
-            "share_high": max(shares, default=0.0),
-            "none_meets": not any(
-                all(
-                    verdict(claims()[name].rule, claims()[name].value, value) is Verdict.REPRODUCED
-                    for name, value in trial["found"].items()
-                )
-                for trial in self.trials
-            ),
             "checks": checks(),
         }
         return page("sim.studies.paper", "page.md.jinja", facts)

@@ -47,11 +47,6 @@ def test_noise_is_a_standstill(noise: list[float]) -> None:
     assert any(_stand_still([1e6, 1e3, *(noise * 12)[:12]]))
 
 
-def test_a_rise_before_the_fall_is_no_standstill() -> None:
-    """What comes to gain at last is left to."""
-    assert not _stand_still([1.0, 5.0, 9.0, 8.0, 6.0, 4.0, 2.0, 1.0, 0.5])[-1]
-
-
 def test_rounding_is_a_standstill_that_is_taken_and_told() -> None:
     """Asked for nothing at all, Newton ends in rounding, stalled, with the force of any press."""
     model = pad_model(quarter_brick_mesh((3, 3, 2)), order=ElementOrder.P1)

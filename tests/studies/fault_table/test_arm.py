@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.drivers.arm_notes import TraceRow
-from tests.studies.fault_table.observation import arm_after, force_rise, is_at_rest, true_forces
+from tests.studies.fault_table.observation import arm_after, force_rise
 
 MS = 1_000_000
 CYCLE_NS = 2 * MS
@@ -59,42 +59,9 @@ def test_stops_and_what_comes_after_are_told_apart(legs, moment_ms, stopped_s, l
     assert seen.at_rest is at_rest
 
 
-def test_an_arm_that_stops_and_retracts():
-    """How fast it was, how far it went down, and how far up in the end."""
-    rows = trace((500, DOWN), (300, 0.0), (1000, 0.002), (500, 0.0))
-    seen = arm_after(rows, 300 * MS, now_ns=2300 * MS)
-    assert seen.descended_m == pytest.approx(0.0001, rel=0.02)
-    assert seen.raised_after_m == pytest.approx(0.002, rel=0.01)
-    assert seen.speed_before_m_s == 0.0005
-
-
-def test_rest_needs_no_rows():
-    """An arm at rest writes one row a second, so silence of the trace is no motion."""
-    rows = trace((100, -0.0005), (4, 0.0))
-    assert not is_at_rest(rows, now_ns=150 * MS)
-    assert is_at_rest(rows, now_ns=900 * MS)
-
-
 def test_the_rise_counts_from_the_moment():
     """Forces before it do not count; a fall is no rise."""
     forces = [(0, 0.0), (1, 3.0), (2, 1.0), (3, 1.4), (4, 0.2)]
     assert force_rise(forces, 2, until_ns=9) == (1.0, pytest.approx(0.4))
     assert force_rise(forces, 3, until_ns=9) == (1.4, 0.0)
     assert force_rise(forces, 2, until_ns=2) == (1.0, 0.0)
-
-
-class Spring:
-    """A gel of 1 N/mm below the start of the trace."""
-
-    def wrench(self, pose, _stamp_ns):
-        """Return force and moment."""
-        return (0.0, 0.0, max(0.0, START_Z - pose.position[2]) * 1e3), (0.0, 0.0, 0.0)
-
-
-def test_the_gel_is_pressed_as_the_arm_went():
-    """The pose between two rows is that of the earlier one."""
-    rows = trace((1000, -0.0005), (10, 0.0))
-    forces = true_forces(Spring(), rows, rotation=(0, 0, 0), start_ns=0, end_ns=1500 * MS)
-    assert forces[0] == (0, 0.0)
-    assert forces[-1][1] == pytest.approx(0.5)
-    assert [force for _, force in forces] == sorted(force for _, force in forces)

@@ -27,28 +27,6 @@ def test_every_fault_and_every_process_is_there_at_every_moment():
     assert len({case.slug for case in cases}) == len(cases)
 
 
-def test_a_sensor_that_lies_does_so_from_the_start_at_each_target():
-    """Six lies at six targets, and no other fault."""
-    cases = [case for case in all_cases() if case.moment is Moment.START]
-    assert len(cases) == 36
-    assert {case.target_n for case in cases} == {1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332}
-    assert "force_sensor:scale@start-4.7332N" in {case.name for case in cases}
-
-
-@pytest.mark.parametrize(
-    ("only", "moments", "names"),
-    [
-        (["kill:camera@dwell"], [], ["kill:camera@dwell"]),
-        (["kill:c*"], [Moment.PRESS], ["kill:control@press", "kill:camera@press"]),
-        (["camera:unplug", "robot:stall@search"], [Moment.SEARCH], None),
-    ],
-)
-def test_cases_are_chosen_by_pattern_and_moment(only, moments, names):
-    """Patterns match the whole name or the cause alone."""
-    found = [case.name for case in select_cases(all_cases(), only=only, moments=moments)]
-    assert found == (names if names is not None else ["robot:stall@search", "camera:unplug@search"])
-
-
 def test_a_pattern_that_matches_nothing_is_refused():
     """A misspelt pattern is no table without problems, not even beside one that matches."""
     with pytest.raises(ConfigError, match="--only 'kill:camra': no such case") as caught:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from tacauchy_rig.core.errors import DeviceError
 from tests.studies.fault_table.cases import HostTrouble, Trouble
 
 HOUR_S = 3600.0
@@ -121,36 +120,3 @@ def test_a_disk_takes_nothing_under_an_open_file(
     (tmp_path / "disk" / "ours").write_text("this program has no trouble", encoding="utf-8")
     trouble.end()
     assert set(program.look()[1]) == {"written"}
-
-
-def test_a_slow_disk_takes_its_time_over_its_own_files(
-    tmp_path: Path, trouble: HostTrouble
-) -> None:
-    """Each synchronisation there takes 0.3 s more, elsewhere none."""
-    trouble.begin(Trouble.DISK_SLOW)
-    synchronised = (
-        "import os, sys, time; file = open(sys.argv[1], 'wb'); began = time.monotonic();"
-        "os.fsync(file.fileno()); print(time.monotonic() - began)"
-    )
-    paths = (tmp_path / "disk" / "slow", tmp_path / "quick")
-    took_s = [
-        float(
-            subprocess.run(
-                [sys.executable, "-c", synchronised, path],
-                env=trouble.environment,
-                capture_output=True,
-                check=True,
-            ).stdout
-        )
-        for path in paths
-    ]
-    assert took_s[0] >= 0.3
-    assert took_s[0] > took_s[1]
-
-
-def test_without_a_compiler_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The cases of the computer need one."""
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(DeviceError, match=r"host_trouble\.c cannot be compiled") as caught:
-        HostTrouble(tmp_path / "host", disk=tmp_path)
-    assert "gcc" in caught.value.remedy

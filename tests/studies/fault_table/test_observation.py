@@ -58,24 +58,6 @@ def test_an_acknowledged_message_that_cannot_be_read_is_lost(paths):
     assert kept.lost_count == 3
 
 
-def test_numbers_that_are_missing_in_the_middle_show(paths):
-    """A gap is counted between the first and the last number."""
-    paths.spill(1, 1, "control").unlink()
-    spill = RecordingWriter(paths.spill(1, 1, "control"), metadata={})
-    spill.write(force(6))
-    spill.close()
-    assert kept_messages(paths, [(1, 1)], {}).force_gap_count == 2
-
-
-def test_an_unreadable_file_is_named(paths):
-    """It is no reason to stop counting."""
-    paths.spill(1, 1, "control").write_bytes(b"")
-    kept = kept_messages(paths, [(1, 1)], {})
-    assert len(kept.unreadable) == 1
-    assert "unacknowledged-control" in kept.unreadable[0]
-    assert kept.readable["control"] == 4
-
-
 def test_whoever_survived_tells_what_was_acknowledged():
     """The recorder's own word, or the supervisor's where the recorder was killed."""
     recorder = JournalEvent(

@@ -97,40 +97,6 @@ def test_a_loss_on_the_wire_is_no_loss_of_ours():
     assert dropped.problems == ()
 
 
-def test_a_killed_program_tells_nothing_but_its_journal_does():
-    """Exit 137 in a shell; what control wrote is shown as such."""
-    seen = replace(GOOD, name="kill:supervisor@press", exit_code=-9, told="aborted: it is gone")
-    assert seen.problems == ()
-    assert "nothing (killed); the journal says: aborted: it is gone" in table(seen)
-    assert "killed (137 in a shell)" in table(seen)
-
-
-def test_a_run_that_goes_on_shows_what_it_measured():
-    """A camera that drops frames is no reason to stop: the loss is visible."""
-    rates = {"image_rate_hz": 18.04, "image_lost_count": 3.0, "image_gap_max_ms": 121.0}
-    seen = replace(GOOD, name="camera:drop@press", exit_code=0, told="", measured=rates)
-    assert seen.problems == ()
-    assert "image 18.0 Hz, 3 counted as lost, longest gap 121 ms" in table(seen)
-
-
-def test_a_run_that_missed_its_criteria_shows_each_of_them():
-    """Criteria that were missed are something told; all of them stand in one cell."""
-    told = "missed: trial 1: image_rate_hz is 16.6 Hz\nmissed: trial 1: force_drift is 1 N"
-    seen = replace(GOOD, name="camera:drop@search", exit_code=1, told=told)
-    assert seen.problems == ()
-    assert "image_rate_hz is 16.6 Hz; missed: trial 1: force_drift is 1 N |" in table(seen)
-    assert "the operator was told nothing" in replace(seen, told="").problems
-
-
-def test_the_preface_is_wrapped_and_says_how_the_table_was_made():
-    """No ragged lines; cases that had to be begun again are counted."""
-    text = table(replace(GOOD, tries=2))
-    preface = text.partition("## ")[0]
-    assert max(map(len, preface.splitlines())) <= 100
-    assert "1 case was begun again" in " ".join(preface.split())
-    assert "\nWritten by `python -m tests.studies fault-table`" in preface
-
-
 def test_every_fault_is_explained():
     """Whatever an emulator can break, and every process, has a line that says what happens."""
     text = fault_page(
@@ -141,14 +107,6 @@ def test_every_fault_is_explained():
     )
     for cause in {case.cause_name for case in all_cases()}:
         assert f"**{cause}**: " in text
-
-
-def test_the_first_line_sums_up():
-    """Worst stop and worst rise are named with their case."""
-    slow = replace(GOOD, name="kill:control@press", arm=replace(ARM, stopped_after_s=0.5))
-    text = summary_line([GOOD, slow])
-    assert text.startswith("2 cases; 2 ended the run, 0 did not; slowest stop 500 ms (kill:control")
-    assert "acknowledged messages lost: 0; resumed to the end: 2" in text
 
 
 def table(seen):

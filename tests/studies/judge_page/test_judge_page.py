@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import encode_png
 from tests.studies.judge_page.command import judge_page
 
@@ -90,12 +89,3 @@ def test_page_holds_numbers_pictures_and_losses(judged: Path, tmp_path: Path) ->
     assert "9.000" not in text
     assert text.count("Fitted to these same presses. A note.") == 1
     assert (out.parent / "images/judged_dry_run.png").exists()
-
-
-def test_damaged_json_is_named(judged: Path, tmp_path: Path) -> None:
-    """A judgement that was cut off, or a file of another kind, ends with its name."""
-    with pytest.raises(RecordError, match=r"judged\.json: has no forces"):
-        judge_page([judged], bench=[judged / "judged.json"], out=tmp_path / "page.md")
-    (judged / "judged.json").write_text('{"a": ')
-    with pytest.raises(RecordError, match=r"judged\.json"):
-        judge_page([judged], out=tmp_path / "page.md")

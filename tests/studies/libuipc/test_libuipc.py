@@ -9,24 +9,21 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from sim.scene.indenter import Cylinder, Plane, Sphere
+from sim.scene.indenter import Plane
 from sim.scene.material import LawName
-from sim.scene.scene import ContactMode, Motion, Preset, Target
+from sim.scene.scene import ContactMode, Target
 from sim.solve.loading_path import LoadingPath
 from sim.studies.bench.press import stated_scene, within
-from sim.studies.bench.scenes import FRAME_COUNT, Manner, ScenePress, SceneRow, all_scenes
+from sim.studies.bench.scenes import FRAME_COUNT, ScenePress, all_scenes
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.studies.bench.test_scenes import _PRESS
-from tests.studies.libuipc import command
-from tests.studies.libuipc.command import PeerRow, peer_table, press_in_peer, refuse_without_libuipc
-from tests.studies.libuipc.pad import PeerPad, PeerPresses, peer_pad, triangles
-from tests.studies.libuipc.world import AS_SHIPPED, PeerWorld
+from tests.studies.libuipc.command import press_in_peer
+from tests.studies.libuipc.pad import PeerPad, PeerPresses, peer_pad
+from tests.studies.libuipc.world import AS_SHIPPED
 
 _DEPTH_M = 0.2e-3
 _TAKEN = {"preset": AS_SHIPPED, "setup_s": 1.0, "wall_s": 0.1, "cpu_s": 0.4, "iterations": 8}
@@ -78,27 +75,6 @@ def test_libuipc_gets_the_whole_pad_with_its_layers(pad: PeerPad) -> None:
     assert presses.poses[-1, 1, 2, 3] > presses.poses[-1, 0, 2, 3]
 
 
-def test_poses_go_the_scenes_way(pad: PeerPad) -> None:
-    """Beside the middle, along, turned about z after the tilt."""
-    motion = Motion(tilt_rad=(0.1, 0.0), twist_rad=0.2)
-    moved = replace(pad, scene=replace(pad.scene, centre_m=(1e-3, 2e-3), motion=motion))
-    (pose,) = moved.poses(np.array([[0.1e-3, 3e-4, 0.0, 0.2]]))
-    assert pose[:3, 3] == pytest.approx([1.3e-3, 2e-3, pad.touch_m - 0.1e-3])
-    axis = pose[:3, :3] @ [0.0, 0.0, 1.0]
-    assert axis == pytest.approx(
-        [np.sin(0.2) * np.sin(0.1), -np.cos(0.2) * np.sin(0.1), np.cos(0.1)]
-    )
-
-
-def test_a_load_becomes_the_depths_that_our_press_found() -> None:
-    """Down until 1 N, then along; friction is the scene's."""
-    pad = peer_pad(replace(stated_scene(all_scenes()["ball, sliding"]), preset=Preset.FAST))
-    assert np.all(np.diff(pad.goals[:10, 0]) > 0.0)
-    assert pad.goals[-1, 1:3] == pytest.approx([0.3e-3, 0.0])
-    assert pad.model.contact_options.friction == pytest.approx(0.5)
-    assert pad.resistance > 0.0
-
-
 @pytest.mark.parametrize(
     ("change", "named"),
     [
@@ -114,29 +90,6 @@ def test_what_libuipc_cannot_do_is_said(change: dict[str, object], named: str) -
     scene = replace(scene, material=replace(scene.material, law=str(law)), **change)  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match=f"libuipc has no {named}"):
         peer_pad(scene)
-
-
-@pytest.mark.parametrize(
-    "body", [Sphere(diameter_m=10e-3), Cylinder(diameter_m=5e-3, fillet_m=0.3e-3)]
-)
-def test_round_bodies_become_closed_triangles(body: Sphere | Cylinder) -> None:
-    """On the body where it touches, to 4 um, and their tip at the origin."""
-    found = triangles(body)
-    middles = found.vertices[found.faces].mean(axis=1)
-    touching = middles[(found.face_normals[:, 2] < -0.7) & (middles[:, 2] < 0.5e-3)]
-    exact = body.lower_surface(touching[:, 0], touching[:, 1])
-    assert np.abs(touching[:, 2] - exact).max() < 4e-6
-    assert found.vertices[:, 2].min() == 0.0
-
-
-def test_absence_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without a GPU, or without the package, with how to install it."""
-    monkeypatch.setattr("importlib.util.find_spec", lambda _name: None)
-    with pytest.raises(ConfigError, match="--device cpu"):
-        refuse_without_libuipc("cpu")
-    with pytest.raises(ConfigError, match="not installed") as refused:
-        refuse_without_libuipc("cuda:0")
-    assert "pip install pyuipc" in str(refused.value)
 
 
 def test_what_fails_is_a_row_and_the_next_goes_on() -> None:
@@ -170,47 +123,3 @@ def _answer(stated: str, count: int, tolerance: str, *, folder: str) -> tuple[Sc
     assert json.loads(stated)
     assert folder
     return replace(_PRESS, wall_s=1.0 * count, preset=tolerance), "a remark"
-
-
-def test_rows_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As many environments beside as many; a failure says why in its row; remarks are told."""
-    monkeypatch.setattr(command, "IsolatedWorker", _Here)
-    scenes = {name: {"depth": "1mm"} for name in ("one", "two")}
-    found = press_in_peer(scenes, (1, 2), {}, limit_s=60.0, press=_answer)
-    shipped, two, _ = (list(rows) for rows in zip(*found, strict=True))
-    assert (shipped[0].manner.environments, two[0].manner.environments) == (1, 2)
-    assert shipped[0].as_json()["remark"] == "a remark"
-    ours = SceneRow(
-        scene="one",
-        manner=Manner(device="cuda:0", environments=1),
-        press=replace(_PRESS, wall_s=0.1),
-    )
-    failed = replace(shipped[1], press=None, failure="not done after 60 s")
-    first, second = (peer_table(rows, [[ours]]) for rows in ([shipped[0], failed], two))
-    ratio, theirs = (first.columns.index(name) for name in ("ours over it", "libuipc [1/s]"))
-    assert first.rows[0][ratio] == "10"
-    assert first.rows[1][theirs] == "not done after 60 s"
-    assert second.rows[0][ratio] is None
-    assert "one: a remark." in first.note
-    assert isinstance(failed, PeerRow)
-
-
-def test_indenters_are_told_where_to_go() -> None:
-    """Aims are those of the frame, each in its pad's place of the scene."""
-    poses = np.tile(np.eye(4), (2, 1, 1))
-    poses[:, 2, 3] = (1.0, 2.0)
-    aims, constrained = np.zeros((2, 4, 4)), np.zeros(2)
-    names = SimpleNamespace(is_constrained="on", aim_transform="aim")
-    world = SimpleNamespace(
-        uipc=SimpleNamespace(view=lambda array: array, builtin=names),
-        presses=SimpleNamespace(origins_m=np.array([[5.0, 0.0, 0.0], [0.0, 6.0, 0.0]])),
-        aims=poses,
-    )
-    world._placed = partial(PeerWorld._placed, world)  # type: ignore[arg-type]
-    instances = {"on": constrained, "aim": aims}
-    slot = SimpleNamespace(
-        geometry=lambda: SimpleNamespace(instances=lambda: SimpleNamespace(find=instances.get))
-    )
-    PeerWorld._move(world, SimpleNamespace(geo_slots=lambda: [slot]))  # type: ignore[arg-type]
-    assert constrained.tolist() == [1.0, 1.0]
-    assert aims[:, :3, 3].tolist() == [[5.0, 0.0, 1.0], [0.0, 6.0, 2.0]]

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import pytest
-
 from tests.studies.twin_bench.command import row_of, twin_table
 
 
@@ -21,18 +19,6 @@ def _line(stamp_s: float, *, force_n: float = 1.0, lag_ms: float = 50.0) -> dict
         "processor_ms": 20.0,
         "note": "",
     }
-
-
-def test_rates_are_of_frames_with_contact_and_without_the_pause_between_presses() -> None:
-    """Two presses of 16 frames a second; frames without contact and the way home do not count."""
-    presses = [_line(start + k / 16) for start in (0.0, 30.0) for k in range(9)]
-    row = row_of("cylinder", [_line(-1.0, force_n=0.0), *presses], [], busy=0.5)
-    assert row.frames == 18
-    assert row.rate_hz == pytest.approx(16.0)
-    assert (row.lag_median_ms, row.processor_median_ms) == (50.0, 20.0)
-    assert row.error_relative == pytest.approx(0.1)
-    assert row.keeps_up(16.0 - 1e-6)
-    assert not row.keeps_up(17.0)
 
 
 def test_what_is_slow_late_or_lossy_does_not_keep_up() -> None:

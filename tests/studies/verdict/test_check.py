@@ -10,11 +10,8 @@ import pytest
 
 from reports.comparison.compare import compare
 from reports.comparison.results import judge_modulus
-from tacauchy_rig.core.errors import ConvergenceError
 from tests.reports.conftest import run_evidence
-from tests.studies.verdict.bench import Bench
 from tests.studies.verdict.command import (
-    CANNOT,
     Finding,
     Look,
     findings_of,
@@ -54,22 +51,6 @@ def test_the_smallest_caught_size_lies_just_above_the_edge(edge: float) -> None:
     assert finding.caught
 
 
-def test_a_size_that_passes_above_one_that_is_caught_counts() -> None:
-    """Caught from a size on means that no larger one slips through."""
-    finding = found(0.5)
-    slips = replace(finding.looks[2.0], missed=())
-    finding = replace(finding, looks={**finding.looks, 2.0: slips})
-    assert finding.passes_at == 2.0
-    assert finding.caught_from() == pytest.approx(2.0 ** (1.0 + 1.0 / STEPS_TO_DOUBLE))
-
-
-def test_what_is_never_caught_says_how_far_was_looked() -> None:
-    """No size up to the largest is caught, unless the modulus was measured."""
-    finding = found(math.inf, measured_edge=0.5)
-    assert (finding.caught_from(), finding.passes_at, finding.caught) == (None, 8.0, False)
-    assert finding.caught_from(measured=True) == pytest.approx(0.5)
-
-
 def test_a_modulus_that_was_measured_allows_less() -> None:
     """A factor of 1.06 passes as stated; of a gel measured to be 1.0 times that it does not."""
     evidence = run_evidence()
@@ -84,16 +65,6 @@ def test_a_modulus_that_was_measured_allows_less() -> None:
         )
         assert criterion.passed != missed
         assert criterion.measured == pytest.approx(1.06 / factor)
-
-
-def test_a_model_that_finds_no_equilibrium_announces_itself() -> None:
-    """It is named as one that cannot be replayed, and nothing else is looked for."""
-
-    def fail(*_: object) -> None:
-        raise ConvergenceError("no equilibrium", remedy="none")
-
-    look = look_at((WrongModel("made up", fail), 0.0), bench=Bench.__new__(Bench))
-    assert look.missed == look.missed_measured == (CANNOT,)
 
 
 @pytest.mark.parametrize(
@@ -129,9 +100,3 @@ def test_images_of_other_forces_are_caught(name: str) -> None:
 def named(name: str) -> WrongModel:
     """Return a wrong model by its name."""
     return next(model for model in WRONG_MODELS if model.name == name)
-
-
-def test_names_are_the_models_own() -> None:
-    """Each row of the page can be asked for by its name."""
-    assert len({model.name for model in WRONG_MODELS}) == len(WRONG_MODELS)
-    assert all(model.hides for model in WRONG_MODELS if model.size)

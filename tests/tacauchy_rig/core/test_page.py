@@ -71,13 +71,3 @@ def test_a_block_of_a_template_is_one_line_of_prose() -> None:
     assert note.startswith("Balls and rounded punches drawn with seed 7 as above")
     assert "\n" not in note
     assert "  " not in note
-
-
-def test_a_tables_prose_is_its_title_criterion_and_note() -> None:
-    """The paragraphs of a block, whose facts are written as the block says."""
-    facts = {"lowest": 0.75, "highest": 1.5}
-    said = table_prose("sim.studies.verification", "tables.md.jinja", "rim", **facts)
-    assert list(said) == ["title", "criterion", "note"]
-    assert said["title"] == "Order of convergence at a sharp rim"
-    assert said["criterion"] == "about 1: between 0.75 and 1.5"
-    assert "\n" not in said["note"]

@@ -70,13 +70,6 @@ def test_a_process_beside_this_one_ends_with_an_error_here() -> None:
     assert not alive
 
 
-def test_a_process_may_take_more_than_one_item() -> None:
-    """What one has loaded, such as a calibration's libraries, the next finds."""
-    found = list(parallel_map(_process_of, ["c", "a", "b"], jobs=2, new_process_each=False))
-    assert [name for name, _ in found] == ["c", "a", "b"]
-    assert len({process for _, (_, process) in found} - {os.getpid()}) in (1, 2)
-
-
 def test_one_process_takes_every_call_until_it_ends() -> None:
     """What was loaded stays loaded; after a crash another process goes on."""
     with IsolatedWorker() as process:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -12,8 +10,6 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from tacauchy_rig.core.tables import Table, markdown_table, table_of, terminal_table
-
-_DOCS = Path(__file__).parents[3] / "docs"
 
 WIDE = Table(
     title="A wide table",
@@ -66,26 +62,6 @@ def test_a_bar_in_a_cell_does_not_end_it() -> None:
     """Nor does a line break end the row."""
     table = Table(columns=("a",), rows=(("x | y\nz",),))
     assert markdown_table(table).splitlines()[-1] == r"| x \| y z |"
-
-
-def page_tables() -> list[Table]:
-    """Return the tables of every page under docs, most of which a command printed too."""
-    found = []
-    for page in sorted(_DOCS.rglob("*.md")):
-        for block in re.findall(r"(?:^\|.*\n)+", page.read_text(), flags=re.MULTILINE):
-            heads, _, *rows = [_cells(line) for line in block.splitlines()]
-            found.append(Table(title=page.name, columns=heads, rows=tuple(rows)))
-    return found
-
-
-def _cells(line: str) -> tuple[str, ...]:
-    return tuple(cell.strip().replace(r"\|", "|") for cell in re.split(r"(?<!\\)\|", line)[1:-1])
-
-
-@pytest.mark.parametrize("table", page_tables(), ids=lambda table: table.title)
-def test_no_word_of_a_page_s_table_is_broken_at_80(table: Table) -> None:
-    """Each word of each cell stands whole on some line, if it is no longer than a line."""
-    assert_whole(table)
 
 
 def test_a_long_first_column_leaves_room_for_the_others() -> None:

@@ -35,6 +35,7 @@ def _go(model: Any, sensor: TactileSensor, count: int, state: Any = None) -> tup
     return state, np.asarray(impulse)
 
 
+@pytest.mark.slow
 def test_balls_rest_on_gels_in_newton_with_their_weight_as_wrench() -> None:
     """Both rest within 1 % of their weight; the impulse is what stopped gravity's; none sinks."""
     model, sensor = balls_on_pads(2, device="cpu", mass_kg=MASS_KG)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -30,14 +28,13 @@ from sim.studies.accuracy.judging import (
     Judge,
     Row,
     chances,
-    error_bar,
     extrapolated,
     finished,
     front_of,
     observe,
     reseeded,
 )
-from sim.studies.accuracy.study import Accuracy, accuracy_figure, bar_ends, seed_table
+from sim.studies.accuracy.study import Accuracy, seed_table
 from sim.studies.accuracy.tolerance import (
     CHOICE,
     COLUMNS,
@@ -137,11 +134,6 @@ def test_the_front_is_what_nothing_beats(points: list[tuple[float, float]]) -> N
         assert beaten is not is_on
 
 
-def test_nan_is_never_on_the_front() -> None:
-    """A configuration without a number beats nobody."""
-    assert front_of([(np.nan, 0.1), (1.0, np.nan), (2.0, 0.5)]) == [False, False, True]
-
-
 def test_the_short_form_is_part_of_the_full_one() -> None:
     """At least twelve settings, each named once; the presets are among them."""
     names = [each.name for each in FULL]
@@ -174,12 +166,6 @@ def test_seeds_agree_within_the_bar_or_say_where_not() -> None:
     assert not table.passed
     assert table.rows[0][-1] == "depth"
     assert "5 of 6" in table.note
-
-
-def test_a_bar_holds_the_references_doubt_and_the_meshs_chance() -> None:
-    """F / F_ref - 1 = 100 % is off by twice what F_ref is."""
-    assert error_bar(0.01, 1.0, 0.0) == pytest.approx(0.02)
-    assert error_bar(0.01, -0.5, 0.2) == pytest.approx(0.215)
 
 
 def test_chance_is_measured_or_taken_from_the_finest_that_was() -> None:
@@ -316,26 +302,3 @@ def _row(name: str, element: ElementOrder, error: float, *, on_front: bool) -> R
         cpu_s=2.0 - error,
         on_front=on_front,
     )
-
-
-def test_a_figure_is_wide_enough_to_print_with_something_on_it(tmp_path: Path) -> None:
-    """Presets, an element that locks, and what has no error."""
-    rows = (
-        _row("fast", ElementOrder.P2, -0.1, on_front=True),
-        _row("P1, d_hat 1 mm", ElementOrder.P1, 0.5, on_front=False),
-        _row("exact", ElementOrder.P2, 0.0, on_front=True),
-    )
-    file = tmp_path / "accuracy.png"
-    accuracy_figure(rows, dict.fromkeys(QUANTITIES, 0.01)).savefig(file, dpi=300)
-    picture = cv2.imread(str(file))
-    assert picture is not None
-    assert picture.shape[1] > 2000
-    assert picture.std() > 5.0
-
-
-@pytest.mark.parametrize(("size", "bar"), [(0.1, 0.01), (0.01, 0.1)])
-def test_error_bars_stay_on_a_logarithmic_axis(size: float, bar: float) -> None:
-    """A bar larger than the error ends above zero."""
-    down, up = bar_ends(size, bar)
-    assert 0.0 < size - down <= size
-    assert up == bar

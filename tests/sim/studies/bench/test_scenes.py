@@ -135,29 +135,6 @@ def test_a_criterion_can_be_missed(rows: list[SceneRow], met: list[bool]) -> Non
     )
 
 
-def test_nothing_is_judged_without_any_reference() -> None:
-    """The page says so, and how to make one."""
-    worth = scene_tables([_row()])[1]
-    assert worth.result == "reported"
-    assert "`--reference` makes: one." in worth.note
-
-
-def test_a_setting_that_promises_nothing_is_marked() -> None:
-    """With a star; edges of another length stand behind the preset."""
-    assert _row().setting == "fast"
-    unpromised = replace(_PRESS, promised=False, edges=1.0 / 1.2)
-    assert _row(unpromised).setting == "fast 0.83*"
-
-
-def test_launches_are_listed_where_a_batch_has_them() -> None:
-    """In microseconds; a group that was pressed with images says so."""
-    manner = Manner(environments=60, images=True)
-    timed = _row(replace(_PRESS, parts_s={"gel": 2e-6}), manner=manner)
-    *_, table = scene_tables([timed, _row(scene="two")])
-    assert table.title == "Launches, cpu, 60 environments, with images"
-    assert table.rows == (("one", 2.0), ("two", None))
-
-
 def test_references_are_read_back_for_the_same_scene_only(tmp_path: Path) -> None:
     """A scene that was changed since has none; a damaged file is named."""
     file = tmp_path / "references.json"

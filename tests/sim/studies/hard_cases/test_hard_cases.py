@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.mesh.elements import ElementOrder, boundary_faces
+from sim.mesh.elements import ElementOrder
 from sim.mesh.tet_mesh import smallest_dihedral_deg
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Effect
@@ -138,18 +138,6 @@ def test_slivers_cost_few_iterations() -> None:
 
 
 LINEAR = ((Effect.LOCKING_FREE_ELEMENT, False),)
-
-
-def test_uniform_mesh_is_half_a_pad() -> None:
-    """It lies at y >= 0, fills its half, and has its mirror plane's faces."""
-    mesh = uniform_mesh(2e-3)
-    assert mesh.symmetry.copies == 2
-    assert mesh.vertices[:, 1].min() == pytest.approx(0.0, abs=1e-15)
-    corners = mesh.vertices[mesh.tets]
-    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
-    assert 2.0 * volumes.sum() == pytest.approx(10e-3 * 10e-3 * 4e-3, rel=1e-12)
-    faces, _ = boundary_faces(mesh.tets)
-    assert np.any(np.all(np.abs(mesh.vertices[faces][:, :, 1]) <= 1e-15, axis=1))
 
 
 def test_force_hardly_depends_on_where_the_rim_meets_elements() -> None:

@@ -116,22 +116,6 @@ def test_figures_are_drawn(runs: dict[str, ModeRun], tmp_path: Path) -> None:
         assert [len(part.axes) for part in figure.subfigs] == [4] * count
 
 
-def test_a_load_is_met_and_gives_the_same_depth() -> None:
-    """Driven by load to another point's force, the indenter comes to that point's depth."""
-    frictionless = Scene(
-        pad=DiscPad(radius_m=8e-3, height_m=4e-3),
-        material=Material(young_pa=4e5, poisson=0.48),
-        indenter=Sphere(diameter_m=10e-3),
-        target=Target(depth_m=0.2e-3),
-        preset=Preset.FAST,
-    )
-    plan = plan_effects(frictionless)
-    by_depth = path_for(frictionless, plan).advance(0.2e-3)
-    by_load = path_for(frictionless, plan).push(float(by_depth.force_n[2]))
-    assert by_load.force_n[2] == pytest.approx(by_depth.force_n[2], rel=1e-7)
-    assert by_load.depth_m == pytest.approx(by_depth.depth_m, rel=1e-6)
-
-
 SIZE, HEIGHT = 8e-3, 3e-3
 SOFT, HARD = Material(young_pa=1e5, poisson=0.4), Material(young_pa=4e5, poisson=0.4)
 SCENE = Scene(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from sim.studies.paper.claims import Verdict, claims
 from sim.studies.paper.study import (
-    Ours,
     compared,
     mode_ours,
     model_ours,
@@ -21,12 +20,6 @@ def test_without_measurements_nothing_is_reproduced() -> None:
     assert len(found.rows) == len(claims())
     assert {row.verdict for row in found.rows} == {Verdict.NOT_REPRODUCED, Verdict.OUT_OF_SCOPE}
     assert sum(found.counts.values()) == len(found.rows)
-
-
-def test_a_gui_is_out_of_scope_whatever_was_measured() -> None:
-    """A number that nobody claims for us is not shown."""
-    row = compared({"speed.single_gui": Ours(1e3, "x")}).by_name["speed.single_gui"]
-    assert (row.ours, row.verdict) == (None, Verdict.OUT_OF_SCOPE)
 
 
 def test_an_emulated_run_is_no_answer_to_the_papers_scores() -> None:

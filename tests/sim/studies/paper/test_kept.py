@@ -94,12 +94,3 @@ def test_a_run_without_a_report_is_refused(tmp_path: Path) -> None:
     """The remedy is the command that writes one."""
     with pytest.raises(RecordError, match=r"summary\.json"):
         of_run(tmp_path)
-
-
-def test_a_run_without_images_is_refused(tmp_path: Path) -> None:
-    """A floor needs images."""
-    content = summary(simulated=None)
-    for row in content["statistics"]["no_contact"].values():
-        row["mean"] = None
-    with pytest.raises(RecordError, match="images"):
-        of_run(run(tmp_path, content))

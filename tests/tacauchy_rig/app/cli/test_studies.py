@@ -83,26 +83,6 @@ def test_drawn_scenes_can_be_taken_one_by_one() -> None:
     assert "--only '9': no such scene" in str(beyond.exception)
 
 
-def test_what_was_found_before_is_not_pressed_again(tmp_path: Path) -> None:
-    """A run that was cut, or parted over machines, goes on; another seed's file is refused."""
-    first, page, both = (tmp_path / name for name in ("a.json", "all.md", "both.json"))
-    drawn = ["study", "effects", "--random", "40", "--only", "37"]
-    CliRunner().invoke(app, [*drawn, "--seed", "1", "--json", str(first)])
-    again = [*drawn, "--resume", str(first), "--out", str(page), "--json", str(both)]
-    done = CliRunner().invoke(app, [*again, "--seed", "1", "--limit", "1 ms"])
-    assert done.exit_code == 0, done.output
-    assert "All outputs were kept in 1 of 1 scenes" in page.read_text(encoding="utf-8")
-    assert (
-        json.loads(both.read_text("utf-8"))["scenes"]
-        == json.loads(first.read_text("utf-8"))["scenes"]
-    )
-    other = CliRunner().invoke(app, [*again, "--seed", "2"])
-    assert "37 is something else there" in str(other.exception)
-    page.write_text("{}", encoding="utf-8")
-    broken = CliRunner().invoke(app, [*drawn, "--seed", "1", "--resume", str(page)])
-    assert f"--resume {page}" in str(broken.exception)
-
-
 def test_a_fast_case_is_printed_and_written(tmp_path: Path) -> None:
     """Case 14 alone, by its number: a table, a page and JSON, exit code 0."""
     numbers = tmp_path / "found.json"

@@ -53,7 +53,7 @@ def test_a_tilt_that_costs_too_much_is_simulated() -> None:
     ("seed", "tilt_rad", "overrides", "taken", "why"),
     [
         (3, 0.02 * DEGREE, (), False, "within 2 times its uncertainty of none"),
-        (21, DEGREE, (FAST,), True, "10.00% allowed"),
+        pytest.param(21, DEGREE, (FAST,), True, "10.00% allowed", marks=pytest.mark.slow),
     ],
 )
 def test_a_tilt_of_no_consequence_is_left_out(
@@ -78,7 +78,12 @@ def test_a_tilt_of_no_consequence_is_left_out(
         (('indenter.kind="sphere"',), slice(None), "does not change a ball"),
         ((), slice(2), "2 presses carry moments"),
         ((), slice(0), "0 presses carry moments"),
-        (('workspace.max_tilt="0.5 deg"',), slice(3), "more than workspace.max_tilt"),
+        pytest.param(
+            ('workspace.max_tilt="0.5 deg"',),
+            slice(3),
+            "more than workspace.max_tilt",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_what_tells_no_tilt_says_why(overrides: tuple[str, ...], kept: slice, why: str) -> None:
