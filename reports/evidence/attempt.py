@@ -288,7 +288,11 @@ def median_image(images: Sequence[ImageArray]) -> ImageArray:
     """
     stack, last = np.stack(images), len(images) - 1
     lower = _ranked(stack, last // 2)
-    upper = _ranked(stack, (last + 1) // 2) if last % 2 else lower
+    upper = lower
+    if last % 2:  # the next larger value, but where more of them are as large
+        next_larger = np.where(stack > lower, stack, np.uint8(255)).min(axis=0)
+        enough = (stack <= lower).sum(axis=0, dtype=np.uint16) > last // 2 + 1
+        upper = np.where(enough, lower, next_larger)
     middle = np.rint(0.5 * (lower.astype(np.float32) + upper))
     return np.asarray(middle, dtype=np.uint8)
 

@@ -111,9 +111,7 @@ def _draw_column(column: np.ndarray, trial: TrialEvidence, norm: AsinhNorm) -> A
             where = {"ha": "center", "va": "center", "transform": axes.transAxes}
             axes.text(0.5, 0.5, "none", color=GREY, **where)
         else:
-            mapped = axes.imshow(
-                image, interpolation="nearest", **(scale if image.ndim == 2 else {})
-            )
+            mapped = axes.imshow(image, interpolation="none", **(scale if image.ndim == 2 else {}))
     return mapped
 
 

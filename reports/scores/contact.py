@@ -123,8 +123,8 @@ def rectangle_around(region: BoolArray, *, margin_px: int) -> tuple[slice, slice
     """Return the rows and columns of a region and of a margin [px] around it, within the image."""
     rows, columns = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
     return (
-        slice(max(0, rows[0] - margin_px), rows[-1] + 1 + margin_px),
-        slice(max(0, columns[0] - margin_px), columns[-1] + 1 + margin_px),
+        slice(max(0, rows[0] - margin_px), min(rows[-1] + 1 + margin_px, region.shape[0])),
+        slice(max(0, columns[0] - margin_px), min(columns[-1] + 1 + margin_px, region.shape[1])),
     )
 
 
@@ -315,8 +315,7 @@ def register_changes(
         target = _smooth(real, smoothing)[region].ravel()
         source = _smooth(simulated, smoothing)
         for _ in range(MAX_STEPS):
-            moved = shift_change(source, x, y)[around]
-            step = _register_step(target, moved, region[around])
+            step = _register_step(target, shift_change(source, x, y, around), region[around])
             x, y = x + step[0], y + step[1]
             if math.hypot(x, y) > reach:
                 return None
@@ -339,13 +338,19 @@ def _register_step(target: FloatArray, moved: FloatArray, region: BoolArray) -> 
     return x, y
 
 
-def shift_change(change: FloatArray, x_px: float, y_px: float) -> FloatArray:
-    """Move a change by (x, y) [px]; what comes in from outside is unchanged gel, so zero."""
-    height, width = change.shape[:2]
-    matrix = np.array([[1.0, 0.0, x_px], [0.0, 1.0, y_px]])
-    return np.asarray(
-        cv2.warpAffine(change, matrix, (width, height), flags=cv2.INTER_CUBIC), dtype=np.float64
-    )
+def shift_change(
+    change: FloatArray, x_px: float, y_px: float, part: tuple[slice, slice] | None = None
+) -> FloatArray:
+    """Move a change by (x, y) [px]; what comes in from outside is unchanged gel, so zero.
+
+    Args:
+        part: Rows and columns that are wanted; None are all.
+    """
+    rows, columns = part or (slice(0, change.shape[0]), slice(0, change.shape[1]))
+    matrix = np.array([[1.0, 0.0, x_px - columns.start], [0.0, 1.0, y_px - rows.start]])
+    size = columns.stop - columns.start, rows.stop - rows.start
+    moved = cv2.warpAffine(change, matrix, size, flags=cv2.INTER_CUBIC)
+    return np.asarray(moved, dtype=np.float64)
 
 
 def fit_light(

@@ -25,7 +25,7 @@ def write_spec(store: RunStore, out: Path, kind: str, data: Mapping[str, object]
     rig["replay.indenter"] = indenter_of(store)
     for field in (*PATH_FIELDS, "replay.indenter"):
         rig |= {field: _within(out, field, str(rig[field]))} if rig.get(field) else {}
-    head = {"kind": kind, "name": written["run.name"], "simulated": store.simulated}
+    head = {"kind": kind, "name": store.config.run.name, "simulated": store.simulated}
     tables = {"data": data, "rig": rig}
     lines = {f"{table}.{k}": v for table, values in tables.items() for k, v in values.items()}
     write_atomically(out / SPEC_NAME, as_toml({**head, **lines}).encode())

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from types import SimpleNamespace
 from typing import Annotated
 from unittest import mock
@@ -19,11 +20,12 @@ from sim.press import PressResult, press
 from sim.press_command import scene_from
 from sim.scene.indenter import MeshIndenter, describe, mesh_indenter
 from sim.scene.scene import Scene, Target
-from tacauchy_rig.app.cli.options import JsonFile
+from tacauchy_rig.app.cli.options import Jobs, JsonFile
 from tacauchy_rig.app.cli.output import say, show_table, write_json
 from tacauchy_rig.core import long_task
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.tables import Table
 
 SILENT_MOST_S = 5.0
@@ -245,6 +247,13 @@ def line(each: Judged) -> str:
     )
 
 
+def _judged_number(
+    number: int, *, seed: int, limit_s: float, finer_limit_s: float, refinement: float
+) -> Judged:
+    case = drawn(seed, number, refinement=refinement)
+    return judged(case, limit_s=limit_s, finer_limit_s=finer_limit_s)
+
+
 def beyond_check(
     presses: Annotated[int, typer.Option("--presses", min=1, help="How many are drawn.")] = 200,
     seed: Annotated[int, typer.Option("--seed", help="Of the draw.")] = 1,
@@ -255,20 +264,22 @@ def beyond_check(
     refinement: Annotated[
         float, typer.Option("--refinement", help="Shorter edges than preset fast's, so many times.")
     ] = 1.0,
-    first: Annotated[int, typer.Option("--first", help="Number to begin with.")] = 0,
+    jobs: Jobs = 1,
     json_file: JsonFile = None,
 ) -> None:
     """Press too deep, too hard, with needles and at steep tilts: right, or an error, in time.
 
     Example: python -m tests.studies beyond --presses 20 --limit 15 --finer 40
     """
+    judge = partial(
+        _judged_number, seed=seed, limit_s=limit, finer_limit_s=finer, refinement=refinement
+    )
     found = []
-    for number in range(first, first + presses):
-        case = drawn(seed, number, refinement=refinement)
-        found.append(judged(case, limit_s=limit, finer_limit_s=finer))
-        say(line(found[-1]))
-    table = answers_table(found, command="python -m tests.studies beyond")
+    for _, each in parallel_map(judge, range(presses), jobs=jobs, new_process_each=False):
+        found.append(each)
+        say(line(each))
+    command = f"python -m tests.studies beyond --presses {presses} --seed {seed}"
+    table = answers_table(found, command=command)
     show_table(table)
-    lines = [line(each) for each in found]
-    write_json(json_file, {"table": table, "presses": lines})
+    write_json(json_file, {"table": table, "presses": [line(each) for each in found]})
     raise typer.Exit(0 if table.passed else 1)
