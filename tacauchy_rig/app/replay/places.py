@@ -45,6 +45,8 @@ from tacauchy_rig.core.store.replay_files import pack_arrays, unpack_arrays, wri
 _ALONE_S, _PATH_S, _IMAGE_S = 4.5, 40.0, 1.5
 _JOBS, _WORTH_PROCESSES = 2, 6
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+")
+PROBES_NAME = f"{REPLAY_NAME}-probes"
+"""Of presses that tell where an indenter is: kept beside the replay, for when it is repeated."""
 _BODIES: dict[str, type[Sphere | Cylinder]] = {"Sphere": Sphere, "Cylinder": Cylinder}
 
 
@@ -70,20 +72,22 @@ def replay_parts(
     parts: Sequence[Part],
     optics: OpticalCalibration,
     *,
+    name: str = REPLAY_NAME,
     afterwards_s: float = 0.0,
     on_progress: Say,
 ) -> list[Replay]:
     """Press and render what is not there yet of parts, and keep each when it is finished.
 
     Args:
+        name: Under which they are kept; those that only probe take the stated modulus.
         afterwards_s: Processor time of what follows [s], for the time that is left.
 
     Returns:
         The replay of each part; arrays and images of its trials are in the run's folder.
     """
     parts = _settled(parts)
-    files = [_PartFiles(run, part) for part in parts]
-    fits = fits_modulus(run.store.config)
+    files = [_PartFiles(run, part, name) for part in parts]
+    fits = name == REPLAY_NAME and fits_modulus(run.store.config)
     jobs = _JOBS if len(parts) >= _WORTH_PROCESSES else 1
     left = Remaining(afterwards_s, jobs=jobs)
     for part, own in zip(parts, files, strict=True):
@@ -107,7 +111,7 @@ def replay_parts(
     if done:
         on_progress(f"  {len(done)} of {len(parts)} places are finished from before")
     if missing:  # the summary of an older replay goes: its files are about to change
-        run.store.paths.replay_json(REPLAY_NAME).unlink(missing_ok=True)
+        run.store.paths.replay_json(name).unlink(missing_ok=True)
     items = [(k, parts[k], fit, files[k].stated() if fits else ()) for k in missing]
     work = parallel_map(_press, items, jobs=jobs, new_process_each=False)
     with doing("pressing to what was measured") as tell:
@@ -187,10 +191,10 @@ def _written(told: object) -> str:
 class _PartFiles:
     """What is kept of a part of a run."""
 
-    def __init__(self, run: RunReading, part: Part) -> None:
-        self._run, self._part, self._paths = run, part, run.store.paths
+    def __init__(self, run: RunReading, part: Part, name: str) -> None:
+        self._run, self._part, self._name = run, part, name
         first = min(part.trials)
-        self.path = self._paths.replay_part(REPLAY_NAME, first)
+        self.path = run.store.paths.replay_part(name, first)
         self._gel = self.path.with_name(f"{first:02d}-stated.json")
 
     def stated(self) -> History:
@@ -212,7 +216,7 @@ class _PartFiles:
         if kept is None or kept.replay is None or kept.pressed != self._hash(fit):
             return None
         indices = [trial.index for trial in kept.replay.trials]
-        images = (self._paths.replay_trial(REPLAY_NAME, i) / "image.png" for i in indices)
+        images = (self._of_trial(i) / "image.png" for i in indices)
         if kept.seen == _seen_with(optics) and all(image.is_file() for image in images):
             return kept.replay
         with suppress(RecordError, KeyError, ValueError):
@@ -239,7 +243,7 @@ class _PartFiles:
         attempts = [self._run.read(record) for record in self._part.records]
         replay, files = rendered(attempts, self._part.inputs.sensor, replay, by_trial, optics)
         for index, each in files.items():
-            write_fields(self._paths.replay_trial(REPLAY_NAME, index), each)
+            write_fields(self._of_trial(index), each)
         kept = KeptPart(pressed=pressed, seen=_seen_with(optics), replay=replay)
         write_atomically(self.path, dumps(kept, indent=None))
         return replay
@@ -248,6 +252,9 @@ class _PartFiles:
         """Return the hash of all that the part's press depends on."""
         part = self._part
         return _hash_of(part.inputs, part.records, part.config.protocol, bool(part.label), fit)
+
+    def _of_trial(self, index: int) -> Path:
+        return self._run.store.paths.replay_trial(self._name, index)
 
     def _surfaces(self, index: int) -> Path:
         return self.path.with_name(f"{index:02d}.npz")

@@ -27,7 +27,7 @@ from tacauchy_rig.app.replay.parts import (
     parts_of,
     tools_of,
 )
-from tacauchy_rig.app.replay.places import replay_parts
+from tacauchy_rig.app.replay.places import PROBES_NAME, replay_parts
 from tacauchy_rig.app.replay.pressing import press_together
 from tacauchy_rig.app.replay.rendering import rendered
 from tacauchy_rig.app.replay.uncertainty import force_inputs
@@ -92,10 +92,17 @@ def replay_run(
     def optics() -> OpticalCalibration:
         return optics_of(given, sensor, calibrate=calibrate, on_progress=on_progress)
 
-    def replayed(parts: Sequence[Part], afterwards_s: float = 0.0) -> _Replayed:
+    def replayed(
+        parts: Sequence[Part], name: str = REPLAY_NAME, afterwards_s: float = 0.0
+    ) -> _Replayed:
         if are_many:
             return replay_parts(
-                run, parts, optics(), afterwards_s=afterwards_s, on_progress=on_progress
+                run,
+                parts,
+                optics(),
+                name=name,
+                afterwards_s=afterwards_s,
+                on_progress=on_progress,
             ), {}
         pressed = press_together(parts[0], on_progress=on_progress)
         replay, files = rendered(measured_attempts(run), sensor, *pressed, optics())
@@ -115,8 +122,8 @@ def replay_run(
             some = [
                 parts[k] for own in tools_of(parts) for k in own[:: max(1, len(own) // _PROBES)]
             ]
-        done = replayed(some)
-        places = _found_places(run, parts, _images(run, *done), optics())
+        done = replayed(some, PROBES_NAME)
+        places = _found_places(run, parts, _images(run, *done, PROBES_NAME), optics())
         moves = [offset_of(place) for place in places]
         if not are_many and moves[0] is not None:
             on_progress("  images show the contact at another place: pressing again there")
@@ -126,7 +133,8 @@ def replay_run(
             replace(part, inputs=part.inputs.moved(by_m or (0.0, 0.0)))
             for part, by_m in zip(parts, moves, strict=True)
         ]
-    replays, files = done or replayed(parts, _AFTERWARDS_S * len(list(tools_of(parts))))
+    afterwards_s = _AFTERWARDS_S * len(list(tools_of(parts)))
+    replays, files = done or replayed(parts, afterwards_s=afterwards_s)
     found = [(*tilt.values, *place) for tilt, place in zip(tilts, places, strict=True)]
     images = _images(run, replays, files)
     inputs, residual = _uncertainties(run, parts, found, replays, images, optics(), on_progress)
@@ -154,12 +162,15 @@ def replay_run(
 
 
 def _images(
-    run: RunReading, replays: Sequence[Replay], files: dict[int, ReplayFields]
+    run: RunReading,
+    replays: Sequence[Replay],
+    files: dict[int, ReplayFields],
+    name: str = REPLAY_NAME,
 ) -> dict[int, ImageArray]:
     """Return the rendered image of each trial, from memory or from disk."""
     found = {}
     for index in (trial.index for each in replays for trial in each.trials):
-        own = files.get(index) or run.store.load_replay_fields(REPLAY_NAME, index)
+        own = files.get(index) or run.store.load_replay_fields(name, index)
         if own.image is not None:
             found[index] = own.image
     return found
