@@ -8,6 +8,7 @@ import os
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Literal
 
 import cv2
@@ -44,6 +45,7 @@ class Images(Section):
     cropped: bool = False
 
 
+@lru_cache(maxsize=4)  # presses may share one image at rest
 def opened(data: bytes, *, name: str) -> tuple[Size, int]:
     """Return width and height [px] of a JPEG or PNG as it is stored, and how EXIF turns it.
 
@@ -129,7 +131,7 @@ class Converter:
 
     def compare(self, data: bytes, rest: bytes) -> None:
         """Keep an image of a press and its image at rest for ``check_colours``."""
-        image, still = (decode_rgb(each, reduction=8) for each in (data, rest))
+        image, still = _reduced(data), _reduced(rest)
         if image is not None and still is not None:
             self.pairs.append((image, still))
 
@@ -227,6 +229,11 @@ class Converter:
             f"{want:.3f}{why}",
             remedy=remedy,
         )
+
+
+@lru_cache(maxsize=4)
+def _reduced(data: bytes) -> ImageArray | None:
+    return decode_rgb(data, reduction=8)
 
 
 def _size_of(data: bytes) -> Size:

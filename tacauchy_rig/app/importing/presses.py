@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from pydantic import Field
-from scipy.ndimage import median_filter
 
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, Int64Array
 from tacauchy_rig.core.config.fields import Force, Section
@@ -335,6 +334,8 @@ def _longest(windows: Sequence[Window]) -> Window:
 
 
 def _smooth(values: FloatArray) -> FloatArray:
+    from scipy.ndimage import median_filter  # noqa: PLC0415 - a table of means needs none
+
     return np.asarray(median_filter(values, SMOOTHED, mode="nearest"))
 
 
