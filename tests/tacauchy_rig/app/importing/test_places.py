@@ -132,6 +132,19 @@ def test_other_optics_render_again_and_another_gel_presses_again(
     assert (bench.pressed, bench.rendered) == (12, 9)
 
 
+def test_a_repeated_replay_presses_nothing(
+    run: RunReading, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Presses that found the place, another than that of the replay, are kept beside it."""
+    bench, probes = Bench(monkeypatch), parts_of(run)
+    optics = nominal_optics(probes[0].inputs.sensor)
+    moved = [replace(each, inputs=each.inputs.moved((1e-4, 0.0))) for each in probes]
+    for _ in range(2):
+        for name, parts in ((places.PROBES_NAME, probes), (places.REPLAY_NAME, moved)):
+            places.replay_parts(run, parts, optics, name=name, on_progress=lambda _: None)
+        assert bench.pressed == 9
+
+
 def test_another_process_finds_what_was_kept(run: RunReading) -> None:
     """No address of this process is in what names a press; its sensor has functions."""
     part = parts_of(run)[0]
