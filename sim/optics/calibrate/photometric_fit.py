@@ -93,10 +93,13 @@ class NormalEquations:
     @classmethod
     def of(cls, features: FloatArray, samples: PhotometricSamples) -> NormalEquations:
         """Sum up samples whose colours are to be linear in features, shape [n, sample_count]."""
-        normal, load, squares = [], [], 0.0
+        normal, load, squares, before = [], [], 0.0, None
         for change, weight in zip(samples.change, samples.weights, strict=True):
-            known, seen = features * weight, change * weight
-            normal.append(known @ known.T)
+            if before is None or not np.array_equal(weight, before):  # else as the colour before
+                known, before = features * weight, weight
+                gram = known @ known.T
+            seen = change * weight
+            normal.append(gram)
             load.append(known @ seen)
             squares += float(seen @ seen)
         return cls(

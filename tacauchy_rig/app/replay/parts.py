@@ -17,6 +17,8 @@ from tacauchy_rig.core.imported import SAME_PLACE_M, ImportedTrial
 from tacauchy_rig.core.run import TrialRecord
 
 Place = tuple[float, float]
+_FEW = 4
+"""Parts of an indenter that tell of all, about."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,6 +142,11 @@ def tools_of(parts: Sequence[Part]) -> Iterator[list[int]]:
     for k, part in enumerate(parts):
         groups.setdefault(part.tool, []).append(k)
     yield from groups.values()
+
+
+def some_of_each(parts: Sequence[Part]) -> list[int]:
+    """Return the numbers of the parts that tell of all: a few of each indenter, evenly taken."""
+    return [k for own in tools_of(parts) for k in own[:: max(1, len(own) // _FEW)]]
 
 
 def _measured(run: RunReading) -> Iterator[TrialRecord]:

@@ -25,7 +25,7 @@ from sim.scene.indenter import Cylinder, Sphere
 from tacauchy_rig import __version__
 from tacauchy_rig.app.replay.mounting import fits_modulus
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
-from tacauchy_rig.app.replay.parts import Part, tools_of
+from tacauchy_rig.app.replay.parts import Part, some_of_each, tools_of
 from tacauchy_rig.app.replay.pressing import (
     Pressed,
     modulus_of,
@@ -90,15 +90,17 @@ def replay_parts(
     fits = name == REPLAY_NAME and fits_modulus(run.store.config)
     jobs = _JOBS if len(parts) >= _WORTH_PROCESSES else 1
     left = Remaining(afterwards_s, jobs=jobs)
-    for part, own in zip(parts, files, strict=True):
+    fitted = _fitted(parts) if fits else []
+    for k, (part, own) in enumerate(zip(parts, files, strict=True)):
         left.add(0.0 if own.path.exists() else _cost_s(part) + _IMAGE_S)
-        left.add(_cost_s(part) if fits and part.forces_n and not own.stated() else 0.0)
+        left.add(_cost_s(part) if k in fitted and part.forces_n and not own.stated() else 0.0)
     on_progress(f"replaying {len(parts)} places or indenters; {left}")
     fit = None
     if fits:
-        _press_stated(parts, files, jobs, left, on_progress)
-        stated = [own.stated() for own in files]
-        fit = modulus_of(list(zip(parts, stated, strict=True)), on_progress=on_progress)
+        some, theirs = [parts[k] for k in fitted], [files[k] for k in fitted]
+        _press_stated(some, theirs, jobs, left, on_progress)
+        stated = [own.stated() for own in theirs]
+        fit = modulus_of(list(zip(some, stated, strict=True)), on_progress=on_progress)
     done: dict[int, Replay] = {}
     missing = []
     for k, (part, own) in enumerate(zip(parts, files, strict=True)):
@@ -125,6 +127,16 @@ def replay_parts(
             )
             tell(str(left))
     return [done[k] for k in range(len(parts))]
+
+
+def _fitted(parts: Sequence[Part]) -> list[int]:
+    """Return the numbers of the parts that the modulus is fitted to, with force and depth."""
+    known = [
+        k
+        for k, part in enumerate(parts)
+        if any(None not in (r.force_measured_n, r.depth_measured_m) for r in part.records)
+    ]
+    return [known[k] for k in some_of_each([parts[k] for k in known])]
 
 
 def _press_stated(

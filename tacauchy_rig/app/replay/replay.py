@@ -25,6 +25,7 @@ from tacauchy_rig.app.replay.parts import (
     measured_attempts,
     measured_records,
     parts_of,
+    some_of_each,
     tools_of,
 )
 from tacauchy_rig.app.replay.places import PROBES_NAME, replay_parts
@@ -45,8 +46,6 @@ from tacauchy_rig.core.store.replay_files import ReplayFields
 
 _AFTERWARDS_S = 60.0
 """Processor time of the coarse presses of an indenter, for uncertainties and the residual [s]."""
-_PROBES = 4
-"""Presses of an indenter that tell where its place is, about."""
 _Replayed = tuple[list[Replay], dict[int, ReplayFields]]
 """Of each part, and arrays and images by trial that are not on disk yet."""
 
@@ -119,9 +118,7 @@ def replay_run(
         some = parts
         if are_many:
             on_progress("finding the place of each indenter from some of its presses")
-            some = [
-                parts[k] for own in tools_of(parts) for k in own[:: max(1, len(own) // _PROBES)]
-            ]
+            some = [parts[k] for k in some_of_each(parts)]
         done = replayed(some, PROBES_NAME)
         places = _found_places(run, parts, _images(run, *done, PROBES_NAME), optics())
         moves = [offset_of(place) for place in places]
