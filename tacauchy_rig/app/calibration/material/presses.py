@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,16 +17,16 @@ from tacauchy_rig.app.importing.table import Column, read_table
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.app.replay.parts import Part, parts_of
-from tacauchy_rig.core.arrays import BoolArray, FloatArray, IndexArray
+from tacauchy_rig.core.arrays import FloatArray, IndexArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.config.uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.quantities import Dimension
 from tacauchy_rig.core.simulated import REPLAY_NAME, FoundValue, Replay, model_of
 
 COLUMNS = ("indenter", "depth_mm", "force_n")
-POINTS_MIN = 4
-"""Three parameters and one to spare."""
+_SAME_DEPTH_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,15 +57,33 @@ class IndenterPresses:
         """The indenter as the command line writes it."""
         return describe(self.inputs.indenter)
 
-    def only(self, kept: BoolArray) -> IndenterPresses:
-        """Return some of the points."""
-        return replace(
-            self,
-            press=self.press[kept],
-            depth_m=self.depth_m[kept],
-            force_n=self.force_n[kept],
-            noise_n=self.noise_n[kept],
-        )
+    @property
+    def press_count(self) -> int:
+        """Series that have a zero of depth of their own."""
+        return 1 + int(self.press.max())
+
+    @property
+    def zero_doubt_m(self) -> float:
+        """Standard uncertainty of a series' zero of depth [m]."""
+        return stated_uncertainty(self.config, "depth").value
+
+    @property
+    def point_names(self) -> list[str]:
+        """What every point is called in messages."""
+        return [f"{self.name} at {depth * 1e3:.4g} mm" for depth in self.depth_m]
+
+    @property
+    def scatter_n(self) -> float | None:
+        """Standard deviation of forces at one depth [N], pooled; None without repeats."""
+        _, which = np.unique(np.round(self.depth_m / _SAME_DEPTH_M), return_inverse=True)
+        means = np.bincount(which, self.force_n) / np.bincount(which)
+        degrees = len(which) - len(means)
+        squares = float(np.sum((self.force_n - means[which]) ** 2))
+        return math.sqrt(squares / degrees) if degrees else None
+
+    def with_scatter(self) -> IndenterPresses:
+        """Return them with a noise that is at least what repeats scatter by."""
+        return replace(self, noise_n=np.maximum(self.noise_n, self.scatter_n or 0.0))
 
 
 def read_presses(
@@ -90,7 +109,7 @@ def read_presses(
         for each in _of_run(path) if path.is_dir() else of_table(path):
             known = found.get(each.name)
             found[each.name] = each if known is None else _together(known, each)
-    groups = list(found.values())
+    groups = [each.with_scatter() for each in found.values()]
     _refuse(groups)
     return groups
 
@@ -109,15 +128,9 @@ def _refuse(groups: Sequence[IndenterPresses]) -> None:
     for each in groups:
         if not isinstance(each.inputs.indenter, Cylinder | Sphere):
             raise ConfigError(
-                f"{each.name}: a response takes 25 presses, of triangles minutes each",
+                f"{each.name}: a response takes 11 presses, of triangles minutes each",
                 remedy="press with a ball or a cylinder",
             )
-    count = sum(len(each.force_n) for each in groups)
-    if count < POINTS_MIN:
-        raise RecordError(
-            f"{count} forces at depths are too few to fit a gel",
-            remedy=f"give {POINTS_MIN} or more",
-        )
 
 
 def _together(first: IndenterPresses, second: IndenterPresses) -> IndenterPresses:
@@ -192,10 +205,8 @@ def _of_table(
             "both above 0",
             remedy="leave out points without contact; depths are positive into the gel",
         )
-    # Without a column press each line counts as one: its depth has an error of its own.
-    lines = [str(place) for place in table.places]
-    named = table.cells("press") if "press" in table.columns else lines
-    presses = [name or line for name, line in zip(named, lines, strict=True)]
+    # Without a column press the lines of an indenter are one series: they share a zero of depth.
+    presses = table.cells("press") if "press" in table.columns else [""] * len(names)
     for term in dict.fromkeys(names.tolist()):
         own = names == term
         rows = np.flatnonzero(own).tolist()

@@ -1,4 +1,4 @@
-"""What a fit leads to: the sensor's file with its gel, the relaxation beside it, and its figure."""
+"""What a fit leads to: the sensor's file with its gel, and the relaxation beside it."""
 
 from __future__ import annotations
 
@@ -6,29 +6,15 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
 from scipy.optimize import OptimizeWarning, curve_fit
-from scipy.stats import chi2
 
 from sim.sensor.sensor import parse_sensor
-from tacauchy_rig.app.calibration.material.fit import LEVEL, MU, NU, GelFit, Interval
+from tacauchy_rig.app.calibration.material.fit import Interval
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.figure_style import (
-    BLUE,
-    GREY,
-    ORANGE,
-    PAGE_IN,
-    STYLE,
-    letter,
-    new_figure,
-    save_figure,
-)
 from tacauchy_rig.core.registry import Kind, load, unknown
-from tacauchy_rig.core.run import SIMULATED_MARK
 
 
 def sensor_text(name: str) -> str:
@@ -146,54 +132,3 @@ def fit_term(time_s: FloatArray, force: FloatArray) -> DwellTerm | None:
 
 def _held(time_s: FloatArray, level: float, share: float, tau: float) -> FloatArray:
     return np.asarray(level * (1.0 + share * np.exp(-time_s / max(tau, 1e-3))))
-
-
-_FIGURE_HEIGHT_IN, _TOP = 2.3, 12.0
-_LEVELS = tuple(float(chi2.ppf(p, 2)) for p in (0.68, 0.95, 0.997))
-_SHADES = ("#0072B2", "#6BAED6", "#C6DBEF")
-
-
-def draw_valley(fit: GelFit, stem: Path, *, simulated: bool, stated: tuple[float, float]) -> None:
-    """Write ``stem`` as PDF and PNG.
-
-    Args:
-        stem: Without a suffix.
-        simulated: Whether the presses are emulated.
-        stated: Modulus [Pa] and Poisson's ratio of the sensor's file.
-
-    Raises:
-        RecordError: It cannot be written.
-    """
-    with mpl.rc_context(STYLE):
-        marks = (SIMULATED_MARK,) if simulated else ()
-        figure = new_figure(PAGE_IN, _FIGURE_HEIGHT_IN, marks=marks)
-        valley, nu, mu = figure.subplots(1, 3)
-        _draw_map(valley, fit, stated)
-        _draw_profile(nu, NU, fit.misfit.min(axis=1), fit.poisson)
-        _draw_profile(mu, MU, fit.misfit.min(axis=0), fit.friction)
-        nu.set(xlabel="Poisson's ratio $\\nu$", ylabel="$\\chi^2$ above its least")
-        mu.set(xlabel="Friction coefficient $\\mu$")
-        for axes, name in ((valley, "(a)"), (nu, "(b)"), (mu, "(c)")):
-            letter(axes, name)
-        save_figure(figure, stem.parent, stem.name)
-
-
-def _draw_map(axes: Axes, fit: GelFit, stated: tuple[float, float]) -> None:
-    young = fit.young_values
-    above = fit.valley(young) - fit.misfit.min()
-    inside = young[(above < _LEVELS[-1]).any(axis=1)] / 1e3
-    axes.contourf(NU, young / 1e3, above, levels=[0.0, *_LEVELS], colors=_SHADES)
-    nu, mu = fit.best
-    axes.plot(NU[nu], fit.young_pa[nu, mu] / 1e3, "o", color=ORANGE, markersize=4)
-    axes.plot(stated[1], stated[0] / 1e3, "x", color=GREY, markersize=5)
-    axes.set(xlabel="Poisson's ratio $\\nu$", ylabel="Modulus $E$ (kPa)")
-    axes.set(xlim=(NU[0], NU[-1]), ylim=(0.97 * inside.min(), 1.03 * inside.max()))
-
-
-def _draw_profile(axes: Axes, values: FloatArray, profile: FloatArray, found: Interval) -> None:
-    axes.plot(values, np.minimum(profile - profile.min(), 2.0 * _TOP), color=BLUE)
-    axes.axhline(LEVEL, color=GREY, linestyle="--", linewidth=0.7)
-    low = values[0] if found.low is None else found.low
-    high = values[-1] if found.high is None else found.high
-    axes.axvspan(low, high, color="#D9D9D9", linewidth=0, zorder=0)
-    axes.set(xlim=(values[0], values[-1]), ylim=(0.0, _TOP))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +11,7 @@ import typer
 
 from tacauchy_rig.app.cli.options import Jobs, JsonFile, Overrides
 from tacauchy_rig.app.cli.output import say, write_json, write_text
+from tacauchy_rig.core.config.uncertainty import stated_uncertainty
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
 if TYPE_CHECKING:
@@ -33,9 +36,6 @@ def material(
     out: Annotated[
         Path | None, typer.Option("--out", help="Write the sensor's file with this gel.")
     ] = None,
-    figure: Annotated[
-        Path | None, typer.Option("--figure", help="Draw the likelihood: its PDF and PNG.")
-    ] = None,
     noise: Annotated[str, typer.Option("--noise", help="Of a force of a CSV file.")] = "0.01N",
     contact_force: Annotated[
         str, typer.Option("--contact-force", help="From which the depths of CSV files count.")
@@ -49,10 +49,13 @@ def material(
     Example: tacauchy-rig calibrate material runs/ball runs/punch --out my-sensor.toml
     """
     from tacauchy_rig.app.calibration.material.fit import (
-        fit_gel,
-        held_count,
+        MU,
+        NU,
+        YOUNG,
+        GelFit,
+        contradictions,
         next_presses,
-        predict_held_out,
+        predict_left_out,
         respond,
     )
     from tacauchy_rig.app.calibration.material.presses import read_presses
@@ -73,77 +76,88 @@ def material(
     for group in groups:
         say(f"{group.name}: {len(group.force_n)} forces; solving")
         data.append((group, respond(group, jobs=jobs)))
-    fit = free = fit_gel(data)
-    if not free.poisson.is_bounded:
-        stated = groups[0].inputs.sensor.numbers["material.poisson"]
-        say(
-            "the forces leave Poisson's ratio open: the modulus uses the ratio in the sensor's file"
-        )
-        fit = fit_gel(data, prior=(stated.value, stated.uncertainty))
-    _show(free, fit)
-    left_out = list(predict_held_out(data, free))
-    say("left out and predicted: {} of {} within their 95 % interval".format(*held_count(left_out)))
+        mesh, each = data[-1][1].uncertain
+        say(f"  surrogate uncertain by {mesh:.1%} of all forces, {each:.1%} of each (standard)")
+        if group.scatter_n is not None:
+            say(f"  repeats scatter by {group.scatter_n:.2g} N")
+    fit = GelFit(data=data)
+    told = [fit.interval(place) for place in (YOUNG, NU, MU)]
+    stated = groups[0].inputs.sensor.numbers["material.poisson"]
+    rubbing = stated_uncertainty(groups[0].config, "friction").value
+    beliefs = {
+        NU: (stated.value, stated.uncertainty),
+        MU: (groups[0].inputs.friction, rubbing),
+    }
+    priors = {place: belief for place, belief in beliefs.items() if not told[place].is_bounded}
+    _show(fit, told, priors)
+    left_out = list(predict_left_out(fit))
+    held = sum(each.held for each in left_out)
+    say(f"left out and predicted: {held} of {len(left_out)} within their 95 % interval")
     terms = {str(path): relaxation_of(path) for path in presses if path.is_dir()}
     for path, term in terms.items():
         say(f"{path}: {term or 'the dwells show no relaxation'}")
-    advice = next_presses(data, free)
+    wrong = contradictions(fit, left_out)
+    for sentence in wrong:
+        say(sentence)
+    advice = [] if wrong else sorted(next_presses(fit), key=lambda each: each.young)
     for each in advice[:ADVISED]:
         say(f"next: {each}")
-    if figure is not None:
-        _draw(free, figure, groups)
-    if out is not None:
-        _write(out, free, fit, groups)
-    intervals = {"young": fit.young, "poisson": free.poisson, "friction": free.friction}
-    write_json(
-        json_file, {"told": intervals, "left_out": left_out, "next": advice, "relaxation": terms}
-    )
+    if out is not None and not wrong:
+        _write(out, GelFit(data=data, priors=priors).best.tolist(), told, groups)
+    names = ("young", "poisson", "friction")
+    found = {
+        "told": dict(zip(names, told, strict=True)),
+        "left_out": left_out,
+        "next": advice,
+        "relaxation": terms,
+        "contradictions": wrong,
+    }
+    write_json(json_file, found)
+    raise typer.Exit(1 if wrong else 0)
 
 
-def _draw(free: GelFit, figure: Path, groups: list[IndenterPresses]) -> None:
-    from tacauchy_rig.app.calibration.material.results import draw_valley
-
-    material = groups[0].inputs.sensor.material
-    draw_valley(
-        free,
-        figure.with_suffix(""),
-        simulated=any(group.simulated for group in groups),
-        stated=(material.young_pa, material.poisson),
-    )
-    say(f"figure {figure}")
-
-
-def _write(out: Path, free: GelFit, fit: GelFit, groups: list[IndenterPresses]) -> None:
+def _write(
+    out: Path, best: list[float], told: list[Interval], groups: list[IndenterPresses]
+) -> None:
+    """Write E, and nu if it is told, as they predict the forces together."""
     from tacauchy_rig.app.calibration.material.results import sensor_text, with_gel
 
+    log_young, nu, mu = best[:3]
+    young, poisson = (
+        replace(found, best=value)
+        for found, value in zip(told, (math.exp(log_young), nu), strict=False)
+    )
     emulated = ", emulated" if any(group.simulated for group in groups) else ""
-    count = f"{free.point_count} forces, {len(groups)} indenters"
+    count = f"{sum(len(group.force_n) for group in groups)} forces, {len(groups)} indenters"
     text = sensor_text(groups[0].config.sensor.name)
-    source = f"calibrate material{emulated}: {count}"
-    write_text(out, with_gel(text, young=fit.young, poisson=free.poisson, source=source))
-    say(f"sensor's file {out}")
+    source = f"calibrate material{emulated}: {count}; with nu {nu:.4g}, friction {mu:.2g}"
+    write_text(out, with_gel(text, young=young, poisson=poisson, source=source))
+    say(f"sensor's file {out}; it predicts these forces with replay.friction = {mu:.2g}")
 
 
-def _show(free: GelFit, fit: GelFit) -> None:
-    least = float(free.misfit.min())
-    say(f"chi^2 {least:.1f} of {free.point_count} forces")
-    for name, found, factor, unit in (
-        ("modulus E", fit.young, 1e-6, " MPa"),
-        ("Poisson's ratio nu", free.poisson, 1.0, ""),
-        ("friction mu", free.friction, 1.0, ""),
-    ):
-        say(f"{name:19} {_written(found, factor, unit)}")
-    if fit is not free:
-        say(f"{'E, whatever nu is':19} {_written(free.young, 1e-6, ' MPa')}")
+def _show(fit: GelFit, told: list[Interval], priors: dict[int, tuple[float, float]]) -> None:
+    say(f"chi^2 {fit.misfit:.1f} of {len(fit.measured)} forces")
+    rows = (
+        ("modulus E", 1e-6, " MPa"),
+        ("Poisson's ratio nu", 1.0, ""),
+        ("friction mu", 1.0, ""),
+    )
+    for place, (name, factor, unit) in enumerate(rows):
+        assumed = ""
+        if place in priors:
+            mean, uncertainty = priors[place]
+            assumed = f"; the written file assumes {mean:.3g} +- {uncertainty:.2g}"
+        say(f"{name:19} {_written(told[place], factor, unit)}{assumed}")
+    for presses, zeros_m in fit.zeros():
+        shown = ", ".join(f"{1e3 * zero:+.3f}" for zero in zeros_m.tolist())
+        say(f"{presses.name}: forces fit depths that count {shown} mm more")
 
 
 def _written(found: Interval, factor: float, unit: str) -> str:
     low, high = (
         None if end is None else f"{end * factor:.4g}{unit}" for end in (found.low, found.high)
     )
-    if low is None and high is None:
-        return "open: any value fits equally well"
-    best = f"{found.best * factor:.4g}{unit}"
-    if low is None or high is None:
-        side = f"below {high}" if low is None else f"above {low}"
-        return f"open, except that it is {side} (95 %); best {best}"
-    return f"{best}, 95 % from {low} to {high}"
+    if low is not None and high is not None:
+        return f"{found.best * factor:.4g}{unit}, 95 % from {low} to {high}"
+    side = f" (95 %: below {high})" if high else f" (95 %: above {low})" if low else ""
+    return f"not determined by these presses{side}"

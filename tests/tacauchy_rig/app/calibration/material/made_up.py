@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from tacauchy_rig.app.calibration.material.fit import FRICTION, POISSON, Response
+from tacauchy_rig.app.calibration.material.fit import Response, nodes
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.core.arrays import FloatArray
@@ -13,7 +15,7 @@ from tacauchy_rig.core.config.load import load_config
 DEPTHS_M = np.linspace(1e-4, 8e-4, 8)
 NOISE_N = 0.005
 SURE = (
-    'uncertainty.depth="1 um"',
+    'uncertainty.depth="20 um"',
     'uncertainty.force_scale="0.1 %"',
 )
 
@@ -28,22 +30,11 @@ def area(
 
 
 def made_response(*, power: float, confined: float) -> Response:
-    """Return the formula at the nodes."""
-    depth = np.concatenate([[0.0], np.geomspace(2e-5, 1e-3, 24)])
-    return Response(
-        depth_m=depth,
-        area_m2=np.array(
-            [
-                [
-                    area(depth, poisson=nu, friction=mu, power=power, confined=confined)
-                    for mu in FRICTION
-                ]
-                for nu in POISSON
-            ]
-        ),
-        uncertain=0.002,
-        inputs=(),
-    )
+    """Return the surrogate of the formula."""
+    depth = np.linspace(1e-4, 1e-3, 7)
+    kind = {"power": power, "confined": confined}
+    areas = {(nu, mu): area(depth, poisson=nu, friction=mu, **kind) for nu, mu in nodes()}
+    return replace(Response.of(depth, areas), uncertain=(0.002, 0.001))
 
 
 def made_presses(
@@ -64,7 +55,7 @@ def made_presses(
         config=config,
         inputs=inputs_of(config),
         contact_force_n=0.0,
-        press=np.arange(len(DEPTHS_M)),
+        press=np.zeros(len(DEPTHS_M), dtype=np.int64),
         depth_m=DEPTHS_M,
         force_n=young_pa * area(DEPTHS_M, **formula) + noise_n,
         noise_n=np.full(len(DEPTHS_M), NOISE_N),

@@ -1,4 +1,4 @@
-"""One indenter tells a valley, two that feel nu differently a gel."""
+"""One indenter tells a valley, two that feel nu differently a gel; wrong data are refused."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from tacauchy_rig.app.calibration.material.fit import (
+    MU,
     NU,
+    YOUNG,
     Data,
-    fit_gel,
-    held_count,
-    interval,
-    predict_held_out,
+    GelFit,
+    contradictions,
+    predict_left_out,
 )
 from tests.tacauchy_rig.app.calibration.material.made_up import made_presses, made_response
 
@@ -33,68 +34,93 @@ ONE = ("sphere:diameter=6mm", BALL)
 OTHER = ("cylinder:diameter=8mm,fillet=0.5mm", PUNCH)
 
 
-def test_two_indenters_tell_a_gel() -> None:
-    """All three within their intervals, the modulus to some per cent."""
-    fit = fit_gel(_data(ONE, OTHER))
-    assert fit.young.is_bounded
-    assert fit.poisson.is_bounded
-    assert fit.young.holds(GEL["young_pa"])
-    assert fit.poisson.holds(GEL["poisson"])
-    assert fit.friction.holds(GEL["friction"])
-    assert (fit.young.uncertainty or 1e9) < 0.05 * GEL["young_pa"]
+def test_two_indenters_tell_a_gel_and_their_zeros() -> None:
+    """All within their intervals, the modulus to some per cent, a zero 40 um off to 10 um."""
+    data = _data(ONE, OTHER)
+    later = replace(data[0][0], depth_m=data[0][0].depth_m + 40e-6)
+    fit = GelFit(data=[(later, data[0][1]), data[1]])
+    young, poisson, friction = (fit.interval(place) for place in (YOUNG, NU, MU))
+    assert young.holds(GEL["young_pa"])
+    assert poisson.is_bounded
+    assert poisson.holds(GEL["poisson"])
+    assert friction.holds(GEL["friction"])
+    assert (young.uncertainty or 1e9) < 0.05 * GEL["young_pa"]
+    (_, zero), _ = fit.zeros()
+    assert zero[0] == pytest.approx(-40e-6, abs=10e-6)
 
 
-def test_one_indenter_tells_a_valley() -> None:
-    """Any nu does; along the valley E goes as the formula has it. A stated nu picks one."""
+def test_one_indenter_tells_a_valley_and_an_assumed_ratio_picks_a_modulus() -> None:
+    """Any nu does; along the valley E goes as the formula has it."""
     data = _data(ONE)
-    fit = fit_gel(data)
-    assert fit.poisson.low is None
-    assert fit.poisson.high is None
-    assert fit.poisson.uncertainty is None
-    ends = fit.young_pa[[0, -1], fit.best[1]]
-    assert ends[0] / ends[1] == pytest.approx(np.exp(2.0 * (NU[-1] - NU[0])), rel=0.02)
-    told = fit_gel(data, prior=(GEL["poisson"], 0.005))
-    assert told.poisson.is_bounded
-    assert told.young.holds(GEL["young_pa"])
-    assert (told.young.uncertainty or 1e9) < 0.5 * (fit.young.uncertainty or 1e9)
+    fit = GelFit(data=data)
+    poisson = fit.interval(NU)
+    assert poisson.low is None
+    assert poisson.high is None
+    low, high = (fit.solve(fit.best, {NU: nu})[0][YOUNG] for nu in (0.42, 0.48))
+    assert low - high == pytest.approx(2.0 * 0.06, abs=0.03)
+    told = GelFit(data=data, priors={NU: (GEL["poisson"], 0.005)})
+    assert told.interval(NU).is_bounded
+    assert told.interval(YOUNG).holds(GEL["young_pa"])
+    assert (told.interval(YOUNG).uncertainty or 1e9) < (fit.interval(YOUNG).uncertainty or 0.0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_few_forces_fit_what_they_can(count: int) -> None:
+    """A modulus for any nu; no contradiction that one force could show."""
+    presses, response = _data(ONE)[0]
+    few = replace(
+        presses,
+        **{
+            name: getattr(presses, name)[-count:]
+            for name in ("press", "depth_m", "force_n", "noise_n")
+        },
+    )
+    fit = GelFit(data=[(few, response)])
+    assert fit.interval(YOUNG).holds(GEL["young_pa"])
+    assert not fit.interval(NU).is_bounded
+    left_out = list(predict_left_out(fit))
+    assert len(left_out) == (count if count > 1 else 0)
+    assert not contradictions(fit, left_out)
 
 
 def test_depths_that_count_from_a_force_are_shifted_by_what_the_gel_gives() -> None:
-    """Without it the same forces belong to a stiffer gel."""
+    """Without it the same forces need another zero of depth."""
     presses, response = _data(OTHER)[0]
-    area = response.at(np.array([0.465]), np.array([0.4]), np.array([2e-5]))[0, 0, 0]
+    area = response.area_m2(0.465, 0.4, np.array([2e-5]))[0]
     later = replace(
         presses, contact_force_n=GEL["young_pa"] * float(area), depth_m=presses.depth_m - 2e-5
     )
-    prior = (GEL["poisson"], 0.002)
-    right, wrong = (
-        fit_gel([(each, response)], prior=prior).young.best
+    (_, zero), (_, shifted) = (
+        next(GelFit(data=[(each, response)]).zeros())
         for each in (later, replace(later, contact_force_n=0.0))
     )
-    assert right == pytest.approx(GEL["young_pa"], rel=0.03)
-    assert wrong > 1.04 * right
+    assert shifted - zero == pytest.approx(2e-5, abs=3e-6)
 
 
-def test_left_out_presses_lie_within_their_interval_and_a_wrong_one_does_not() -> None:
-    """Of sixteen at least fourteen; a force that is a quarter too large is not believed."""
-    data = _data(ONE, OTHER)
-    held, count = held_count(list(predict_held_out(data, fit_gel(data))))
-    assert count == 16
-    assert held >= 14
-    presses, response = data[1]
-    force_n = presses.force_n.copy()
+def _spoiled(data: Data, wrong: str) -> Data:
+    (ball, ball_response), (punch, punch_response) = data
+    force_n = punch.force_n.copy()
     force_n[4] *= 1.25
-    spoiled = [(replace(presses, force_n=force_n), response), data[0]]
-    predicted = predict_held_out(spoiled, fit_gel(spoiled))
-    assert not next(each for each in predicted if each.force_n == force_n[4]).held
+    changed = {
+        "nothing": (ball, punch),
+        "gram-force": tuple(replace(each, force_n=101.97 * each.force_n) for each in (ball, punch)),
+        "zero": tuple(replace(each, depth_m=each.depth_m + 2e-4) for each in (ball, punch)),
+        "label": (replace(ball, force_n=punch.force_n), replace(punch, force_n=ball.force_n)),
+        "one force": (ball, replace(punch, force_n=force_n)),
+    }[wrong]
+    return list(zip(changed, (ball_response, punch_response), strict=True))
 
 
-def test_an_interval_ends_where_the_profile_rises() -> None:
-    """Of a parabola at 1.96 standard deviations; at an end of the range it stays open."""
-    values = np.linspace(0.0, 10.0, 1001)
-    found = interval(values, (values - 4.0) ** 2)
-    assert (found.low, found.high) == pytest.approx((4.0 - 1.96, 4.0 + 1.96), abs=0.01)
-    assert found.uncertainty == pytest.approx(1.0, abs=0.01)
-    open_ended = interval(values, (values - 9.0) ** 2)
-    assert open_ended.high is None
-    assert open_ended.low == pytest.approx(9.0 - 1.96, abs=0.01)
+@pytest.mark.parametrize("wrong", ["nothing", "gram-force", "zero", "label", "one force"])
+def test_wrong_data_are_refused_by_name(wrong: str) -> None:
+    """A force that is a quarter too large is named first; right ones predict each other."""
+    fit = GelFit(data=_spoiled(_data(ONE, OTHER), wrong))
+    left_out = list(predict_left_out(fit))
+    found = contradictions(fit, left_out)
+    assert bool(found) == (wrong != "nothing")
+    if wrong == "nothing":
+        assert sum(each.held for each in left_out) >= 14
+    if wrong == "gram-force":
+        assert "gram-force" in found[0]
+    if wrong == "one force":
+        assert "cylinder:diameter=8mm,fillet=0.5mm at 0.5 mm" in found[1]

@@ -30,10 +30,18 @@ def test_a_table_has_a_group_for_each_indenter(tmp_path: Path) -> None:
     assert ball.name == "sphere:diameter=6mm"
     assert ball.press.tolist() == [0, 0, 1]
     assert ball.depth_m == pytest.approx([1e-4, 3e-4, 3e-4])
-    assert punch.press.tolist() == [0, 1]
+    assert punch.press.tolist() == [0, 0]
     assert punch.force_n.tolist() == [1.1, 2.3]
     assert np.all(punch.noise_n == 0.02)
     assert punch.contact_force_n == 0.05
+
+
+def test_repeats_tell_the_noise(tmp_path: Path) -> None:
+    """Where they scatter by more than is stated."""
+    ball, punch = _read(tmp_path / "presses.csv", TABLE.replace("0.26", "0.35"))
+    assert ball.scatter_n == pytest.approx(0.1 / 2**0.5)
+    assert np.all(ball.noise_n == ball.scatter_n)
+    assert punch.scatter_n is None
 
 
 def test_two_tables_of_one_indenter_are_one_group(tmp_path: Path) -> None:
@@ -52,7 +60,6 @@ def test_two_tables_of_one_indenter_are_one_group(tmp_path: Path) -> None:
         (TABLE.replace("0.25", "-0.25"), "line 3: depth_mm '0.3' and force_n '-0.25'"),
         (TABLE.replace("0.25", "soft"), "line 3"),
         (TABLE.replace("0.25", "nan"), "line 3"),
-        ("indenter,depth_mm,force_n\nsphere:diameter=6mm,0.1,1\n", "1 forces at depths"),
     ],
 )
 def test_what_is_no_press_is_refused(tmp_path: Path, text: str, message: str) -> None:
