@@ -165,10 +165,15 @@ def judged_gel(task: tuple[int, tuple[str, ...]], *, responses: Mapping[str, Res
         left_out=(sum(each.held for each in left_out), len(left_out)),
         accused=bool(contradictions(fit, left_out)),
         caught={
-            name: bool(contradictions(GelFit(data=list(zip(wrong, own, strict=True))), ()))
+            name: _is_refused(GelFit(data=list(zip(wrong, own, strict=True))))
             for name, wrong in wrong_data(presses)
         },
     )
+
+
+def _is_refused(fit: GelFit) -> bool:
+    """Return whether the command ends with 1; what is clear at once needs no prediction."""
+    return bool(contradictions(fit, ()) or contradictions(fit, list(predict_left_out(fit))))
 
 
 def gel_table(judged: Sequence[Judged]) -> Table:
@@ -193,14 +198,16 @@ def gel_table(judged: Sequence[Judged]) -> Table:
             (
                 ", ".join(indenters),
                 ", ".join(map(str, held.sum(axis=0).tolist())),
-                *(f"{right[k]} of {closed[:, k].sum()}" for k in range(3)),
+                f"{right[0]} of {closed[:, 0].sum()}",
+                f"{right[1]} of {closed[:, 1].sum()}",
+                f"{right[2]} of {closed[:, 2].sum()}",
                 f"{out} of {count}",
                 accused,
                 ", ".join(f"{name} {found}" for name, found in caught.items()),
             )
         )
     return Table(
-        title=f"How often a calibration's 95 % intervals hold a drawn gel, of {len(judged)}",
+        title="How often a calibration's 95 % intervals hold a drawn gel",
         columns=(
             "indenters",
             "E, nu, mu within their interval, open ones too",

@@ -100,9 +100,9 @@ class Response:
         """Return force over modulus [m^2] at depths [m]."""
         rougher = np.tensordot(_BY_FRICTION(friction / (friction + 0.3)), self.friction, (0, 1))
         low, high = (POISSON[k] for k in _ROUGHENED)
-        share = (poisson - low) / (high - low)
+        along = (poisson - low) / (high - low)
         found = (
-            _BY_POISSON(poisson) @ self.poisson + (1.0 - share) * rougher[0] + share * rougher[1]
+            _BY_POISSON(poisson) @ self.poisson + (1.0 - along) * rougher[0] + along * rougher[1]
         )
         share = np.maximum(depth_m / self.deepest_m, _LEAST_SHARE)
         return np.asarray(np.maximum(depth_m, 1e-9) * np.exp(_shape(share) @ found))
@@ -395,7 +395,7 @@ def predict_left_out(fit: GelFit) -> Iterator[LeftOutForce]:
         )
 
 
-_FALSE_ALARM = 1e-3
+_FALSE_ALARM = 0.01
 _SOFTEST_PA, _STIFFEST_PA = 10e3, 3e6
 """Of silicone gels: outside, forces are not in newtons."""
 _SURPRISING = 3.0

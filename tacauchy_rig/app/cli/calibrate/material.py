@@ -76,8 +76,8 @@ def material(
     for group in groups:
         say(f"{group.name}: {len(group.force_n)} forces; solving")
         data.append((group, respond(group, jobs=jobs)))
-        mesh, each = data[-1][1].uncertain
-        say(f"  surrogate uncertain by {mesh:.1%} of all forces, {each:.1%} of each (standard)")
+        mesh, own = data[-1][1].uncertain
+        say(f"  surrogate uncertain by {mesh:.1%} of all forces, {own:.1%} of each (standard)")
         if group.scatter_n is not None:
             say(f"  repeats scatter by {group.scatter_n:.2g} N")
     fit = GelFit(data=data)
