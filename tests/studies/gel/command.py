@@ -117,24 +117,16 @@ def presses_of(seed: int, indenter: str) -> IndenterPresses:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """What a calibration of one gel with some indenters says.
-
-    Attributes:
-        told: Intervals of E [Pa], nu and mu.
-        held: Whether they hold what is true.
-        left_out: Forces left out that lay within their interval, and how many there are.
-        accused: The right data were said to contradict their errors.
-        caught: Whether wrong data were, by what is wrong with them.
-    """
+    """What a calibration of one gel with some indenters says."""
 
     seed: int
     indenters: tuple[str, ...]
     gel: Gel
-    told: tuple[Interval, ...]
-    held: tuple[bool, ...]
-    left_out: tuple[int, int]
-    accused: bool
-    caught: Mapping[str, bool]
+    told: tuple[Interval, ...]  # of E [Pa], nu and mu
+    held: tuple[bool, ...]  # whether they hold what is true
+    left_out: tuple[int, int]  # forces left out that lay within their interval, and all
+    accused: bool  # the right data were said to contradict their errors
+    caught: Mapping[str, bool]  # whether wrong data were, by what is wrong with them
 
 
 def wrong_data(presses: Sequence[IndenterPresses]) -> Iterator[tuple[str, list[IndenterPresses]]]:
