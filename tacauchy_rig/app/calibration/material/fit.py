@@ -395,7 +395,7 @@ def predict_left_out(fit: GelFit) -> Iterator[LeftOutForce]:
         )
 
 
-_FALSE_ALARM = 0.01
+_FALSE_ALARM = 1e-3
 _SOFTEST_PA, _STIFFEST_PA = 10e3, 3e6
 """Of silicone gels: outside, forces are not in newtons."""
 _SURPRISING = 3.0
