@@ -236,6 +236,12 @@ class TurnedIndenter:
         if isinstance(self.indenter, Sphere):
             middle = self.rotation[:2, 2] * self.indenter.radius_m
             return middle - self.indenter.radius_m, middle + self.indenter.radius_m
+        if isinstance(self.indenter, Cylinder):
+            radius, fillet = self.indenter.radius_m, self.indenter.fillet_m
+            axis, shares = self.rotation[:2, 2], np.sqrt(1.0 - self.rotation[:2, 2] ** 2)
+            low, high = fillet * axis, _LENGTH_PER_DIAMETER * self.indenter.diameter_m * axis
+            wide, end = fillet + (radius - fillet) * shares, radius * shares
+            return np.minimum(low - wide, high - end), np.maximum(low + wide, high + end)
         plan = self._triangles().vertices[:, :2]
         return plan.min(axis=0), plan.max(axis=0)
 

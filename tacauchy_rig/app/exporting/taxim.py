@@ -17,11 +17,10 @@ import numpy as np
 
 from sim.optics.colour.photometric import PhotometricModel
 from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.app.replay.optics import OpticalCalibration, calibrated_optics, nominal_optics
-from tacauchy_rig.app.replay.rendering import grey_frame
+from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_and_frame
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg
+from tacauchy_rig.core.rgb import encode_jpeg
 
 TAXIM_BINS, ISAAC_BINS = 125, 120
 _COLUMNS, _ROWS = 9, 7
@@ -104,15 +103,7 @@ def _opened(
     """Return the sensor, its optics, and the no-contact frame."""
     is_file = source.suffix == ".npz"
     sensor = load_sensor(name if is_file else str(source))
-    optics = calibrated_optics(str(source), sensor) if is_file else nominal_optics(sensor)
-    frame = grey_frame(optics) if background is None else decode_rgb(background.read_bytes())
-    shape = (optics.geometry.height, optics.geometry.width, 3)
-    if frame is None or frame.shape != shape:
-        raise ConfigError(
-            f"--background {background}: is no image of {shape[1]} x {shape[0]} px",
-            remedy="give the no-contact frame that `calibrate optics` took",
-        )
-    return sensor, optics, frame
+    return sensor, *optics_and_frame(sensor, source if is_file else None, background)
 
 
 def _photometric(optics: OpticalCalibration) -> PhotometricModel:

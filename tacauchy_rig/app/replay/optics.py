@@ -16,9 +16,11 @@ from sim.optics.calibrate.scale_fit import fit_scale, read_positions
 from sim.optics.colour.colour_model import ColourModel
 from sim.optics.colour.nominal import exponents_for, nominal_model
 from sim.optics.colour.photometric import load_photometric
+from sim.optics.render.renderer import GREY_LEVEL
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import ShadowCaster
 from sim.sensor.sensor import Sensor
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
 
 WIDTH, HEIGHT = "width_px", "height_px"  # names in a calibration's provenance
@@ -187,3 +189,32 @@ def _check_view(given: str, provenance: Mapping[str, object], nominal: CameraGeo
                 f"sensor's file says {scale_m * 1e3:.4f} mm",
                 remedy="calibrate with this sensor's --scale, or correct the sensor's file",
             )
+
+
+def optics_and_frame(
+    sensor: Sensor, given: Path | None, background: Path | None
+) -> tuple[OpticalCalibration, ImageArray]:
+    """Return a sensor's optics and its no-contact frame.
+
+    Args:
+        given: What ``calibrate optics`` wrote; None is the nominal optics.
+        background: The frame of the scored size; None is an even grey.
+
+    Raises:
+        ConfigError: A file is missing, damaged, or of another sensor.
+    """
+    optics = nominal_optics(sensor) if given is None else calibrated_optics(str(given), sensor)
+    if background is None:
+        return optics, grey_frame(optics)
+    frame, shape = read_rgb(background), (optics.geometry.height, optics.geometry.width, 3)
+    if frame.shape != shape:
+        raise ConfigError(
+            f"background {background}: is no image of {shape[1]} x {shape[0]} px",
+            remedy="give the no-contact frame that `calibrate optics` took",
+        )
+    return optics, frame
+
+
+def grey_frame(optics: OpticalCalibration) -> ImageArray:
+    """Return an evenly grey frame in place of a recorded one without contact."""
+    return np.full((optics.geometry.height, optics.geometry.width, 3), GREY_LEVEL, np.uint8)

@@ -20,8 +20,8 @@ from sim.optics.markers.printed_markers import draw_markers, marker_places
 from sim.press import PressResult
 from sim.scene.scene import Scene
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.replay.optics import nominal_optics
-from tacauchy_rig.app.replay.rendering import grey_frame, height_arrays, image_of
+from tacauchy_rig.app.replay.optics import grey_frame, nominal_optics
+from tacauchy_rig.app.replay.rendering import height_arrays, image_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.figure_style import FRAMED_STYLE, PAGE_IN, save_figure
 from tacauchy_rig.core.store.durable import write_atomically

@@ -18,10 +18,10 @@ from sim.fields.surface import IntermediateState, SurfaceState
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.marker_printer import MarkerPrinter, seen_motion
 from sim.optics.markers.printed_markers import PrintedMarkers, find_markers, follow_markers
-from sim.optics.render.renderer import GREY_LEVEL, TactileRenderer
+from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
-from tacauchy_rig.app.replay.optics import OpticalCalibration, nominal_optics
+from tacauchy_rig.app.replay.optics import OpticalCalibration, grey_frame, nominal_optics
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.simulated import IMAGE_S, MarkerMotion, Replay
@@ -165,11 +165,6 @@ def replay_images(sensor: Sensor) -> Callable[[SurfaceState], ImageArray]:
     """Return what makes images without a recording: nominal optics over an evenly grey frame."""
     optics = nominal_optics(sensor)
     return lambda surface: image_of(surface, sensor, optics, unloaded=grey_frame(optics))
-
-
-def grey_frame(optics: OpticalCalibration) -> ImageArray:
-    """Return an evenly grey frame in place of a recorded one without contact."""
-    return np.full((optics.geometry.height, optics.geometry.width, 3), GREY_LEVEL, np.uint8)
 
 
 def marker_motion(

@@ -13,8 +13,8 @@ import numpy as np
 
 from sim.scene.indenter import describe
 from sim.scene.scene import Effect
-from tacauchy_rig.app.sweep.rows import Row, indenter_of, made_with, sensor_of
-from tacauchy_rig.app.sweep.shard import Shard, bare_frame, compute_shard
+from tacauchy_rig.app.sweep.rows import Row, drawn_with, indenter_of, made_with, sensor_of
+from tacauchy_rig.app.sweep.shard import Shard, compute_shard
 from tacauchy_rig.core.arrays import AnyArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.rgb import encode_png
@@ -56,7 +56,7 @@ def make_shard(shard: Shard, device: str) -> bytes:
 def encoded(shard: Shard, arrays: Mapping[str, AnyArray]) -> bytes:
     """Return a shard's file from what ``compute_shard`` gives."""
     pa = parquet()
-    frame = bare_frame(sensor_of(shard.rows[0].sensor))
+    _optics, frame = drawn_with(shard.rows[0].sensor, shard.simulation)
     columns = [
         _columns(*each, arrays, frame)
         for each in enumerate(zip(shard.rows, shard.hashes, strict=True))
@@ -73,7 +73,7 @@ def encoded(shard: Shard, arrays: Mapping[str, AnyArray]) -> bytes:
         fields.append(pa.field(name, made[name].type, metadata=shape))
     sink = pa.BufferOutputStream()
     whole = pa.table(list(made.values()), schema=pa.schema(fields))
-    pa.parquet.write_table(whole, sink, compression="zstd", row_group_size=50)
+    pa.parquet.write_table(whole, sink, compression="zstd", row_group_size=50, use_dictionary=False)
     return bytes(sink.getvalue())
 
 
@@ -99,6 +99,7 @@ def _columns(
         "valid": valid and area > 0.0,
         "reason": "" if valid and area > 0.0 else _why(valid),
         "evaluations": int(arrays["evaluations"][place]),
+        "edge_m": float(arrays["edge_m"][place]),
         "effects": json.dumps(_effects(row)),
         "versions": json.dumps(made_with()),
         "image": _photograph(arrays["image"][place], row, name),

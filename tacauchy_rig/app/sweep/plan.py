@@ -15,7 +15,7 @@ from scipy.special import ndtri
 
 from tacauchy_rig.app.importing.table import read_section
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.config.fields import Length, Section
+from tacauchy_rig.core.config.fields import Length, Ratio, Section
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
@@ -23,7 +23,7 @@ PRESSES_MOST = 1_000_000
 """Of one plan; an index of so many is read at once."""
 STATED = "stated"
 """As ``press.material``: the uncertainty that the sensor's file states."""
-# Of a normal distribution: what is drawn beyond is taken to be there, so every gel has a stiffness.
+# Of a normal distribution: what is drawn beyond is taken to be there.
 _DEVIATIONS_MOST = 3.0
 
 
@@ -44,11 +44,13 @@ class Spread:
         choices: What it may be; of a range, its steps.
         between: The ends of a range, or mean and standard deviation.
         is_normal: It is the latter.
+        is_ratio: Its logarithm is normal, so that no stiffness is negative however uncertain.
     """
 
     choices: tuple[Any, ...] = ()
     between: tuple[float, float] | None = None
     is_normal: bool = False
+    is_ratio: bool = False
 
     def at(self, shares: FloatArray) -> list[Any]:
         """Return the values that such shares of it lie below, each share from 0 to 1."""
@@ -59,7 +61,10 @@ class Spread:
         if not self.is_normal:
             return list((first + shares * (second - first)).tolist())
         deviations = np.clip(ndtri(shares), -_DEVIATIONS_MOST, _DEVIATIONS_MOST)
-        return list((first + second * deviations).tolist())
+        drawn = first + second * deviations
+        if self.is_ratio:
+            drawn = first * (1.0 + second / first) ** deviations
+        return list(drawn.tolist())
 
 
 _NOUGHT, _ONE = Spread(choices=(0.0,)), Spread(choices=(1.0,))
@@ -77,7 +82,7 @@ def _spread(dimension: Dimension | None) -> BeforeValidator:
         if isinstance(value, Spread):
             return value
         if value == STATED and dimension is Dimension.RATIO:
-            return Spread(between=(1.0, math.nan), is_normal=True)
+            return Spread(between=(1.0, math.nan), is_normal=True, is_ratio=True)
         if not isinstance(value, dict):
             given = value if isinstance(value, list) else [value]
             if not given:
@@ -135,12 +140,18 @@ class Simulation(Section):
 
     Attributes:
         edge: Of elements at the gel's surface [m].
+        tolerance: Presses that state a larger force error are computed again with smaller elements.
+        optics: What ``calibrate optics`` wrote, of the plan's only sensor; None is its nominal one.
+        background: Its no-contact frame; None is an even grey.
         samples: Of a pixel, both ways.
         cell: Pixels of a cell of pressure and shear, both ways.
         shard: Presses that are computed together and share a file.
     """
 
     edge: Length = Field(default=1.25e-3, validate_default=False, ge=0.4e-3, le=5e-3)
+    tolerance: Annotated[Ratio, Field(ge=0.005, le=1.0)] = 1.0
+    optics: Path | None = None
+    background: Path | None = None
     samples: Annotated[int, Field(ge=1, le=4)] = 2
     cell: Annotated[int, Field(ge=1, le=64)] = 8
     shard: Annotated[int, Field(ge=1, le=1000)] = 50

@@ -20,6 +20,8 @@ from sim.scene.indenter import Indenter, MeshIndenter
 from sim.scene.pad import BoxPad
 from sim.scene.terms import parse_indenter
 from sim.sensor.sensor import Sensor, load_sensor
+from sim.studies.objects.shapes import OBJECTS
+from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_and_frame
 from tacauchy_rig.app.sweep.plan import (
     PRESSES_MOST,
     STATED,
@@ -29,12 +31,12 @@ from tacauchy_rig.app.sweep.plan import (
     Simulation,
     Spread,
 )
-from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import ConfigError, naming
 from tacauchy_rig.core.registry import Kind, load, unknown
 from tacauchy_rig.core.versions import installed
 
-_FORMAT = 1  # of what a row's outputs are; another computes all anew
+_FORMAT = 2  # of what a row's outputs are; another computes all anew
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,8 +99,20 @@ def rows_of(plan: Plan, limit: int | None = None) -> tuple[Row, ...]:
         if (spread := getattr(plan.press, name)) is not None
     }
     _state_material(spreads)
+    if (plan.press.size is not None) != any("{size}" in i for i in plan.press.indenter.choices):
+        raise ConfigError(
+            "press.indenter and press.size do not belong together",
+            remedy='write "sphere:diameter={size}" and a size, or no size at all',
+        )
     rows = tuple(dict.fromkeys(map(_row, islice(_combined(plan, spreads), limit))))
     _check(rows)
+    if len(sensors := {row.sensor for row in rows}) > 1 and (own := plan.simulation.optics):
+        raise ConfigError(
+            f"simulation.optics = {own} with {len(sensors)} sensors",
+            remedy="write a plan for each sensor",
+        )
+    for sensor in sensors:
+        drawn_with(sensor, plan.simulation)
     return rows
 
 
@@ -114,7 +128,7 @@ def _state_material(spreads: dict[str, Spread]) -> None:
             remedy='write { value = 1, uncertainty = "10 %" }, or a plan for each sensor',
         )
     share, _source = load_sensor(sensors[0]).young_uncertainty()
-    spreads["material"] = Spread(between=(1.0, share), is_normal=True)
+    spreads["material"] = Spread(between=(1.0, share), is_normal=True, is_ratio=True)
 
 
 def _combined(plan: Plan, spreads: dict[str, Spread]) -> Any:
@@ -173,11 +187,6 @@ def _shares(plan: Plan, dimensions: int, count: int) -> FloatArray:
 
 def _row(values: dict[str, Any]) -> Row:
     written = values["indenter"]
-    if ("{size}" in written) != ("size" in values):
-        raise ConfigError(
-            f'press.indenter = "{written}" and size do not belong together',
-            remedy='write "sphere:diameter={size}" and a size, or no size at all',
-        )
     for name, (least, most) in _LIMITS.items():
         if not least <= values[name] <= most:
             raise ConfigError(
@@ -233,10 +242,21 @@ def sensor_of(name: str) -> Sensor:
     return sensor
 
 
+@lru_cache(maxsize=8)
+def drawn_with(sensor: str, simulation: Simulation) -> tuple[OpticalCalibration, ImageArray]:
+    """Return a sensor's optics and its no-contact frame.
+
+    Raises:
+        ConfigError: A file is missing, damaged, or of another sensor.
+    """
+    return optics_and_frame(sensor_of(sensor), simulation.optics, simulation.background)
+
+
 @lru_cache(maxsize=1024)
 def indenter_of(text: str) -> Indenter:
-    """Return an indenter from its text; refuses as ``parse_indenter``."""
-    return parse_indenter(text)
+    """Return an indenter from its text, or one of ``study objects``; refuses as others do."""
+    kind, _, name = text.partition(":")
+    return OBJECTS[name]() if kind == "object" and name in OBJECTS else parse_indenter(text)
 
 
 @lru_cache(maxsize=1)
@@ -248,17 +268,22 @@ def made_with() -> dict[str, str]:
 def row_hash(row: Row, simulation: Simulation) -> str:
     """Return what names a press: its inputs, files, settings and versions; 32 hex digits."""
     body = indenter_of(row.indenter)
+    files = (simulation.optics, simulation.background)
     content = {
         "row": asdict(row),
         "sensor": _sensor_hash(row.sensor),
         "body": body.content_hash if isinstance(body, MeshIndenter) else "",
-        "simulation": simulation.model_dump(exclude={"shard"}),
+        "simulation": simulation.model_dump(exclude={"shard", "optics", "background"}),
+        "optics": [None if file is None else _file_hash(file) for file in files],
         "versions": made_with(),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
 
 
-@lru_cache(maxsize=64)
 def _sensor_hash(name: str) -> str:
-    file = Path(name) if unknown(Kind.SENSOR, name) else load(Kind.SENSOR, name)
+    return _file_hash(Path(name) if unknown(Kind.SENSOR, name) else load(Kind.SENSOR, name))
+
+
+@lru_cache(maxsize=64)
+def _file_hash(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()

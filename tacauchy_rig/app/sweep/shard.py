@@ -5,10 +5,9 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
@@ -16,22 +15,22 @@ from scipy.spatial.transform import Rotation
 
 from sim.batch.batch import Batch
 from sim.batch.sensor_model import sensor_model
+from sim.contact.first_touch import first_touch
 from sim.fields.press_fields import top_surface
-from sim.optics.render.renderer import GREY_LEVEL
 from sim.optics.surface_images import SurfaceImages
-from sim.scene.indenter import TurnedIndenter, tilted
+from sim.scene.indenter import IndenterSet, tilted
 from sim.scene.material import Material
 from sim.scene.pad import BoxPad
 from sim.sensor.sensor import Sensor
 from sim.solve.model import Model
 from tacauchy_rig.app.sweep.plan import Plan, Simulation
-from tacauchy_rig.app.sweep.rows import Row, indenter_of, row_hash, sensor_of
+from tacauchy_rig.app.sweep.rows import Row, drawn_with, indenter_of, row_hash, sensor_of
 from tacauchy_rig.core.arrays import AnyArray, FloatArray
 
 # Where a press by force begins, below first touch [m].
 _FIRST_M = 0.05e-3
-# Points of a grid, both ways, on which first touch is sought, and how often around the best.
-_POINTS, _ROUNDS = 61, 3
+# Edges for presses that state too large an error, over the plan's edge, and the shortest [m].
+_FINER, _EDGE_LEAST_M = 0.5 ** np.array([0.5, 1.0]), 0.5e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,40 +78,73 @@ def hashed(plan: Plan, rows: Sequence[Row]) -> dict[str, Row]:
 def compute_shard(
     rows: Sequence[Row], simulation: Simulation, *, device: str = "cpu"
 ) -> tuple[dict[str, AnyArray], dict[str, float]]:
-    """Press a shard's rows.
+    """Press a shard's rows; those that state too large an error again, with smaller elements.
 
     Args:
         rows: Of one sensor and either all with friction or all without.
 
     Returns:
         By name, arrays with one entry a press in front: ``wrench`` [N, N m], ``force_error`` (a
-        share), ``contact_area_m2``, ``depth_m``, ``valid``, ``evaluations``, ``image`` (RGB, before
-        light and noise), ``indentation_mm`` float16 [height, width], ``pressure_pa`` [rows,
-        columns], ``shear_pa`` [rows, columns, 2], ``markers_px`` [markers, 2]; and the seconds
-        that ``mesh``, ``solve`` and ``render`` took.
+        share), ``contact_area_m2``, ``depth_m``, ``valid``, ``evaluations``, ``edge_m``, ``image``
+        (RGB, before light and noise), ``indentation_mm`` float16 [height, width], ``pressure_pa``
+        [rows, columns], ``shear_pa`` [rows, columns, 2], ``markers_px`` [markers, 2]; and the
+        seconds that ``mesh``, ``solve`` and ``render`` took.
     """
+    arrays, took = _pressed(rows, simulation, simulation.edge, device)
+    for edge_m in simulation.edge * _FINER[_FINER * simulation.edge >= _EDGE_LEAST_M]:
+        poor = np.flatnonzero(arrays["force_error"] > simulation.tolerance)
+        if not len(poor):
+            break
+        again, further = _pressed(
+            [rows[k] for k in poor.tolist()], simulation, float(edge_m), device
+        )
+        found = again["valid"]
+        for name, values in again.items():
+            arrays[name][poor[found]] = values[found]
+        took = {name: seconds + further[name] for name, seconds in took.items()}
+    return arrays, took
+
+
+def _pressed(
+    rows: Sequence[Row], simulation: Simulation, edge_m: float, device: str
+) -> tuple[dict[str, AnyArray], dict[str, float]]:
+    """Press rows on a mesh; returns what ``compute_shard`` does."""
     started = time.monotonic()
     sensor, count = sensor_of(rows[0].sensor), len(rows)
-    model = _model(rows[0].sensor, simulation.edge, rows[0].friction > 0.0, device)
-    bodies = list(dict.fromkeys(row.indenter for row in rows))
+    model = _model(rows[0].sensor, edge_m, rows[0].friction > 0.0, device)
+    names = list(dict.fromkeys(row.indenter for row in rows))
+    bodies, which = [indenter_of(name) for name in names], [names.index(r.indenter) for r in rows]
     batch = Batch(
         model,
-        [indenter_of(body) for body in bodies],
-        [bodies.index(row.indenter) for row in rows],
+        bodies,
+        which,
         friction=np.array([row.friction for row in rows]) if rows[0].friction else None,
         materials=[_gel(sensor, row.material) for row in rows],
     )
     meshed = time.monotonic()
-    touch_m = np.array([_touch_m(sensor.pad, row) for row in rows])
+    pressing = IndenterSet(bodies=tuple(bodies), which=tuple(which))
+    places = np.array([(row.x_m, row.y_m) for row in rows])
+    turns = np.array([tilted(row.tilt_x_rad, row.tilt_y_rad) for row in rows])
+    touch_m = first_touch(sensor.pad, pressing, places, turns, device=device)
     loads = [row.force_n for row in rows]
-    poses = _poses(rows, touch_m)
+    poses = _poses(rows, touch_m, Rotation.from_matrix(turns))
     found = batch.follow(
         poses, loads_n=None if loads[0] is None else np.tile(np.array(loads), (len(poses), 1))
     )[-1]
     tractions = [field.numpy() for field in batch.tractions()]
     solved = time.monotonic()
-    pressing: Any = batch.descents.indenter
-    drawing = SurfaceImages(model, pressing, sensor, count=count, samples=simulation.samples)
+    optics, frame = drawn_with(rows[0].sensor, simulation)
+    drawing = SurfaceImages(
+        model,
+        batch.descents.indenter,
+        replace(sensor, optics=replace(sensor.optics, shadows=optics.shadows)),
+        count=count,
+        samples=simulation.samples,
+        background=None if simulation.background is None else frame,
+        colours=optics.model,
+        geometry=optics.geometry,
+        blur_px=optics.blur_px,
+    )
     images = drawing.images(batch.positions, batch.poses.tips, batch.poses.rotations).numpy()
     markers = drawing.markers(batch.positions).numpy()
     dents = _halved(drawing.dents.numpy(), simulation.samples) * 1e3
@@ -124,6 +156,7 @@ def compute_shard(
         "depth_m": touch_m - found.tips_m[:, 2],
         "valid": found.valid,
         "evaluations": found.evaluations,
+        "edge_m": np.full(count, edge_m),
         "image": images,
         "indentation_mm": dents.astype(np.float16),
         "pressure_pa": pressure,
@@ -134,12 +167,7 @@ def compute_shard(
     return arrays, took | {"render": time.monotonic() - solved}
 
 
-def bare_frame(sensor: Sensor) -> AnyArray:
-    """Return the no-contact frame that images are drawn over, RGB, before light and noise."""
-    return np.full((sensor.camera.height, sensor.camera.width, 3), GREY_LEVEL, dtype=np.uint8)
-
-
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=6)
 def _model(sensor: str, edge_m: float, has_friction: bool, device: str) -> Model:
     own = sensor_of(sensor)
     assert isinstance(own.pad, BoxPad)  # noqa: S101 - the plan was checked
@@ -154,37 +182,15 @@ def _gel(sensor: Sensor, factor: float) -> list[Material]:
     return [layer.material for layer in gel.layers] or [gel.material]
 
 
-def _poses(rows: Sequence[Row], touch_m: FloatArray) -> FloatArray:
+def _poses(rows: Sequence[Row], touch_m: FloatArray, turns: Rotation) -> FloatArray:
     """Return the way of every indenter: pressed in, then moved along, shape [frames, count, 7]."""
-    down, along = np.zeros((2, len(rows), 7))
-    for row, touch, pressed, moved in zip(rows, touch_m, down, along, strict=True):
-        turn = Rotation.from_matrix(tilted(row.tilt_x_rad, row.tilt_y_rad))
-        z = touch - (_FIRST_M if row.depth_m is None else row.depth_m)
-        pressed[:] = row.x_m, row.y_m, z, *turn.as_quat()
-        twisted = Rotation.from_rotvec([0.0, 0.0, row.twist_rad]) * turn
-        moved[:] = row.x_m + row.shift_x_m, row.y_m + row.shift_y_m, z, *twisted.as_quat()
-    moves = any(row.shift_x_m or row.shift_y_m or row.twist_rad for row in rows)
-    return np.stack([down, along] if moves else [down])
-
-
-def _touch_m(pad: Any, row: Row) -> float:
-    """Return the height of the tip at which an indenter first touches the resting gel [m]."""
-    rotation = tilted(row.tilt_x_rad, row.tilt_y_rad)
-    body = TurnedIndenter(indenter=indenter_of(row.indenter), rotation=rotation)
-    half = pad.half_extents()
-    centre = np.array([row.x_m, row.y_m])
-    low, high = (np.clip(centre + end, *_signed(half)) for end in body.reach())
-    for _ in range(_ROUNDS):
-        x, y = np.meshgrid(*(np.linspace(a, b, _POINTS) for a, b in zip(low, high, strict=True)))
-        reached = pad.height_at(x, y) - body.lower_surface(x - centre[0], y - centre[1])
-        best, step = np.argmax(reached), (high - low) / (_POINTS - 1)
-        at = np.array([x.flat[best], y.flat[best]])
-        low, high = np.clip(at - step, *_signed(half)), np.clip(at + step, *_signed(half))
-    return float(reached.flat[best])
-
-
-def _signed(half: Sequence[float]) -> tuple[FloatArray, FloatArray]:
-    return -np.asarray(half), np.asarray(half)
+    starts = np.array([(row.x_m, row.y_m) for row in rows])
+    ways = np.array([(row.shift_x_m, row.shift_y_m) for row in rows])
+    depths = np.array([_FIRST_M if row.depth_m is None else row.depth_m for row in rows])
+    twists = Rotation.from_rotvec(np.outer([row.twist_rad for row in rows], [0.0, 0.0, 1.0]))
+    down = np.column_stack([starts, touch_m - depths, turns.as_quat()])
+    along = np.column_stack([starts + ways, touch_m - depths, (twists * turns).as_quat()])
+    return np.stack([down] if np.array_equal(down, along) else [down, along])
 
 
 def _halved(fine: AnyArray, samples: int) -> AnyArray:

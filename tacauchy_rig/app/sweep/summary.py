@@ -12,10 +12,12 @@ from jinja2 import Environment
 
 from tacauchy_rig.app.sweep.files import parquet
 from tacauchy_rig.app.sweep.plan import Plan
+from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg
 from tacauchy_rig.core.store.durable import write_atomically
 
-SHOWN = 20
+SHOWN = 50
 """Images on the page."""
+_QUALITY = 80
 _VARIED: tuple[str, ...] = (
     "commanded_depth_m",
     "commanded_force_n",
@@ -45,7 +47,8 @@ def write_summary(folder: Path, plan: Plan, table: Any) -> None:
         "objects": _counts(rows, "object"),
         "sensors": _counts(rows, "sensor"),
         "errors": [(f"{part} %", np.percentile(errors, part)) for part in (50, 95, 100)],
-        "within": float(np.mean(errors <= 0.05)),
+        "tolerance": plan.simulation.tolerance,
+        "within": float(np.mean(errors <= plan.simulation.tolerance)),
         "slowest": sorted(rows, key=lambda row: -row["evaluations"])[:_SLOWEST],
         "images": _images(folder, rows),
     }
@@ -75,6 +78,8 @@ def _images(folder: Path, rows: list[dict[str, Any]]) -> list[tuple[dict[str, An
     found = []
     for row in chosen:
         file = parquet().parquet.ParquetFile(folder / row["shard"])
-        image = file.read(columns=["image"])["image"][row["offset"]].as_py()
-        found.append((row, "data:image/png;base64," + base64.b64encode(image).decode()))
+        image = decode_rgb(file.read(columns=["image"])["image"][row["offset"]].as_py())
+        assert image is not None  # noqa: S101 - a shard's own
+        small = base64.b64encode(encode_jpeg(image, quality=_QUALITY)).decode()
+        found.append((row, f"data:image/jpeg;base64,{small}"))
     return found
