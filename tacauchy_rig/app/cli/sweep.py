@@ -102,7 +102,7 @@ def _engine(name: EngineName, out: Path, jobs: int, address: str | None) -> Engi
     if name is EngineName.GPU:
         from sim.device import gpus
 
-        return engines.Processes(gpus())
+        return engines.Processes(gpus() * 2)  # one solves while the other one writes
     if name is EngineName.FOLDER:
 
         def is_done(shard: str) -> bool:
