@@ -1,11 +1,11 @@
-"""Say how far Taxim's own renderer, with an exported calibration, is from our image of a press.
+"""Say how far Taxim's own renderer, with an exported calibration, is from our images of presses.
 
-In an environment without this project, with the folders of these two commands:
+It runs in the environment of ``taxim_presses.py`` on the folders of these commands:
 
     tacauchy-rig export gelsight-mini exported --to taxim
-    tacauchy-rig press --sensor gelsight-mini ... --out pressed
+    tacauchy-rig press --sensor gelsight-mini --indenter ... --out pressed
 
-    taxim-venv/bin/python docs/judging/taxim_calibration.py exported pressed
+    taxim-venv/bin/python docs/judging/taxim_calibration.py exported pressed ...
 
 Taxim gets our deformed surface and does not smooth it, so that only the colours differ. Its change
 against its own image of the unloaded gel is compared, where the colour changes and no marker is.
@@ -27,26 +27,30 @@ CHANGED, MARKER = 3.0, 40.0
 
 
 def main() -> None:
-    """Print the mean, the 95th percentile and the correlation of the change of colour."""
-    exported, pressed = Path(sys.argv[1]), Path(sys.argv[2])
+    """Print a row for each press, of a table in Markdown."""
+    exported = Path(sys.argv[1])
     taxim = Taxim(exported, params={"simulator": SHARP}, backend="jax", device="cpu")
-    with np.load(pressed / "height.npz", allow_pickle=False) as height:
-        highest_m = max(height["rest_m"].max(), height["loaded_m"].max())
-        surfaces = [1e3 * (height[name] - highest_m) for name in ("rest_m", "loaded_m")]
     with np.load(exported / "dataPack.npz", allow_pickle=False) as data:
         frame = data["f0"][..., ::-1].astype(float)
-    rest, loaded = (255.0 * np.asarray(taxim.render(s, with_shadow=False)) for s in surfaces)
-    ours = np.asarray(Image.open(pressed / "image.png").convert("RGB")).astype(float) - frame
-    theirs = np.clip(frame + loaded - rest, 0.0, 255.0) - frame
-    is_marker = binary_dilation((ours < -MARKER).all(axis=2), iterations=6)  # and their edges
-    changed = (np.maximum(abs(ours), abs(theirs)).max(axis=2) > CHANGED) & ~is_marker
-    apart = abs(ours - theirs)[changed]
-    alike = np.corrcoef(ours[changed].ravel(), theirs[changed].ravel())[0, 1]
     sys.stdout.write(
-        f"{changed.mean():.1%} of the pixels change, by {abs(ours[changed]).mean():.2f} levels\n"
-        f"apart: mean {apart.mean():.2f}, 95 % below {np.percentile(apart, 95):.1f} grey levels\n"
-        f"correlation {alike:.4f}\n"
+        "| press | pixels that change | by [levels] | apart, mean | 95 % below | correlation |\n"
+        "|---|---|---|---|---|---|\n"
     )
+    for pressed in map(Path, sys.argv[2:]):
+        with np.load(pressed / "height.npz", allow_pickle=False) as height:
+            highest_m = max(height["rest_m"].max(), height["loaded_m"].max())
+            surfaces = [1e3 * (height[name] - highest_m) for name in ("rest_m", "loaded_m")]
+        rest, loaded = (255.0 * np.asarray(taxim.render(s, with_shadow=False)) for s in surfaces)
+        ours = np.asarray(Image.open(pressed / "image.png").convert("RGB")).astype(float) - frame
+        theirs = np.clip(frame + loaded - rest, 0.0, 255.0) - frame
+        marker = binary_dilation((ours < -MARKER).all(axis=2), iterations=6)
+        changed = (np.maximum(abs(ours), abs(theirs)).max(axis=2) > CHANGED) & ~marker
+        apart = abs(ours - theirs)[changed]
+        alike = np.corrcoef(ours[changed].ravel(), theirs[changed].ravel())[0, 1]
+        sys.stdout.write(
+            f"| {pressed.name} | {changed.mean():.1%} | {abs(ours[changed]).mean():.1f} "
+            f"| {apart.mean():.2f} | {np.percentile(apart, 95):.1f} | {alike:.4f} |\n"
+        )
 
 
 if __name__ == "__main__":

@@ -16,9 +16,10 @@ def export(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="RUN|PRESS|CALIBRATION",
-            help="A run's folder; a folder of `press --out` (vtu, usd); or what `calibrate optics` "
-            "wrote, or a sensor's name for its optics (isaaclab, taxim, tacex) or body (usd).",
+            metavar="RUN|DATASET|PRESS|CALIBRATION",
+            help="A run's folder; that of a sweep (lerobot, hdf5, rosbag2, webdataset); one of "
+            "`press --out` (vtu, usd); what `calibrate optics` wrote, or a sensor's name for its "
+            "optics (isaaclab, taxim, tacex), body (usd) or pressure-law.",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder to write to.")],

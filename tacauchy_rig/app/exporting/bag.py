@@ -6,7 +6,7 @@ position is the pose, velocity the tip's, effort the wrench that the arm itself 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from scipy.spatial.transform import Rotation
 
-from tacauchy_rig.app.exporting.episode import Episode, episodes_of
+from tacauchy_rig.app.exporting.episode import Episode
 from tacauchy_rig.app.exporting.import_spec import pad_centre, write_spec
 from tacauchy_rig.app.importing.bag import IMAGES, POSE, TYPES, WRENCH
 from tacauchy_rig.core.store.recording.messages import POSE_FIELDS
@@ -31,17 +31,19 @@ _FRAMES = {IMAGE_TOPIC: "tactile", FORCE_TOPIC: "force_sensor"}
 _BAG = "recorded"
 
 
-def write_bag(store: RunStore, out: Path) -> None:
-    """Write all trials that count into one bag, and how to import it."""
+def write_bag(presses: Iterable[Episode], out: Path, store: RunStore | None) -> None:
+    """Write presses into one bag, and how to import those of a run."""
     with Writer(out / _BAG, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topics = {
             name: writer.add_connection(name, kind, typestore=TYPES) for name, kind in KINDS.items()
         }
-        for episode in episodes_of(store):
+        for episode in presses:
             for topic, stamp_ns, values in sorted(_messages(episode), key=lambda each: each[1]):
                 message = TYPES.types[KINDS[topic]](header=_header(topic, stamp_ns), **values)
                 raw = TYPES.serialize_cdr(message, KINDS[topic])
                 writer.write(topics[topic], stamp_ns, raw)
+    if store is None:
+        return
     data: dict[str, object] = {"file": _BAG, "force": FORCE_TOPIC}
     if (centre := pad_centre(store)) is not None:
         data["pad_centre"] = [f"{value!r} m" for value in centre]

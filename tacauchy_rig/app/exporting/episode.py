@@ -92,6 +92,7 @@ def _episode(store: RunStore, record: TrialRecord) -> Episode:
     }
     numbers = {name: getattr(record, name) for name in _NUMBERS}
     words = {"outcome": record.outcome.value, "run": store.paths.root.name}
+    words["sensor"] = store.config.sensor.name
     return Episode(
         name=f"trial-{record.index:02d}",
         force=Samples(stamp_ns=force.stamp_ns, value=force.wrench),

@@ -8,13 +8,15 @@ from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
+from tacauchy_rig.app.exporting.episode import episodes_of
 from tacauchy_rig.app.exporting.names import Format
+from tacauchy_rig.app.sweep.names import INDEX
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.durable import write_error
 from tacauchy_rig.core.store.run_store import RunStore
 
-OF_RUNS = (Format.CSV, Format.LEROBOT, Format.HDF5, Format.ROSBAG2, Format.WEBDATASET)
-"""Formats of what a rig recorded."""
+OF_EPISODES = (Format.LEROBOT, Format.HDF5, Format.ROSBAG2, Format.WEBDATASET)
+"""Formats of what a rig recorded or a sweep computed; the latter is a table already."""
 OF_CALIBRATIONS = (Format.ISAACLAB, Format.TAXIM, Format.TACEX)
 
 WRITERS: Mapping[Format, tuple[str, str]] = {
@@ -28,6 +30,7 @@ WRITERS: Mapping[Format, tuple[str, str]] = {
     Format.ISAACLAB: ("taxim", "write_isaaclab"),
     Format.TAXIM: ("taxim", "write_taxim"),
     Format.TACEX: ("taxim", "write_taxim"),
+    Format.PRESSURE_LAW: ("pressure_law", "write_pressure_law"),
 }
 """Of each format its module, and what writes it: others are not even loaded."""
 
@@ -55,8 +58,17 @@ def export(
     with _new_folder(out) as folder:
         if form in OF_CALIBRATIONS:
             write(source, folder, sensor=sensor, background=background)
+        elif form is Format.CSV:
+            write(RunStore.open(source), folder)
+        elif form not in OF_EPISODES:
+            write(source, folder)
+        elif (source / INDEX).is_file():
+            from tacauchy_rig.app.exporting.data_set import presses_of  # noqa: PLC0415 - sweeps only
+
+            write(presses_of(source), folder, None)
         else:
-            write(RunStore.open(source) if form in OF_RUNS else source, folder)
+            store = RunStore.open(source)
+            write(episodes_of(store), folder, store)
 
 
 @contextmanager

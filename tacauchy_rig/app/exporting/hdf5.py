@@ -7,6 +7,7 @@ Beside the even rows that robomimic reads, ``samples`` has all samples at their 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,6 @@ import numpy as np
 from tacauchy_rig.app.exporting.episode import (
     Episode,
     Rows,
-    episodes_of,
     even_rows,
     images_of,
     needed,
@@ -28,16 +28,19 @@ _UNITS = {"_m": "m", "_pa": "Pa", "_n": "N", "_s": "s"}
 _IMAGE = {"compression": "gzip", "compression_opts": 1}
 
 
-def write_hdf5(store: RunStore, out: Path) -> None:
-    """Write the trials that count into ``presses.hdf5``."""
-    h5py = needed("h5py")
-    episodes = list(episodes_of(store))
+def write_hdf5(presses: Iterable[Episode], out: Path, _store: RunStore | None) -> None:
+    """Write presses into ``presses.hdf5``."""
+    h5py, episodes = needed("h5py"), list(presses)
     rate, rows = even_rows(episodes)
     with h5py.File(out / "presses.hdf5", "w") as file:
         data = file.create_group("data")
         data.attrs["total"] = sum(len(each.time_s) for each in rows)
         data.attrs["rate_hz"] = rate
-        about = {"env_name": store.config.sensor.name, "type": 2, "env_kwargs": {}}
+        about: dict[str, Any] = {
+            "env_name": episodes[0].outputs["sensor"],
+            "type": 2,
+            "env_kwargs": {},
+        }
         data.attrs["env_args"] = json.dumps(about)
         for number, (episode, own) in enumerate(zip(episodes, rows, strict=True)):
             _write_demo(data.create_group(f"demo_{number}"), episode, own)

@@ -7,13 +7,13 @@ the row before. Forces are without their zero before the press. Layout of codeba
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.app.exporting.episode import Rows, episodes_of, even_rows, images_of, needed
+from tacauchy_rig.app.exporting.episode import Episode, Rows, even_rows, images_of, needed
 from tacauchy_rig.app.exporting.import_spec import write_spec
 from tacauchy_rig.app.importing.lerobot import (
     DATA,
@@ -41,9 +41,9 @@ _SEEN_EVERY = 10
 """Of the images whose levels make the statistics; all are much alike."""
 
 
-def write_lerobot(store: RunStore, out: Path) -> None:
-    """Write the trials that count as a dataset, and how to import it."""
-    episodes = list(episodes_of(store))
+def write_lerobot(presses: Iterable[Episode], out: Path, store: RunStore | None) -> None:
+    """Write presses as a dataset, and how to import those of a run."""
+    episodes = list(presses)
     rate, rows = even_rows(episodes)
     columns = _columns(rows)
     images = (img for each, own in zip(episodes, rows, strict=True) for img in images_of(each, own))
@@ -82,7 +82,8 @@ def write_lerobot(store: RunStore, out: Path) -> None:
     data: dict[str, object] = {"image": IMAGE, "force": {"feature": WRENCH, "unit": "N"}}
     if STATE in columns:
         data["pose"] = {"feature": STATE, "unit": "m"}
-    write_spec(store, out, "lerobot", data)
+    if store is not None:
+        write_spec(store, out, "lerobot", data)
 
 
 def _columns(rows: list[Rows]) -> dict[str, AnyArray]:

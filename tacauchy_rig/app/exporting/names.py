@@ -16,3 +16,4 @@ class Format(StrEnum):
     ISAACLAB = "isaaclab"
     TAXIM = "taxim"
     TACEX = "tacex"
+    PRESSURE_LAW = "pressure-law"

@@ -8,21 +8,21 @@ from __future__ import annotations
 import io
 import json
 import tarfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
-from tacauchy_rig.app.exporting.episode import Episode, episodes_of
+from tacauchy_rig.app.exporting.episode import Episode
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ImageFrame
 from tacauchy_rig.core.store.run_store import RunStore
 
 
-def write_webdataset(store: RunStore, out: Path) -> None:
-    """Write the trials that count into ``presses-000000.tar``."""
+def write_webdataset(presses: Iterable[Episode], out: Path, _store: RunStore | None) -> None:
+    """Write presses into ``presses-000000.tar``."""
     with tarfile.open(out / "presses-000000.tar", "w") as tar:
-        for episode in episodes_of(store):
+        for episode in presses:
             for ending, content in _members(episode):
                 member = tarfile.TarInfo(f"{episode.outputs['run']}-{episode.name}.{ending}")
                 member.size = len(content)

@@ -8,7 +8,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from tacauchy_rig.app.sweep.files import INDEX, LARGE, SHARDS, checksums
+from tacauchy_rig.app.sweep.files import LARGE, SHARDS, checksums
+from tacauchy_rig.app.sweep.names import INDEX
 from tacauchy_rig.app.sweep.plan import Plan
 from tacauchy_rig.app.sweep.rows import made_with
 from tacauchy_rig.core.errors import ConfigError

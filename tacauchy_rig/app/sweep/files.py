@@ -13,6 +13,7 @@ import numpy as np
 
 from sim.scene.indenter import describe
 from sim.scene.scene import Effect
+from tacauchy_rig.app.sweep.names import INDEX
 from tacauchy_rig.app.sweep.rows import Row, drawn_with, indenter_of, made_with, sensor_of
 from tacauchy_rig.app.sweep.shard import Shard, compute_shard
 from tacauchy_rig.core.arrays import AnyArray, ImageArray
@@ -20,7 +21,7 @@ from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.rgb import encode_png
 from tacauchy_rig.core.store.durable import write_atomically
 
-SHARDS, INDEX = "shards", "index.parquet"
+SHARDS = "shards"
 WRENCH = ("force_x_n", "force_y_n", "force_z_n", "moment_x_nm", "moment_y_nm", "moment_z_nm")
 LARGE = ("image", "reference", "indentation_mm", "pressure_pa", "shear_pa", "markers_px")
 """Columns of the shards that the index leaves out."""

@@ -2,6 +2,9 @@
 
 from enum import StrEnum
 
+INDEX = "index.parquet"
+"""Of a data set's folder, which it tells from others."""
+
 
 class EngineName(StrEnum):
     """What ``--engine`` takes."""

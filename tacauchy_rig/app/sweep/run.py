@@ -19,8 +19,9 @@ from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.store.durable import free_bytes, write_atomically
 
 # Of one press on edges of 1.25 mm, without friction, on one core [s]; it goes with the number of
-# elements. Friction and ways along the gel, and a tolerance of 5 %, take so many times as long.
-_PRESS_S, _EDGE_M, _MOVING, _REPEATED = 1.0, 1.25e-3, 3.0, 1.6
+# elements. Friction and ways along the gel, triangles, and a tolerance of 5 % take so many times as
+# long.
+_PRESS_S, _EDGE_M, _MOVING, _TRIANGLES, _REPEATED = 1.0, 1.25e-3, 3.0, 3.0, 1.6
 # Of both images and of the fields in a shard, for each pixel of the image.
 _BYTES_PER_PIXEL, _NOISE_BYTES = 2.0, 5.0
 
@@ -40,13 +41,13 @@ class Estimate:
 
 def estimate(plan: Plan, rows: Sequence[Row]) -> Estimate:
     """Estimate what presses take, by others that were measured."""
-    finer = (_EDGE_M / plan.simulation.edge) ** 2
-    finer *= _REPEATED if plan.simulation.tolerance < 1.0 else 1.0
-    moving = sum(bool(row.friction or row.shift_x_m or row.shift_y_m) for row in rows)
-    seconds = _PRESS_S * finer * (len(rows) + (_MOVING - 1.0) * moving)
-    size = 0.0
+    each_s = _PRESS_S * (_EDGE_M / plan.simulation.edge) ** 2
+    each_s *= _REPEATED if plan.simulation.tolerance < 1.0 else 1.0
+    seconds = size = 0.0
     for row in rows:
-        camera = sensor_of(row.sensor).camera
+        moves, camera = row.friction or row.shift_x_m or row.shift_y_m, sensor_of(row.sensor).camera
+        is_mesh = row.indenter.startswith(("mesh:", "object:"))
+        seconds += each_s * (_MOVING if moves else 1.0) * (_TRIANGLES if is_mesh else 1.0)
         size += camera.width * camera.height * (_NOISE_BYTES if row.noise else _BYTES_PER_PIXEL)
     return Estimate(processor_s=seconds, size_bytes=size)
 

@@ -15,7 +15,8 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
+from operator import itemgetter
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Annotated, Any
@@ -65,13 +66,13 @@ class SweepKills(Study):
             "Dask: worker killed, worker stopped for 3 s, scheduler restarted": self._dask,
             "SLURM's stand-in: tasks ended at their walltime, one rejected": self._slurm,
         }
-        return [Case(name=n, measure=lambda of=of: self._measured(of)) for n, of in engines.items()]
+        return [Case(name=n, measure=partial(self._measured, of)) for n, of in engines.items()]
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return what each engine lost."""
         rows = founds(results)
         columns: dict[str, Callable[[Any], Any]] = {
-            name: lambda row, name=name: row[name]
+            name: itemgetter(name)
             for name in ("engine", "processes ended", "presses", "lost", "computed twice")
         }
         columns["files as undisturbed"] = lambda row: "yes" if row["identical"] else "no"
@@ -101,7 +102,9 @@ class SweepKills(Study):
         rows = [
             h for f in _shards(out) for h in pq.read_table(out / "shards" / f)["hash"].to_pylist()
         ]
-        again = sum(_shards(out)[file] != stamp for kept in seen for file, stamp in kept.items())
+        again = sum(
+            _shards(out).get(file) != stamp for kept in seen for file, stamp in kept.items()
+        )
         return {
             "engine": disturbed.__name__.strip("_"),
             "processes ended": ended,

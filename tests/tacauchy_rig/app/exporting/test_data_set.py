@@ -1,0 +1,101 @@
+"""A sweep's presses in others' formats, and the law of a sensor's pressure."""
+
+from __future__ import annotations
+
+import io
+import json
+import tarfile
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from sim.sensor.sensor import load_sensor
+from tacauchy_rig.app.exporting.formats import export
+from tacauchy_rig.app.exporting.names import Format
+from tacauchy_rig.app.exporting.pressure_law import _law, _overlap
+from tacauchy_rig.app.sweep import run
+from tacauchy_rig.app.sweep.engines import Processes
+from tacauchy_rig.app.sweep.files import WRENCH
+from tacauchy_rig.app.sweep.plan import read_plan
+from tacauchy_rig.app.sweep.rows import rows_of
+from tacauchy_rig.core.rgb import decode_rgb
+
+_PLAN = """
+design = "list"
+[press]
+sensor = "gelsight-mini"
+indenter = "sphere:diameter=6mm"
+x = ["-2 mm", "3 mm"]
+depth = ["0.4 mm", "0.7 mm"]
+twist = "5 deg"
+[simulation]
+edge = "5 mm"
+samples = 1
+"""
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of two presses."""
+    folder = tmp_path_factory.mktemp("swept")
+    (folder / "plan.toml").write_text(_PLAN)
+    plan = read_plan(folder / "plan.toml")
+    assert run.sweep(plan, rows_of(plan), folder / "out", Processes(["cpu"]))
+    return folder / "out"
+
+
+def test_a_data_set_keeps_its_numbers_in_hdf5_and_webdataset(swept: Path, tmp_path: Path) -> None:
+    """Wrenches, fields and images come back as they were computed."""
+    rows = {row["hash"]: row for row in pq.read_table(swept / "index.parquet").to_pylist()}
+    export(swept, tmp_path / "h", Format.HDF5)
+    export(swept, tmp_path / "w", Format.WEBDATASET)
+    with (
+        h5py.File(tmp_path / "h" / "presses.hdf5") as file,
+        tarfile.open(tmp_path / "w" / "presses-000000.tar") as tar,
+    ):
+        assert len(file["data"]) == len(rows) == 2
+        for demo in file["data"].values():
+            row = rows[demo.attrs["hash"]]
+            shard = pq.read_table(swept / row["shard"]).slice(row["offset"], 1)
+            wrench = [row[name] for name in WRENCH]
+            assert demo["obs/wrench"][:].tolist() == [[0.0] * 6, wrench]
+            assert demo["obs/state"][1, 2] == -row["depth_m"]
+            pressed = decode_rgb(shard["image"][0].as_py())
+            assert pressed is not None
+            assert np.array_equal(demo["obs/tactile"][1], pressed)
+            pressure = np.array(shard["pressure_pa"][0].as_py(), np.float32)
+            assert np.array_equal(demo["simulated/pressure_pa"][:].ravel(), pressure)
+            names = {name.partition(".")[2]: name for name in tar.getnames() if row["hash"] in name}
+            content = {end: tar.extractfile(name) for end, name in names.items()}
+            assert content["pressed.png"].read() == shard["image"][0].as_py()
+            assert json.load(content["json"])["force_z_n"] == row["force_z_n"]
+            assert np.load(io.BytesIO(content["wrench_n_nm.npy"].read())).tolist() == [wrench]
+
+
+@pytest.mark.parametrize("form", [Format.LEROBOT, Format.ROSBAG2])
+def test_a_data_set_becomes_episodes(swept: Path, form: Format, tmp_path: Path) -> None:
+    """Each press is an episode of two rows, or messages of a bag."""
+    export(swept, tmp_path / "out", form)
+    if form is Format.LEROBOT:
+        (file,) = (tmp_path / "out" / "data").rglob("*.parquet")
+        table = pq.read_table(file).to_pydict()
+        assert table["episode_index"] == [0, 0, 1, 1]
+        forces = pq.read_table(swept / "index.parquet")["force_z_n"].to_pylist()
+        found = [each[2] for each in table["observation.wrench"]][1::2]
+        assert sorted(found) == pytest.approx(sorted(forces), rel=1e-6)
+    assert not (tmp_path / "out" / "import.toml").exists()
+
+
+def test_a_law_of_pressure_is_found_from_forces_that_follow_it() -> None:
+    """Coefficient and exponent come back, for balls on the resting gel."""
+    pad = load_sensor("gelsight-mini").pad
+    overlaps = [_overlap(pad, size, depth) for size in (4e-3, 8e-3) for depth in (3e-4, 9e-4)]
+    forces = np.array([2e5 * (depth**0.7).sum() * area for depth, area in overlaps])
+    assert _law(overlaps, forces) == pytest.approx((2e5, 0.7), rel=1e-3)
+    assert _law(overlaps, forces, exponent=1.0)[1] == 1.0
+    # On level gel the overlap of a ball is pi R d^2 / (2 H) for n = 1, in parts of the height.
+    depth, area = _overlap(pad, 8e-3, 3e-4)
+    assert depth.sum() * area == pytest.approx(np.pi * 4e-3 * 9e-8 / pad.height_m, rel=0.1)
