@@ -8,7 +8,6 @@ import select
 import sys
 import threading
 import time
-from contextlib import closing
 
 from protocols.processes.child import ignore_signals, run_child
 from protocols.processes.feed import VIEWERS, FeedWriters, feed_readers
@@ -17,7 +16,7 @@ from protocols.processes.viewing import PRODUCERS
 from tacauchy_rig.app.twin.following import RunFollower
 from tacauchy_rig.app.twin.twin import DEVICE, FOLLOWS, Follows, twin_of
 from tacauchy_rig.core.run import JournalEvent
-from tacauchy_rig.core.store.line_log import LineLog
+from tacauchy_rig.core.store.codec import dumps
 
 logger = logging.getLogger(__name__)
 
@@ -38,25 +37,28 @@ def follow_run(job: Job, supervisor: Channel) -> None:
     readers = feed_readers(job.descriptors, PRODUCERS)
     writers = FeedWriters(job.descriptors, VIEWERS)
     waiting = [supervisor.fileno(), *(reader.fileno() for reader in readers)]
-    with closing(LineLog(job.root / "twin.jsonl")) as log:
-        while not supervisor.closed:
-            pulse.beat()
-            select.select(waiting, [], [], LOOK_S)
-            for reader in readers:
-                for shown in reader.receive():
-                    following.take(shown)
-            for message in supervisor.receive():
-                if message is Order.STOP:
-                    return
-                if isinstance(message, JournalEvent):
-                    following.note(message)
-            made = following.step()
-            if made is None:
-                continue
-            line, pictures = made
-            for shown in pictures:
-                writers.show(shown.stream, shown.stamp_ns, shown.numbers, shown.picture)
-            log.append(line)
+    while not supervisor.closed:
+        pulse.beat()
+        select.select(waiting, [], [], LOOK_S)
+        for reader in readers:
+            for shown in reader.receive():
+                following.take(shown)
+        for message in supervisor.receive():
+            if message is Order.STOP:
+                return
+            if isinstance(message, JournalEvent):
+                following.note(message)
+        made = following.step()
+        if made is None:
+            continue
+        line, pictures = made
+        for shown in pictures:
+            writers.show(shown.stream, shown.stamp_ns, shown.numbers, shown.picture)
+        try:  # nothing depends on these lines
+            with (job.root / "twin.jsonl").open("ab") as log:
+                log.write(dumps(line, indent=None))
+        except OSError as error:
+            logger.error("a line of twin.jsonl is lost: %s", error.strerror)
 
 
 class _Pulse:

@@ -14,15 +14,17 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, fields, is_dataclass
-from enum import Enum
-from functools import cache
+from dataclasses import fields, is_dataclass
+from functools import cache, reduce
+from operator import getitem
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+from types import NoneType
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import numpy as np
 import pydantic_core
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import FREE
@@ -31,6 +33,7 @@ from tacauchy_rig.core.store.run_files import read_bytes
 T = TypeVar("T")
 
 _types_of_fields = cache(get_type_hints)
+_adapter = cache(TypeAdapter)
 
 _NON_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 _MAX_NESTING = 64
@@ -156,67 +159,29 @@ def from_json(kind: type[T], data: Any, *, source: str = "record") -> T:
     Raises:
         RecordError: A field is unknown, missing, or of another type; the message names it.
     """
-    return cast("T", _build(kind, data, source, ""))
+    text, adapter = json.dumps(data), _adapter(kind)
+    try:
+        return adapter.validate_json(text, strict=True, extra="forbid")
+    except ValidationError as error:
+        problems = error.errors()
+    known = json.loads(text)
+    for each in problems:
+        if each["type"] != "float_type" or each["input"] not in _NON_FINITE:
+            raise _unfit(each, source)
+        *path, last = each["loc"]
+        reduce(getitem, path, known)[last] = _NON_FINITE[each["input"]]
+    try:
+        return adapter.validate_json(json.dumps(known), strict=True, extra="forbid")
+    except ValidationError as error:
+        raise _unfit(error.errors()[0], source) from error
 
 
-def _build(kind: Any, data: Any, source: str, field: str) -> Any:
-    origin, arguments = get_origin(kind), get_args(kind)
-    if kind is Any or (data is None and NoneType in arguments):
-        return data
-    if origin in (Union, UnionType):
-        (kind,) = (item for item in arguments if item is not NoneType)
-        return _build(kind, data, source, field)
-    if origin is tuple:
-        _require(isinstance(data, list | tuple), "a list", data, source, field)
-        kinds = arguments[:1] * len(data) if arguments[1:] == (Ellipsis,) else arguments
-        _require(len(data) == len(kinds), f"{len(kinds)} values", data, source, field)
-        items = enumerate(zip(kinds, data, strict=True))
-        return tuple(_build(each, item, source, f"{field}[{k}]") for k, (each, item) in items)
-    if origin is dict:
-        _require(isinstance(data, dict), "a table", data, source, field)
-        items = data.items()
-        return {key: _build(arguments[1], item, source, f"{field}.{key}") for key, item in items}
-    if is_dataclass(kind):
-        return _build_dataclass(kind, data, source, field)
-    return _build_scalar(kind, data, source, field)
-
-
-def _build_dataclass(kind: Any, data: Any, source: str, field: str) -> Any:
-    _require(isinstance(data, dict), f"a table ({kind.__name__})", data, source, field)
-    hints = _types_of_fields(kind)
-    known = {item.name: item for item in fields(kind)}
-    prefix = f"{field}." if field else ""
-    for name in data:
-        if name not in known:
-            raise RecordError(f"{source}: {prefix}{name}: unknown field", remedy=_REMEDY)
-    for name, item in known.items():
-        if name not in data and item.default is MISSING and item.default_factory is MISSING:
-            raise RecordError(f"{source}: {prefix}{name}: missing field", remedy=_REMEDY)
-    return kind(
-        **{name: _build(hints[name], data[name], source, f"{prefix}{name}") for name in data}
-    )
-
-
-def _build_scalar(kind: Any, data: Any, source: str, field: str) -> Any:
-    if isinstance(kind, type) and issubclass(kind, Enum):
-        values = [item.value for item in kind]
-        _require(data in values, "one of " + ", ".join(map(str, values)), data, source, field)
-        return kind(data)
-    if kind is float and isinstance(data, str):
-        data = _NON_FINITE.get(data, data)
-    accepted, wanted = _NUMBERS.get(kind, (kind, f"a {kind.__name__}"))
-    is_kind = isinstance(data, accepted) and not (kind in _NUMBERS and isinstance(data, bool))
-    _require(is_kind, wanted, data, source, field)
-    return float(data) if kind is float else data
-
-
-_NUMBERS = {float: (int | float, "a number"), int: (int, "a whole number")}
-
-
-def _require(fits: bool, wanted: str, data: Any, source: str, field: str) -> None:
-    if not fits:
-        name = field or "the whole of it"
-        raise RecordError(f"{source}: {name}: {data!r} is not {wanted}", remedy=_REMEDY)
+def _unfit(problem: ErrorDetails, source: str) -> RecordError:
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in problem["loc"])
+    name = "".join(parts).removeprefix(".") or "the whole of it"
+    what = {"extra_forbidden": "unknown field", "missing": "missing field"}.get(problem["type"])
+    message = what or f"{problem['input']!r}: {problem['msg']}"
+    return RecordError(f"{source}: {name}: {message}", remedy=_REMEDY)
 
 
 _LIMITS = {

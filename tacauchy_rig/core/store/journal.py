@@ -21,14 +21,7 @@ from typing import Any, Generic, TypeVar
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent
-from tacauchy_rig.core.store.codec import (
-    dumps,
-    from_json,
-    loads,
-    read_json,
-    read_value,
-    to_json,
-)
+from tacauchy_rig.core.store.codec import dumps, loads, read_json, read_value, to_json
 from tacauchy_rig.core.store.durable import (
     bytes_sha256,
     give_second_name,
@@ -53,15 +46,15 @@ class JournalLine:
 
     Attributes:
         raw: Its bytes, without the newline.
-        number: The number written in it; None in half a line, and in journals without numbers.
+        number: The number written in it; None in half a line.
         previous: SHA-256 of the line before it, as written in it.
         event: None for half a line, which a crash leaves.
     """
 
     raw: bytes
-    number: int | None
-    previous: str | None
-    event: JournalEvent | None
+    number: object = None
+    previous: object = None
+    event: JournalEvent | None = None
 
 
 def append_event(path: Path, event: JournalEvent) -> None:
@@ -116,17 +109,11 @@ def _parsed(raw: bytes, source: str) -> JournalLine:
         content = loads(raw, source=source)
     except RecordError:
         logger.warning("%s: incomplete, left by a crash; passed over", source)
-        return JournalLine(raw=raw, number=None, previous=None, event=None)
-    number, previous = (
-        content.pop(name, None) if isinstance(content, dict) else None
-        for name in (_NUMBER, _PREVIOUS)
-    )
-    return JournalLine(
-        raw=raw,
-        number=from_json(int | None, number, source=f"{source}: {_NUMBER}"),  # type: ignore[arg-type]
-        previous=from_json(str | None, previous, source=f"{source}: {_PREVIOUS}"),  # type: ignore[arg-type]
-        event=read_value(JournalEvent, content, source=source),
-    )
+        return JournalLine(raw=raw)
+    links = {}
+    if isinstance(content, dict):
+        links = {name: content.pop(name, None) for name in (_NUMBER, _PREVIOUS)}
+    return JournalLine(raw=raw, event=read_value(JournalEvent, content, source=source), **links)
 
 
 def _following(before: bytes, event: JournalEvent) -> bytes:
@@ -197,11 +184,6 @@ class Journal:
     def events(self) -> list[JournalEvent]:
         """Every whole line."""
         return [line.event for line in self.lines if line.event is not None]
-
-    @property
-    def has_hashes(self) -> bool:
-        """False for a journal without numbers, as an earlier version of the program wrote it."""
-        return any(line.number is not None for line in self.lines)
 
     @property
     def head(self) -> str:

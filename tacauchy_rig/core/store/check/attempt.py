@@ -150,11 +150,10 @@ def _recording_mismatch(attempt: Attempt) -> Iterator[str]:
 
 
 def _result_mismatch(attempt: Attempt) -> Iterator[str]:
-    journal = attempt.journal
     if attempt.sealed is not None:
         sha256 = attempt.sealed.detail.get("result_sha256")
         yield from hash_mismatch(attempt.path.parent, "result.json", sha256)
-    elif attempt.record is not None and journal.has_hashes and not journal.may_lack_lines:
+    elif attempt.record is not None and not attempt.journal.may_lack_lines:
         yield "journal.jsonl does not know of it"
 
 

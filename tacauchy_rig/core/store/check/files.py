@@ -39,8 +39,7 @@ def judge_run(
         _changed_description(store, journal),
         remedy=_DESCRIPTION_REMEDY,
     )
-    if journal.has_hashes or "rig_toml_sha256" in store.description:
-        yield from _judge_journal(journal, was_begun=bool(attempts))
+    yield from _judge_journal(journal, was_begun=bool(attempts))
     yield consistency(
         "journal_attempts",
         "every attempt that journal.jsonl tells of has its folder, and the other way round",
@@ -69,7 +68,7 @@ def _unmatched_attempts(journal: Journal, attempts: Sequence[Attempt]) -> Iterat
 
 
 def _judge_journal(journal: Journal, *, was_begun: bool) -> Iterator[Criterion]:
-    """Yield what holds of a sealed journal whatever else is in the run, which may have attempts."""
+    """Yield what holds of a journal whatever else is in the run, which may have attempts."""
     gone = ["journal.jsonl is missing"] if was_begun and not journal.exists else []
     yield consistency(
         "journal_chain",
@@ -94,10 +93,8 @@ def _broken_links(lines: Sequence[JournalLine]) -> Iterator[str]:
             following = lines[place] if place < len(lines) else line
             if following.event and following.previous != bytes_sha256(line.raw):
                 yield f"{where} is no event, and the next line tells of another one"
-        elif line.number is None or line.previous is None:
-            yield f"{where} ({line.event.name}) has no number"
         elif line.number != place:
-            yield f"{where} ({line.event.name}) is numbered {line.number}"
+            yield f"{where} ({line.event.name}) is numbered {line.number!r}"
         elif line.previous != before:
             yield (
                 f"{where} ({line.event.name}) follows a line with the hash "
@@ -141,8 +138,7 @@ def _changed_description(store: RunStore, journal: Journal) -> Iterator[str]:
 
 def _hashes(store: RunStore, journal: Journal) -> Iterator[str]:
     written = store.description.get("rig_toml_sha256")
-    if written is not None:
-        yield from hash_mismatch(store.paths.root, store.paths.rig_toml.name, written)
+    yield from hash_mismatch(store.paths.root, store.paths.rig_toml.name, written)
     sealed = journal.store_events(StoreEvent.WRITTEN)
     for name in dict.fromkeys(str(event.detail.get("file")) for event in sealed):
         logged = [event for event in sealed if event.detail.get("file") == name]
@@ -189,7 +185,7 @@ def _changed_replay(store: RunStore, name: str, journal: Journal) -> Iterator[st
     if logged:
         known = logged[-1].detail.get("replay_sha256")
         yield from hash_mismatch(path.parent, path.name, known, name=f"replay/{name}/replay.json")
-    elif replay.made_from or "rig_toml_sha256" in store.description:
+    else:
         yield f"replay/{name} is unknown to journal.jsonl"
     yield from _source_mismatches(store, name, replay)
     yield from _file_mismatches(store, name, replay)
@@ -211,7 +207,7 @@ def _file_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[str
     folder = store.paths.replays / name
     for file, known in replay.files.items():
         yield from hash_mismatch(folder, file, known, name=f"replay/{name}/{file}")
-    for trial in replay.trials if replay.files else ():
+    for trial in replay.trials:
         for path in sorted(store.paths.replay_trial(name, trial.index).glob("*")):
             if str(path.relative_to(folder)) not in replay.files:
                 yield f"replay/{name}: {path.relative_to(folder)} was not made by this replay"

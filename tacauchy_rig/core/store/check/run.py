@@ -23,8 +23,7 @@ class RunCheck:
         run: Of the run as a whole.
         attempts: By trial and attempt.
         notes: What is no contradiction and should be known: sessions and attempts that were cut
-            off, settings that were changed for a session, recordings that were repaired, and what
-            was never sealed.
+            off, settings that were changed for a session, and recordings that were repaired.
         journal_head: SHA-256 of the journal's last line. It stands for all that is sealed: written
             down elsewhere, it shows any later change.
     """
@@ -95,11 +94,6 @@ def _judge_content(attempt: Attempt) -> Iterator[Criterion]:
 
 
 def _notes(journal: Journal, attempts: Sequence[Attempt]) -> Iterator[str]:
-    if not journal.has_hashes:
-        yield (
-            "This run was recorded without hashes, by an earlier version of the program: what was "
-            "edited in it since can be found only where its files contradict each other."
-        )
     if journal.was_cut:
         yield "A session of this run was cut off; what was on the disk then was kept."
     yield from _changed_settings(journal)

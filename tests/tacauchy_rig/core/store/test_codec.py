@@ -82,15 +82,21 @@ def test_types_are_rebuilt() -> None:
     ("change", "message"),
     [
         ({"indx": 3}, "result.json: indx: unknown field"),
-        ({"index": None}, "result.json: index: None is not a whole number"),
-        ({"index": True}, "result.json: index: True is not a whole number"),
-        ({"index": 1.5}, "result.json: index: 1.5 is not a whole number"),
-        ({"outcome": "good"}, "outcome: 'good' is not one of passed, failed, fault, aborted"),
-        ({"force_target_n": "1 N"}, "force_target_n: '1 N' is not a number"),
-        ({"reason": 3}, "reason: 3 is not a str"),
+        ({"index": None}, "result.json: index: None: Input should be a valid integer"),
+        ({"index": True}, "result.json: index: True: Input should be a valid integer"),
+        ({"index": 1.5}, "result.json: index: 1.5: Input should be a valid integer"),
+        (
+            {"outcome": "good"},
+            "outcome: 'good': Input should be 'passed', 'failed', 'fault', 'aborted'",
+        ),
+        ({"force_target_n": "1 N"}, "force_target_n: '1 N': Input should be a valid number"),
+        ({"reason": 3}, "reason: 3: Input should be a valid string"),
         ({"criteria": [{"name": "a"}]}, "criteria[0].passed: missing field"),
-        ({"criteria": 3}, "criteria: 3 is not a list"),
-        ({"rates": {"force_rate_hz": "fast"}}, "rates.force_rate_hz: 'fast' is not a number"),
+        ({"criteria": 3}, "criteria: 3: Input should be a valid array"),
+        (
+            {"rates": {"force_rate_hz": "fast"}},
+            "rates.force_rate_hz: 'fast': Input should be a valid number",
+        ),
         ({"tare_before": {"mean": [0.0]}}, "tare_before.start_ns: missing field"),
     ],
 )
@@ -104,7 +110,7 @@ def test_what_does_not_fit_is_named(change: dict[str, Any], message: str) -> Non
 
 def test_a_vector_of_the_wrong_length_is_named() -> None:
     """A wrench has six components."""
-    with pytest.raises(RecordError, match=r"mean: \[0.0, 0.0\] is not 6 values"):
+    with pytest.raises(RecordError, match=r"mean\[2\]: missing field"):
         from_json(Tare, {**TARE, "mean": [0.0, 0.0]})
 
 

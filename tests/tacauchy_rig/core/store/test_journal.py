@@ -112,19 +112,6 @@ def test_each_line_is_numbered_and_holds_the_hash_of_the_one_before(tmp_path: Pa
     assert [line.previous for line in lines] == ["", hashes[0], None, hashes[2]]
 
 
-def test_a_journal_without_numbers_is_read(tmp_path: Path) -> None:
-    """Runs of an earlier version stay readable, and what is added to them is numbered on."""
-    path = tmp_path / "journal.jsonl"
-    path.write_text('{"stamp_ns": 5, "name": "phase", "trial": 1, "attempt": 1, "detail": {}}\n')
-    append_event(path, _event(6))
-    assert [
-        (line.number, line.event.stamp_ns) for line in Journal.read(path).lines if line.event
-    ] == [
-        (None, 5),
-        (2, 6),
-    ]
-
-
 def test_a_journal_that_another_process_holds_is_said(tmp_path: Path) -> None:
     """A writer that never lets go holds nobody up for long."""
     path = tmp_path / "journal.jsonl"

@@ -38,33 +38,6 @@ def test_an_untouched_run_is_not_accused(tmp_path: Path, seed: int) -> None:
     assert {len(criteria) for criteria in check.attempts.values()} == {18}
 
 
-def test_a_run_of_an_earlier_version_is_read_and_says_so(tmp_path: Path) -> None:
-    """Without hashes only what contradicts its content is found; that is a note, not a fault."""
-    store = _without_hashes(pressed_run(tmp_path))
-    check = check_run(RunStore.open(store.paths.root))
-    assert found(check) == []
-    (note,) = check.notes
-    assert "recorded without hashes" in note
-
-
-def _without_hashes(store: RunStore) -> RunStore:
-    paths = store.paths
-    lines = [json.loads(line) for line in paths.journal.read_text().splitlines()]
-    kept = [line for line in lines if line["name"] not in ("sealed", "written")]
-    bare = [{k: v for k, v in line.items() if k not in ("number", "previous")} for line in kept]
-    paths.journal.write_text("".join(f"{json.dumps(line)}\n" for line in bare))
-    for trial, attempt in paths.attempts():
-        path = paths.result(trial, attempt)
-        result = json.loads(path.read_text())
-        del result["recording_sha256"]
-        path.write_text(json.dumps(result))
-    described = json.loads(paths.run_json.read_text())
-    for key in ("run", "rig_toml_sha256"):
-        del described[key]
-    paths.run_json.write_text(json.dumps(described))
-    return store
-
-
 def test_a_run_that_was_cut_off_is_recovered_and_not_accused(tmp_path: Path) -> None:
     """Torn recording, no result, no end: what a loss of power in the second trial leaves."""
     store = _cut_off(pressed_run(tmp_path), share=0.6)
