@@ -337,10 +337,7 @@ def _creep(records: Sequence[TrialRecord]) -> Finding:
 
 
 def _held_way(record: TrialRecord) -> tuple[float, float] | None:
-    """Return the force of the way from reaching the target to the dwell, and its uncertainty.
-
-    Both are shares of the force.
-    """
+    """Return the force of the way from reaching the target to the dwell, and its uncertainty."""
     depth_m, force_n = np.array(record.press_depth_m), np.array(record.press_force_n)
     if len(depth_m) < _MIN_POINTS or record.depth_measured_m is None:
         return None

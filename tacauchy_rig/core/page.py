@@ -112,21 +112,14 @@ def _filled(block: str) -> str:
 
 
 def criteria_page(
-    tables: Sequence[Table],
-    *,
-    title: str,
-    note: str,
-    command: str,
-    image: str = "",
-    images: Sequence[str] = (),
+    tables: Sequence[Table], *, title: str, note: str, command: str, images: Sequence[str] = ()
 ) -> str:
     """Return the page of a study: how it went, all criteria, then each table with its own.
 
     Args:
         note: What a reader has to know before all tables.
         command: What made the page.
-        image: File of a figure that stands before them, beside the page; empty for none.
-        images: Files of several.
+        images: Files of figures that stand before them, beside the page.
     """
     facts = {
         "tables": tables,
@@ -135,7 +128,7 @@ def criteria_page(
         "command": command,
         "versions": versions(),
         "machine": machine(),
-        "images": [*filter(None, (image,)), *images],
+        "images": images,
         "missed": sum(not table.passed for table in tables),
     }
     return page("tacauchy_rig.core", "criteria_page.md.jinja", facts)

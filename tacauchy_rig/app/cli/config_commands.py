@@ -14,11 +14,7 @@ from tacauchy_rig.core import tables
 from tacauchy_rig.core.errors import ConfigError
 
 
-def show(
-    path: ConfigFile = None,
-    overrides: Overrides = None,
-    json_file: JsonFile = None,
-) -> None:
+def show(path: ConfigFile = None, overrides: Overrides = None, json_file: JsonFile = None) -> None:
     """List every field, its value and where it came from; refuse what no replay is made with.
 
     Example: tacauchy-rig config show rig.toml

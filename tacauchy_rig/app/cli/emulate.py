@@ -25,11 +25,9 @@ def start(
         list[Device] | None,
         typer.Option("--device", help="Which to emulate; all of them if absent."),
     ] = None,
-    folder: Annotated[
-        Path | None, typer.Option("--folder", help="Where sockets, traces and logs go.")
-    ] = None,
+    folder: Annotated[Path | None, typer.Option(help="Where sockets, traces and logs go.")] = None,
     follow: Annotated[
-        str | None, typer.Option("--follow", help="Robot whose reported pose moves the indenter.")
+        str | None, typer.Option(help="Robot whose reported pose moves the indenter.")
     ] = None,
     overrides: Overrides = None,
     json_file: JsonFile = None,
@@ -86,12 +84,12 @@ def _serve(emulation: Emulation, stop: threading.Event) -> None:
 
 
 def presses(
-    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where the images go.")],
-    sensor: Annotated[str, typer.Option("--sensor", help="Name or file.")] = "gelsight-mini",
-    count: Annotated[int, typer.Option("--count", min=5, help="How many presses.")] = 40,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Draws the emulated world.")] = 7,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the images go.")],
+    sensor: Annotated[str, typer.Option(help="Name or file.")] = "gelsight-mini",
+    count: Annotated[int, typer.Option(min=5, help="How many presses.")] = 40,
+    seed: Annotated[int, typer.Option(min=0, help="Draws the emulated world.")] = 7,
     first: Annotated[
-        int, typer.Option("--first", min=1, help="Number of the first press: 41 is unseen by 40.")
+        int, typer.Option(min=1, help="Number of the first press: 41 is unseen by 40.")
     ] = 1,
     noise_free: Annotated[
         bool, typer.Option("--noise-free", help="Without noise and JPEG, and say what they are.")

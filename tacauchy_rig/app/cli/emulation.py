@@ -12,13 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.emulators.plant.ball_presses import BALL_DIAMETER_M, write_ball_presses
-from drivers.emulators.plant.truth import (
-    EmulatedUnit,
-    GelDisc,
-    GelLight,
-    MarkerGrid,
-    read_truth,
-)
+from drivers.emulators.plant.truth import EmulatedUnit, GelDisc, GelLight, MarkerGrid, read_truth
 from sim.scene.pad import BoxPad
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.inputs import sensor_of

@@ -23,15 +23,11 @@ def export(
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder to write to.")],
-    to: Annotated[Format, typer.Option("--to", help="The format to write.")] = Format.CSV,
-    sensor: Annotated[
-        str, typer.Option("--sensor", help="The sensor that was calibrated.")
-    ] = "gelsight-mini",
+    to: Annotated[Format, typer.Option(help="The format to write.")] = Format.CSV,
+    sensor: Annotated[str, typer.Option(help="The sensor that was calibrated.")] = "gelsight-mini",
     background: Annotated[
         Path | None,
-        typer.Option(
-            "--background", metavar="IMAGE", help="Its no-contact frame; without it, even grey."
-        ),
+        typer.Option(metavar="IMAGE", help="Its no-contact frame; without it, even grey."),
     ] = None,
     json_file: JsonFile = None,
 ) -> None:

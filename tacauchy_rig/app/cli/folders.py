@@ -28,16 +28,11 @@ def replay(
     folder: RunFolder,
     tolerance: Annotated[
         str | None,
-        typer.Option(
-            "--tolerance",
-            metavar="0.02N|1%",
-            help="Take the cheapest preset that keeps F_z within it.",
-        ),
+        typer.Option(metavar="0.02N|1%", help="Take the cheapest preset that keeps F_z within it."),
     ] = None,
     optics: Annotated[
         Path | None,
         typer.Option(
-            "--optics",
             metavar="FILE",
             help="Render with this calibration in place of the run's own; finished presses stay.",
         ),
@@ -167,11 +162,7 @@ def replay_and_show(
     try:
         with told(show), doing("replay"):
             replay = replay_run(
-                run,
-                tolerance=tolerance,
-                optics_file=optics,
-                calibrate=calibrate,
-                on_progress=show,
+                run, tolerance=tolerance, optics_file=optics, calibrate=calibrate, on_progress=show
             )
     except KeyboardInterrupt:
         raise AbortedError(

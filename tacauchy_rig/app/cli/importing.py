@@ -22,9 +22,7 @@ def import_(
             metavar="SOURCE", help="A folder with import.toml, that file, or the taxim wheel."
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where runs go.")] = Path(
-        "runs"
-    ),
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where runs go.")] = Path("runs"),
     init: Annotated[
         bool,
         typer.Option("--init", help="Write the folder's import.toml with guesses, and do no more."),

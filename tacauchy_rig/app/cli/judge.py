@@ -28,10 +28,9 @@ class Baseline(StrEnum):
 
 def judge(
     run: Annotated[
-        Path,
-        typer.Option("--run", metavar="RUN", help="Whose presses: a run's or an import's folder."),
+        Path, typer.Option(metavar="RUN", help="Whose presses: a run's or an import's folder.")
     ],
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where the page goes.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the page goes.")],
     folders: Annotated[
         list[Path] | None,
         typer.Argument(

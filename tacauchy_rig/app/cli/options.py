@@ -32,8 +32,7 @@ Overrides = Annotated[
     typer.Option("--set", metavar="TABLE.FIELD=VALUE", help="Change one field; may be repeated."),
 ]
 JsonFile = Annotated[
-    Path | None,
-    typer.Option("--json", metavar="FILE", help="Write what was found there as JSON."),
+    Path | None, typer.Option("--json", metavar="FILE", help="Write what was found there as JSON.")
 ]
 Jobs = Annotated[
     int,

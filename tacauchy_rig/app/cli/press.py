@@ -29,9 +29,7 @@ if TYPE_CHECKING:
 @states_a_scene
 def press(
     terms: SceneTerms,
-    device: Annotated[
-        str, typer.Option("--device", help="Where the kernels run: cpu or cuda:0.")
-    ] = "cpu",
+    device: Annotated[str, typer.Option(help="Where the kernels run: cpu or cuda:0.")] = "cpu",
     estimate_error: Annotated[
         bool,
         typer.Option(
@@ -40,17 +38,13 @@ def press(
         ),
     ] = True,
     time_limit: Annotated[
-        str | None,
-        typer.Option(
-            "--time-limit", metavar="TIME", help="How long it may take, such as 60s or 5min."
-        ),
+        str | None, typer.Option(metavar="TIME", help="How long it may take, such as 60s or 5min.")
     ] = None,
     output: OutputOption = None,
     json_file: JsonFile = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out",
             metavar="FOLDER",
             help="Write there what a replay writes: fields (npz, VTU), the gel's stress, the "
             "indenter, a figure; of a sensor its image, height map and markers too.",

@@ -14,7 +14,7 @@ def serve(
     folder: Annotated[
         Path, typer.Argument(metavar="RUNS", help="Folder of runs, or one run.")
     ] = Path("runs"),
-    port: Annotated[int, typer.Option("--port", min=0, help="0 takes a free one.")] = 0,
+    port: Annotated[int, typer.Option(min=0, help="0 takes a free one.")] = 0,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
 ) -> None:
     """Serve a page of runs: verdicts, reports, two beside each other, a sensor's health.

@@ -51,7 +51,6 @@ class Request:
     check_weight: Annotated[
         str | None,
         typer.Option(
-            "--check-weight",
             metavar="MASS",
             help="Check the cell by a weight of this mass before anything moves: 200g, 200g+-1g.",
         ),
@@ -59,7 +58,6 @@ class Request:
     page: Annotated[
         str,
         typer.Option(
-            "--page",
             metavar="PORT|off",
             help="Port of the operator's page; `off` serves none, `auto` takes a free one.",
         ),
@@ -68,7 +66,6 @@ class Request:
     twin: Annotated[
         str,
         typer.Option(
-            "--twin",
             metavar="on|depth|off",
             help="A simulation that follows the measured force (on) or the arm's depth (depth).",
         ),
@@ -76,7 +73,6 @@ class Request:
     foxglove: Annotated[
         str,
         typer.Option(
-            "--foxglove",
             metavar="PORT|off",
             help="Show the run to Foxglove, Lichtblick or PlotJuggler on this machine; 8765 is "
             "usual.",
@@ -155,8 +151,7 @@ def resume(
         ),
     ] = None,
     again: Annotated[
-        list[int] | None,
-        typer.Option("--again", metavar="TRIAL", help="Press a passed trial once more."),
+        list[int] | None, typer.Option(metavar="TRIAL", help="Press a passed trial once more.")
     ] = None,
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten.
@@ -270,10 +265,7 @@ def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> N
 
 
 def _press_confirmed(
-    store: RunStore,
-    config: RigConfig,
-    request: Request,
-    on_start: Callable[[], None] | None = None,
+    store: RunStore, config: RigConfig, request: Request, on_start: Callable[[], None] | None = None
 ) -> SessionResult:
     """Press once a person has agreed; end the program where a fault or a person ended the run."""
     from tacauchy_rig.app.cli.operator import confirm
@@ -309,10 +301,7 @@ def _press_confirmed(
 
 
 def press(
-    store: RunStore,
-    config: RigConfig,
-    request: Request,
-    on_start: Callable[[], None] | None = None,
+    store: RunStore, config: RigConfig, request: Request, on_start: Callable[[], None] | None = None
 ) -> SessionResult:
     """Run the session of a run folder, with its emulated devices if it has any.
 
@@ -414,11 +403,7 @@ def _check_force(
 def _check_force_after(
     store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
 ) -> None:
-    """Check the cell once more after the last trial where it had to be, or was, checked before.
-
-    Raises:
-        ForceCheckError: The cell is wrong by now.
-    """
+    """Check the cell once more after the last trial where it had to be, or was, checked before."""
     from tacauchy_rig.app.session.cell import ForceCheckError, needs_weight
 
     before = store.force_check.load()

@@ -32,9 +32,8 @@ def accuracy(
     seed: Annotated[
         list[int] | None,
         typer.Option(
-            "--seed",
             help="Meshes of about the same sizes, 0 the presets' own; others are compared with "
-            "the first. May be repeated.",
+            "the first. May be repeated."
         ),
     ] = None,
     tolerances: Annotated[
@@ -75,10 +74,8 @@ def hard_cases() -> Study:
 
 @study_command
 def effects(
-    random: Annotated[
-        int, typer.Option("--random", metavar="N", help="Draw so many scenes instead.")
-    ] = 0,
-    seed: Annotated[int, typer.Option("--seed", help="What the scenes are drawn with.")] = 0,
+    random: Annotated[int, typer.Option(metavar="N", help="Draw so many scenes instead.")] = 0,
+    seed: Annotated[int, typer.Option(help="What the scenes are drawn with.")] = 0,
     errors: Annotated[
         bool, typer.Option("--errors", help="Judge stated errors too, by a finer mesh.")
     ] = False,
@@ -108,7 +105,7 @@ def verify() -> Study:
 @study_command
 def modes(
     indenter: Annotated[
-        str, typer.Option("--indenter", help="cylinder:diameter=,fillet= or sphere:diameter=")
+        str, typer.Option(help="cylinder:diameter=,fillet= or sphere:diameter=")
     ] = "cylinder:diameter=5mm,fillet=0.5mm",
     preset: PresetName = Preset.FAST,
 ) -> Study:
@@ -124,7 +121,7 @@ def modes(
 @study_command
 def objects(
     sensors: Annotated[
-        str, typer.Option("--sensors", help="Names or files, with commas between.")
+        str, typer.Option(help="Names or files, with commas between.")
     ] = "gelsight-mini,digit",
     preset: PresetName = Preset.FAST,
 ) -> Study:
@@ -140,12 +137,11 @@ def objects(
 @study_command
 def paper(
     benchmarks: Annotated[
-        Path, typer.Option("--benchmarks", help="Folder of the benchmarks that are kept.")
+        Path, typer.Option(help="Folder of the benchmarks that are kept.")
     ] = Path("docs/results/benchmarks"),
     report: Annotated[
         list[Path] | None,
         typer.Option(
-            "--report",
             metavar="RUN",
             help="Keep this run's scores among the benchmarks, in place of those kept before; "
             "may be repeated.",
@@ -175,7 +171,6 @@ def bench(
     drawn: Annotated[
         int | None,
         typer.Option(
-            "--drawn",
             metavar="SEED",
             help="Of the scenes: a dozen that are drawn at random instead of the table's.",
         ),
@@ -188,11 +183,10 @@ def bench(
             help="Of the scenes: what their presets are chosen for (5%); may be repeated.",
         ),
     ] = None,
-    device: Annotated[str, typer.Option("--device", help="Of the scenes: cpu or cuda:0.")] = "cpu",
+    device: Annotated[str, typer.Option(help="Of the scenes: cpu or cuda:0.")] = "cpu",
     environments: Annotated[
         list[int] | None,
         typer.Option(
-            "--environments",
             metavar="N",
             min=1,
             help="Of the scenes: so many in a batch, instead of one press alone; may be repeated.",
@@ -216,9 +210,7 @@ def bench(
     ] = False,
     against: Annotated[
         Path | None,
-        typer.Option(
-            "--against", metavar="FILE", help="Of the scenes: what forces are compared with."
-        ),
+        typer.Option(metavar="FILE", help="Of the scenes: what forces are compared with."),
     ] = None,
 ) -> Study:
     """Time images, a replay, batches, and scenes of every kind; minutes.

@@ -74,18 +74,16 @@ def _run(
     command: str,
     *,
     only: Annotated[
-        list[str] | None,
-        typer.Option("--only", metavar="PATTERN", help="Cases named so; may be repeated."),
+        list[str] | None, typer.Option(metavar="PATTERN", help="Cases named so; may be repeated.")
     ] = None,
     list_only: Annotated[bool, typer.Option("--list", help="Name the cases and stop.")] = False,
     jobs: Jobs = 1,
     limit: Annotated[
-        str, typer.Option("--limit", metavar="TIME", help="A case that takes longer has failed.")
+        str, typer.Option(metavar="TIME", help="A case that takes longer has failed.")
     ] = "",
     resume: Annotated[
         list[Path] | None,
         typer.Option(
-            "--resume",
             metavar="FILE",
             help="JSON of an earlier run, whose results are taken; may be repeated. A case that "
             "failed there is measured again if --only names it.",
@@ -94,7 +92,6 @@ def _run(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out",
             metavar="FILE.md|DIR",
             help="Write a page, its figures beside it in images; into DIR also JSON, and figures "
             "for print.",
@@ -102,13 +99,7 @@ def _run(
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Measure the selected cases, show tables, and write page, figures and JSON.
-
-    Raises:
-        ConfigError: Options do not fit together, or select nothing.
-        AbortedError: Ctrl-C; what was measured until then is written.
-        typer.Exit: A criterion is missed.
-    """
+    """Measure the selected cases, show tables, and write page, figures and JSON."""
     limit_s = parse_quantity(limit, dimension=Dimension.TIME, field="--limit") if limit else None
     if study.is_together and (jobs > 1 or limit_s is not None):
         raise ConfigError(

@@ -22,29 +22,24 @@ _PACKAGE = "tacauchy_rig.app.sweep"
 def sweep(
     plan_file: Annotated[Path | None, typer.Argument(metavar="PLAN", help="A plan's file.")] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="Where the data set is.")
+        Path | None, typer.Option(metavar="FOLDER", help="Where the data set is.")
     ] = None,
     engine: Annotated[
-        EngineName, typer.Option("--engine", help="Where presses are computed.")
+        EngineName, typer.Option(help="Where presses are computed.")
     ] = EngineName.LOCAL,
     jobs: Jobs = 1,
     address: Annotated[
-        str | None,
-        typer.Option("--address", help="Of Dask's scheduler, such as tcp://host:8786."),
+        str | None, typer.Option(help="Of Dask's scheduler, such as tcp://host:8786.")
     ] = None,
-    limit: Annotated[
-        int | None, typer.Option("--limit", min=1, help="Press only the first so many.")
-    ] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Press only the first so many.")] = None,
     sample: Annotated[
-        int | None,
-        typer.Option("--sample", min=1, help="Press so many, evenly chosen, into FOLDER/sample."),
+        int | None, typer.Option(min=1, help="Press so many, evenly chosen, into FOLDER/sample.")
     ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Only say how many presses, how long, how large.")
     ] = False,
     slurm: Annotated[
-        int | None,
-        typer.Option("--slurm", min=1, metavar="TASKS", help="Only write FOLDER/sweep.sbatch."),
+        int | None, typer.Option(min=1, metavar="TASKS", help="Only write FOLDER/sweep.sbatch.")
     ] = None,
     example: Annotated[bool, typer.Option("--example", help="Print a plan with comments.")] = False,
 ) -> None:

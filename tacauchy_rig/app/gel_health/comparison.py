@@ -205,10 +205,7 @@ def _advice(modulus: Change, light: Change, image: Change, zero: Change) -> tupl
 
 
 def _stiffness(before: PressMeasures, now: PressMeasures, depth_uncertainty_m: float) -> Change:
-    """Return k - 1 of force_now(d) = k force_before(d + s); s is an error of the first contact.
-
-    Gauss-Newton fit, the uncertainty of s as its prior.
-    """
+    """Return k - 1 of force_now(d) = k force_before(d + s); s is an error of the first contact."""
     most_n = min(float(before.force_n.max()), float(now.force_n.max()))
     if not most_n > 0.0:
         raise RecordError("a press without force cannot be compared", remedy="press again")

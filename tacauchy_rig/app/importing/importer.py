@@ -189,11 +189,7 @@ def _spec(source: Source, path: Path, overridden: Mapping[str, Any]) -> Spec:
 def _within(
     source: Source, stated: Mapping[str, Any], *, trusted: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return what the source says of the rig, its files within the folder.
-
-    Args:
-        trusted: Fields of the command line, whose files may lie anywhere.
-    """
+    """Return what the source says of the rig, its files within the folder."""
     within = dict(stated)
     for field, value in stated.items():
         if f"rig.{field}" in trusted or not isinstance(value, str):

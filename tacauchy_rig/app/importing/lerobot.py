@@ -169,12 +169,7 @@ def _episodes(
 
 
 def _read_parquet(source: Source, name: str, columns: Sequence[str]) -> pyarrow.Table:
-    """Return columns of a file.
-
-    Raises:
-        RecordError: It is none, lacks a column, or unpacks to too much.
-        ConfigError: ``pyarrow`` is not there.
-    """
+    """Return columns of a file."""
     try:
         arrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError as error:

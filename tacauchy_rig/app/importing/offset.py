@@ -154,11 +154,7 @@ def _standard(values: FloatArray) -> FloatArray:
 def _check_rate(
     offsets_s: FloatArray, presses_s: Sequence[tuple[float, float]], interval_s: float
 ) -> None:
-    """Refuse clocks whose offset grows by more than two intervals, and than its scatter explains.
-
-    Raises:
-        RecordError: One runs faster.
-    """
+    """Refuse clocks whose offset grows by more than two intervals, and than its scatter explains."""
     middle_s = np.mean(presses_s, axis=1)
     if len(middle_s) < RATED or not np.ptp(middle_s):
         return

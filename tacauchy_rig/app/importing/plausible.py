@@ -248,6 +248,5 @@ def _check_places(
     ]
     if told:
         problems.add(
-            shown(told),
-            remedy=f"correct {keys.place}: places are of the tip from the pad's centre",
+            shown(told), remedy=f"correct {keys.place}: places are of the tip from the pad's centre"
         )

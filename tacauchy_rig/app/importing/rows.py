@@ -218,11 +218,7 @@ class _Rows:
         return (int(stamps.min()), int(stamps.max())) if len(own) else None
 
     def _rest_window(self, rest: IndexArray, held: IndexArray) -> Window | None:
-        """Return when rows at rest were before a press, or after it, where none are before.
-
-        Raises:
-            RecordError: Some lie between rows pressed: these are several presses.
-        """
+        """Return when rows at rest were before a press, or after it, where none are before."""
         if len(among := self._among(rest, held, self.stamp_ns)):
             raise RecordError(
                 f"{self.table.where(int(among[0]))}: press {self.press[held[0]]} is at rest "
@@ -277,8 +273,7 @@ class _Rows:
             dwell=dwell,
             force=self._samples(own[has_force[own]], self.wrench),
             pose=self._samples(
-                own[has_place[own]],
-                np.pad(self.place, ((0, 0), (0, 3)), constant_values=math.nan),
+                own[has_place[own]], np.pad(self.place, ((0, 0), (0, 3)), constant_values=math.nan)
             ),
             tare=tare,
             contact_z_m=_mean(self.contact_z[own]),

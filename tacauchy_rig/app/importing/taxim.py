@@ -56,10 +56,7 @@ class TaximSet(StrEnum):
 
 
 ASSUMED: Mapping[TaximSet, Mapping[str, str]] = {
-    TaximSet.GELSIGHT: {
-        "sensor.name": "taxim-gelsight",
-        "replay.indenter": "sphere:diameter=4mm",
-    },
+    TaximSet.GELSIGHT: {"sensor.name": "taxim-gelsight", "replay.indenter": "sphere:diameter=4mm"},
     TaximSet.GELSIGHT_MINI: {
         "sensor.name": "taxim-gelsight-mini",
         "replay.indenter": "sphere:diameter=2mm",

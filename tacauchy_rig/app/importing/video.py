@@ -211,11 +211,7 @@ def _seen(path: Path, data: VideoData) -> tuple[Signal, list[str]]:
 
 
 def _frame_times(own_s: FloatArray, data: VideoData) -> tuple[FloatArray, list[str]]:
-    """Return times of frames [s] by the file, or by the stated rate where those are even.
-
-    Raises:
-        RecordError: There is no video; or a rate is stated, and its own times are uneven.
-    """
+    """Return times of frames [s] by the file, or by the stated rate where those are even."""
     step_s = np.diff(own_s)
     if len(own_s) < 3 or (not own_s[-1] > own_s[0] and data.frame_rate is None):
         raise RecordError(
@@ -235,8 +231,7 @@ def _frame_times(own_s: FloatArray, data: VideoData) -> tuple[FloatArray, list[s
         return np.arange(len(own_s)) / data.frame_rate, []
     if not ascends:
         raise RecordError(
-            f"data.video: the times of {data.video!r} do not ascend",
-            remedy="state data.frame_rate",
+            f"data.video: the times of {data.video!r} do not ascend", remedy="state data.frame_rate"
         )
     gaps = step_s[step_s > 1.5 * interval_s]
     told = f"The video's own times were taken; they have {len(gaps)} gaps, of {gaps.sum():.2f} s."

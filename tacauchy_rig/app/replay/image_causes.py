@@ -184,8 +184,7 @@ class _Again:
         yield _mode("modulus", Cause.MATERIAL, young, "1", _times(by_force, -young))
         ratio = sensor.least_certain_poisson.uncertainty
         other = replace(
-            self.inputs.tilted(NEARLY_UPRIGHT, 0.0),
-            sensor=sensor.with_poisson(_POISSON),
+            self.inputs.tilted(NEARLY_UPRIGHT, 0.0), sensor=sensor.with_poisson(_POISSON)
         )
         changed = _apart(self._seen(self._pressed(other)), base, ratio / _POISSON)
         yield _mode("Poisson's ratio", Cause.MATERIAL, ratio, "1", changed)

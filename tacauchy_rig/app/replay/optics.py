@@ -143,9 +143,7 @@ def nominal_optics(sensor: Sensor) -> OpticalCalibration:
         ConfigError: The file names no lamps.
     """
     return OpticalCalibration(
-        model=nominal_model(sensor),
-        geometry=sensor.camera,
-        shadows=sensor.optics.shadows,
+        model=nominal_model(sensor), geometry=sensor.camera, shadows=sensor.optics.shadows
     )
 
 

@@ -26,12 +26,7 @@ from tacauchy_rig import __version__
 from tacauchy_rig.app.replay.mounting import fits_modulus
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
 from tacauchy_rig.app.replay.parts import Part, some_of_each, tools_of
-from tacauchy_rig.app.replay.pressing import (
-    Pressed,
-    modulus_of,
-    press_to_measured,
-    stated_history,
-)
+from tacauchy_rig.app.replay.pressing import Pressed, modulus_of, press_to_measured, stated_history
 from tacauchy_rig.app.replay.rendering import rendered
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.long_task import Remaining, doing
@@ -167,10 +162,7 @@ def _press(item: tuple[int, Part, ModulusFit | None, History]) -> Pressed:
 
 
 def _settled(parts: Sequence[Part]) -> list[Part]:
-    """Return parts with the preset that ``auto`` chooses, one for each indenter.
-
-    What is pressed alone at its place chooses for itself, without a press.
-    """
+    """Return parts with the preset that ``auto`` chooses, one for each indenter."""
     found = list(parts)
     for numbers in tools_of(parts):
         together = [k for k in numbers if parts[k].forces_n and not parts[k].is_alone]

@@ -36,10 +36,7 @@ STATES = 8
 
 
 def render_trial(
-    attempt: AttemptReading,
-    sensor: Sensor,
-    fields: TrialFields,
-    optics: OpticalCalibration,
+    attempt: AttemptReading, sensor: Sensor, fields: TrialFields, optics: OpticalCalibration
 ) -> tuple[ReplayFields, MarkerMotion | None]:
     """Render a replayed trial over its own no-contact frame.
 

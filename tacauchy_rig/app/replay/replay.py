@@ -35,13 +35,7 @@ from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import PoseSource
 from tacauchy_rig.core.parallel import worker_process
-from tacauchy_rig.core.simulated import (
-    REPLAY_NAME,
-    ForceInput,
-    FoundValue,
-    Replay,
-    ResidualSplit,
-)
+from tacauchy_rig.core.simulated import REPLAY_NAME, ForceInput, FoundValue, Replay, ResidualSplit
 from tacauchy_rig.core.store.replay_files import ReplayFields
 
 _AFTERWARDS_S = 60.0

@@ -240,20 +240,12 @@ def _of_mounting(
     stated = _of_found(found, "offset along", stated_uncertainty(config, "offset"))
     size = math.hypot(*inputs.offset_m)
     yield Variation(
-        "place of the indenter",
-        size,
-        "m",
-        stated,
-        lambda by: inputs.moved((by, 0.0)),
-        aside=True,
+        "place of the indenter", size, "m", stated, lambda by: inputs.moved((by, 0.0)), aside=True
     )
 
 
 def _of_found(found: dict[str, FoundValue], name: str, default: Stated) -> Stated:
-    """Return how uncertain both components of what was found are together.
-
-    A value that was found but is not simulated adds to the uncertainty.
-    """
+    """Return how uncertain both components of what was found are together."""
     parts, basis = [], default.source
     for axis in "xy":
         each = found.get(f"{name} {axis}")

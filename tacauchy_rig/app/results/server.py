@@ -175,12 +175,7 @@ class ResultsServer:
 
 
 def _two(asked: Sequence[ListedRun | None], runs: Sequence[ListedRun]) -> list[ListedRun | None]:
-    """Return the two runs that were asked for; what was not is the newest other one, like it first.
-
-    Args:
-        asked: None where it was not said.
-        runs: The newest first.
-    """
+    """Return the two runs that were asked for; what was not is the newest other one, like it first."""
     one, other = asked
     if other is None:
         other = next((run for run in runs if run is not one), None)

@@ -27,10 +27,7 @@ _TEMPLATE, _DATA = "watch.html", "{{ data }}"
 
 
 def watch_run(
-    run: RunReading,
-    *,
-    optics: OpticalCalibration | None = None,
-    on_progress: Say = say_nothing,
+    run: RunReading, *, optics: OpticalCalibration | None = None, on_progress: Say = say_nothing
 ) -> Path:
     """Have a twin follow what was recorded, at its own pace, and write the page of it.
 

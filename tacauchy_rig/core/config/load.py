@@ -87,10 +87,7 @@ def load_config(path: Path | None = None, *, overrides: Sequence[str] = ()) -> L
 def _of_sensor(
     layers: Sequence[tuple[str, dict[str, Any]]],
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield what the sensor's file says of its camera, where it says something.
-
-    A file that cannot be read is left to the command that needs the sensor.
-    """
+    """Yield what the sensor's file says of its camera, where it says something."""
     named = [tables["sensor"] for _, tables in layers if isinstance(tables.get("sensor"), dict)]
     name = str({key: value for table in named for key, value in table.items()}["name"])
     try:

@@ -229,11 +229,7 @@ def log_hashes(
 ) -> None:
     """Write a line of the journal about a file of the run; errors as for ``append_event``."""
     event = JournalEvent(
-        stamp_ns=time.monotonic_ns(),
-        name=kind.value,
-        trial=trial,
-        attempt=attempt,
-        detail=detail,
+        stamp_ns=time.monotonic_ns(), name=kind.value, trial=trial, attempt=attempt, detail=detail
     )
     append_event(journal, event)
 

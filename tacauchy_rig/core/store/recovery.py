@@ -241,11 +241,7 @@ def _repacked(
 
 
 def _repack(recordings: Sequence[Recording], path: Path) -> list[int]:
-    """Write the messages of recordings to a new file, in order of arrival, each once.
-
-    Returns:
-        How many messages each recording gave; one that an earlier one held already counts there.
-    """
+    """Write the messages of recordings to a new file, in order of arrival, each once."""
     metadata = dict(ChainMap(*(recording.metadata for recording in recordings)))
     counts = [0] * len(recordings)
     with RecordingWriter(path, metadata=metadata, chunk_size=_CHUNK_SIZE) as writer:

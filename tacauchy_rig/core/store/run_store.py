@@ -25,13 +25,7 @@ from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.codec import dumps, loads, read_json, to_json
 from tacauchy_rig.core.store.durable import bytes_sha256, write_atomically, write_error
-from tacauchy_rig.core.store.journal import (
-    HashedFile,
-    Journal,
-    StoreEvent,
-    log_hashes,
-    previous_of,
-)
+from tacauchy_rig.core.store.journal import HashedFile, Journal, StoreEvent, log_hashes, previous_of
 from tacauchy_rig.core.store.layout import RunPaths, run_folder
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.replay_files import ReplayFields, read_fields, write_fields

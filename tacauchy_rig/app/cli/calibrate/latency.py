@@ -20,8 +20,8 @@ def latency(
             help="A rig.toml to press by, or a run that swayed; the dry run's if absent.",
         ),
     ] = None,
-    sway: Annotated[str, typer.Option("--sway", help="For how long the arm sways.")] = "12s",
-    force: Annotated[str, typer.Option("--force", help="Pressed to before it sways.")] = "2N",
+    sway: Annotated[str, typer.Option(help="For how long the arm sways.")] = "12s",
+    force: Annotated[str, typer.Option(help="Pressed to before it sways.")] = "2N",
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:

@@ -31,14 +31,12 @@ def material(
         ),
     ],
     sensor: Annotated[
-        str | None, typer.Option("--sensor", help="Of the CSV files; a run knows its own.")
+        str | None, typer.Option(help="Of the CSV files; a run knows its own.")
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Write the sensor's file with this gel.")
-    ] = None,
-    noise: Annotated[str, typer.Option("--noise", help="Of a force of a CSV file.")] = "0.01N",
+    out: Annotated[Path | None, typer.Option(help="Write the sensor's file with this gel.")] = None,
+    noise: Annotated[str, typer.Option(help="Of a force of a CSV file.")] = "0.01N",
     contact_force: Annotated[
-        str, typer.Option("--contact-force", help="From which the depths of CSV files count.")
+        str, typer.Option(help="From which the depths of CSV files count.")
     ] = "0N",
     overrides: Overrides = None,
     jobs: Jobs = 1,
@@ -67,10 +65,7 @@ def material(
     )
     chosen = () if sensor is None else (f'sensor.name="{sensor}"',)
     groups = read_presses(
-        presses,
-        overrides=(*chosen, *(overrides or ())),
-        noise_n=noise_n,
-        contact_force_n=contact_n,
+        presses, overrides=(*chosen, *(overrides or ())), noise_n=noise_n, contact_force_n=contact_n
     )
     data = []
     for group in groups:

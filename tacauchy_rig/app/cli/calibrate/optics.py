@@ -21,50 +21,39 @@ if TYPE_CHECKING:
 
 def optics(
     folder: Annotated[
-        Path,
-        typer.Argument(metavar="FOLDER", help="Images of a pressed ball, or such a run."),
+        Path, typer.Argument(metavar="FOLDER", help="Images of a pressed ball, or such a run.")
     ],
     background: Annotated[
-        Path | None,
-        typer.Option("--background", help="Frame without contact; in FOLDER or a path."),
+        Path | None, typer.Option(help="Frame without contact; in FOLDER or a path.")
     ] = None,
     ball_diameter: Annotated[
-        str | None, typer.Option("--ball-diameter", help="Such as 4.70mm; a run knows it.")
+        str | None, typer.Option(help="Such as 4.70mm; a run knows it.")
     ] = None,
     scale: Annotated[
         str | None,
         typer.Option(
-            "--scale",
-            help="Such as 19.58px/mm, or for x and y 19.6,19.4px/mm; a run's sensor knows it.",
+            help="Such as 19.58px/mm, or for x and y 19.6,19.4px/mm; a run's sensor knows it."
         ),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Calibration file to write (.npz).")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Calibration file to write (.npz).")] = None,
     circles: Annotated[
         Path | None,
         typer.Option(
-            "--circles",
             help="CSV: image, center_x_px, center_y_px, radius_px; in FOLDER or a path. "
-            "Without it FOLDER's circles.csv, and where there is none the contacts are found.",
+            "Without it FOLDER's circles.csv, and where there is none the contacts are found."
         ),
     ] = None,
     check: Annotated[
-        Path | None, typer.Option("--check", help="Folder of other labelled presses to score.")
+        Path | None, typer.Option(help="Folder of other labelled presses to score.")
     ] = None,
     sensor: Annotated[
-        str | None,
-        typer.Option(
-            "--sensor",
-            help="Whose pad is pressed: a run's own, or else gelsight-mini.",
-        ),
+        str | None, typer.Option(help="Whose pad is pressed: a run's own, or else gelsight-mini.")
     ] = None,
-    preset: Annotated[Preset, typer.Option("--preset", help="Of those presses.")] = Preset.BALANCED,
-    folds: Annotated[int, typer.Option("--folds", min=2, help="Of the cross-validation.")] = 7,
+    preset: Annotated[Preset, typer.Option(help="Of those presses.")] = Preset.BALANCED,
+    folds: Annotated[int, typer.Option(min=2, help="Of the cross-validation.")] = 7,
     outputs: Annotated[
         Path | None,
         typer.Option(
-            "--outputs",
             metavar="DIR",
             help="Write each press as rendered by a model that had not seen it, for `judge`.",
         ),
@@ -121,16 +110,9 @@ def optics(
 
 
 def _write_outputs(
-    folder: Path,
-    images: Mapping[int, RenderedPress],
-    *,
-    folds: int,
-    trials: Mapping[str, int],
+    folder: Path, images: Mapping[int, RenderedPress], *, folds: int, trials: Mapping[str, int]
 ) -> None:
-    """Write presses held out as a simulator's outputs.
-
-    Their numbers are a run's trials, or else the order of their table.
-    """
+    """Write presses held out as a simulator's outputs."""
     from tacauchy_rig import __version__
     from tacauchy_rig.app.judging.layout import write_outputs
     from tacauchy_rig.core.simulated import Outputs, PressOutput, Simulator

@@ -24,24 +24,21 @@ def scale(
     target: Annotated[
         str | None,
         typer.Option(
-            "--target",
             help="charuco:columns=8,rows=6,square=2mm,marker=1.5mm[,dictionary=4X4_50], "
-            "aruco:columns=5,rows=4,marker=2mm,gap=0.5mm or dots:columns=7,rows=5,pitch=2mm",
+            "aruco:columns=5,rows=4,marker=2mm,gap=0.5mm or dots:columns=7,rows=5,pitch=2mm"
         ),
     ] = None,
     presses: Annotated[
         Path | None,
         typer.Option(
-            "--presses",
-            help="Folder with positions.csv (image, x_m, y_m), circles.csv and the images.",
+            help="Folder with positions.csv (image, x_m, y_m), circles.csv and the images."
         ),
     ] = None,
     sensor: Annotated[
         str | None,
         typer.Option(
-            "--sensor",
             help="Bring a raw image of a target to the crop and size of this sensor's camera; "
-            "without it the image is taken as it is.",
+            "without it the image is taken as it is."
         ),
     ] = None,
     json_file: JsonFile = None,

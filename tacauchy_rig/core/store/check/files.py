@@ -155,10 +155,7 @@ def _hashes(store: RunStore, journal: Journal) -> Iterator[str]:
 
 
 def _differing(kept: Any, read: Any, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield fields of a recorded configuration that read otherwise now.
-
-    A field that only one version of the program knows says nothing.
-    """
+    """Yield fields of a recorded configuration that read otherwise now."""
     if isinstance(kept, dict) and isinstance(read, dict):
         for name in kept.keys() & read.keys():
             where = f"{prefix}.{name}" if prefix else name

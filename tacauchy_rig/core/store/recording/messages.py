@@ -45,10 +45,7 @@ def _message(name: str, /, optional: tuple[str, ...] = (), **kinds: int) -> Any:
     message = file.message_type.add(name=name)
     for number, (field, kind) in enumerate(kinds.items(), start=1):
         added = message.field.add(
-            name=field,
-            number=number,
-            type=kind,
-            label=FieldDescriptorProto.LABEL_OPTIONAL,
+            name=field, number=number, type=kind, label=FieldDescriptorProto.LABEL_OPTIONAL
         )
         if field in optional:
             added.proto3_optional, added.oneof_index = True, len(message.oneof_decl)

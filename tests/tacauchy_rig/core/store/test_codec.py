@@ -87,7 +87,7 @@ def test_types_are_rebuilt() -> None:
         ({"index": 1.5}, "result.json: index: 1.5: Input should be a valid integer"),
         (
             {"outcome": "good"},
-            "outcome: 'good': Input should be 'passed', 'failed', 'fault', 'aborted'",
+            "outcome: 'good': Input should be 'passed', 'failed', 'fault'",
         ),
         ({"force_target_n": "1 N"}, "force_target_n: '1 N': Input should be a valid number"),
         ({"reason": 3}, "reason: 3: Input should be a valid string"),
@@ -95,7 +95,7 @@ def test_types_are_rebuilt() -> None:
         ({"criteria": 3}, "criteria: 3: Input should be a valid array"),
         (
             {"rates": {"force_rate_hz": "fast"}},
-            "rates.force_rate_hz: 'fast': Input should be a valid number",
+            "rates.force_rate_hz: 'fast': Input should be a valid",
         ),
         ({"tare_before": {"mean": [0.0]}}, "tare_before.start_ns: missing field"),
     ],

@@ -112,9 +112,7 @@ def test_a_damaged_result_is_named(store: RunStore) -> None:
     store.save_result(_record(2, Outcome.PASSED))
     path = store.paths.result(1, 2)
     path.write_text(path.read_text().replace('"passed"', '"good"'))
-    with pytest.raises(
-        RecordError, match=r"result\.json: outcome: 'good': Input should be 'passed'"
-    ):
+    with pytest.raises(RecordError, match=r"result\.json: outcome: 'good': Input should be"):
         store.load_result(1, 2)
     assert store.counting(1) == _record(1, Outcome.PASSED)
     assert store.next_attempt(1) == 3
@@ -174,9 +172,7 @@ def test_truth_is_there_in_dry_runs_only(store: RunStore) -> None:
     store.paths.truth.write_text('{"young_pa": 300000.0}')
     assert store.truth.load() == {"young_pa": 3e5}
     store.paths.truth.write_text("[1]")
-    with pytest.raises(
-        RecordError, match=r"truth\.json: the whole of it: \[1\]: Input should be an object"
-    ):
+    with pytest.raises(RecordError, match=r"truth\.json: the whole of it: \[1\]: Input should be"):
         store.truth.load()
 
 
