@@ -20,8 +20,7 @@ from protocols.guard.witness import Witness
 from protocols.guard.workspace import FollowGuard, Workspace
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError
-from tacauchy_rig.core.expected_press import ExpectedPress
-from tacauchy_rig.core.run import ArmSample, ForceSample, Pose, Vector6
+from tacauchy_rig.core.run import ArmSample, ExpectedPress, ForceSample, Pose, Vector6
 
 PERIOD_S = 0.005
 KICK_PERIOD_NS = 25_000_000

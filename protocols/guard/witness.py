@@ -19,9 +19,8 @@ import numpy as np
 from protocols.guard.breach import BreachError, Reaction
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.model import RigConfig, RobotModel
-from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.force_history import CREEP_SHARE
-from tacauchy_rig.core.run import FZ, ArmSample
+from tacauchy_rig.core.run import FZ, ArmSample, ExpectedPress
 
 AVERAGED_S = 0.05
 """Samples of the force sensor are averaged over this long before the gel is asked."""

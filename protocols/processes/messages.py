@@ -15,7 +15,7 @@ from typing import Any, Self
 from drivers.interfaces import DeviceIdentity, FrameMark, StreamHealth
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.expected_press import ExpectedPress
+from tacauchy_rig.core.run import ExpectedPress
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -32,8 +32,7 @@ from protocols.trials.programme import ProgrammeResult, describe_safe
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError, RigError, command_line
-from tacauchy_rig.core.expected_press import ExpectedPress
-from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
+from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.force_series import force_series
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.run_store import RunStore

@@ -9,8 +9,7 @@ import numpy as np
 from protocols.steps.preflight import TRAVEL_M
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.expected_press import ExpectedPress
-from tacauchy_rig.core.run import JournalEvent
+from tacauchy_rig.core.run import ExpectedPress, JournalEvent
 
 UNKNOWN_DEPTH_M = 0.5e-3
 SETTLE_S = 2.0

@@ -13,14 +13,20 @@ from hashlib import sha256
 from typing import Any
 
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
-from tacauchy_rig.core.calibrated import IMAGES_SHA256, CalibratedOptics
 from tacauchy_rig.core.config.model import ReportSection
 from tacauchy_rig.core.config.uncertainty import Stated
 from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.force_history import ForceHistory
-from tacauchy_rig.core.imported import Imported
-from tacauchy_rig.core.run import IMPORTED_MARK, SIMULATED_MARK, Criterion, TrialRecord
+from tacauchy_rig.core.run import (
+    IMAGES_SHA256,
+    IMPORTED_MARK,
+    SIMULATED_MARK,
+    CalibratedOptics,
+    Criterion,
+    Imported,
+    TrialRecord,
+)
 from tacauchy_rig.core.simulated import ReplayModel, ReplayTrial, model_of
 
 PressKey = tuple[float, int, int]

@@ -27,8 +27,7 @@ from tacauchy_rig.core.config.uncertainty import REFINE_RATIO, Stated, stated_un
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.force_depth import ForceDepthCurve
-from tacauchy_rig.core.imported import Imported
-from tacauchy_rig.core.run import Criterion, JournalEvent, TrialRecord
+from tacauchy_rig.core.run import Criterion, Imported, JournalEvent, TrialRecord
 from tacauchy_rig.core.simulated import Replay, model_of
 from tacauchy_rig.core.store.check.attempt import RESULT_HASH, RESULT_WHOLE
 from tacauchy_rig.core.store.check.consistency import consistency

@@ -2,8 +2,7 @@
 
 Drivers, protocols, sim and reports never import one another; they meet in these types, in those of
 ``tacauchy_rig.core.simulated``, and in the run folder that ``tacauchy_rig.core.store`` reads and
-writes. All
-values are SI.
+writes. All values are SI.
 """
 
 from __future__ import annotations
@@ -321,3 +320,162 @@ class JournalEvent:
     def now(cls, name: str, **detail: Any) -> JournalEvent:
         """Return an event of this moment that belongs to no attempt."""
         return cls(stamp_ns=time.monotonic_ns(), name=name, detail=detail)
+
+
+SAME_PLACE_M = 3e-5
+"""Presses nearer to each other are at one place: half a pixel of a GelSight Mini."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportedTrial:
+    """One press of theirs.
+
+    Attributes:
+        name: What the source calls it.
+        place_m: Where the indenter's tip came down beside the pad's centre [m]; None: not known.
+        indenter: As ``press --indenter`` has it; empty is the run's.
+        streams: Those of ``force``, ``image`` and ``arm`` that its recording has.
+        contact_px: Column, row and radius of the contact's edge as somebody drew it into the
+            image, in its own pixels [px]; None where nobody did.
+        image: What the source calls its last image; empty where it has none.
+    """
+
+    index: int
+    name: str
+    place_m: tuple[float, float] | None = None
+    indenter: str = ""
+    streams: tuple[str, ...] = ()
+    contact_px: tuple[float, float, float] | None = None
+    image: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraClock:
+    """How images were aligned in time with the force.
+
+    Attributes:
+        offset_s: Added to a camera's time for the log's own time [s].
+        uncertainty_s: Its standard uncertainty [s].
+        correlation: Of what is seen with what is felt, with this offset.
+    """
+
+    offset_s: float
+    uncertainty_s: float
+    correlation: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imported:
+    """Where an imported run is from.
+
+    Attributes:
+        kind: Its format, such as ``csv``.
+        source: Name of the folder or file.
+        has_clock: Samples have times of theirs; without, stamps give the order only.
+        unknown: What the source does not say, a sentence each.
+        notes: What was made of it, a sentence each: losses, and how presses were found.
+        files: SHA-256 of what was read, by the name within the source.
+        clock: None where no camera's clock was aligned.
+    """
+
+    kind: str
+    source: str
+    has_clock: bool
+    unknown: tuple[str, ...]
+    notes: tuple[str, ...]
+    trials: tuple[ImportedTrial, ...]
+    files: dict[str, str] = field(default_factory=dict)
+    clock: CameraClock | None = None
+
+
+IMAGES_SHA256 = "images_sha256"
+"""Of a calibration file: SHA-256 of each press that it was fitted to, of pixels and of its file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageAgreement:
+    """Presses rendered by a model that had not seen them, beside the no-contact frame.
+
+    Attributes:
+        r2: Share of the variance of the colour change explained inside the contacts.
+        mae_levels: Mean absolute error inside the contacts [grey levels].
+        ssim: Of a square around each contact, mean over presses.
+    """
+
+    r2: float
+    mae_levels: float
+    ssim: float
+    r2_no_contact: float
+    mae_no_contact_levels: float
+    ssim_no_contact: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOutPress:
+    """One press as the other folds' model renders it; its image lies beside the calibration.
+
+    Attributes:
+        contact_px: Column, row and radius of its contact as labelled or found [px].
+        nudged_px: By how much the image has them elsewhere [px].
+        mae_levels: Mean absolute error inside the contact [grey levels].
+    """
+
+    trial: int
+    contact_px: tuple[float, float, float]
+    nudged_px: tuple[float, float, float]
+    mae_levels: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibratedOptics:
+    """A calibration from a run's own presses, cross-validated.
+
+    Attributes:
+        labelled: Contacts were drawn by somebody; otherwise they were found in the images.
+        scale_px_m: Pixels per metre along columns and rows, as stated.
+        crop_px: Side of the square that SSIM is of [px].
+        nudged: Circles moved to where the image has them, in each frame's own light.
+        as_labelled: Circles as labelled or found, in each frame's own light.
+        no_contact_light: Circles as labelled or found, in the no-contact frame's light.
+    """
+
+    ball_diameter_m: float
+    scale_px_m: tuple[float, float]
+    sensor: str
+    preset: str
+    labelled: bool
+    folds: int
+    crop_px: int
+    nudged: ImageAgreement
+    as_labelled: ImageAgreement
+    no_contact_light: ImageAgreement
+    presses: tuple[HeldOutPress, ...]
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExpectedPress:
+    """Force against depth of one indenter in one gel; ``expected.json`` of a run.
+
+    Attributes:
+        sensor: Whose gel, as its file names it.
+        made: How the curve was made, and of what its uncertainty consists, in words.
+        depth_m: Rising depths below first touch, from 0 [m].
+        force_n: Rising force at each, pressed straight [N].
+        low: What the true force may be over the curve's, at least [1].
+        high: The same at most [1].
+        lean_m: How far one edge of a flat face may come down before its middle, because the face
+            leans against the gel [m]; 0 for a ball.
+        depth_error_m: How far off the difference of two depths of one press may be [m].
+        gel_height_m: Thickness of the gel under the indenter [m].
+    """
+
+    sensor: str
+    made: str
+    depth_m: tuple[float, ...]
+    force_n: tuple[float, ...]
+    low: float
+    high: float
+    lean_m: float
+    depth_error_m: float
+    gel_height_m: float

@@ -13,12 +13,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
+from fnmatch import fnmatch
 from functools import partial
 from itertools import groupby
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Event
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
 from tacauchy_rig.core.errors import ConfigError, RigError
 from tacauchy_rig.core.page import criteria_page, page
@@ -281,3 +282,39 @@ def kept_results(files: Sequence[Path], cases: Sequence[Case]) -> dict[str, Resu
             )
         kept |= {row.name: row for row in own}
     return kept
+
+
+Item = TypeVar("Item")
+
+
+def selected(
+    items: Sequence[Item],
+    patterns: Sequence[str],
+    *,
+    names: Callable[[Item], Sequence[str]],
+    kind: str,
+    remedy: str = "",
+) -> tuple[Item, ...]:
+    """Return the items of which a pattern matches a name, in their order; all without patterns.
+
+    Args:
+        names: Of an item; a list of what there is shows the first.
+        kind: What an item is called in messages.
+        remedy: Instead of that list.
+
+    Raises:
+        ConfigError: A pattern matches nothing.
+    """
+    found = {
+        pattern: [item for item in items if any(fnmatch(name, pattern) for name in names(item))]
+        for pattern in patterns
+    }
+    for pattern, fitting in found.items():
+        if not fitting:
+            known = "; ".join(names(item)[0] for item in items)
+            raise ConfigError(
+                f"--only {pattern!r}: no such {kind}", remedy=remedy or f"choose among {known}"
+            )
+    if not patterns:
+        return tuple(items)
+    return tuple(item for item in items if any(item in fitting for fitting in found.values()))

@@ -19,8 +19,15 @@ from protocols.trials.programme import ProgrammeResult, run_programme
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.expected_press import ExpectedPress
-from tacauchy_rig.core.run import ArmSample, ForceSample, JournalEvent, Pose, TrialRecord, Vector3
+from tacauchy_rig.core.run import (
+    ArmSample,
+    ExpectedPress,
+    ForceSample,
+    JournalEvent,
+    Pose,
+    TrialRecord,
+    Vector3,
+)
 from tacauchy_rig.core.store.run_store import RunStore
 from tests.mock.bench import MockBench, SimulatedClock
 from tests.mock.real_time import load_mocks, mocks_installed

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from sim.studies.bench.scenes import Scenes, all_scenes, drawn_scenes
-from tacauchy_rig.core.selection import selected
+from tacauchy_rig.core.study import selected
 
 
 def select_scenes(patterns: Sequence[str], *, drawn: int | None = None) -> Scenes:

@@ -27,15 +27,12 @@ def _of(module: str, *names: str) -> dict[str, str]:
 
 COMMANDS = {
     **_of("session", "run", "dry-run", "resume"),
-    **_of("doctor", "doctor"),
-    **_of("check_press", "check-press"),
-    **_of("folders", "replay", "report", "recover"),
-    **_of("exporting", "export"),
-    **_of("serve", "serve"),
+    **_of("doctor", "doctor", "check-press"),
+    **_of("folders", "replay", "report", "recover", "export", "serve"),
     **_of("press", "press", "plan"),
     **_of("sweep", "sweep"),
-    "import": "tacauchy_rig.app.cli.importing:import_",
-    **_of("judge", "judge"),
+    "import": "tacauchy_rig.app.cli.others:import_",
+    **_of("others", "judge"),
 }
 """Where each command is; a new one is a name here and in ``PANELS``."""
 

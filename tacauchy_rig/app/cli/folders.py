@@ -1,4 +1,4 @@
-"""Commands on a run folder: ``replay``, ``report``, ``recover``."""
+"""Commands on run folders: ``replay``, ``report``, ``recover``, ``export``, ``serve``."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import typer
 from tacauchy_rig.app.cli.options import JsonFile, RunFolder
 from tacauchy_rig.app.cli.output import complain, say, write_json
 from tacauchy_rig.app.cli.watching import tell
+from tacauchy_rig.app.exporting.names import Format
 from tacauchy_rig.core.errors import AbortedError, command_line
 
 if TYPE_CHECKING:
@@ -219,3 +220,75 @@ def _say_markers(markers: Sequence[MarkerMotion]) -> None:
 
 def _mm(length_m: float | None) -> str:
     return f"{(length_m or 0.0) * 1e3:.3f}"
+
+
+def export(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RUN|DATASET|PRESS|CALIBRATION",
+            help="A run's folder; that of a sweep (lerobot, hdf5, rosbag2, webdataset); one of "
+            "`press --out` (vtu, usd); what `calibrate optics` wrote, or a sensor's name for its "
+            "optics (isaaclab, taxim, tacex), body (usd) or pressure-law.",
+        ),
+    ],
+    out: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder to write to.")],
+    to: Annotated[Format, typer.Option(help="The format to write.")] = Format.CSV,
+    sensor: Annotated[str, typer.Option(help="The sensor that was calibrated.")] = "gelsight-mini",
+    background: Annotated[
+        Path | None,
+        typer.Option(metavar="IMAGE", help="Its no-contact frame; without it, even grey."),
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Write what other programs read.
+
+    Example: tacauchy-rig export runs/20261123-gelsight-mini exported --to lerobot
+    """
+    from tacauchy_rig.app.exporting.formats import export as write
+    from tacauchy_rig.core.long_task import doing
+
+    with doing("exporting"):
+        write(source, out, to, sensor=sensor, background=background)
+    written = sorted(path for path in out.rglob("*") if path.is_file())
+    size_mb = sum(path.stat().st_size for path in written) / 1e6
+    say(f"wrote {len(written)} files, {size_mb:.1f} MB, to {out}")
+    write_json(json_file, {"files": written})
+
+
+def serve(
+    folder: Annotated[
+        Path, typer.Argument(metavar="RUNS", help="Folder of runs, or one run.")
+    ] = Path("runs"),
+    port: Annotated[int, typer.Option(min=0, help="0 takes a free one.")] = 0,
+    open_: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
+) -> None:
+    """Serve a page of runs: verdicts, reports, two beside each other, a sensor's health.
+
+    It changes nothing, and is reached from this machine alone, by the address that is printed.
+
+    Example: tacauchy-rig serve runs --open
+    """
+    import secrets
+
+    import uvicorn
+
+    from protocols.processes.page.access import AccessRule
+    from protocols.processes.viewing import listen
+    from tacauchy_rig.app.cli.watching import open_in_browser
+    from tacauchy_rig.app.results.runs import folder_of_runs
+    from tacauchy_rig.app.results.server import ResultsServer
+
+    root, only = folder_of_runs(folder)
+    with listen(port, option="--port") as taken:
+        number = taken.getsockname()[1]
+        access = AccessRule(secrets.token_urlsafe(16), port=number)
+        address = f"http://127.0.0.1:{number}/{access.token}/"
+        say(f"runs of {root} at {address} (Ctrl-C ends)")
+        if open_:
+            open_in_browser(address)
+        app = ResultsServer(root, access, only=only).app
+        config = uvicorn.Config(
+            app, http="h11", ws="none", lifespan="off", log_level="warning", server_header=False
+        )
+        uvicorn.Server(config).run(sockets=[taken])

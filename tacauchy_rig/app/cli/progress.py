@@ -14,8 +14,7 @@ from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.app.cli.output import console, say
 from tacauchy_rig.app.cli.watching import open_in_browser
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.expected_press import ExpectedPress
-from tacauchy_rig.core.run import JournalEvent, Outcome
+from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome
 
 PROGRESS = "progress"
 NARROWEST = 10

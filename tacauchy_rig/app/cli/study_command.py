@@ -25,8 +25,7 @@ from tacauchy_rig.app.cli.output import (
 )
 from tacauchy_rig.core.errors import AbortedError, ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
-from tacauchy_rig.core.selection import selected
-from tacauchy_rig.core.study import About, Case, Result, Study, kept_results, measured
+from tacauchy_rig.core.study import About, Case, Result, Study, kept_results, measured, selected
 from tacauchy_rig.core.versions import commit, machine, versions
 
 # Options that say how a study is run, not what it measures.

@@ -50,8 +50,8 @@ from tacauchy_rig.app.importing.source import IMAGE_PIXELS, LARGE_BYTES, MIB, So
 from tacauchy_rig.core.arrays import Int64Array
 from tacauchy_rig.core.config.fields import Length, Section
 from tacauchy_rig.core.errors import RecordError, RigError
-from tacauchy_rig.core.imported import CameraClock
 from tacauchy_rig.core.rgb import decode_rgb, encode_png
+from tacauchy_rig.core.run import CameraClock
 
 TYPES = get_typestore(Stores.ROS2_HUMBLE)
 MESSAGES_MOST = 2_000_000

@@ -26,8 +26,8 @@ from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.config.load import LoadedConfig, leaves, nest, parse_override, restore_config
 from tacauchy_rig.core.config.model import IMPORTED, RigConfig
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.imported import SAME_PLACE_M
 from tacauchy_rig.core.registry import Kind, unknown
+from tacauchy_rig.core.run import SAME_PLACE_M
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.versions import versions
 

@@ -13,8 +13,7 @@ from scipy.signal import correlate, correlation_lags, lfilter
 from tacauchy_rig.app.importing.presses import PressSpan, S, Samples, zero_of
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.imported import CameraClock
-from tacauchy_rig.core.run import FZ
+from tacauchy_rig.core.run import FZ, CameraClock
 
 FINER = 4
 """Steps of the search in an interval of the coarser signal."""
@@ -154,7 +153,7 @@ def _standard(values: FloatArray) -> FloatArray:
 def _check_rate(
     offsets_s: FloatArray, presses_s: Sequence[tuple[float, float]], interval_s: float
 ) -> None:
-    """Refuse clocks whose offset grows by more than two intervals, and than its scatter explains."""
+    """Refuse clocks whose offset grows by over two intervals and by more than its scatter explains."""
     middle_s = np.mean(presses_s, axis=1)
     if len(middle_s) < RATED or not np.ptp(middle_s):
         return

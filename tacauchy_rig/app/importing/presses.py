@@ -16,8 +16,7 @@ from pydantic import Field
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, Int64Array
 from tacauchy_rig.core.config.fields import Force, Section
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.imported import CameraClock
-from tacauchy_rig.core.run import FZ
+from tacauchy_rig.core.run import FZ, CameraClock
 
 Window = tuple[int, int]
 """First and last stamp [ns], both included."""

@@ -12,12 +12,13 @@ from tacauchy_rig.app.importing.images import Converter
 from tacauchy_rig.app.importing.presses import Press, Recorded
 from tacauchy_rig.app.importing.source import Source
 from tacauchy_rig.core.errors import RecordError, RigError
-from tacauchy_rig.core.imported import Imported, ImportedTrial
 from tacauchy_rig.core.run import (
     FZ,
     ArmSample,
     ForceSample,
     ImageFrame,
+    Imported,
+    ImportedTrial,
     Outcome,
     Pose,
     Tare,

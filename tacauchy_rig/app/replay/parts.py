@@ -13,8 +13,7 @@ from sim.scene.indenter import describe
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import RecordError, command_line
-from tacauchy_rig.core.imported import SAME_PLACE_M, ImportedTrial
-from tacauchy_rig.core.run import TrialRecord
+from tacauchy_rig.core.run import SAME_PLACE_M, ImportedTrial, TrialRecord
 
 Place = tuple[float, float]
 _FEW = 4

@@ -175,7 +175,7 @@ class ResultsServer:
 
 
 def _two(asked: Sequence[ListedRun | None], runs: Sequence[ListedRun]) -> list[ListedRun | None]:
-    """Return the two runs that were asked for; what was not is the newest other one, like it first."""
+    """Return the runs that were asked for; in place of None the newest other, one alike first."""
     one, other = asked
     if other is None:
         other = next((run for run in runs if run is not one), None)

@@ -23,7 +23,7 @@ from tacauchy_rig.app.replay.inputs import indenter_of, sensor_of
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.uncertainty import DEPTH_ERROR_M, LAG_S, MOUNTING_TILT_RAD
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
-from tacauchy_rig.core.expected_press import ExpectedPress
+from tacauchy_rig.core.run import ExpectedPress
 from tacauchy_rig.core.store.run_store import RunStore
 
 logger = logging.getLogger(__name__)

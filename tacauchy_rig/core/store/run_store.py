@@ -14,14 +14,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-from tacauchy_rig.core.calibrated import CalibratedOptics
 from tacauchy_rig.core.config.load import LoadedConfig, restore_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import RecordError, command_line
-from tacauchy_rig.core.expected_press import ExpectedPress
 from tacauchy_rig.core.force_check import ForceCheck
-from tacauchy_rig.core.imported import Imported, ImportedTrial
-from tacauchy_rig.core.run import TrialRecord
+from tacauchy_rig.core.run import (
+    CalibratedOptics,
+    ExpectedPress,
+    Imported,
+    ImportedTrial,
+    TrialRecord,
+)
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.codec import dumps, loads, read_json, to_json
 from tacauchy_rig.core.store.durable import bytes_sha256, write_atomically, write_error

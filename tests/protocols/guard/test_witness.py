@@ -22,7 +22,7 @@ from protocols.guard.witness import (
 )
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RobotModel
-from tacauchy_rig.core.expected_press import ExpectedPress
+from tacauchy_rig.core.run import ExpectedPress
 from tests.protocols.conftest import arm_state
 
 TARGETS_N = (1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332)

@@ -16,8 +16,7 @@ from reports.comparison.sentences import fits_of
 from reports.evidence.evidence import RunEvidence
 from tacauchy_rig.core.force_check import ForceCheck, Weight, judge_weight
 from tacauchy_rig.core.force_history import ForceHistory, TrialForce
-from tacauchy_rig.core.imported import Imported
-from tacauchy_rig.core.run import Tare
+from tacauchy_rig.core.run import Imported, Tare
 from tests.made_model import made_model
 
 

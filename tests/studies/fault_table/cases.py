@@ -18,7 +18,7 @@ from drivers.emulators.faults import FAULTS_OF_DEVICE, SILENT_FORCE_FAULTS, Devi
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Phase
-from tacauchy_rig.core.selection import selected
+from tacauchy_rig.core.study import selected
 
 CONNECTIONS = 200
 SLOW_CLIENTS = 30

@@ -10,7 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from tacauchy_rig.core.config.model import RobotModel
-from tacauchy_rig.core.expected_press import ExpectedPress
+from tacauchy_rig.core.run import ExpectedPress
 from tests.mock.world import Gel
 
 CURVE = np.array(

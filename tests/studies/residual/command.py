@@ -26,8 +26,8 @@ from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
 from tacauchy_rig.app.replay.parts import measured_attempts
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.selection import selected
 from tacauchy_rig.core.simulated import REPLAY_NAME, ResidualSplit
+from tacauchy_rig.core.study import selected
 from tacauchy_rig.core.tables import Table, table_of
 from tests.studies.verdict.bench import Bench, Pressed, rendered
 

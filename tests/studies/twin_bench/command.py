@@ -33,8 +33,8 @@ from tacauchy_rig.app.twin.twin import Follows, twin_options
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.page import criteria_page
 from tacauchy_rig.core.run import TrialRecord
-from tacauchy_rig.core.selection import selected
 from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.study import selected
 from tacauchy_rig.core.tables import Table, table_of_rows
 from tacauchy_rig.core.versions import machine, versions
 from tests.studies.page.command import twin_reaction_table, twin_reactions

@@ -22,7 +22,7 @@ from tacauchy_rig.app.cli.output import say, show_table, write_json, write_text
 from tacauchy_rig.app.replay.report import evidence_of
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.page import page
-from tacauchy_rig.core.selection import selected
+from tacauchy_rig.core.study import selected
 from tacauchy_rig.core.tables import Cell, Table, table_of
 from tests.studies.verdict.bench import Bench
 from tests.studies.verdict.wrong_models import STEPS_TO_DOUBLE, WrongModel

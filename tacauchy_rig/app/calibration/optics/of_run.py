@@ -20,9 +20,9 @@ from tacauchy_rig.app.calibration.optics.run import OpticsRequest, OpticsResult
 from tacauchy_rig.app.importing.table import as_csv
 from tacauchy_rig.app.replay.inputs import indenter_of, sensor_of
 from tacauchy_rig.app.replay.optics import CIRCLES, NO_CONTACT
-from tacauchy_rig.core.calibrated import CalibratedOptics, HeldOutPress, ImageAgreement
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.run import CalibratedOptics, HeldOutPress, ImageAgreement
 from tacauchy_rig.core.store.durable import write_atomically
 
 DEFAULT_SENSOR = "gelsight-mini"

@@ -48,10 +48,10 @@ from sim.sensor.sensor import Sensor
 from tacauchy_rig import __version__
 from tacauchy_rig.app.replay.optics import CAMERA_DISTANCE, CIRCLES, HEIGHT, SCALE_X, SCALE_Y, WIDTH
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.calibrated import IMAGES_SHA256
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.long_task import Remaining, doing
 from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.run import IMAGES_SHA256
 from tacauchy_rig.core.store.run_files import file_sha256
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tacauchy_rig.app.cli.judge import Baseline, judge
+from tacauchy_rig.app.cli.others import Baseline, judge
 from tacauchy_rig.app.judging.layout import write_outputs
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.rgb import decode_rgb

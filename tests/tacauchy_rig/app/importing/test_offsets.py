@@ -30,8 +30,7 @@ from tacauchy_rig.app.importing.offset import (
 )
 from tacauchy_rig.app.importing.presses import PressFinding, S, Samples, find_presses
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.imported import CameraClock
-from tacauchy_rig.core.run import FZ, Pose
+from tacauchy_rig.core.run import FZ, CameraClock, Pose
 
 SEEDS = range(10)
 STEP_S, LOG_S, FRAME_S = 0.002, 0.01, 0.04

@@ -17,9 +17,9 @@ from tacauchy_rig.app.calibration.optics.run import read_input
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.app.replay.report import report_run
-from tacauchy_rig.core.calibrated import CalibratedOptics, HeldOutPress, ImageAgreement
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.run import CalibratedOptics, HeldOutPress, ImageAgreement
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.run_store import RunStore
 

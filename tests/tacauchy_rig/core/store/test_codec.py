@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.expected_press import ExpectedPress
-from tacauchy_rig.core.run import Criterion, Outcome, Tare, TrialRecord
+from tacauchy_rig.core.run import Criterion, ExpectedPress, Outcome, Tare, TrialRecord
 from tacauchy_rig.core.simulated import MarkerMotion, Replay, ReplayTrial
 from tacauchy_rig.core.store.codec import dumps, from_json, loads, read_value, to_json, to_plain
 from tests.made_model import made_model

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.selection import selected
+from tacauchy_rig.core.study import selected
 
 TREES = ("ash", "elm", "oak", "holm oak")
 
