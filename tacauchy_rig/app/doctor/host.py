@@ -1,4 +1,4 @@
-"""Checks of the computer itself: versions, clock, timer, cores, memory, groups, disk."""
+"""Checks of the computer itself: versions, timer, cores, memory, groups, disk."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import resource
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import psutil
@@ -29,19 +28,6 @@ _LIMIT_BYTES = 512 << 20
 _COMFORTABLE = 3.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DiskRate:
-    """How fast a file grew while it was forced to the disk several times a second.
-
-    Attributes:
-        rate_bytes_s: Bytes written over the time they took, syncs included [bytes/s].
-        slowest_sync_s: The longest of the syncs [s].
-    """
-
-    rate_bytes_s: float
-    slowest_sync_s: float
-
-
 def disk_checks(config: RigConfig) -> list[CheckResult]:
     """Return ``disk.space`` and ``disk.rate`` for the configured output directory."""
     folder = Path(config.run.output_directory)
@@ -54,8 +40,12 @@ def disk_checks(config: RigConfig) -> list[CheckResult]:
     return results
 
 
-def measure_disk(folder: Path, *, duration_s: float = 1.0) -> DiskRate:
-    """Write incompressible data beside ``folder`` for ``duration_s`` [s] and remove it again."""
+def measure_disk(folder: Path, *, duration_s: float = 1.0) -> tuple[float, float]:
+    """Write incompressible data beside ``folder`` for ``duration_s`` [s] and remove it again.
+
+    Returns:
+        Bytes over the time they took, syncs included [bytes/s], and the longest sync [s].
+    """
     existing = existing_folder(folder)
     try:
         with tempfile.TemporaryFile(dir=existing, buffering=0) as file:
@@ -67,7 +57,7 @@ def measure_disk(folder: Path, *, duration_s: float = 1.0) -> DiskRate:
         ) from error
 
 
-def _write_for(descriptor: int, block: bytes, duration_s: float) -> DiskRate:
+def _write_for(descriptor: int, block: bytes, duration_s: float) -> tuple[float, float]:
     written, slowest_s = 0, 0.0
     started = now = time.monotonic()
     while now < started + duration_s and written < _LIMIT_BYTES:
@@ -78,7 +68,7 @@ def _write_for(descriptor: int, block: bytes, duration_s: float) -> DiskRate:
         os.fsync(descriptor)
         slowest_s = max(slowest_s, time.monotonic() - now)
         now = time.monotonic()
-    return DiskRate(rate_bytes_s=written / (time.monotonic() - started), slowest_sync_s=slowest_s)
+    return written / (time.monotonic() - started), slowest_s
 
 
 def _space_check(name: str, folder: Path, config: RigConfig) -> CheckResult:
@@ -90,17 +80,17 @@ def _space_check(name: str, folder: Path, config: RigConfig) -> CheckResult:
 
 def _rate_check(name: str, folder: Path, config: RigConfig) -> CheckResult:
     needed = estimate_session(config).rate_bytes_s
-    measured = measure_disk(folder)
+    rate, slowest_s = measure_disk(folder)
     finding = (
-        f"{measured.rate_bytes_s / 1e6:.0f} MB/s written and synced, slowest sync "
-        f"{measured.slowest_sync_s * 1e3:.0f} ms; recording needs {needed / 1e6:.1f} MB/s"
+        f"{rate / 1e6:.0f} MB/s written and synced, slowest sync {slowest_s * 1e3:.0f} ms; "
+        f"recording needs {needed / 1e6:.1f} MB/s"
     )
-    ratio = measured.rate_bytes_s / needed
+    ratio = rate / needed
     found = judged(
         name,
         finding,
         is_good=ratio >= _COMFORTABLE,
-        value=measured.rate_bytes_s / 1e6,
+        value=rate / 1e6,
         unit="MB/s",
         remedy="set run.output_directory to a faster disk, or "
         "lower camera.width, camera.height or camera.rate",
@@ -122,7 +112,6 @@ _MIN_CORES = 2
 _MIN_MEMORY_BYTES = 4 * 2**30
 _MIN_DESCRIPTORS = 64
 """The process that watches a run opens some 30 files, sockets and pipes."""
-_MAX_CLOCK_STEP_S = 1e-5
 _TIMER_PERIOD_S = 0.002
 _TIMER_COUNT = 250
 _MAX_LATENESS_S = 0.010
@@ -132,7 +121,6 @@ def host_checks(config: RigConfig) -> list[CheckResult]:
     """Return every check of this computer; takes about two seconds."""
     return [
         version_check(),
-        clock_check(),
         timer_check(),
         core_check(len(os.sched_getaffinity(0))),
         memory_check(int(psutil.virtual_memory().available)),
@@ -156,23 +144,6 @@ def version_check(packages: Sequence[str] = PACKAGES) -> CheckResult:
         )
     listed = ", ".join(f"{package} {version}" for package, version in found.items())
     return passed("host.versions", f"{python}; {listed}")
-
-
-def clock_check(now_ns: Callable[[], int] = time.monotonic_ns) -> CheckResult:
-    """Measure the smallest step of the clock that stamps every stream."""
-    stamps = [now_ns() for _ in range(20_000)]
-    steps = [after - before for before, after in pairwise(stamps) if after != before]
-    step_s = min(steps, default=10**9) * 1e-9
-    finding = f"the monotonic clock moves in steps of {step_s * 1e6:.3f} us"
-    return judged(
-        "host.clock",
-        finding,
-        is_good=step_s <= _MAX_CLOCK_STEP_S,
-        value=step_s * 1e6,
-        unit="us",
-        remedy="`cat /sys/devices/system/clocksource/clocksource0/current_clocksource` should "
-        "say tsc",
-    )
 
 
 def timer_check() -> CheckResult:

@@ -153,7 +153,7 @@ def _standard(values: FloatArray) -> FloatArray:
 def _check_rate(
     offsets_s: FloatArray, presses_s: Sequence[tuple[float, float]], interval_s: float
 ) -> None:
-    """Refuse clocks whose offset grows by over two intervals and by more than its scatter explains."""
+    """Refuse clocks whose offset grows by two intervals, and by more than its scatter explains."""
     middle_s = np.mean(presses_s, axis=1)
     if len(middle_s) < RATED or not np.ptp(middle_s):
         return

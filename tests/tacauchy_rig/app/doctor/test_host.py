@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import resource
 from pathlib import Path
 
 import pytest
 
 from tacauchy_rig.app.doctor.host import (
-    clock_check,
     core_check,
     descriptor_check,
     disk_checks,
@@ -35,19 +33,10 @@ def test_every_check_answers(tmp_path: Path) -> None:
     results = host_checks(configured(f"run.output_directory={tmp_path}"))
     names = [result.name for result in results]
     assert len(set(names)) == len(names)
-    assert {"host.clock", "host.timer", "host.memory", "disk.space", "disk.rate"} <= set(names)
+    assert {"host.timer", "host.memory", "disk.space", "disk.rate"} <= set(names)
     for result in results:
         assert result.finding
         assert bool(result.remedy) == (result.status in (CheckStatus.WARN, CheckStatus.FAIL))
-
-
-def test_coarse_clock_is_warned_of() -> None:
-    """A clock that moves in milliseconds is told with its step."""
-    ticks = itertools.count()
-    result = clock_check(lambda: (next(ticks) // 10) * 1_000_000)
-    assert result.status is CheckStatus.WARN
-    assert result.value == pytest.approx(1000.0)
-    assert result.unit == "us"
 
 
 def test_missing_package_fails() -> None:
@@ -97,9 +86,7 @@ def test_groups_matter_for_real_devices_only() -> None:
 
 def test_disk_rate_is_measured_and_leaves_nothing(tmp_path: Path) -> None:
     """Writing is measured where the runs will go, also before the folder exists."""
-    rate = measure_disk(tmp_path / "runs" / "later", duration_s=0.1)
-    assert rate.rate_bytes_s > 0
-    assert rate.slowest_sync_s > 0
+    assert min(measure_disk(tmp_path / "runs" / "later", duration_s=0.1)) > 0
     assert list(tmp_path.iterdir()) == []
 
 
