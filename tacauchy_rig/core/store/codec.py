@@ -159,28 +159,31 @@ def from_json(kind: type[T], data: Any, *, source: str = "record") -> T:
     Raises:
         RecordError: A field is unknown, missing, or of another type; the message names it.
     """
-    text, adapter = json.dumps(data), _adapter(kind)
+    text = json.dumps(data)
     try:
-        return adapter.validate_json(text, strict=True, extra="forbid")
+        return _validated(kind, text)
     except ValidationError as error:
         problems = error.errors()
     known = json.loads(text)
     for each in problems:
-        if each["type"] != "float_type" or each["input"] not in _NON_FINITE:
+        number = _NON_FINITE.get(str(each["input"]))
+        if each["type"] != "float_type" or number is None:
             raise _unfit(each, source)
         *path, last = each["loc"]
-        reduce(getitem, path, known)[last] = _NON_FINITE[each["input"]]
-    try:
-        return adapter.validate_json(json.dumps(known), strict=True, extra="forbid")
-    except ValidationError as error:
-        raise _unfit(error.errors()[0], source) from error
+        reduce(getitem, path, known)[last] = number
+    return _validated(kind, json.dumps(known))
+
+
+def _validated(kind: type[T], text: str) -> T:
+    adapter: TypeAdapter[T] = _adapter(kind)
+    return adapter.validate_json(text, strict=True, extra="forbid")
 
 
 def _unfit(problem: ErrorDetails, source: str) -> RecordError:
     parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in problem["loc"])
     name = "".join(parts).removeprefix(".") or "the whole of it"
-    what = {"extra_forbidden": "unknown field", "missing": "missing field"}.get(problem["type"])
-    message = what or f"{problem['input']!r}: {problem['msg']}"
+    whats = {"unexpected_keyword_argument": "unknown field", "missing": "missing field"}
+    message = whats.get(problem["type"]) or f"{problem['input']!r}: {problem['msg']}"
     return RecordError(f"{source}: {name}: {message}", remedy=_REMEDY)
 
 
