@@ -47,6 +47,7 @@ PANELS = {
 }
 """The headings of the help, and what stands below each."""
 
+_STUDIES = ("accuracy", "hard-cases", "effects", "verify", "modes", "objects", "paper", "bench")
 GROUPS = {
     "calibrate": (
         "Calibrate optics, scale, the gel's material, or the delays of streams.",
@@ -70,26 +71,44 @@ GROUPS = {
     ),
     "study": (
         "Measure the simulator on this machine: accuracy, hard cases, effects, speed.",
-        _of(
-            "studies",
-            *("accuracy", "hard-cases", "effects", "verify", "modes", "objects", "paper", "bench"),
-        ),
+        _of("studies", *_STUDIES),
     ),
 }
 """Of each group what its help says, and where its commands are."""
 
+_CHECKS = (
+    *("fault-table", "page-check", "mounting-check", "gel-check", "press-check"),
+    *("budget-check", "verdict-check", "residual-check", "judge-page"),
+)
+MOVED = {
+    **{name: f"`tacauchy-rig study {name}`" for name in _STUDIES},
+    "torture": "`tacauchy-rig study hard-cases`",
+    "effects-check": "`tacauchy-rig study effects`",
+    "rigid": "`tacauchy-rig judge --baseline rigid --run RUN --out DIR`",
+    "tamper-table": "`python -m tests.studies tampering`, from a checkout of the repository",
+    **{
+        name: f"`python -m tests.studies {name.removesuffix('-check')}`, from a checkout of the "
+        "repository"
+        for name in _CHECKS
+    },
+}
+"""Commands of an earlier version, and what to call instead; for one release."""
+_MOVED_IN = {
+    "calibrate": {"markers": "`calibrate optics`, which finds markers in the no-contact frame"}
+}
+
 _INTERRUPTED = 130
 
 app = typer.Typer(
-    cls=lazy_group(COMMANDS, panels=PANELS),
+    cls=lazy_group(COMMANDS, panels=PANELS, moved=MOVED),
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     help="From a recorded tactile press to a force-matched replay and an honest report.",
 )
 for _name, (_help, _places) in GROUPS.items():
-    _group = typer.Typer(cls=lazy_group(_places), no_args_is_help=True, help=_help)
-    app.add_typer(_group, name=_name)
+    _group = lazy_group(_places, moved=_MOVED_IN.get(_name))
+    app.add_typer(typer.Typer(cls=_group, no_args_is_help=True, help=_help), name=_name)
 
 
 def _version(value: bool) -> None:

@@ -9,9 +9,14 @@ from typing import Any, ClassVar
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from tacauchy_rig.core.errors import ConfigError
+
 
 def lazy_group(
-    places: Mapping[str, str], *, panels: Mapping[str, tuple[str, ...]] | None = None
+    places: Mapping[str, str],
+    *,
+    panels: Mapping[str, tuple[str, ...]] | None = None,
+    moved: Mapping[str, str] | None = None,
 ) -> type[TyperGroup]:
     """Return the class of a group of commands.
 
@@ -19,12 +24,13 @@ def lazy_group(
         places: Where each command's function is, ``module:name``; in the order of the help.
         panels: By heading, the commands that the help lists below it, groups included; then they
             are listed in this order.
+        moved: By a name that was a command once, the command that is to be called instead.
     """
 
     class LazyGroup(_LazyGroup):
         """A group of these commands."""
 
-        _places, _panels = places, panels or {}
+        _places, _panels, _moved = places, panels or {}, moved or {}
 
     return LazyGroup
 
@@ -32,6 +38,7 @@ def lazy_group(
 class _LazyGroup(TyperGroup):
     _places: ClassVar[Mapping[str, str]]
     _panels: ClassVar[Mapping[str, tuple[str, ...]]]
+    _moved: ClassVar[Mapping[str, str]]
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
@@ -44,7 +51,11 @@ class _LazyGroup(TyperGroup):
         return first or super().list_commands(ctx)
 
     def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:  # type: ignore[override]
-        """Return a command, imported now."""
+        """Return a command; a name that moved is refused with where it went."""
+        if cmd_name in self._moved:
+            raise ConfigError(
+                f"the command {cmd_name} has moved", remedy=f"call {self._moved[cmd_name]}"
+            )
         if cmd_name in self._places:
             self.commands[cmd_name] = _imported(cmd_name, self._places[cmd_name])
         command: Any = super().get_command(ctx, cmd_name)

@@ -51,16 +51,11 @@ def explain(error: ValidationError, tables: Mapping[str, Any]) -> Iterator[str]:
         tables: The values as they were written.
     """
     lines = list(dict.fromkeys(_line(problem, tables) for problem in error.errors()))
-    yield from map(_shortened, lines[:_LINES_MOST])
+    for line in lines[:_LINES_MOST]:
+        half = _LINE_MOST // 2
+        yield line if len(line) <= _LINE_MOST else f"{line[:half]} ... {line[-half:]}"
     if len(lines) > _LINES_MOST:
         yield f"... and {len(lines) - _LINES_MOST} more"
-
-
-def _shortened(line: str) -> str:
-    if len(line) <= _LINE_MOST:
-        return line
-    half = _LINE_MOST // 2
-    return f"{line[:half]} [{len(line) - 2 * half} characters] {line[-half:]}"
 
 
 def _line(problem: Any, tables: Mapping[str, Any]) -> str:

@@ -20,6 +20,8 @@ from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.registry import Kind, load, unknown
 
 BUILT_IN = "built-in default"
+# Fields that recorded runs may have and that mean nothing any more.
+_GONE = frozenset({"report.ssim", "report.require_discrimination"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +116,8 @@ def restore_config(written: Mapping[str, Any]) -> RigConfig:
 
 def with_defaults(written: Mapping[str, Any]) -> dict[str, Any]:
     """Return a recorded run's values as written, by dotted field, over the built-in ones."""
-    return {**dict(leaves(tomllib.loads(default_text()))), **written}
+    known = {field: value for field, value in written.items() if field not in _GONE}
+    return {**dict(leaves(tomllib.loads(default_text()))), **known}
 
 
 def check_config(tables: Mapping[str, Any], *, defaulted: Set[str] | None = None) -> RigConfig:
