@@ -15,8 +15,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from functools import cache, reduce
-from operator import getitem
+from functools import cache
 from pathlib import Path
 from types import NoneType
 from typing import Any, TypeVar, get_args, get_type_hints
@@ -33,7 +32,6 @@ from tacauchy_rig.core.store.run_files import read_bytes
 T = TypeVar("T")
 
 _types_of_fields = cache(get_type_hints)
-_adapter = cache(TypeAdapter)
 
 _NON_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 _MAX_NESTING = 64
@@ -164,19 +162,29 @@ def from_json(kind: type[T], data: Any, *, source: str = "record") -> T:
         return _validated(kind, text)
     except ValidationError as error:
         problems = error.errors()
-    known = json.loads(text)
+    known: Any = json.loads(text)
     for each in problems:
         number = _NON_FINITE.get(str(each["input"]))
         if each["type"] != "float_type" or number is None:
             raise _unfit(each, source)
-        *path, last = each["loc"]
-        reduce(getitem, path, known)[last] = number
-    return _validated(kind, json.dumps(known))
+        place, (*path, last) = known, each["loc"]
+        for part in path:
+            place = place[part]
+        place[last] = number
+    try:
+        return _validated(kind, json.dumps(known))
+    except ValidationError as error:
+        raise _unfit(error.errors()[0], source) from error
 
 
 def _validated(kind: type[T], text: str) -> T:
-    adapter: TypeAdapter[T] = _adapter(kind)
-    return adapter.validate_json(text, strict=True, extra="forbid")
+    found: T = _adapter(kind).validate_json(text, strict=True, extra="forbid")
+    return found
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
 
 
 def _unfit(problem: ErrorDetails, source: str) -> RecordError:

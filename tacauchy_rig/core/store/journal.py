@@ -110,7 +110,7 @@ def _parsed(raw: bytes, source: str) -> JournalLine:
     except RecordError:
         logger.warning("%s: incomplete, left by a crash; passed over", source)
         return JournalLine(raw=raw)
-    links = {}
+    links: dict[str, Any] = {}
     if isinstance(content, dict):
         links = {name: content.pop(name, None) for name in (_NUMBER, _PREVIOUS)}
     return JournalLine(raw=raw, event=read_value(JournalEvent, content, source=source), **links)
