@@ -161,7 +161,8 @@ def from_json(kind: type[T], data: Any, *, source: str = "record") -> T:
     try:
         return _validated(kind, text)
     except ValidationError as error:
-        problems = error.errors()
+        # An unknown field first: it may be a missing one that is written wrong.
+        problems = sorted(error.errors(), key=lambda each: each["type"] != _UNKNOWN)
     known: Any = json.loads(text)
     for each in problems:
         number = _NON_FINITE.get(str(each["input"]))
@@ -177,8 +178,12 @@ def from_json(kind: type[T], data: Any, *, source: str = "record") -> T:
         raise _unfit(error.errors()[0], source) from error
 
 
+_UNKNOWN = "unexpected_keyword_argument"
+
+
 def _validated(kind: type[T], text: str) -> T:
-    found: T = _adapter(kind).validate_json(text, strict=True, extra="forbid")
+    wanted: Any = kind
+    found: T = _adapter(wanted).validate_json(text, strict=True, extra="forbid")
     return found
 
 
@@ -190,7 +195,7 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 def _unfit(problem: ErrorDetails, source: str) -> RecordError:
     parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in problem["loc"])
     name = "".join(parts).removeprefix(".") or "the whole of it"
-    whats = {"unexpected_keyword_argument": "unknown field", "missing": "missing field"}
+    whats = {_UNKNOWN: "unknown field", "missing": "missing field"}
     message = whats.get(problem["type"]) or f"{problem['input']!r}: {problem['msg']}"
     return RecordError(f"{source}: {name}: {message}", remedy=_REMEDY)
 
