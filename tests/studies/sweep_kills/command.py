@@ -83,7 +83,7 @@ class SweepKills(Study):
                 rows,
                 columns,
                 title="Presses after the kills",
-                criterion="none lost, none computed twice, all files identical byte by byte",
+                criterion="no press lost or computed twice, all files identical byte by byte",
                 passed=all(good) and len(good) == len(results),
             )
         ]

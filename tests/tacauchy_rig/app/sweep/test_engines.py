@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tacauchy_rig.app.sweep.engines import Folder, InterruptedSweepError, Processes
+from tacauchy_rig.app.sweep.engines import Dask, Folder, InterruptedSweepError, Processes
 from tacauchy_rig.app.sweep.plan import Simulation
 from tacauchy_rig.app.sweep.shard import Shard
 
@@ -22,6 +25,12 @@ def work(shard: Shard, device: str) -> bytes:
     """Stand in for ``make_shard``."""
     del device
     return shard.name.encode()
+
+
+def slow_work(shard: Shard, device: str) -> bytes:
+    """Take half a second."""
+    time.sleep(0.5)
+    return work(shard, device)
 
 
 def _folder(tmp_path: Path) -> Folder:
@@ -75,3 +84,39 @@ def test_a_task_finishes_its_shard_when_its_end_is_announced(tmp_path: Path) -> 
     with pytest.raises(InterruptedSweepError):
         next(made)
     assert _write(tmp_path, _folder(tmp_path)(work, SHARDS)) == len(SHARDS) - 1
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_dask_survives_the_death_of_a_worker(tmp_path: Path) -> None:
+    """Dask survives the death of a worker."""
+    pytest.importorskip("distributed")
+    environment = os.environ | {"PYTHONPATH": f"{Path(__file__).parent}:{Path.cwd()}"}
+
+    def start(*words: str) -> subprocess.Popen[bytes]:
+        with (tmp_path / "log").open("ab") as log:
+            command = [sys.executable, "-m", "distributed.cli." + words[0], *words[1:]]
+            return subprocess.Popen(command, env=environment, stdout=log, stderr=log)
+
+    file = tmp_path / "scheduler.json"
+    running = [
+        start("dask_scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
+    ]
+    try:
+        while not file.exists():
+            time.sleep(0.1)
+        address = json.loads(file.read_text())["address"]
+        running += [
+            start("dask_worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+            for _ in range(2)
+        ]
+        made = {}
+        for shard, content in Dask(address)(slow_work, SHARDS):
+            made[shard.name] = content
+            if len(made) == 1:
+                running[1].kill()
+        assert made == EXPECTED
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()

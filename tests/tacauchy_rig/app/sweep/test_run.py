@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from unittest.mock import patch
@@ -171,3 +176,43 @@ def test_a_full_disk_stops_before_the_first_press(swept: tuple[Plan, Path], tmp_
     with full, pytest.raises(RecordError, match="0 MB free"):
         run.sweep(swept[0], rows_of(swept[0]), tmp_path, engine)
     assert engine.pressed == 0
+
+
+class StandIn:
+    """Stands for ``sbatch``: runs a script's tasks, ends them at their time, rejects one."""
+
+    def __init__(self, folder: Path, script: Path) -> None:
+        self.script, self.queue = script, folder / "requeued"
+        (folder / "bin").mkdir()
+        scontrol = folder / "bin" / "scontrol"
+        scontrol.write_text(f'#!/bin/sh\necho "$2" >> {self.queue}\n')
+        scontrol.chmod(0o755)
+        path = f"{folder / 'bin'}:{Path(sys.executable).parent}:{os.environ['PATH']}"
+        self.environment = os.environ | {"PATH": path, "SLURM_ARRAY_JOB_ID": "7"}
+
+    def start(self, task: int) -> subprocess.Popen[bytes]:
+        """Start a task that was not rejected."""
+        environment = self.environment | {"SLURM_ARRAY_TASK_ID": str(task)}
+        return subprocess.Popen(["bash", str(self.script)], env=environment)
+
+
+@pytest.mark.slow
+def test_tasks_of_a_cluster_end_at_their_time_and_are_requeued(
+    swept: tuple[Plan, Path], tmp_path: Path
+) -> None:
+    """The first ends after a shard, the second never begins; the first does the rest later."""
+    out, plan_file = tmp_path / "out", swept[1].parent / "plan.toml"
+    command = [sys.executable, "-m", "tacauchy_rig.app.cli.app", "sweep", str(plan_file)]
+    subprocess.run([*command, "--out", str(out), "--slurm", "2"], check=True)
+    cluster = StandIn(tmp_path, out / "sweep.sbatch")
+    assert "--array=0-1%2" in cluster.script.read_text()
+    first = cluster.start(0)
+    while not list(out.glob("shards/*.parquet")) and first.poll() is None:
+        time.sleep(0.05)
+    first.send_signal(signal.SIGUSR1)
+    assert first.wait(60) == 75
+    made = {file.name: file.stat().st_mtime_ns for file in (out / "shards").iterdir()}
+    assert cluster.queue.read_text() == "7_0\n"
+    assert cluster.start(0).wait(60) == 0
+    assert {name: (out / "shards" / name).stat().st_mtime_ns for name in made} == made
+    assert _bytes(out) == _bytes(swept[1])
