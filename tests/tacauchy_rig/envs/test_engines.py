@@ -47,6 +47,23 @@ def test_balls_rest_on_gels_in_newton_with_their_weight_as_wrench() -> None:
     np.testing.assert_allclose(impulse - 120 * STEP_S * weight_n, gained, atol=0.01 * impulse.max())
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_ball_beside_the_middle_that_falls_at_50_mm_s_stays() -> None:
+    """After 1,000 steps it rests where it fell, within 1 % of its weight."""
+    model, sensor = balls_on_pads(1, device="cpu", mass_kg=MASS_KG)
+    state = model.state()
+    poses, speeds = state.body_q.numpy(), state.body_qd.numpy()
+    poses[1, :2], speeds[1, 2] = [0.7e-3, -0.4e-3], -0.05
+    state.body_q.assign(poses)
+    state.body_qd.assign(speeds)
+    state, _impulse = _go(model, sensor, 1000, state)
+    assert sensor.contact.wrench[0, 2] == pytest.approx(MASS_KG * GRAVITY, rel=0.01)
+    assert np.abs(state.body_qd.numpy()[1, :3]).max() < 5e-4
+    assert np.abs(state.body_q.numpy()[1, :2] - poses[1, :2]).max() < 0.5e-3
+    assert sensor.contact.is_valid.all()
+
+
 def test_a_fast_ball_comes_back_from_the_gel_in_newton() -> None:
     """At 50 mm/s, without loss, it keeps its energy within a tenth, and does not go through."""
     model, sensor = balls_on_pads(
