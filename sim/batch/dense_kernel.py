@@ -94,21 +94,13 @@ _PRODUCT = """
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tiling:
-    """How a block of the product is shared out among warps.
+    """How a block of the product is shared out among warps."""
 
-    Attributes:
-        row_tiles: Tiles of 16 rows that a warp makes.
-        column_tiles: Tiles of 8 columns that a warp makes.
-        row_warps: Warps beside each other along the rows.
-        column_warps: Warps beside each other along the columns.
-        depth_warps: Warps that share the terms of a sum.
-    """
-
-    row_tiles: int
-    column_tiles: int
-    row_warps: int = 1
-    column_warps: int = 1
-    depth_warps: int = 1
+    row_tiles: int  # tiles of 16 rows that a warp makes
+    column_tiles: int  # tiles of 8 columns that a warp makes
+    row_warps: int = 1  # Warps beside each other along the rows
+    column_warps: int = 1  # Warps beside each other along the columns
+    depth_warps: int = 1  # Warps that share the terms of a sum
 
     @property
     def rows(self) -> int:

@@ -20,21 +20,14 @@ class CheckStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckResult:
-    """One line of ``doctor``.
+    """One line of ``doctor``."""
 
-    Attributes:
-        name: Part and property, such as ``disk.rate``.
-        finding: What was found, in words, numbers with their unit.
-        value: The number that decided, in ``unit``; None where there is none.
-        remedy: What to do, unless the status is ok.
-    """
-
-    name: str
+    name: str  # part and property, such as ``disk.rate``
     status: CheckStatus
-    finding: str
-    value: float | None = None
+    finding: str  # what was found, in words, numbers with their unit
+    value: float | None = None  # the number that decided, in ``unit``; None where there is none
     unit: str = ""
-    remedy: str = ""
+    remedy: str = ""  # what to do, unless the status is ok
 
 
 def passed(name: str, finding: str, *, value: float | None = None, unit: str = "") -> CheckResult:

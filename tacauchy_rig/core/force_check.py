@@ -85,35 +85,23 @@ def parse_weight(text: str) -> Weight:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceCheck:
-    """A weight that hung on the cell, and what the cell made of it.
+    """A weight that hung on the cell, and what the cell made of it."""
 
-    Attributes:
-        checked: When, in UTC.
-        before: Unloaded; ``loaded``: with the weight; ``after``: unloaded again.
-        expected_n: Change of the pressing force that the weight makes; it pulls, so it is negative.
-        measured_n: The same as the cell has it.
-        sideways_n: Change across the cell's axis.
-        drift_n: Unloaded after minus before.
-        tolerance_n: By how much ``measured_n`` may miss ``expected_n``.
-        finding: What was found, in words.
-        remedy: The likely cause first; empty where the cell is right.
-        expired: When trials were added although the check had expired; empty if none were.
-    """
-
-    checked: str
+    checked: str  # when, in UTC
     weight: Weight
     compression_sign: int
-    before: Tare
+    before: Tare  # unloaded; ``loaded``: with the weight; ``after``: unloaded again
     loaded: Tare
     after: Tare
+    # Change of the pressing force that the weight makes; it pulls, so it is negative
     expected_n: float
-    measured_n: float
-    sideways_n: float
-    drift_n: float
-    tolerance_n: float
-    finding: str
-    remedy: str = ""
-    expired: str = ""
+    measured_n: float  # the same as the cell has it
+    sideways_n: float  # change across the cell's axis
+    drift_n: float  # unloaded after minus before
+    tolerance_n: float  # by how much ``measured_n`` may miss ``expected_n``
+    finding: str  # what was found, in words
+    remedy: str = ""  # the likely cause first; empty where the cell is right
+    expired: str = ""  # when trials were added although the check had expired; empty if none were
 
     @property
     def passed(self) -> bool:

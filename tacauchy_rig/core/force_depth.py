@@ -18,15 +18,10 @@ pressed deeper than that; a ball's force, which bends most, is 2 % off there."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ForceDepthCurve:
-    """A pressing force over the depth below first touch.
+    """A pressing force over the depth below first touch."""
 
-    Attributes:
-        depth_m: Rising depths [m], shape [n].
-        force_n: Force at each [N], shape [n].
-    """
-
-    depth_m: FloatArray
-    force_n: FloatArray
+    depth_m: FloatArray  # rising depths [m], shape [n]
+    force_n: FloatArray  # force at each [N], shape [n]
 
     @classmethod
     def merged(cls, histories: Sequence[Sequence[tuple[float, float]]]) -> Self | None:

@@ -45,21 +45,14 @@ is that of a quick press or of a held one is seldom said, so that it is left ope
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmAccuracy:
-    """Standard uncertainties of an arm: of its force averaged over a dwell, and of its heights.
+    """Standard uncertainties of an arm: of its force averaged over a dwell, and of its heights."""
 
-    Attributes:
-        gain: Of its estimate, the same in all trials [1].
-        offset_n: The same in all trials [N]: joint friction that the direction of motion decides.
-        scatter_n: From trial to trial [N]: noise and drift.
-        depth_share: Of the way from contact, from trial to trial [1].
-        contact_m: Of the height of contact, from trial to trial [m].
-    """
-
-    gain: float
+    gain: float  # of its estimate, the same in all trials [1]
+    # The same in all trials [N]: joint friction that the direction of motion decides
     offset_n: float
-    scatter_n: float
-    depth_share: float
-    contact_m: float
+    scatter_n: float  # from trial to trial [N]: noise and drift
+    depth_share: float  # of the way from contact, from trial to trial [1]
+    contact_m: float  # of the height of contact, from trial to trial [m]
 
 
 ARM_ACCURACY = {
@@ -75,21 +68,14 @@ ARM_ACCURACY = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialForce:
-    """What the sources say of the sensor in one trial.
+    """What the sources say of the sensor in one trial."""
 
-    Attributes:
-        index: Of the trial.
-        gain: Reading over true force [1].
-        gain_uncertainty: Standard uncertainty of it [1].
-        zero_n: Zero of its curve relative to the other trials [N]; None without a curve.
-        zero_uncertainty_n: Standard uncertainty of it [N].
-    """
-
-    index: int
-    gain: float
-    gain_uncertainty: float
+    index: int  # of the trial
+    gain: float  # reading over true force [1]
+    gain_uncertainty: float  # standard uncertainty of it [1]
+    # Zero of its curve relative to the other trials [N]; None without a curve
     zero_n: float | None = None
-    zero_uncertainty_n: float | None = None
+    zero_uncertainty_n: float | None = None  # standard uncertainty of it [N]
 
     @property
     def uncertainty(self) -> float:
@@ -99,18 +85,12 @@ class TrialForce:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceHistory:
-    """Judgement of a sensor over the trials of a run.
+    """Judgement of a sensor over the trials of a run."""
 
-    Attributes:
-        trials: In the order in which they were pressed.
-        sources: What was compared, in words.
-        fault: What is wrong, in words; empty where nothing was found.
-        excess: By how many times its limit the worst quantity is off [1]; above 1 is a fault.
-    """
-
-    trials: tuple[TrialForce, ...]
-    sources: tuple[str, ...]
-    fault: str = ""
+    trials: tuple[TrialForce, ...]  # in the order in which they were pressed
+    sources: tuple[str, ...]  # what was compared, in words
+    fault: str = ""  # what is wrong, in words; empty where nothing was found
+    # By how many times its limit the worst quantity is off [1]; above 1 is a fault
     excess: float = 0.0
 
     @property
@@ -179,18 +159,12 @@ def judge_forces(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Source:
-    """Observations of the logarithms of the gains.
-
-    Attributes:
-        observed: Shape (m,).
-        design: What a gain changes of each, shape (m, trials).
-        covariance: Shape (m, m).
-    """
+    """Observations of the logarithms of the gains."""
 
     name: str
-    observed: FloatArray
-    design: FloatArray
-    covariance: FloatArray
+    observed: FloatArray  # shape (m,)
+    design: FloatArray  # what a gain changes of each, shape (m, trials)
+    covariance: FloatArray  # shape (m, m)
 
 
 def _arm_source(records: Sequence[TrialRecord], accuracy: ArmAccuracy) -> _Source | None:

@@ -34,46 +34,33 @@ DAY_S = 86_400.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """One thing to measure.
+    """One thing to measure."""
 
-    Attributes:
-        name: Of the case; ``--only`` selects by it.
-        measure: Returns plain values (dictionaries, lists, text, numbers), so that they can be
-            kept as JSON. It and they can be pickled, unless the study runs in one process.
-        shows: What sets the case apart, for ``--list``. A kept result must agree with it.
-        alias: Another name that ``--only`` selects by, such as a number.
-        limit_s: Time after which the case has failed, if ``--limit`` is not given [s].
-        process: Neighbouring cases of one such name share a process, where the next one finds what
-            the one before has loaded; empty for a process of its own.
-        is_isolated: It gets a process of its own in any case, so that a crash or a hang fails it
-            alone.
-        on_request: Measured only if ``--only`` names it.
-    """
-
-    name: str
+    name: str  # of the case; ``--only`` selects by it
+    # Returns plain values (dictionaries, lists, text, numbers), so that they can be kept as JSON.
+    # It and they can be pickled, unless the study runs in one process.
     measure: Callable[[], Any]
+    # What sets the case apart, for ``--list``. A kept result must agree with it.
     shows: str = ""
-    alias: str = ""
-    limit_s: float = DAY_S
+    alias: str = ""  # another name that ``--only`` selects by, such as a number
+    limit_s: float = DAY_S  # time after which the case has failed, if ``--limit`` is not given [s]
+    # Neighbouring cases of one such name share a process, where the next one finds what the one
+    # before has loaded; empty for a process of its own
     process: str = ""
+    # It gets a process of its own in any case, so that a crash or a hang fails it alone
     is_isolated: bool = False
-    on_request: bool = False
+    on_request: bool = False  # measured only if ``--only`` names it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """What came out of a case.
-
-    Attributes:
-        found: What the case measured; None where ``failure`` says why there is nothing.
-        wall_s: Time that it took [s].
-    """
+    """What came out of a case."""
 
     name: str
     shows: str = ""
-    found: Any = None
+    found: Any = None  # what the case measured; None where ``failure`` says why there is nothing
     failure: str = ""
-    wall_s: float = 0.0
+    wall_s: float = 0.0  # time that it took [s]
 
 
 class About(NamedTuple):

@@ -25,24 +25,17 @@ _GAP = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """What was measured, beside its criterion; its fields are its JSON.
-
-    Attributes:
-        columns: Headings, each with its unit in brackets.
-        rows: Cells in the order of ``columns``.
-        criterion: What has to hold, in words; begins with ``none`` where nothing is demanded, and
-            is empty where a table has no criterion of its own.
-        passed: It held; true where nothing was demanded.
-        note: What a reader has to know to judge the numbers.
-        command: A ``tacauchy-rig`` command that gives one of the rows; empty where none does.
-    """
+    """What was measured, beside its criterion; its fields are its JSON."""
 
     title: str = ""
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    columns: tuple[str, ...]  # headings, each with its unit in brackets
+    rows: tuple[tuple[Cell, ...], ...]  # cells in the order of ``columns``
+    # What has to hold, in words; begins with ``none`` where nothing is demanded, and is empty where
+    # a table has no criterion of its own
     criterion: str = ""
-    passed: bool = True
-    note: str = ""
+    passed: bool = True  # it held; true where nothing was demanded
+    note: str = ""  # what a reader has to know to judge the numbers
+    # A ``tacauchy-rig`` command that gives one of the rows; empty where none does
     command: str = ""
 
     @property

@@ -118,18 +118,15 @@ def reseeded(configuration: Configuration, seed: int) -> Configuration:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """A configuration's errors and cost.
-
-    Attributes:
-        errors: By quantity: relative errors, with their sign, of F_z at the reference's depth, and
-            of depth, largest pressure and contact radius at the force; RMS error of the height over
-            the deepest indentation; 1 - SSIM of the image.
-        chances: By quantity: how far its error may be off for what its mesh happens to cut; empty
-            where that was not measured.
-    """
+    """A configuration's errors and cost."""
 
     configuration: Configuration
+    # By quantity: relative errors, with their sign, of F_z at the reference's depth, and of depth,
+    # largest pressure and contact radius at the force; RMS error of the height over the deepest
+    # indentation; 1 - SSIM of the image
     errors: dict[str, float] = field(default_factory=dict)
+    # By quantity: how far its error may be off for what its mesh happens to cut; empty where that
+    # was not measured
     chances: dict[str, float] = field(default_factory=dict)
     zncc_contact: float = np.nan  # correlation with the reference's image inside the contact
     setup_s: float = np.nan  # meshing, upload and symbolic factorisation

@@ -161,15 +161,12 @@ _row: Callable[[Any], Row] = TypeAdapter(Row).validate_python
 
 @dataclass
 class Accuracy(Study):
-    """A press with many settings against a reference, on meshes of one seed or more.
-
-    Attributes:
-        seeds: Of the meshes; the first one is shown whole, others are compared with it.
-    """
+    """A press with many settings against a reference, on meshes of one seed or more."""
 
     terms: SceneTerms  # a press of a sensor to a force
     similarity: Similarity  # as for ``Judge``
     full: bool = False  # measure many more settings
+    # Of the meshes; the first one is shown whole, others are compared with it
     seeds: Sequence[int] = (0,)
     tolerances: bool = False  # judge what a tolerance keeps, too
 

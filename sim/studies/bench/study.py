@@ -53,14 +53,11 @@ _REFERENCE = "reference: "
 
 @dataclass(kw_only=True)
 class Bench(Study):
-    """Parts in this process, every scene in one of its own.
-
-    Attributes:
-        make_images: Makes, of a sensor, what turns a pressed surface into a replay's image.
-    """
+    """Parts in this process, every scene in one of its own."""
 
     terms: SceneTerms  # what parts but the scenes press
     forces_n: Sequence[float]  # of the replay [N]
+    # Makes, of a sensor, what turns a pressed surface into a replay's image
     make_images: Callable[[Sensor], parts.ImageOf]
     chosen: Sequence[Part] = tuple(Part)  # parts that are measured
     drawn: int | None = None  # seed of scenes that are drawn in place of the table's

@@ -38,22 +38,15 @@ Series = tuple[FloatArray, FloatArray]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delay:
-    """How late a stream is.
+    """How late a stream is."""
 
-    Attributes:
-        delay_s: Later than the arm's state of the same moment; negative is earlier.
-        uncertainty_s: Standard uncertainty, of the scatter between parts of the motion and of the
-            depth's own times.
-        explained: Part of the signal's variance that the shifted depth explains, where it is fresh.
-        sample_count: Samples that were used.
-        stale_count: Samples that were left out: they do not follow the motion.
-    """
-
-    delay_s: float
+    delay_s: float  # later than the arm's state of the same moment; negative is earlier
+    # Standard uncertainty, of the scatter between parts of the motion and of the depth's own times
     uncertainty_s: float
+    # Part of the signal's variance that the shifted depth explains, where it is fresh
     explained: float
-    sample_count: int
-    stale_count: int = 0
+    sample_count: int  # samples that were used
+    stale_count: int = 0  # samples that were left out: they do not follow the motion
 
 
 def find_delay(
@@ -190,19 +183,12 @@ TRIGGER_FRAMES = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Latency:
-    """Delays of one press against its arm.
+    """Delays of one press against its arm."""
 
-    Attributes:
-        force: Of the force sensor's stamps.
-        image: Of the camera's stamps.
-        sync_mode: What the configuration declares of it.
-        trigger_missed: Why a declared trigger is not believed; empty where it is, or none is
-            declared.
-    """
-
-    force: Delay
-    image: Delay
-    sync_mode: SyncMode
+    force: Delay  # of the force sensor's stamps
+    image: Delay  # of the camera's stamps
+    sync_mode: SyncMode  # what the configuration declares of it
+    # Why a declared trigger is not believed; empty where it is, or none is declared
     trigger_missed: str
 
 

@@ -28,29 +28,22 @@ _KEPT = ("displacement_m", "contact_pressure_pa", "contact_shear_pa", "node_rest
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Episode:
-    """One press.
-
-    Attributes:
-        force: Wrenches in the force sensor's frame, raw [N, N m].
-        pose: Of the tip in the robot's base frame [m, rad]; None where nobody recorded it.
-        velocity: Of the tip at the pose's stamps [m/s, rad/s], shape [n, 6].
-        arm_wrench: What the arm itself felt then [N, N m], shape [n, 6]; NaN where it did not say.
-        frames: Yields all images, in order.
-        stamps_ns: Of the images, shape [n].
-        windows: First and last stamp [ns] of ``tare``, ``reference`` (no contact) and ``dwell``.
-        outputs: Numbers with their unit in the name, and words; None is not known.
-        fields: Returns the simulated arrays, units in the names; none of what was not replayed.
-    """
+    """One press."""
 
     name: str
-    force: Samples
+    force: Samples  # wrenches in the force sensor's frame, raw [N, N m]
+    # Of the tip in the robot's base frame [m, rad]; None where nobody recorded it
     pose: Samples | None
-    velocity: FloatArray
+    velocity: FloatArray  # of the tip at the pose's stamps [m/s, rad/s], shape [n, 6]
+    # What the arm itself felt then [N, N m], shape [n, 6]; NaN where it did not say
     arm_wrench: FloatArray
-    frames: Callable[[], Iterator[ImageFrame]]
-    stamps_ns: Int64Array
+    frames: Callable[[], Iterator[ImageFrame]]  # yields all images, in order
+    stamps_ns: Int64Array  # of the images, shape [n]
+    # First and last stamp [ns] of ``tare``, ``reference`` (no contact) and ``dwell``
     windows: Mapping[str, Window]
+    # Numbers with their unit in the name, and words; None is not known
     outputs: Mapping[str, float | str | None]
+    # Returns the simulated arrays, units in the names; none of what was not replayed
     fields: Callable[[], Mapping[str, AnyArray]]
 
     @property
@@ -119,21 +112,13 @@ def _fields(store: RunStore, trial: int) -> dict[str, AnyArray]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rows:
-    """An episode at an even rate: each row has what was newest at its time.
+    """An episode at an even rate: each row has what was newest at its time."""
 
-    Attributes:
-        time_s: Since the first row, shape [n].
-        frame: Number of the image, shape [n].
-        wrench: Tared, shape [n, 6].
-        window: The samples of force up to each row, the newest last, shape [n, k, 6].
-        state: Pose of the tip, shape [n, 6]; None where nobody recorded it.
-    """
-
-    time_s: FloatArray
-    frame: IndexArray
-    wrench: FloatArray
-    window: FloatArray
-    state: FloatArray | None
+    time_s: FloatArray  # since the first row, shape [n]
+    frame: IndexArray  # number of the image, shape [n]
+    wrench: FloatArray  # tared, shape [n, 6]
+    window: FloatArray  # the samples of force up to each row, the newest last, shape [n, k, 6]
+    state: FloatArray | None  # pose of the tip, shape [n, 6]; None where nobody recorded it
 
 
 def even_rows(episodes: list[Episode]) -> tuple[int, list[Rows]]:

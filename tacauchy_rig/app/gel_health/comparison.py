@@ -52,39 +52,24 @@ class Advice(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressMeasures:
-    """What was measured of one press.
+    """What was measured of one press."""
 
-    Attributes:
-        depth_m: Below first contact while the force rises, shape [n].
-        force_n: Likewise [N].
-        unloaded: No-contact image [grey levels], shape [height, width, 3].
-        pressed: Image of the dwell, likewise.
-        zero_n: Raw reading of the unloaded cell along its axis.
-        zero_deviation_n: Standard deviation of it.
-    """
-
-    depth_m: FloatArray
-    force_n: FloatArray
-    unloaded: FloatArray
-    pressed: FloatArray
-    zero_n: float
-    zero_deviation_n: float
+    depth_m: FloatArray  # below first contact while the force rises, shape [n]
+    force_n: FloatArray  # likewise [N]
+    unloaded: FloatArray  # no-contact image [grey levels], shape [height, width, 3]
+    pressed: FloatArray  # image of the dwell, likewise
+    zero_n: float  # raw reading of the unloaded cell along its axis
+    zero_deviation_n: float  # standard deviation of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Change:
-    """How much one property changed.
-
-    Attributes:
-        value: In ``unit``; a ratio if that is empty.
-        uncertainty: Standard uncertainty, likewise.
-        limit: A change beyond it, either way, counts if it is significant.
-    """
+    """How much one property changed."""
 
     name: str
-    value: float
-    uncertainty: float
-    limit: float
+    value: float  # in ``unit``; a ratio if that is empty
+    uncertainty: float  # standard uncertainty, likewise
+    limit: float  # a change beyond it, either way, counts if it is significant
     unit: str = ""
 
     @property

@@ -60,15 +60,10 @@ _HEAD_UNIT = re.compile(r"^(.*?)[\s_]*[\[(/]?\s*([A-Za-z\u00b5]+)\s*[\])]?$")
 
 @dataclass(slots=True)
 class Guesses:
-    """Lines of an ``import.toml``.
+    """Lines of an ``import.toml``."""
 
-    Attributes:
-        lines: Keys and values, with reasons as comments.
-        asked: What a person has to look at.
-    """
-
-    lines: list[str] = field(default_factory=list)
-    asked: list[str] = field(default_factory=list)
+    lines: list[str] = field(default_factory=list)  # keys and values, with reasons as comments
+    asked: list[str] = field(default_factory=list)  # what a person has to look at
 
     def say(self, key: str, value: object, reason: str) -> None:
         """Write a key; a reason that begins with ``CHECK`` is also asked."""

@@ -104,20 +104,14 @@ def _damage(data: bytes) -> str:
 
 @dataclass(slots=True, kw_only=True)
 class Converter:
-    """Makes images of a source such as the sensor's camera gives.
+    """Makes images of a source such as the sensor's camera gives."""
 
-    Attributes:
-        how: The source's convention.
-        camera: Of the sensor.
-        notes: What was made of images, a sentence each.
-        refused: Sizes that were told to have another shape, once each.
-        pairs: An image of each press and its image at rest, scaled down.
-    """
-
-    how: Images
-    camera: CameraGeometry
-    notes: dict[str, None] = field(default_factory=dict)
+    how: Images  # the source's convention
+    camera: CameraGeometry  # of the sensor
+    notes: dict[str, None] = field(default_factory=dict)  # what was made of images, a sentence each
+    # Sizes that were told to have another shape, once each
     refused: set[Size] = field(default_factory=set)
+    # An image of each press and its image at rest, scaled down
     pairs: list[tuple[ImageArray, ImageArray]] = field(default_factory=list)
 
     def check_colours(self, problems: Problems) -> None:

@@ -37,15 +37,10 @@ SHALLOW_M = 2e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Keys:
-    """What declares conventions, for messages.
+    """What declares conventions, for messages."""
 
-    Attributes:
-        force_sign: Key and value that turn the sign of forces; likewise of depths.
-        force: Key of their unit; likewise of depths and places.
-    """
-
-    force_sign: str
-    force: str
+    force_sign: str  # key and value that turn the sign of forces; likewise of depths
+    force: str  # key of their unit; likewise of depths and places
     depth_sign: str
     depth: str
     place: str

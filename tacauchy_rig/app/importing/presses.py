@@ -28,15 +28,11 @@ S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Samples:
-    """A stream of numbers.
+    """A stream of numbers."""
 
-    Attributes:
-        stamp_ns: Of the source's clock, ascending, shape [n].
-        value: Fx, Fy, Fz [N], Mx, My, Mz [N m], or x, y, z [m] and rotation vector [rad], shape
-            [n, 6]; NaN where the source does not say.
-    """
-
-    stamp_ns: Int64Array
+    stamp_ns: Int64Array  # of the source's clock, ascending, shape [n]
+    # Fx, Fy, Fz [N], Mx, My, Mz [N m], or x, y, z [m] and rotation vector [rad], shape [n, 6]; NaN
+    # where the source does not say
     value: FloatArray
 
     def within(self, window: Window) -> Samples:
@@ -50,52 +46,31 @@ class Samples:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """An image of the source.
-
-    Attributes:
-        name: What the source calls it, for messages.
-        read: Returns its bytes, JPEG or PNG.
-    """
+    """An image of the source."""
 
     stamp_ns: int
-    name: str
-    read: Callable[[], bytes]
+    name: str  # what the source calls it, for messages
+    read: Callable[[], bytes]  # returns its bytes, JPEG or PNG
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Press:
-    """One press.
+    """One press."""
 
-    Attributes:
-        name: What the source calls it.
-        frames: All of its images, in order.
-        force: Raw wrenches; None where there are none.
-        pose: Of the tip; None where there are none.
-        reference: Window of the frames without contact.
-        dwell: Window in which the press was held.
-        tare: Window of unloaded force samples; None takes forces as they are.
-        contact_z_m: Height of the tip at first contact [m].
-        depth_m: Stated depth [m], where no pose gives it.
-        place_m: Beside the pad's centre [m]; None is not known.
-        indenter: As ``press --indenter`` has it; empty is the run's.
-        where: Where the source has it, for messages; empty is its name.
-        indenter_at: Where the source names its indenter.
-        contact_px: Column, row and radius of the contact's edge as drawn into the image [px].
-    """
-
-    name: str
-    frames: tuple[Frame, ...]
-    reference: Window
-    dwell: Window
-    force: Samples | None = None
-    pose: Samples | None = None
-    tare: Window | None = None
-    contact_z_m: float | None = None
-    depth_m: float | None = None
-    place_m: tuple[float, float] | None = None
-    indenter: str = ""
-    where: str = ""
-    indenter_at: str = ""
+    name: str  # what the source calls it
+    frames: tuple[Frame, ...]  # all of its images, in order
+    reference: Window  # window of the frames without contact
+    dwell: Window  # window in which the press was held
+    force: Samples | None = None  # raw wrenches; None where there are none
+    pose: Samples | None = None  # of the tip; None where there are none
+    tare: Window | None = None  # window of unloaded force samples; None takes forces as they are
+    contact_z_m: float | None = None  # height of the tip at first contact [m]
+    depth_m: float | None = None  # stated depth [m], where no pose gives it
+    place_m: tuple[float, float] | None = None  # beside the pad's centre [m]; None is not known
+    indenter: str = ""  # as ``press --indenter`` has it; empty is the run's
+    where: str = ""  # where the source has it, for messages; empty is its name
+    indenter_at: str = ""  # where the source names its indenter
+    # Column, row and radius of the contact's edge as drawn into the image [px]
     contact_px: tuple[float, float, float] | None = None
 
     @property
@@ -118,27 +93,18 @@ class Press:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recorded:
-    """All that was read of a source.
-
-    Attributes:
-        has_clock: Stamps are times; without, they give the order only.
-        sync_mode: What ties forces and images together in time (``run.sync_mode``).
-        unknown: What the source does not say, a sentence each.
-        notes: What was made of it, a sentence each.
-        contact_force_n: At which depths begin [N]; None is first touch.
-        name: Of a run of it.
-        rig: Fields of ``rig.toml`` that its format comes with; ``import.toml`` counts more.
-        clock: How the camera's clock was aligned with the force's; None where nothing was.
-    """
+    """All that was read of a source."""
 
     presses: tuple[Press, ...]
-    has_clock: bool
-    sync_mode: str = "unknown"
-    unknown: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    has_clock: bool  # stamps are times; without, they give the order only
+    sync_mode: str = "unknown"  # what ties forces and images together in time (``run.sync_mode``)
+    unknown: tuple[str, ...] = ()  # what the source does not say, a sentence each
+    notes: tuple[str, ...] = ()  # what was made of it, a sentence each
+    # Fields of ``rig.toml`` that its format comes with; ``import.toml`` counts more
     rig: Mapping[str, Any] = field(default_factory=dict)
-    contact_force_n: float | None = None
-    name: str = "imported"
+    contact_force_n: float | None = None  # at which depths begin [N]; None is first touch
+    name: str = "imported"  # of a run of it
+    # How the camera's clock was aligned with the force's; None where nothing was
     clock: CameraClock | None = None
 
 
@@ -178,23 +144,14 @@ class PressFinding(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressSpan:
-    """When a press was, in the clock of the force.
+    """When a press was, in the clock of the force."""
 
-    Attributes:
-        name: For messages, with its time.
-        rest: Quiet time before it, for zero and no-contact frames.
-        pressed: From its first force to its last.
-        held: The longest stretch with nearly its largest force.
-        touched_ns: When the gel was touched.
-        drift_n_s: How fast the cell's zero drifts from this rest to the next [N/s].
-    """
-
-    name: str
-    rest: Window
-    pressed: Window
-    held: Window
-    touched_ns: int
-    drift_n_s: float = 0.0
+    name: str  # for messages, with its time
+    rest: Window  # quiet time before it, for zero and no-contact frames
+    pressed: Window  # from its first force to its last
+    held: Window  # the longest stretch with nearly its largest force
+    touched_ns: int  # when the gel was touched
+    drift_n_s: float = 0.0  # how fast the cell's zero drifts from this rest to the next [N/s]
 
 
 def find_presses(force: Samples, finding: PressFinding) -> list[PressSpan]:

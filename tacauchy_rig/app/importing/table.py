@@ -118,22 +118,14 @@ def unit_factor(unit: str, dimension: Dimension, *, field: str) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """Rows of text below a head line.
+    """Rows of text below a head line."""
 
-    Attributes:
-        name: Of its file, for messages.
-        columns: Where each column stands in a row.
-        rows: Of text, all as long as the head.
-        places: Of each row, for messages: the line, or the record's name.
-        decimal: Sign of decimals; None: what each column shows.
-        problems: Takes what is wrong; reading goes on with unknown values.
-    """
-
-    name: str
-    columns: Mapping[str, int]
-    rows: Sequence[Sequence[str]]
-    places: Sequence[int | str]
-    decimal: str | None = None
+    name: str  # of its file, for messages
+    columns: Mapping[str, int]  # where each column stands in a row
+    rows: Sequence[Sequence[str]]  # of text, all as long as the head
+    places: Sequence[int | str]  # of each row, for messages: the line, or the record's name
+    decimal: str | None = None  # sign of decimals; None: what each column shows
+    # Takes what is wrong; reading goes on with unknown values
     problems: Problems = field(default_factory=Problems)
 
     def where(self, row: int, column: str = "") -> str:

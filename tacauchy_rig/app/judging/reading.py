@@ -49,21 +49,13 @@ Measured = tuple[float | None, float | None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """What of a run a simulator's folder has to answer.
+    """What of a run a simulator's folder has to answer."""
 
-    Attributes:
-        trials: Their numbers, which are its folders' names.
-        size_px: Width and height of the scored images [px].
-        references: No-contact frames by trial, as far as they can be read.
-        measured: By trial.
-        pixel_m2: Area of the gel that a pixel sees [m^2]; 0 is not known.
-    """
-
-    trials: tuple[int, ...]
-    size_px: tuple[int, int]
-    references: Mapping[int, ImageArray]
-    measured: Mapping[int, Measured] = field(default_factory=dict)
-    pixel_m2: float = 0.0
+    trials: tuple[int, ...]  # their numbers, which are its folders' names
+    size_px: tuple[int, int]  # width and height of the scored images [px]
+    references: Mapping[int, ImageArray]  # no-contact frames by trial, as far as they can be read
+    measured: Mapping[int, Measured] = field(default_factory=dict)  # by trial
+    pixel_m2: float = 0.0  # area of the gel that a pixel sees [m^2]; 0 is not known
 
 
 def read_outputs(folder: Path, asked: Asked) -> Outputs:

@@ -54,15 +54,11 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SplitPart:
-    """Trials of one indenter at one place.
-
-    Attributes:
-        inputs: Of the replay, with the modulus that it was pressed with.
-        forces_n: Simulated forces, used for trials without a measured one [N].
-    """
+    """Trials of one indenter at one place."""
 
     attempts: Sequence[AttemptReading]
-    inputs: ReplayInputs
+    inputs: ReplayInputs  # of the replay, with the modulus that it was pressed with
+    # Simulated forces, used for trials without a measured one [N]
     forces_n: Mapping[int, float] = field(default_factory=dict)
 
 

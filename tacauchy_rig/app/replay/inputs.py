@@ -29,37 +29,30 @@ OF_AUTO = Tolerance(relative=0.03)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayInputs:
-    """What a run's measured forces are pressed with.
-
-    Attributes:
-        tolerance: Take the cheapest preset that keeps it; None takes ``preset``.
-        is_auto: ``preset`` counts only until forces are known, or if no cheaper one is accurate
-            enough for them.
-        refinement: Every edge is this many times shorter than the preset's.
-        effects_error: Relative error of F_z that omitted effects may cause; None is the preset's.
-        stated_accuracy: The tolerance that preset and refinement were chosen for.
-        force_tolerance_n: Largest |F_z simulated - measured| [N].
-        friction: Coulomb coefficient between indenter and gel.
-        tilt_rad: How far the indenter's axis is tilted towards x and y of the pad, from the tip
-            upwards [rad]; a scene states the same tilt as rotations (-y, x) about x and y.
-        offset_m: Where its tip comes down, from the pad's centre along x and y [m].
-        duration_s: Time from touch to dwell [s], for a gel that relaxes.
-    """
+    """What a run's measured forces are pressed with."""
 
     sensor: Sensor
     indenter: Indenter
     preset: Preset
     drive: Drive
-    force_tolerance_n: float
+    force_tolerance_n: float  # largest |F_z simulated - measured| [N]
+    # Take the cheapest preset that keeps it; None takes ``preset``
     tolerance: Tolerance | None = None
+    # ``preset`` counts only until forces are known, or if no cheaper one is accurate enough for
+    # them
     is_auto: bool = False
-    refinement: float = 1.0
+    refinement: float = 1.0  # every edge is this many times shorter than the preset's
+    # Relative error of F_z that omitted effects may cause; None is the preset's
     effects_error: float | None = None
+    # The tolerance that preset and refinement were chosen for
     stated_accuracy: Tolerance | None = None
-    friction: float = 0.0
+    friction: float = 0.0  # Coulomb coefficient between indenter and gel
+    # How far the indenter's axis is tilted towards x and y of the pad, from the tip upwards [rad];
+    # a scene states the same tilt as rotations (-y, x) about x and y
     tilt_rad: tuple[float, float] = (0.0, 0.0)
+    # Where its tip comes down, from the pad's centre along x and y [m]
     offset_m: tuple[float, float] = (0.0, 0.0)
-    duration_s: float = 1.0
+    duration_s: float = 1.0  # time from touch to dwell [s], for a gel that relaxes
 
     def scene(self, forces_n: Sequence[float]) -> Scene:
         """Return the press to the largest of some forces [N]."""

@@ -43,17 +43,11 @@ each; None where it is unknown."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundMounting:
-    """What was found of the tilt, and what of it is simulated.
+    """What was found of the tilt, and what of it is simulated."""
 
-    Attributes:
-        inputs: Of the replay, with what is simulated.
-        values: What was found.
-        effects: Rows of the plan, as a replay keeps them.
-    """
-
-    inputs: ReplayInputs
-    values: tuple[FoundValue, ...] = ()
-    effects: tuple[dict[str, Any], ...] = ()
+    inputs: ReplayInputs  # of the replay, with what is simulated
+    values: tuple[FoundValue, ...] = ()  # what was found
+    effects: tuple[dict[str, Any], ...] = ()  # rows of the plan, as a replay keeps them
 
 
 def mounted(

@@ -22,22 +22,14 @@ _FEW = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """Trials that are pressed with one model; it can go to another process.
-
-    Attributes:
-        records: Of the trials that have a force, or else a depth.
-        config: The run's, with their indenter and place.
-        trials: Numbers of all trials, also of those that have neither.
-        place_known: It is stated where the tip came down.
-        label: Indenter and place, for progress; empty where all trials are alike.
-    """
+    """Trials that are pressed with one model; it can go to another process."""
 
     inputs: ReplayInputs
-    records: tuple[TrialRecord, ...]
-    config: RigConfig
-    trials: tuple[int, ...] = ()
-    place_known: bool = True
-    label: str = ""
+    records: tuple[TrialRecord, ...]  # of the trials that have a force, or else a depth
+    config: RigConfig  # the run's, with their indenter and place
+    trials: tuple[int, ...] = ()  # numbers of all trials, also of those that have neither
+    place_known: bool = True  # it is stated where the tip came down
+    label: str = ""  # indenter and place, for progress; empty where all trials are alike
 
     @property
     def forces_n(self) -> list[float]:

@@ -47,19 +47,13 @@ _BODIES: dict[str, type[Sphere | Cylinder]] = {"Sphere": Sphere, "Cylinder": Cyl
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeptPart:
-    """A finished part on disk.
+    """A finished part on disk."""
 
-    Attributes:
-        pressed: Hash of all that it was pressed with.
-        seen: Hash of what it was rendered with; empty where it was not yet.
-        stated: (depth [m], force [N]) of the gel with the stated modulus, in a file of its own.
-        replay: Its trials and model; None in that file.
-    """
-
-    pressed: str
-    seen: str = ""
+    pressed: str  # hash of all that it was pressed with
+    seen: str = ""  # hash of what it was rendered with; empty where it was not yet
+    # (depth [m], force [N]) of the gel with the stated modulus, in a file of its own
     stated: History = ()
-    replay: Replay | None = None
+    replay: Replay | None = None  # its trials and model; None in that file
 
 
 def replay_parts(

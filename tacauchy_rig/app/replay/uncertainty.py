@@ -42,24 +42,17 @@ _DIMENSIONS = {
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """An uncertain input, and the press with it changed.
-
-    Attributes:
-        value: SI, as ``unit`` has it.
-        stated: Its standard uncertainty.
-        changed: From a difference to the inputs of a replay; raises ConfigError if that is
-            impossible.
-        aside: Both signs are equivalent, and no press is mirrored.
-        stiff_if_coarse: A coarse mesh exaggerates the change, so a finer one is tried first.
-    """
+    """An uncertain input, and the press with it changed."""
 
     name: str
-    value: float
+    value: float  # SI, as ``unit`` has it
     unit: str
-    stated: Stated
+    stated: Stated  # its standard uncertainty
+    # From a difference to the inputs of a replay; raises ConfigError if that is impossible
     changed: Callable[[float], ReplayInputs]
     _: KW_ONLY
-    aside: bool = False
+    aside: bool = False  # both signs are equivalent, and no press is mirrored
+    # A coarse mesh exaggerates the change, so a finer one is tried first
     stiff_if_coarse: bool = False
 
 

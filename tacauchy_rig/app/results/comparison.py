@@ -121,15 +121,10 @@ def _in_words(outcome: tuple[int, int] | None) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chart:
-    """One quantity over the runs.
+    """One quantity over the runs."""
 
-    Attributes:
-        changes: Of each run since the first.
-        most: The change at the upper end of the chart.
-    """
-
-    changes: tuple[tuple[ListedRun, Change], ...]
-    most: float
+    changes: tuple[tuple[ListedRun, Change], ...]  # of each run since the first
+    most: float  # the change at the upper end of the chart
 
 
 def charts_of(judged: Sequence[Judged]) -> list[Chart]:

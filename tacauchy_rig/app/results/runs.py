@@ -29,36 +29,24 @@ _USED = (Outcome.PASSED, Outcome.IMPORTED)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ListedRun:
-    """A run's folder at a glance.
+    """A run's folder at a glance."""
 
-    Attributes:
-        name: Of the folder.
-        fault: Why it cannot be read; empty where it can.
-        created: In ISO 8601.
-        kind: ``live``, ``dry`` or ``imported``.
-        trial_count: Trials that it was to have.
-        passed_count: Trials that passed and are not doubted since.
-        forces_n: Least and most measured force of these [N]; None where none passed.
-        summary: ``summary.json`` of its report; empty where there is none.
-        missed: Criteria that its report says were not met, in words.
-        figures: Names of the PDF figures of its report.
-        next_command: What to do next with it; empty where nothing is left to do.
-    """
-
-    name: str
+    name: str  # of the folder
     folder: Path
-    fault: str = ""
-    created: str = ""
-    kind: str = ""
+    fault: str = ""  # why it cannot be read; empty where it can
+    created: str = ""  # in ISO 8601
+    kind: str = ""  # ``live``, ``dry`` or ``imported``
     sensor: str = ""
     indenter: str = ""
-    trial_count: int = 0
-    passed_count: int = 0
+    trial_count: int = 0  # trials that it was to have
+    passed_count: int = 0  # trials that passed and are not doubted since
+    # Least and most measured force of these [N]; None where none passed
     forces_n: tuple[float, float] | None = None
+    # ``summary.json`` of its report; empty where there is none
     summary: dict[str, Any] = field(default_factory=dict)
-    figures: tuple[str, ...] = ()
-    missed: tuple[str, ...] = ()
-    next_command: str = ""
+    figures: tuple[str, ...] = ()  # names of the PDF figures of its report
+    missed: tuple[str, ...] = ()  # criteria that its report says were not met, in words
+    next_command: str = ""  # what to do next with it; empty where nothing is left to do
 
     @property
     def has_report(self) -> bool:
@@ -202,14 +190,10 @@ Judge = Callable[[Path, Path], GelState]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """A run compared with an earlier one.
-
-    Attributes:
-        state: None where they cannot be compared; ``fault`` says why.
-    """
+    """A run compared with an earlier one."""
 
     run: ListedRun
-    state: GelState | None
+    state: GelState | None  # none where they cannot be compared; ``fault`` says why
     fault: str = ""
 
 

@@ -137,14 +137,10 @@ class Folder:
 
     A claim whose task has shown no life for a minute is taken over. After SIGTERM or SIGUSR1, with
     which a cluster announces the end, the shard at hand is finished and no other begun.
-
-    Attributes:
-        claims: Folder of the claims.
-        is_done: Whether a shard's file is there, by its name.
     """
 
-    claims: Path
-    is_done: Callable[[str], bool]
+    claims: Path  # folder of the claims
+    is_done: Callable[[str], bool]  # whether a shard's file is there, by its name
     device: str = "cpu"
 
     def __call__(self, work: Work, shards: Sequence[Shard]) -> Iterator[tuple[Shard, bytes]]:

@@ -38,18 +38,13 @@ class Design(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spread:
-    """The values of a variable: choices, a range, or a normal distribution.
+    """The values of a variable: choices, a range, or a normal distribution."""
 
-    Attributes:
-        choices: What it may be; of a range, its steps.
-        between: The ends of a range, or mean and standard deviation.
-        is_normal: It is the latter.
-        is_ratio: Its logarithm is normal, so that no stiffness is negative however uncertain.
-    """
-
-    choices: tuple[Any, ...] = ()
+    choices: tuple[Any, ...] = ()  # what it may be; of a range, its steps
+    # The ends of a range, or mean and standard deviation
     between: tuple[float, float] | None = None
-    is_normal: bool = False
+    is_normal: bool = False  # it is the latter
+    # Its logarithm is normal, so that no stiffness is negative however uncertain
     is_ratio: bool = False
 
     def at(self, shares: FloatArray) -> list[Any]:

@@ -41,34 +41,24 @@ _FORMAT = 2  # of what a row's outputs are; another computes all anew
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """The inputs of one press; SI.
-
-    Attributes:
-        indenter: As ``press --indenter`` takes it.
-        object: The same as the plan has it, without its size, for splits by object.
-        depth_m: Travel below first touch of the undeformed gel [m]; or
-        force_n: F_z that pushes the indenter [N].
-        material: Stiffness over that of the sensor's file.
-        light: Brightness of the lamps over that of the sensor's optics.
-        noise: Standard deviation of a pixel [grey levels].
-    """
+    """The inputs of one press; SI."""
 
     sensor: str
-    indenter: str
-    object: str
+    indenter: str  # as ``press --indenter`` takes it
+    object: str  # the same as the plan has it, without its size, for splits by object
     x_m: float
     y_m: float
-    depth_m: float | None
-    force_n: float | None
+    depth_m: float | None  # travel below first touch of the undeformed gel [m]; or
+    force_n: float | None  # F_z that pushes the indenter [N]
     shift_x_m: float
     shift_y_m: float
     twist_rad: float
     tilt_x_rad: float
     tilt_y_rad: float
-    material: float
+    material: float  # stiffness over that of the sensor's file
     friction: float
-    light: float
-    noise: float
+    light: float  # brightness of the lamps over that of the sensor's optics
+    noise: float  # standard deviation of a pixel [grey levels]
 
 
 _UNITS = {"size": "", "x": "_m", "y": "_m", "depth": "_m", "force": "_n", "twist": "_rad"}

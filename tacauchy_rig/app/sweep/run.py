@@ -28,15 +28,10 @@ _BYTES_PER_PIXEL, _NOISE_BYTES = 2.0, 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """What rows are expected to take.
+    """What rows are expected to take."""
 
-    Attributes:
-        processor_s: On one core [s].
-        size_bytes: On the disk.
-    """
-
-    processor_s: float
-    size_bytes: float
+    processor_s: float  # on one core [s]
+    size_bytes: float  # on the disk
 
 
 def estimate(plan: Plan, rows: Sequence[Row]) -> Estimate:

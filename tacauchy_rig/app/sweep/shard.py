@@ -35,13 +35,9 @@ _FINER, _EDGE_LEAST_M = 0.5 ** np.array([0.5, 1.0]), 0.5e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shard:
-    """Some rows of one sensor, with friction or without.
+    """Some rows of one sensor, with friction or without."""
 
-    Attributes:
-        name: Hash of its rows and of all that they depend on.
-    """
-
-    name: str
+    name: str  # hash of its rows and of all that they depend on
     rows: tuple[Row, ...]
     hashes: tuple[str, ...]
     simulation: Simulation

@@ -27,33 +27,21 @@ STALE_NS = 500_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwinLine:
-    """What is kept of a frame, a line of ``twin.jsonl``.
+    """What is kept of a frame, a line of ``twin.jsonl``."""
 
-    Attributes:
-        stamp_ns: Of the force or depth that was followed, by ``time.monotonic_ns``.
-        asked_n: The force that was followed; None where it was a depth.
-        force_n: The twin's F_z [N].
-        force_error_n: Stated error of that [N].
-        residual: Of the images inside the contact; None where it was not looked at.
-        lag_ms: From that stamp to the picture.
-        processor_ms: Processor time of all of it; what others take is not in it.
-        dropped: Forces that were left out so far because newer ones had come.
-        note: Why the frame is not of what was followed.
-    """
-
-    stamp_ns: int
+    stamp_ns: int  # of the force or depth that was followed, by ``time.monotonic_ns``
     trial: int
-    asked_n: float | None
-    force_n: float
-    force_error_n: float | None
+    asked_n: float | None  # the force that was followed; None where it was a depth
+    force_n: float  # the twin's F_z [N]
+    force_error_n: float | None  # stated error of that [N]
     depth_m: float
-    residual: float | None
-    lag_ms: float
+    residual: float | None  # of the images inside the contact; None where it was not looked at
+    lag_ms: float  # from that stamp to the picture
     solve_ms: float
     draw_ms: float
-    processor_ms: float
-    dropped: int
-    note: str
+    processor_ms: float  # processor time of all of it; what others take is not in it
+    dropped: int  # forces that were left out so far because newer ones had come
+    note: str  # why the frame is not of what was followed
 
 
 class RunFollower:

@@ -25,18 +25,13 @@ from tacauchy_rig.core.quantities import Dimension, example, parse_quantity
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ceiling:
-    """The range of one field.
-
-    Attributes:
-        least: Smallest value, as it is written; None where the field's type is enough.
-        most: Largest value, likewise.
-        because: Reason, as a clause that follows a semicolon.
-    """
+    """The range of one field."""
 
     dimension: Dimension
-    because: str
+    because: str  # reason, as a clause that follows a semicolon
+    # Smallest value, as it is written; None where the field's type is enough
     least: str | None = None
-    most: str | None = None
+    most: str | None = None  # largest value, likewise
 
     def crossed(self, value: float) -> tuple[str, float] | None:
         """Return ``"le"`` or ``"ge"`` and the bound [SI] that ``value`` [SI] is beyond, if any."""

@@ -26,16 +26,11 @@ _GONE = frozenset({"report.ssim", "report.require_discrimination"})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadedConfig:
-    """A checked configuration with its history.
-
-    Attributes:
-        written: The merged values as they were written, by dotted field.
-        sources: Where each dotted field came from.
-    """
+    """A checked configuration with its history."""
 
     config: RigConfig
-    written: dict[str, Any]
-    sources: dict[str, str]
+    written: dict[str, Any]  # the merged values as they were written, by dotted field
+    sources: dict[str, str]  # where each dotted field came from
 
     @property
     def config_hash(self) -> str:

@@ -24,17 +24,11 @@ _MARGIN_BYTES = 200e6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionEstimate:
-    """What a session is expected to record.
+    """What a session is expected to record."""
 
-    Attributes:
-        trial_s: Recorded time of one attempt, each step at its full length [s].
-        rate_bytes_s: While recording [bytes/s].
-        total_bytes: Of one attempt at each trial and one attempt more, with a margin.
-    """
-
-    trial_s: float
-    rate_bytes_s: float
-    total_bytes: float
+    trial_s: float  # recorded time of one attempt, each step at its full length [s]
+    rate_bytes_s: float  # while recording [bytes/s]
+    total_bytes: float  # of one attempt at each trial and one attempt more, with a margin
 
 
 def estimate_session(config: RigConfig) -> SessionEstimate:

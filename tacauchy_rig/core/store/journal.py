@@ -42,19 +42,12 @@ _LOCK_TIMEOUT_S = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JournalLine:
-    """A line as it stands in the file.
+    """A line as it stands in the file."""
 
-    Attributes:
-        raw: Its bytes, without the newline.
-        number: The number written in it; None in half a line.
-        previous: SHA-256 of the line before it, as written in it.
-        event: None for half a line, which a crash leaves.
-    """
-
-    raw: bytes
-    number: object = None
-    previous: object = None
-    event: JournalEvent | None = None
+    raw: bytes  # its bytes, without the newline
+    number: object = None  # the number written in it; None in half a line
+    previous: object = None  # SHA-256 of the line before it, as written in it
+    event: JournalEvent | None = None  # none for half a line, which a crash leaves
 
 
 def append_event(path: Path, event: JournalEvent) -> None:
@@ -165,15 +158,11 @@ class StoreEvent(StrEnum):
 
 @dataclass(frozen=True)
 class Journal:
-    """A run's journal as it was read.
+    """A run's journal as it was read."""
 
-    Attributes:
-        lines: As they stand in the file, half ones included, but not those that are empty.
-        exists: False where the file is missing.
-    """
-
+    # As they stand in the file, half ones included, but not those that are empty
     lines: Sequence[JournalLine]
-    exists: bool = True
+    exists: bool = True  # false where the file is missing
 
     @classmethod
     def read(cls, path: Path) -> Journal:

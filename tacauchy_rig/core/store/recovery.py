@@ -39,24 +39,15 @@ _SPILL_MARGIN_NS = 10**9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecoveryReport:
-    """What became of one recording.
-
-    Attributes:
-        changed: The file was repacked; False for one that needed nothing.
-        before: What state it was in, in words.
-        message_count: Messages that are readable now.
-        merged_count: Of these, those that came from spills (``unacknowledged-*.mcap``).
-        original: Where the file as it was lies now, if it was repacked.
-        problems: What could not be recovered, in words; empty when all was.
-    """
+    """What became of one recording."""
 
     path: Path
-    before: str
-    changed: bool = False
-    message_count: int = 0
-    merged_count: int = 0
-    original: Path | None = None
-    problems: tuple[str, ...] = ()
+    before: str  # what state it was in, in words
+    changed: bool = False  # the file was repacked; False for one that needed nothing
+    message_count: int = 0  # messages that are readable now
+    merged_count: int = 0  # of these, those that came from spills (``unacknowledged-*.mcap``)
+    original: Path | None = None  # where the file as it was lies now, if it was repacked
+    problems: tuple[str, ...] = ()  # what could not be recovered, in words; empty when all was
 
 
 Opener = Callable[[Path], Recording]
@@ -282,17 +273,11 @@ def _unused(path: Path) -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecovery:
-    """What became of a run.
+    """What became of a run."""
 
-    Attributes:
-        recordings: One for each recording.
-        was_cut_off: Its journal had no end, and now says so.
-        check: What contradicts what else afterwards.
-    """
-
-    recordings: list[RecoveryReport]
-    was_cut_off: bool
-    check: RunCheck
+    recordings: list[RecoveryReport]  # one for each recording
+    was_cut_off: bool  # its journal had no end, and now says so
+    check: RunCheck  # what contradicts what else afterwards
 
     @property
     def is_whole(self) -> bool:

@@ -22,21 +22,18 @@ _REMEDY = "replay the run again: `tacauchy-rig replay RUN`"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayFields:
-    """What the simulator leaves of one trial.
+    """What the simulator leaves of one trial."""
 
-    Attributes:
-        fields: Named arrays of the mechanics (SI), into ``fields.npz``.
-        height: Named arrays of the deformed surface seen by the camera (SI), into ``height.npz``.
-        image: Rendered tactile image, RGB uint8, shape [height, width, 3], into ``image.png``.
-        surface_vtu: The deformed surface for ParaView, the whole file, into ``surface.vtu``.
-        passed: Small images and maps on the way to the force, into ``passed.npz``; empty where
-            the replay is from before they were kept.
-    """
-
+    # Named arrays of the mechanics (SI), into ``fields.npz``
     fields: dict[str, NDArray[Any]] = field(default_factory=dict)
+    # Named arrays of the deformed surface seen by the camera (SI), into ``height.npz``
     height: dict[str, NDArray[Any]] = field(default_factory=dict)
+    # Rendered tactile image, RGB uint8, shape [height, width, 3], into ``image.png``
     image: NDArray[np.uint8] | None = None
+    # The deformed surface for ParaView, the whole file, into ``surface.vtu``
     surface_vtu: bytes | None = None
+    # Small images and maps on the way to the force, into ``passed.npz``; empty where the replay is
+    # from before they were kept
     passed: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 

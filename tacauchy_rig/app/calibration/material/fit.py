@@ -58,21 +58,14 @@ def _shape(share: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Response:
-    """An indenter's force over the modulus, as a function of depth, nu and mu.
+    """An indenter's force over the modulus, as a function of depth, nu and mu."""
 
-    Attributes:
-        deepest_m: Depth up to which it was solved [m].
-        poisson: Coefficients of ``_shape`` at the nodes of nu, shape [5, 5].
-        friction: What mu adds to them at two nodes of nu and all of mu, shape [2, 4, 5].
-        uncertain: Relative standard uncertainty: of all forces together, and of each [1].
-        inputs: What else it depends on.
-    """
-
-    deepest_m: float
-    poisson: FloatArray
-    friction: FloatArray
+    deepest_m: float  # depth up to which it was solved [m]
+    poisson: FloatArray  # coefficients of ``_shape`` at the nodes of nu, shape [5, 5]
+    friction: FloatArray  # what mu adds to them at two nodes of nu and all of mu, shape [2, 4, 5]
+    # Relative standard uncertainty: of all forces together, and of each [1]
     uncertain: tuple[float, float]
-    inputs: tuple[ForceInput, ...] = ()
+    inputs: tuple[ForceInput, ...] = ()  # what else it depends on
 
     @classmethod
     def of(
@@ -162,16 +155,11 @@ Data = Sequence[tuple[IndenterPresses, Response]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """Best value and 95 % interval of a profile likelihood.
-
-    Attributes:
-        low: None where the interval is open: smaller values do as well.
-        high: None likewise.
-    """
+    """Best value and 95 % interval of a profile likelihood."""
 
     best: float
-    low: float | None
-    high: float | None
+    low: float | None  # none where the interval is open: smaller values do as well
+    high: float | None  # none likewise
 
     @property
     def uncertainty(self) -> float | None:
@@ -192,23 +180,15 @@ class Interval:
 
 @dataclass(slots=True, kw_only=True)
 class GelFit:
-    """The gel that forces at depths determine.
+    """The gel that forces at depths determine."""
 
-    Attributes:
-        data: Presses and responses.
-        priors: Mean and standard uncertainty of parameters that are assumed, by their place.
-        measured: Forces [N], shape [point_count].
-        covariance: Of the forces [N^2].
-        best: Parameters with the least chi^2.
-        misfit: That chi^2.
-    """
-
-    data: Data
+    data: Data  # presses and responses
+    # Mean and standard uncertainty of parameters that are assumed, by their place
     priors: Mapping[int, tuple[float, float]] = field(default_factory=dict)
-    measured: FloatArray = field(init=False)
-    covariance: FloatArray = field(init=False)
-    best: FloatArray = field(init=False)
-    misfit: float = field(init=False)
+    measured: FloatArray = field(init=False)  # forces [N], shape [point_count]
+    covariance: FloatArray = field(init=False)  # of the forces [N^2]
+    best: FloatArray = field(init=False)  # parameters with the least chi^2
+    misfit: float = field(init=False)  # that chi^2
 
     def __post_init__(self) -> None:
         """Fit; errors in proportion to a force are to that of the model."""
@@ -441,18 +421,12 @@ _STEPS = (-0.01, 0.1)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NextPress:
-    """What presses with an indenter, four of up to a fifth of the gel's height, would leave.
-
-    Attributes:
-        young: Relative standard uncertainty of the modulus.
-        poisson: Standard uncertainty of Poisson's ratio.
-        friction: Of the friction coefficient.
-    """
+    """What presses with an indenter, four of up to a fifth of the gel's height, would leave."""
 
     indenter: str
-    young: float
-    poisson: float
-    friction: float
+    young: float  # relative standard uncertainty of the modulus
+    poisson: float  # standard uncertainty of Poisson's ratio
+    friction: float  # of the friction coefficient
 
     def __str__(self) -> str:
         return (

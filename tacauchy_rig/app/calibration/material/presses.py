@@ -31,26 +31,17 @@ _SAME_DEPTH_M = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IndenterPresses:
-    """What was measured with one indenter.
+    """What was measured with one indenter."""
 
-    Attributes:
-        config: Says what is uncertain of indenter, mounting, cell and heights.
-        contact_force_n: Force from which depths count [N]; 0 is first touch.
-        found: Tilt and place that the run gave.
-        simulated: A recorded run's devices were emulated.
-        press: Number of the press that each point is of, shape [point_count].
-        depth_m: Depths [m], likewise, and forces and their noise [N].
-    """
-
-    config: RigConfig
+    config: RigConfig  # says what is uncertain of indenter, mounting, cell and heights
     inputs: ReplayInputs
-    contact_force_n: float
-    press: IndexArray
-    depth_m: FloatArray
+    contact_force_n: float  # force from which depths count [N]; 0 is first touch
+    press: IndexArray  # number of the press that each point is of, shape [point_count]
+    depth_m: FloatArray  # depths [m], likewise, and forces and their noise [N]
     force_n: FloatArray
     noise_n: FloatArray
-    found: tuple[FoundValue, ...] = ()
-    simulated: bool = False
+    found: tuple[FoundValue, ...] = ()  # tilt and place that the run gave
+    simulated: bool = False  # a recorded run's devices were emulated
 
     @property
     def name(self) -> str:

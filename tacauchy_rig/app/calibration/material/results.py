@@ -66,16 +66,12 @@ _FIRST = (0.02, 0.3)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DwellTerm:
-    """What of the force is still to be lost when the dwell begins, and how fast it goes.
+    """What of the force is still to be lost when the dwell begins, and how fast it goes."""
 
-    Attributes:
-        share: Of the force at the dwell's begin; less than the gel's, which lost some on the way.
-        time_s: Time constant [s].
-    """
-
+    # Of the force at the dwell's begin; less than the gel's, which lost some on the way
     share: float
     share_error: float
-    time_s: float
+    time_s: float  # time constant [s]
     time_error_s: float
 
     def __str__(self) -> str:

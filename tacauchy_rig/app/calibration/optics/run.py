@@ -59,30 +59,22 @@ _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpticsRequest:
-    """What a calibration is made of.
-
-    Attributes:
-        background: The no-contact frame, in the folder or a path of its own.
-        circles: Table of contacts, in the folder or a path of its own; None takes ``circles.csv``
-            of the folder where there is one, and finds the contacts in the images where not.
-        ball_diameter_m: Diameter of the ball [m].
-        scale_px_m: Pixels per metre along columns and rows.
-        sensor: Its pad is pressed in the simulator to know the gel around the ball.
-        jobs: Fits at a time, each in a process of its own.
-        trials: Of a run, by the name of their image; empty for a folder of images.
-    """
+    """What a calibration is made of."""
 
     folder: Path
-    background: Path
+    background: Path  # the no-contact frame, in the folder or a path of its own
+    # Table of contacts, in the folder or a path of its own; None takes ``circles.csv`` of the
+    # folder where there is one, and finds the contacts in the images where not
     circles: Path | None
-    ball_diameter_m: float
-    scale_px_m: tuple[float, float]
+    ball_diameter_m: float  # diameter of the ball [m]
+    scale_px_m: tuple[float, float]  # pixels per metre along columns and rows
     out: Path
     check: Path | None
-    sensor: Sensor
+    sensor: Sensor  # its pad is pressed in the simulator to know the gel around the ball
     preset: Preset
     folds: int
-    jobs: int
+    jobs: int  # fits at a time, each in a process of its own
+    # Of a run, by the name of their image; empty for a folder of images
     trials: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -94,18 +86,12 @@ class OpticsRequest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpticsInput:
-    """What was read.
+    """What was read."""
 
-    Attributes:
-        background: No-contact frame, RGB, shape [height, width, 3].
-        labelled: The presses where there is a table of their circles.
-        images: The images of the presses where there is none, by name.
-    """
-
-    background: ImageArray
+    background: ImageArray  # no-contact frame, RGB, shape [height, width, 3]
     geometry: CameraGeometry
-    labelled: list[BallPress]
-    images: dict[str, ImageArray]
+    labelled: list[BallPress]  # the presses where there is a table of their circles
+    images: dict[str, ImageArray]  # the images of the presses where there is none, by name
     check: list[BallPress]
 
 
@@ -217,17 +203,14 @@ _PRESSES_S, _FIND_S, _FIT_S = 8.0, 0.3, {True: 0.9, False: 0.15}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpticsResult:
-    """What came out: scores, coverage, warnings and the files written.
-
-    Attributes:
-        presses: Of each press: name, circle as labelled and as nudged [px], and its mean absolute
-            error when held out [grey levels].
-    """
+    """What came out: scores, coverage, warnings and the files written."""
 
     cross_validation: CheckScores
     check: CheckScores | None
     coverage: SlopeCoverage
     warnings: list[str]
+    # Of each press: name, circle as labelled and as nudged [px], and its mean absolute error when
+    # held out [grey levels]
     presses: list[dict[str, Any]]
     provenance: dict[str, Any]
     files: list[Path]

@@ -17,20 +17,15 @@ from tacauchy_rig.core.store.run_store import RunStore
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunCheck:
-    """What was checked, met or not.
+    """What was checked, met or not."""
 
-    Attributes:
-        run: Of the run as a whole.
-        attempts: By trial and attempt.
-        notes: What is no contradiction and should be known: sessions and attempts that were cut
-            off, settings that were changed for a session, and recordings that were repaired.
-        journal_head: SHA-256 of the journal's last line. It stands for all that is sealed: written
-            down elsewhere, it shows any later change.
-    """
-
-    run: tuple[Criterion, ...]
-    attempts: dict[tuple[int, int], tuple[Criterion, ...]]
+    run: tuple[Criterion, ...]  # of the run as a whole
+    attempts: dict[tuple[int, int], tuple[Criterion, ...]]  # by trial and attempt
+    # What is no contradiction and should be known: sessions and attempts that were cut off,
+    # settings that were changed for a session, and recordings that were repaired
     notes: tuple[str, ...]
+    # SHA-256 of the journal's last line. It stands for all that is sealed: written down elsewhere,
+    # it shows any later change.
     journal_head: str
 
     @property

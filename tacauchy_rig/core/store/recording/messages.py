@@ -90,23 +90,15 @@ Recorded = ForceSample | ArmSample | ImageFrame | JournalEvent
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RawMessage:
-    """One encoded message.
-
-    Attributes:
-        log_time: Arrival on this host [ns].
-        publish_time: The device's own stamp [ns]; ``log_time`` where it has none (MCAP's rule).
-        sequence: The device's counter; kept modulo 2^32.
-        width: Of an image [px]; 0 for the other topics.
-        height: Of an image [px]; 0 for the other topics.
-    """
+    """One encoded message."""
 
     topic: Topic
-    log_time: int
-    publish_time: int
-    sequence: int
+    log_time: int  # arrival on this host [ns]
+    publish_time: int  # the device's own stamp [ns]; ``log_time`` where it has none (MCAP's rule)
+    sequence: int  # the device's counter; kept modulo 2^32
     data: bytes
-    width: int = 0
-    height: int = 0
+    width: int = 0  # of an image [px]; 0 for the other topics
+    height: int = 0  # of an image [px]; 0 for the other topics
 
 
 def encode(item: Recorded) -> RawMessage:

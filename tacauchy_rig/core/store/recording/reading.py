@@ -38,17 +38,11 @@ _USUAL_CHANNELS = {1: Topic.FORCE, 2: Topic.ARM, 3: Topic.EVENT}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceArrays:
-    """The force stream as recorded: raw, no tare, no sign.
+    """The force stream as recorded: raw, no tare, no sign."""
 
-    Attributes:
-        stamp_ns: Arrival on this host [ns], shape [n].
-        counter: The box's package number, unwrapped, shape [n].
-        wrench: Fx, Fy, Fz [N], Mx, My, Mz [N m], shape [n, 6].
-    """
-
-    stamp_ns: Int64Array
-    counter: Int64Array
-    wrench: FloatArray
+    stamp_ns: Int64Array  # arrival on this host [ns], shape [n]
+    counter: Int64Array  # the box's package number, unwrapped, shape [n]
+    wrench: FloatArray  # fx, Fy, Fz [N], Mx, My, Mz [N m], shape [n, 6]
 
     def between(self, start_ns: int | None, end_ns: int | None) -> FloatArray:
         """Return the wrenches of a window, both ends included, shape [m, 6]; none without one."""
@@ -59,28 +53,19 @@ class ForceArrays:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmArrays:
-    """The arm's states as recorded.
+    """The arm's states as recorded."""
 
-    Attributes:
-        stamp_ns: When this host read the state [ns], shape [n].
-        controller_time_s: The controller's own stamp [s], shape [n].
-        pose: x, y, z [m], rotation vector [rad] of the tip in the base frame, shape [n, 6].
-        velocity: Tool velocity [m/s, rad/s], shape [n, 6].
-        tcp_force: The arm's own estimate of force [N] and moment [N m] on its tool, base frame,
-            not tared, shape [n, 6]; NaN where it gave none.
-        safety_bits: RTDE safety_status_bits, shape [n].
-        runtime_state: RTDE runtime_state, shape [n].
-        robot_mode: RTDE robot_mode, shape [n].
-    """
-
-    stamp_ns: Int64Array
-    controller_time_s: FloatArray
+    stamp_ns: Int64Array  # when this host read the state [ns], shape [n]
+    controller_time_s: FloatArray  # the controller's own stamp [s], shape [n]
+    # x, y, z [m], rotation vector [rad] of the tip in the base frame, shape [n, 6]
     pose: FloatArray
-    velocity: FloatArray
+    velocity: FloatArray  # tool velocity [m/s, rad/s], shape [n, 6]
+    # The arm's own estimate of force [N] and moment [N m] on its tool, base frame, not tared, shape
+    # [n, 6]; NaN where it gave none
     tcp_force: FloatArray
-    safety_bits: Int64Array
-    runtime_state: Int64Array
-    robot_mode: Int64Array
+    safety_bits: Int64Array  # RTDE safety_status_bits, shape [n]
+    runtime_state: Int64Array  # RTDE runtime_state, shape [n]
+    robot_mode: Int64Array  # RTDE robot_mode, shape [n]
 
 
 class Recording:

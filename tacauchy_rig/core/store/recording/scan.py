@@ -50,23 +50,16 @@ class Entry:
 
 @dataclass(slots=True)
 class Scan:
-    """What was found in a file.
+    """What was found in a file."""
 
-    Attributes:
-        size: Of the file [bytes].
-        has_magic: The file begins as every MCAP file does.
-        finished: The file was closed and its index is whole.
-        torn_bytes: Bytes at the end that are no whole message: what a killed writer leaves.
-        problems: Damage, in words; empty for a file that is only unfinished.
-    """
-
-    size: int
-    has_magic: bool = False
-    finished: bool = False
-    torn_bytes: int = 0
+    size: int  # of the file [bytes]
+    has_magic: bool = False  # the file begins as every MCAP file does
+    finished: bool = False  # the file was closed and its index is whole
+    torn_bytes: int = 0  # bytes at the end that are no whole message: what a killed writer leaves
     entries: list[Entry] = field(default_factory=list)
     channels: dict[int, Channel] = field(default_factory=dict)
     metadata: dict[str, str] = field(default_factory=dict)
+    # Damage, in words; empty for a file that is only unfinished
     problems: list[str] = field(default_factory=list)
     search_bytes: int = 0
 
