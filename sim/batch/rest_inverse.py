@@ -28,6 +28,8 @@ from tacauchy_rig.core.errors import ConfigError
 _MEMORY_SHARE = 0.8
 # Rows of any block, and terms that a warp takes at once, divide it.
 _ROW_PADDING = 288
+# Warp counts the entries of an array by 31 bits.
+_MOST_ROWS = 46_340
 # Few columns need many blocks that read the matrix, many need blocks that use what they read often.
 _TILINGS = {
     8: Tiling(row_tiles=1, column_tiles=1, depth_warps=8),
@@ -105,7 +107,7 @@ class DenseRest:
             [row_count]: each entry is then as exact as its own diagonal ones, of stiff layers too.
 
     Raises:
-        ConfigError: It does not fit into the GPU's memory.
+        ConfigError: It does not fit into the GPU's memory or an array.
     """
 
     kind, scaled = wp.float16, True
@@ -115,6 +117,11 @@ class DenseRest:
         size = model.pattern.dof_count
         whole = -(-size // kernels.BLOCK) * kernels.BLOCK
         room, free = 7 * whole**2, wp.get_device(device.name).free_memory
+        if padded_rows(size + 1) > _MOST_ROWS:
+            raise ConfigError(
+                f"{size} unknowns: a GPU's array holds the inverse of {_MOST_ROWS} at most",
+                remedy="choose a longer edge for the sensor's mesh",
+            )
         if room > _MEMORY_SHARE * free:
             raise ConfigError(
                 f"the inverse of {size} unknowns takes {room / 1e9:.1f} GB, and the GPU has "
