@@ -226,7 +226,7 @@ def export(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="RUN|DATASET|PRESS|CALIBRATION",
+            metavar="SOURCE",
             help="A run's folder; that of a sweep (lerobot, hdf5, rosbag2, webdataset); one of "
             "`press --out` (vtu, usd); what `calibrate optics` wrote, or a sensor's name for its "
             "optics (isaaclab, taxim, tacex), body (usd) or pressure-law.",
