@@ -236,9 +236,7 @@ class UrLink:
             if control is not None and reachable:
                 try:
                     self._commander.call(
-                        "ending the program",
-                        control.stopScript,
-                        deadline_s=_STOP_SCRIPT_S,
+                        "ending the program", control.stopScript, deadline_s=_STOP_SCRIPT_S
                     )
                 except RigError as error:
                     _logger.warning("%s", error)

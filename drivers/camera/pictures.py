@@ -127,14 +127,8 @@ _ENCODING = (
     *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_422),
 )
 RECORDED_AS = f"JPEG of quality {_QUALITY}"
-_TO_COLOUR = {
-    PixelFormat.YUYV: cv2.COLOR_YUV2BGR_YUYV,
-    PixelFormat.NV12: cv2.COLOR_YUV2BGR_NV12,
-}
-_TO_GREY = {
-    PixelFormat.YUYV: cv2.COLOR_YUV2GRAY_YUYV,
-    PixelFormat.NV12: cv2.COLOR_YUV2GRAY_NV12,
-}
+_TO_COLOUR = {PixelFormat.YUYV: cv2.COLOR_YUV2BGR_YUYV, PixelFormat.NV12: cv2.COLOR_YUV2BGR_NV12}
+_TO_GREY = {PixelFormat.YUYV: cv2.COLOR_YUV2GRAY_YUYV, PixelFormat.NV12: cv2.COLOR_YUV2GRAY_NV12}
 
 
 def frame_shape(pixel_format: PixelFormat, width: int, height: int) -> tuple[int, ...]:

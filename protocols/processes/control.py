@@ -148,8 +148,7 @@ def _run(
             shown_s = now_s
             state = cycle.last_state
             journal.show(
-                force_n=cycle.last_force_n,
-                height_m=state.pose.position[2] if state else None,
+                force_n=cycle.last_force_n, height_m=state.pose.position[2] if state else None
             )
             supervisor.send(link.kept)
 

@@ -191,10 +191,7 @@ def _pressed(trial: TrialEvidence) -> dict[str, Any]:
 
 
 def _skills(
-    trial: TrialEvidence,
-    scores: ImageScores | None,
-    floors: Floors | None,
-    ceiling: Ceiling | None,
+    trial: TrialEvidence, scores: ImageScores | None, floors: Floors | None, ceiling: Ceiling | None
 ) -> dict[str, Skill]:
     if scores is None or floors is None or trial.images is None or trial.simulated_image is None:
         return {}

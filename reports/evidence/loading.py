@@ -89,11 +89,7 @@ def load_evidence(
             if replay is not None and index in replayed
             else None,
             kind=0 if replay is None else replay.models.index(model_of(replay.models, index)),
-            checks=(
-                *_checks(check, index, record),
-                *seen[index].damaged,
-                *_doubts(series, record),
-            ),
+            checks=(*_checks(check, index, record), *seen[index].damaged, *_doubts(series, record)),
             place_known=index not in store.imported_trials
             or store.imported_trials[index].place_m is not None,
             **seen[index].fields,

@@ -179,11 +179,7 @@ def judged_content(judgement: Judgement) -> dict[str, Any]:
         "simulators": [_simulator(each) for each in judgement.simulators],
         "contests": [
             to_plain(each)
-            | {
-                "score": _score(each.score),
-                "is_lost": each.is_lost,
-                "is_clear": each.is_clear,
-            }
+            | {"score": _score(each.score), "is_lost": each.is_lost, "is_clear": each.is_clear}
             for each in found
         ],
     }

@@ -21,12 +21,7 @@ from reports.comparison.sentences import fits_of
 from reports.evidence.evidence import RunEvidence
 from reports.figures.draw import draw_figures
 from reports.figures.images import DIFFERENCE_COLORS, difference_scale, luminance_difference
-from reports.page.html import (
-    intermediate_numbers,
-    intermediate_pictures,
-    is_unknown,
-    render_html,
-)
+from reports.page.html import intermediate_numbers, intermediate_pictures, is_unknown, render_html
 from reports.scores.floors import NOISE_MULTIPLE
 from reports.scores.metrics import CONFIDENCE, Metric
 from tacauchy_rig.core.arrays import FloatArray, ImageArray

@@ -15,11 +15,7 @@ from types import EllipsisType
 import numpy as np
 
 from reports.evidence.evidence import PressKey, TrialEvidence, TrialImages
-from reports.scores.contact import (
-    image_change,
-    relative_residual,
-    touched,
-)
+from reports.scores.contact import image_change, relative_residual, touched
 from reports.scores.metrics import ImageScores, Metric, score
 from tacauchy_rig.core.arrays import BoolArray, FloatArray, ImageArray
 

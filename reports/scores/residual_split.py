@@ -239,10 +239,7 @@ def _columns(trial: _Trial, modes: Sequence[Mode]) -> FloatArray:
 
 
 def _shared(
-    trials: Sequence[_Trial],
-    place: tuple[float, float],
-    modes: Sequence[Mode],
-    found: FloatArray,
+    trials: Sequence[_Trial], place: tuple[float, float], modes: Sequence[Mode], found: FloatArray
 ) -> ResidualSplit:
     squares = {t.index: _squares(t, place, modes, found) for t in trials}
     total = {cause: sum(each[cause] for each in squares.values()) for cause in Cause}

@@ -77,10 +77,7 @@ def test_shorter_edges_and_softer_gels_have_a_smaller_bias() -> None:
         replace(SCENE, indenter=Plane()),
         replace(SCENE, material=replace(SCENE.material, law=LawName.PAPER_EQ4)),
         replace(
-            SCENE,
-            contact=ContactMode.FRICTION,
-            friction=0.5,
-            outputs=frozenset({Output.SHEAR}),
+            SCENE, contact=ContactMode.FRICTION, friction=0.5, outputs=frozenset({Output.SHEAR})
         ),
     ],
     ids=["bonded", "deep", "untouched", "plane", "rest stress", "shear by friction"],

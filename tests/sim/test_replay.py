@@ -143,9 +143,7 @@ def test_a_replay_says_what_it_cost_and_what_its_neighbours_would_have(
     assert better.error_relative < facts.force_error_largest_relative
 
 
-def test_fields_are_the_whole_pads(
-    replayed: tuple[Replay, list[TrialFields], list[str]],
-) -> None:
+def test_fields_are_the_whole_pads(replayed: tuple[Replay, list[TrialFields], list[str]]) -> None:
     """Nodal contact forces of the whole surface sum to the trial's force."""
     replay, fields, _ = replayed
     for trial, field in zip(replay.trials, fields, strict=True):

@@ -7,14 +7,7 @@ from dataclasses import replace
 import pytest
 
 from sim.correction import Setting
-from sim.error import (
-    RELATIVE_COSTS,
-    Tolerance,
-    alternatives,
-    keeping,
-    parse_tolerance,
-    setting_of,
-)
+from sim.error import RELATIVE_COSTS, Tolerance, alternatives, keeping, parse_tolerance, setting_of
 from sim.press import press
 from sim.press_command import scene_from
 from sim.scene.indenter import Sphere

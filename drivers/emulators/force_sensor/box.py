@@ -116,9 +116,7 @@ class EmulatedBox:
         self._trace = trace
         sensor, plant = settings.config.force_sensor, plant_of(settings)
         channel = ForceChannel(
-            plant.truth,
-            start_ns=time.monotonic_ns(),
-            compression_sign=sensor.compression_sign,
+            plant.truth, start_ns=time.monotonic_ns(), compression_sign=sensor.compression_sign
         )
         world = SharedWorld.create(settings.folder / WORLD_FILE)
         self._source = WrenchSource(channel, plant, world)

@@ -159,11 +159,7 @@ class GelCamera:
         return slice(top, bottom), slice(left, right)
 
     def render(
-        self,
-        profile: SurfaceProfile | None,
-        *,
-        region: Region | None = None,
-        light: float = 1.0,
+        self, profile: SurfaceProfile | None, *, region: Region | None = None, light: float = 1.0
     ) -> ImageArray:
         """Return a frame, BGR, shape [rows, columns, 3].
 

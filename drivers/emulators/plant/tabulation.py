@@ -6,13 +6,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from drivers.emulators.plant.axisymmetric import Equilibrium, GelSolver, TiltResponse, tilt_response
-from drivers.emulators.plant.quad_mesh import (
-    Grading,
-    PressCase,
-    QuadMesh,
-    line_shape,
-    mesh_disc,
-)
+from drivers.emulators.plant.quad_mesh import Grading, PressCase, QuadMesh, line_shape, mesh_disc
 from drivers.emulators.plant.tips import CylinderTip
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
@@ -63,11 +57,7 @@ def tabulate(case: PressCase) -> dict[str, FloatArray]:
 
 
 def _advance(
-    solver: GelSolver,
-    top_m: float,
-    solved: list[float],
-    states: list[Equilibrium],
-    depth: float,
+    solver: GelSolver, top_m: float, solved: list[float], states: list[Equilibrium], depth: float
 ) -> Equilibrium:
     """Go from the last solved depth to ``depth``, extrapolating first, then in smaller steps."""
     last = ahead = states[-1].displacement

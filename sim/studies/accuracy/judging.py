@@ -73,10 +73,7 @@ class Configuration:
             (Effect.FINITE_STRAIN, self.finite_strain),
         )
         return replace(
-            scene,
-            preset=self.preset,
-            barrier_m=self.barrier_m,
-            effects=(*scene.effects, *effects),
+            scene, preset=self.preset, barrier_m=self.barrier_m, effects=(*scene.effects, *effects)
         )
 
     def on_its_way(self, scene: Scene) -> Scene:

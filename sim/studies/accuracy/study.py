@@ -32,12 +32,7 @@ from sim.studies.accuracy.judging import (
     finished,
     reseeded,
 )
-from sim.studies.accuracy.tolerance import (
-    HELD_OUT,
-    SEEN_BEFORE,
-    check_tolerance,
-    tolerance_table,
-)
+from sim.studies.accuracy.tolerance import HELD_OUT, SEEN_BEFORE, check_tolerance, tolerance_table
 from tacauchy_rig.core.figure_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN
 from tacauchy_rig.core.page import table_prose
 from tacauchy_rig.core.study import Case, Result, Study, failures_table

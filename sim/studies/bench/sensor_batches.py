@@ -15,14 +15,7 @@ from sim.batch.sensor_model import sensor_model
 from sim.device import Device
 from sim.error import Tolerance, keeping_corrected
 from sim.press import press
-from sim.scene.indenter import (
-    Cylinder,
-    Indenter,
-    Sphere,
-    cylinder_triangles,
-    mesh_indenter,
-    tilted,
-)
+from sim.scene.indenter import Cylinder, Indenter, Sphere, cylinder_triangles, mesh_indenter, tilted
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Motion, Scene, Target
 from sim.studies.bench.parts import Row

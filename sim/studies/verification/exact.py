@@ -251,12 +251,7 @@ def turned_ball_shear(
 
 
 def turned_punch_shear(
-    radii_m: FloatArray,
-    *,
-    friction: float,
-    force_n: float,
-    radius_m: float,
-    shear_strain_pa: float,
+    radii_m: FloatArray, *, friction: float, force_n: float, radius_m: float, shear_strain_pa: float
 ) -> FloatArray:
     """Return the shear around the axis of a flat punch that is turned [Pa], inside its rim."""
     scale = force_n / (2.0 * np.pi * radius_m**2)

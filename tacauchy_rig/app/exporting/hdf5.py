@@ -13,13 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.app.exporting.episode import (
-    Episode,
-    Rows,
-    even_rows,
-    images_of,
-    needed,
-)
+from tacauchy_rig.app.exporting.episode import Episode, Rows, even_rows, images_of, needed
 from tacauchy_rig.core.arrays import AnyArray
 from tacauchy_rig.core.store.run_store import RunStore
 

@@ -90,12 +90,7 @@ def replay_run(
     ) -> _Replayed:
         if are_many:
             return replay_parts(
-                run,
-                parts,
-                optics(),
-                name=name,
-                afterwards_s=afterwards_s,
-                on_progress=on_progress,
+                run, parts, optics(), name=name, afterwards_s=afterwards_s, on_progress=on_progress
             ), {}
         pressed = press_together(parts[0], on_progress=on_progress)
         replay, files = rendered(measured_attempts(run), sensor, *pressed, optics())

@@ -8,14 +8,7 @@ from typing import Any
 
 import foxglove
 from foxglove.channels import CompressedImageChannel, PoseInFrameChannel
-from foxglove.messages import (
-    CompressedImage,
-    Pose,
-    PoseInFrame,
-    Quaternion,
-    Timestamp,
-    Vector3,
-)
+from foxglove.messages import CompressedImage, Pose, PoseInFrame, Quaternion, Timestamp, Vector3
 
 from protocols.processes.feed import Shown
 from protocols.trials.trial import PlannedTrial

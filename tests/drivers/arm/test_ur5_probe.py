@@ -53,10 +53,7 @@ def test_local_control_is_refused(emulate_ur: Callable[..., Any]) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "message"),
-    [
-        (FaultKind.PROTECTIVE_STOP, "protective stop"),
-        (FaultKind.EMERGENCY_STOP, "emergency stop"),
-    ],
+    [(FaultKind.PROTECTIVE_STOP, "protective stop"), (FaultKind.EMERGENCY_STOP, "emergency stop")],
 )
 def test_a_stopped_arm_is_refused(
     emulate_ur: Callable[..., Any], kind: FaultKind, message: str

@@ -12,14 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.emulators.faults import (
-    FAULTS_OF_DEVICE,
-    STOPS,
-    Device,
-    Fault,
-    FaultKind,
-    parse_fault,
-)
+from drivers.emulators.faults import FAULTS_OF_DEVICE, STOPS, Device, Fault, FaultKind, parse_fault
 from drivers.emulators.process import DeviceSettings, Service, control_path, post_fault
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import ConfigError, DeviceError
@@ -103,11 +96,7 @@ def test_what_is_sent_is_what_arrives(
     possible = FAULTS_OF_DEVICE[service.device][kind]
     amount = possible and possible.least + share * (possible.most - possible.least)
     fault = Fault(
-        device=service.device,
-        kind=kind,
-        start_s=start_s,
-        duration_s=duration_s,
-        amount=amount,
+        device=service.device, kind=kind, start_s=start_s, duration_s=duration_s, amount=amount
     )
     post_fault(folder, fault)
     assert service.faults_at(-1.0) == [fault] * (start_s == 0.0)

@@ -97,8 +97,6 @@ class MyCell:
         self._counter = counter
         force_n = counts * self._newtons
         sample = ForceSample(
-            stamp_ns=stamp_ns,
-            counter=counter,
-            wrench=(0.0, 0.0, force_n, 0.0, 0.0, 0.0),
+            stamp_ns=stamp_ns, counter=counter, wrench=(0.0, 0.0, force_n, 0.0, 0.0, 0.0)
         )
         self._buffer.push(sample, stamp_ns=stamp_ns, fingerprint=counts)

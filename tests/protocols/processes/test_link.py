@@ -13,12 +13,7 @@ from protocols.processes import link as link_module
 from protocols.processes.link import BETWEEN_ATTEMPTS, RecorderLink
 from protocols.processes.messages import Ack, Channel
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.run import (
-    ForceSample,
-    JournalEvent,
-    Outcome,
-    TrialRecord,
-)
+from tacauchy_rig.core.run import ForceSample, JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.journal import append_event, read_journal
 from tacauchy_rig.core.store.recording.reading import Recording
 

@@ -149,8 +149,7 @@ def test_an_abort_ends_the_session_with_the_arm_off_the_gel(make_store):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("error", "outcome_reason"),
-    [(OSError, "the terminal was lost"), (ValueError, "session ends")],
+    ("error", "outcome_reason"), [(OSError, "the terminal was lost"), (ValueError, "session ends")]
 )
 def test_a_watcher_that_fails_does_not_leave_the_arm_in_the_gel(make_store, error, outcome_reason):
     """A terminal that is gone aborts; any other failure ends the session in the same safe way."""
@@ -254,9 +253,7 @@ def test_a_killed_supervisor_stops_the_arm_and_every_child(make_store):
     """Kill -9 of the parent: control makes the arm safe, the record is finished, all end."""
     store = make_store(ONE)
     parent = subprocess.Popen(
-        [sys.executable, "-c", PARENT, str(store.paths.root)],
-        stdout=subprocess.PIPE,
-        text=True,
+        [sys.executable, "-c", PARENT, str(store.paths.root)], stdout=subprocess.PIPE, text=True
     )
     pids = {}
     for line in parent.stdout:

@@ -73,10 +73,7 @@ def test_attempts_are_not_endless(laboratory):
     def fall_silent() -> None:
         lab.world.begin("camera:stall")
         until_ns = lab.world.now_ns + 6e8
-        lab.world.when(
-            lambda: lab.world.now_ns > until_ns,
-            lambda: lab.world.end("camera:stall"),
-        )
+        lab.world.when(lambda: lab.world.now_ns > until_ns, lambda: lab.world.end("camera:stall"))
         lab.world.when(lambda: len(lab.sink.begun) == 2 and due(), fall_silent)
 
     lab.world.when(due, fall_silent)

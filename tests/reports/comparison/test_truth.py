@@ -45,9 +45,7 @@ def test_each_quantity_is_recovered(report: ValidationReport, evidence: RunEvide
         replace(
             t,
             record=replace(
-                t.record,
-                tare_before=tare(0.5, start_s=0.0),
-                tare_after=tare(0.49, start_s=20.0),
+                t.record, tare_before=tare(0.5, start_s=0.0), tare_after=tare(0.49, start_s=20.0)
             ),
         )
         for t in evidence.trials

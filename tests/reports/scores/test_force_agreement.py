@@ -160,13 +160,7 @@ def _terms(evidence: RunEvidence, **changes: object) -> dict[str, UncertaintyTer
     assert trial.record is not None
     record = replace(trial.record, force_rate_n_s=-0.1, force_drift_n=-0.03)
     tilt = ForceInput(name="tilt", basis="tried", depths_m=(1e-4, 5e-4), changes=(0.10, 0.02))
-    asked = {
-        "predicted_n": 2.0,
-        "touched_m": 1e-5,
-        "scatter": SCATTER,
-        "stated": STATED,
-        **changes,
-    }
+    asked = {"predicted_n": 2.0, "touched_m": 1e-5, "scatter": SCATTER, "stated": STATED, **changes}
     model = made_model(young_uncertainty_relative=0.05, force_inputs=(tilt,))
     budget = uncertainty_budget(replace(trial, record=record), model, **asked)  # type: ignore[arg-type]
     return {term.name: term for term in budget}

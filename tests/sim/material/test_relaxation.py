@@ -17,10 +17,7 @@ from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 from tests.sim.material.small_disc import disc_model
 
-TERMS = (
-    RelaxationTerm(share=0.3, time_s=0.1),
-    RelaxationTerm(share=0.2, time_s=2.0),
-)
+TERMS = (RelaxationTerm(share=0.3, time_s=0.1), RelaxationTerm(share=0.2, time_s=2.0))
 LEFT = 0.5
 STRETCH = np.array([[1.1, 0.05, 0.0], [0.0, 0.9, 0.1], [0.02, 0.0, 1.05]])
 

@@ -11,11 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.effects.mesh_choice import (
-    MeshKind,
-    footprint_mesh,
-    mesh_choice,
-)
+from sim.effects.mesh_choice import MeshKind, footprint_mesh, mesh_choice
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model, mesh_for
 from sim.mesh.footprint import footprint

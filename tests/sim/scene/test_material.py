@@ -189,10 +189,7 @@ def test_confined_compression_is_the_laminates(order: ElementOrder, ratio: float
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize(
     ("ratio", "share", "radius_m", "tolerance"),
-    [
-        pytest.param(4.0, 0.925, 2.5e-3, 0.05, marks=pytest.mark.slow),
-        (1e-4, 0.925, 2.5e-3, 0.03),
-    ],
+    [pytest.param(4.0, 0.925, 2.5e-3, 0.05, marks=pytest.mark.slow), (1e-4, 0.925, 2.5e-3, 0.03)],
 )
 def test_punch_on_a_laminate(ratio: float, share: float, radius_m: float, tolerance: float) -> None:
     """F against the laminate's, up to a stiffness ratio of 10,000; hard case 8 is stiff on soft.

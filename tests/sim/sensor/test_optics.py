@@ -30,10 +30,7 @@ def test_built_in_sensors_have_optics() -> None:
         ({"optics": {**GREY, "change": [0]}}, "are no table"),
         ({"optics": {**GREY, "depth": ["0 mm", "0 mm"]}}, "are no table"),
         ({"optics": {**GREY, "depth": ["0 mm", "1"]}}, "has no unit"),
-        (
-            {"optics": {"kind": "photometric", "shadow_softness": "0.1 mm"}},
-            "at least one lamp",
-        ),
+        ({"optics": {"kind": "photometric", "shadow_softness": "0.1 mm"}}, "at least one lamp"),
         ({"lamps": [{"azimuth": "1 deg"}]}, "lamp 1 needs azimuth, elevation"),
     ],
 )

@@ -30,11 +30,7 @@ def path() -> LoadingPath:
         name="test",
     )
     model = Model(
-        mesh,
-        order=ElementOrder.P2,
-        law=law(LawName.STABLE_NEO_HOOKEAN),
-        young_pa=3e5,
-        poisson=0.45,
+        mesh, order=ElementOrder.P2, law=law(LawName.STABLE_NEO_HOOKEAN), young_pa=3e5, poisson=0.45
     )
     return LoadingPath(model, PUNCH)
 

@@ -180,11 +180,7 @@ def test_forces_are_those_of_the_model(model: Model) -> None:
 
 
 @pytest.mark.parametrize(
-    "changed",
-    [
-        replace(SCENE, contact=ContactMode.BONDED),
-        replace(SCENE, preset=Preset.BALANCED),
-    ],
+    "changed", [replace(SCENE, contact=ContactMode.BONDED), replace(SCENE, preset=Preset.BALANCED)]
 )
 def test_what_sticks_keeps_a_narrow_barrier(changed: Scene) -> None:
     """So does every preset but fast."""

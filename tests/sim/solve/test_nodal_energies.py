@@ -82,9 +82,7 @@ def test_weight_sags_the_pad_as_a_column_does() -> None:
     """A wide clamped layer sinks by rho g H^2 / (2 M), M the modulus without sideways strain."""
     model = disc(ElementOrder.P2, symmetric=True)
     positions = unloaded_positions(
-        model,
-        options=SolverOptions(residual_floor_n=1e-13),
-        potentials=[weight(model, DENSITY)],
+        model, options=SolverOptions(residual_floor_n=1e-13), potentials=[weight(model, DENSITY)]
     )
     middle = int(np.argmin(np.linalg.norm(model.nodes - [0.0, 0.0, PAD.height_m], axis=1)))
     modulus = YOUNG_PA * (1 - 0.3) / ((1 + 0.3) * (1 - 2 * 0.3))

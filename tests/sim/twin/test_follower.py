@@ -47,9 +47,7 @@ def test_a_followed_force_is_a_press_of_that_force(follower: Follower) -> None:
     assert apart.max() <= 2
 
 
-def test_a_replay_on_the_fine_mesh_lies_within_the_error_that_is_stated(
-    follower: Follower,
-) -> None:
+def test_a_replay_on_the_fine_mesh_lies_within_the_error_that_is_stated(follower: Follower) -> None:
     """At the depth of the twin, preset balanced's F_z is off by no more than the error bar."""
     frame = follower.follow(Goal(stamp_s=0.0, force_n=1.5))
     fine = press(replace(SCENE, preset=Preset.BALANCED, target=Target(depth_m=frame.depth_m)))

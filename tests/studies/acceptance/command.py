@@ -153,10 +153,7 @@ def acceptance(
     written = write_folder(folder, presses=presses, seed=seed)
     found, run = workflow(folder, place / "runs")
     summary = json.loads((run / "report" / "summary.json").read_text("utf-8"))
-    tables = (
-        costs_table(found, command=command),
-        truth_table(written, summary, command=command),
-    )
+    tables = (costs_table(found, command=command), truth_table(written, summary, command=command))
     for table in tables:
         show_table(table)
     write_json(json_file, {"tables": tables, "calls": found})

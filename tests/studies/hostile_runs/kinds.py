@@ -140,10 +140,7 @@ def _messages(root: Path, change: Callable[[list[RawMessage]], list[RawMessage]]
 
 
 def _garbled(topic: Topic, data: bytes, root: Path, _outside: Path, _: Random) -> None:
-    _messages(
-        root,
-        lambda messages: [_with(m, data) if m.topic is topic else m for m in messages],
-    )
+    _messages(root, lambda messages: [_with(m, data) if m.topic is topic else m for m in messages])
 
 
 def _with(message: RawMessage, data: bytes, **changes: Any) -> RawMessage:

@@ -32,11 +32,7 @@ AS_SHIPPED, STRICT = "as shipped", "step 1 um"
 SETTINGS: dict[str, dict[str, Any]] = {
     AS_SHIPPED: {},
     STRICT: {
-        "newton": {
-            "max_iter": 200,
-            "velocity_tol": 1e-6 / FRAME_S,
-            "semi_implicit": {"enable": 0},
-        },
+        "newton": {"max_iter": 200, "velocity_tol": 1e-6 / FRAME_S, "semi_implicit": {"enable": 0}},
         # By how much conjugate gradients lower the squared, preconditioned residual.
         "linear_system": {"tol_rate": 1e-4},
     },

@@ -111,10 +111,7 @@ def drawn_dwells(seed: int, tilt_rad: tuple[float, float], config: RigConfig) ->
     """Return the held presses of a world as its cell reads them."""
     inputs, emulated = inputs_of(config), config.emulation
     truth = draw_truth(
-        seed,
-        unit=emulated_unit(inputs.sensor),
-        friction=emulated.friction,
-        tilt_rad=tilt_rad,
+        seed, unit=emulated_unit(inputs.sensor), friction=emulated.friction, tilt_rad=tilt_rad
     )
     tip = CylinderTip(diameter_m=config.indenter.diameter, fillet_m=config.indenter.fillet)
     plant = Plant(truth, tip, config.sensor.surface)
@@ -195,10 +192,7 @@ def residuals_of(bench: Bench, say: Say) -> list[Residuals]:
     """Replay a run as found, upright, and upright without friction, each with its own modulus."""
     inputs = bench.inputs
     pressed = {FOUND: bench.pressed}
-    for name, other in (
-        (UPRIGHT, inputs.upright),
-        (SMOOTH, replace(inputs.upright, friction=0.0)),
-    ):
+    for name, other in ((UPRIGHT, inputs.upright), (SMOOTH, replace(inputs.upright, friction=0.0))):
         say(f"replaying {name}")
         pressed[name] = bench.press(other)
     judged = {name: compare(bench.evidence(each)).trials for name, each in pressed.items()}

@@ -140,11 +140,7 @@ def split_planted(
         believed, planted = PLANTS[cause](believed, random)
     part = SplitPart(attempts=measured_attempts(believed.run), inputs=believed.inputs)
     split = split_images(
-        [part],
-        _images(believed),
-        believed.optics,
-        bench.run.store.config,
-        on_progress=on_progress,
+        [part], _images(believed), believed.optics, bench.run.store.config, on_progress=on_progress
     )
     if split is None:
         return None

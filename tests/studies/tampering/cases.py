@@ -382,10 +382,7 @@ def _flipped_sign(description: Json) -> Json:
     cell = description["config"]["force_sensor"]
     other = -cell["compression_sign"]
     return {
-        "config": {
-            **description["config"],
-            "force_sensor": {**cell, "compression_sign": other},
-        },
+        "config": {**description["config"], "force_sensor": {**cell, "compression_sign": other}},
         "written": {**description["written"], "force_sensor.compression_sign": other},
     }
 

@@ -85,11 +85,7 @@ class RunCopy:
         return self.paths.result(trial, self.attempt(trial))
 
     def change_messages(
-        self,
-        trial: int,
-        change: Callable[[Messages], Messages],
-        /,
-        **metadata: str,
+        self, trial: int, change: Callable[[Messages], Messages], /, **metadata: str
     ) -> None:
         """Write a recording anew with other messages, and with other metadata where given."""
         path = self.recording(trial)

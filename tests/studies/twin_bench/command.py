@@ -180,8 +180,7 @@ SCENES = (
     TwinScene(name="GelSight Mini, cylinder", overrides=_HARD),
     TwinScene(name="GelSight Mini, ball", overrides=(*_HARD, *_BALL)),
     TwinScene(
-        name="GelSight Mini, cylinder, friction 0.5",
-        overrides=(*_HARD, "replay.friction=0.5"),
+        name="GelSight Mini, cylinder, friction 0.5", overrides=(*_HARD, "replay.friction=0.5")
     ),
     TwinScene(
         name="GelSight Mini, cylinder, tilted by 1 deg",

@@ -57,8 +57,7 @@ def test_a_package_that_does_not_import_is_named(
     monkeypatch.syspath_prepend(tmp_path)
     assert names(Kind.ARM)[-1] == "franka"
     with pytest.raises(
-        ConfigError,
-        match=r'arm "franka" of the package broken-lab 1\.0 .* OSError: no libfranka',
+        ConfigError, match=r'arm "franka" of the package broken-lab 1\.0 .* OSError: no libfranka'
     ):
         load(Kind.ARM, "franka")
 

@@ -450,11 +450,7 @@ def next_presses(fit: GelFit) -> Iterator[NextPress]:
     have = {each.name for each, _ in fit.data}
     for text in (text for text in CANDIDATES if text not in have):
         tool = replace(inputs, indenter=parse_indenter(text))
-        others = (
-            tool,
-            gel_of(tool, nu + _STEPS[0], mu),
-            replace(tool, friction=mu + _STEPS[1]),
-        )
+        others = (tool, gel_of(tool, nu + _STEPS[0], mu), replace(tool, friction=mu + _STEPS[1]))
         try:
             base, *changed = (
                 forces_at(each.scene([1.0]), depths, refinement=COARSE) for each in others

@@ -36,10 +36,7 @@ def with_gel(text: str, *, young: Interval, poisson: Interval, source: str) -> s
     Raises:
         ConfigError: It has no line ``young = `` in ``[material]``.
     """
-    for key, found, factor, unit in (
-        ("young", young, 1e-6, " MPa"),
-        ("poisson", poisson, 1.0, ""),
-    ):
+    for key, found, factor, unit in (("young", young, 1e-6, " MPa"), ("poisson", poisson, 1.0, "")):
         if found.uncertainty is None:
             continue
         line = (

@@ -79,10 +79,7 @@ def material(
     told = [fit.interval(place) for place in (YOUNG, NU, MU)]
     stated = groups[0].inputs.sensor.numbers["material.poisson"]
     rubbing = stated_uncertainty(groups[0].config, "friction").value
-    beliefs = {
-        NU: (stated.value, stated.uncertainty),
-        MU: (groups[0].inputs.friction, rubbing),
-    }
+    beliefs = {NU: (stated.value, stated.uncertainty), MU: (groups[0].inputs.friction, rubbing)}
     priors = {place: belief for place, belief in beliefs.items() if not told[place].is_bounded}
     _show(fit, told, priors)
     left_out = list(predict_left_out(fit))
@@ -132,11 +129,7 @@ def _write(
 
 def _show(fit: GelFit, told: list[Interval], priors: dict[int, tuple[float, float]]) -> None:
     say(f"chi^2 {fit.misfit:.1f} of {len(fit.measured)} forces")
-    rows = (
-        ("modulus E", 1e-6, " MPa"),
-        ("Poisson's ratio nu", 1.0, ""),
-        ("friction mu", 1.0, ""),
-    )
+    rows = (("modulus E", 1e-6, " MPa"), ("Poisson's ratio nu", 1.0, ""), ("friction mu", 1.0, ""))
     for place, (name, factor, unit) in enumerate(rows):
         assumed = ""
         if place in priors:

@@ -121,10 +121,7 @@ def test_dashboard_answers_as_its_generation_does(model: RobotModel) -> None:
     body = ControllerBody(model, _HOME)
     stopped: list[str] = []
     dashboard = DashboardPort(
-        host,
-        body,
-        stop_program=lambda: stopped.append("program"),
-        reset_safety=body.safety.reset,
+        host, body, stop_program=lambda: stopped.append("program"), reset_safety=body.safety.reset
     )
     body.safety.protective_stop()
     with socket.create_connection((host, DASHBOARD_PORT)) as client:

@@ -19,12 +19,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.emulators.camera.stream import (
-    EmulatedCamera,
-    FaultyOutput,
-    FrameFactory,
-    PressKey,
-)
+from drivers.emulators.camera.stream import EmulatedCamera, FaultyOutput, FrameFactory, PressKey
 from drivers.emulators.faults import Device, Fault, FaultKind, parse_fault
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import render_press

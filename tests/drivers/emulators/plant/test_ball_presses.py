@@ -9,11 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.emulators.plant.ball_presses import (
-    CLICK_ERROR_PX,
-    frame_noise,
-    write_ball_presses,
-)
+from drivers.emulators.plant.ball_presses import CLICK_ERROR_PX, frame_noise, write_ball_presses
 from drivers.emulators.plant.truth import draw_truth
 
 TRUTH = draw_truth(7)

@@ -18,13 +18,7 @@ from tests.sim.optics.synthetic_presses import press_scene, true_model
 
 CIRCLE = Circle(x_px=92.0, y_px=71.0, radius_px=18.0)
 SHADOWS = ShadowCaster(
-    lamps=[
-        Lamp(
-            azimuth_rad=0.7,
-            elevation_rad=math.radians(12.0),
-            colour=(60.0, 20.0, 10.0),
-        )
-    ],
+    lamps=[Lamp(azimuth_rad=0.7, elevation_rad=math.radians(12.0), colour=(60.0, 20.0, 10.0))],
     softness_m=8e-5,
 )
 

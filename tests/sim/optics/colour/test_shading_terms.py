@@ -8,11 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.optics.calibrate.photometric_fit import (
-    PhotometricSamples,
-    fit_photometric,
-    fit_terms,
-)
+from sim.optics.calibrate.photometric_fit import PhotometricSamples, fit_photometric, fit_terms
 from sim.optics.colour.colour_model import Response
 from sim.optics.colour.photometric import (
     BALL_EXPONENTS,

@@ -28,10 +28,7 @@ from tests.sim.optics.analytic_surface import (
 def _unloaded(nodes, faces, geometry=None):  # type: ignore[no-untyped-def]
     """Return the height map of a surface that nothing touches [m]."""
     surface = replace(
-        pressed_surface(lambda x, _: x),
-        positions_rest=nodes,
-        positions=nodes,
-        faces=faces,
+        pressed_surface(lambda x, _: x), positions_rest=nodes, positions=nodes, faces=faces
     )
     return height_maps(surface, geometry or camera()).rest
 
@@ -211,23 +208,14 @@ def test_a_surface_without_numbers_is_refused() -> None:
 def test_nodes_on_chords_are_put_back_onto_a_dome() -> None:
     """Nodes in the middle of straight edges lie below a dome; the map does not show that."""
     pad = BoxPad(
-        size_x_m=20e-3,
-        size_y_m=16e-3,
-        height_m=APEX_M,
-        dome_radius_x_m=0.05,
-        dome_radius_y_m=0.05,
+        size_x_m=20e-3, size_y_m=16e-3, height_m=APEX_M, dome_radius_x_m=0.05, dome_radius_y_m=0.05
     )
     flat = pressed_surface(lambda x, _: np.full_like(x, APEX_M), edge_m=2e-3)
     plan = flat.positions_rest
     corners = plan.copy()
     corners[:, 2] = pad.height_at(plan[:, 0], plan[:, 1])
     points, faces = quadratic_nodes(corners, flat.faces, edges=FACE_EDGES)
-    below = replace(
-        flat,
-        positions_rest=points,
-        positions=points - (0.0, 0.0, 1e-4),
-        faces=faces,
-    )
+    below = replace(flat, positions_rest=points, positions=points - (0.0, 0.0, 1e-4), faces=faces)
     x, y = camera().pad_grid()
     true = pad.height_at(x, y) - 1e-4
     on_chords = height_maps(below, camera()).loaded - true

@@ -27,10 +27,7 @@ def _background() -> np.ndarray:
 
 def _dent() -> np.ndarray:
     return ball_press(
-        *camera().pad_grid(),
-        ball_radius_m=2.35e-3,
-        contact_radius_m=1.5e-3,
-        tip_z_m=APEX_M - 8e-4,
+        *camera().pad_grid(), ball_radius_m=2.35e-3, contact_radius_m=1.5e-3, tip_z_m=APEX_M - 8e-4
     )
 
 

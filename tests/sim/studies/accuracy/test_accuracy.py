@@ -53,12 +53,7 @@ from tacauchy_rig.core.study import About, Result
 from tacauchy_rig.core.tables import Table
 
 _GEOMETRY = CameraGeometry(
-    width=40,
-    height=30,
-    scale_x_m=0.4e-3,
-    scale_y_m=0.4e-3,
-    centre_x_px=19.5,
-    centre_y_px=14.5,
+    width=40, height=30, scale_x_m=0.4e-3, scale_y_m=0.4e-3, centre_x_px=19.5, centre_y_px=14.5
 )
 
 _SCENE = Scene(

@@ -15,12 +15,7 @@ from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, SceneTerms, Target
 from sim.studies.bench import Part
-from sim.studies.bench.parts import (
-    BELIEVED,
-    measure_replay,
-    peak_memory_mib,
-    replay_table,
-)
+from sim.studies.bench.parts import BELIEVED, measure_replay, peak_memory_mib, replay_table
 from sim.studies.bench.rendering import measure_rendering, rendering_table
 from sim.studies.bench.scenes import Manner
 from sim.studies.bench.study import Bench

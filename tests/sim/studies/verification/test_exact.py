@@ -10,12 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.studies.verification import exact
-from sim.studies.verification.exact import (
-    BondedLayers,
-    Ply,
-    hertz_force,
-    surface_compliance,
-)
+from sim.studies.verification.exact import BondedLayers, Ply, hertz_force, surface_compliance
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 

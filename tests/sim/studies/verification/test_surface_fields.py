@@ -63,10 +63,7 @@ def test_a_coarse_mesh_misses_what_is_allowed() -> None:
 
 @pytest.mark.parametrize(
     ("name", "preset"),
-    [
-        ("ball", Preset.FAST),
-        pytest.param("edge", Preset.BALANCED, marks=pytest.mark.slow),
-    ],
+    [("ball", Preset.FAST), pytest.param("edge", Preset.BALANCED, marks=pytest.mark.slow)],
 )
 def test_every_pixel_is_near_the_reference_and_none_above_the_indenter(
     name: str, preset: Preset

@@ -63,11 +63,7 @@ def as_imported(store: RunStore, write: Write, folder: Path, optics: str) -> Run
     return import_run(write(store, folder), parent=folder.parent, overrides=overrides)
 
 
-REPLAY = (
-    'replay.preset="fast"',
-    'replay.pose="stated"',
-    'replay.modulus="stated"',
-)
+REPLAY = ('replay.preset="fast"', 'replay.pose="stated"', 'replay.modulus="stated"')
 LOST = dict(zip(FORMATS, (1e-9, 5e-3, 5e-3), strict=True))
 """Of a force or a depth, relative: windows are told by the CSV and found in the others."""
 LOST_SSIM = dict(zip(FORMATS, (1e-6, 2e-3, 2e-3), strict=True))
@@ -97,9 +93,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunStore, tuple[Trial
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("kind", FORMATS)
 def test_scores_are_those_of_the_run_itself(
-    kind: str,
-    own: tuple[RunStore, tuple[TrialResult, ...]],
-    tmp_path: Path,
+    kind: str, own: tuple[RunStore, tuple[TrialResult, ...]], tmp_path: Path
 ) -> None:
     """To what the format loses: forces, depths, SSIM, and the contact's residual."""
     store, expected = own

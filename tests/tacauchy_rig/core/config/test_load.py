@@ -6,12 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tacauchy_rig.core.config.load import (
-    BUILT_IN,
-    example_text,
-    load_config,
-    restore_config,
-)
+from tacauchy_rig.core.config.load import BUILT_IN, example_text, load_config, restore_config
 from tacauchy_rig.core.config.rules import ARM_REQUIRES, CELL_REQUIRES
 from tacauchy_rig.core.errors import ConfigError
 

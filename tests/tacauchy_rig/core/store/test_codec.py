@@ -84,10 +84,7 @@ def test_types_are_rebuilt() -> None:
         ({"index": None}, "result.json: index: None: Input should be a valid integer"),
         ({"index": True}, "result.json: index: True: Input should be a valid integer"),
         ({"index": 1.5}, "result.json: index: 1.5: Input should be a valid integer"),
-        (
-            {"outcome": "good"},
-            "outcome: 'good': Input should be 'passed', 'failed', 'fault'",
-        ),
+        ({"outcome": "good"}, "outcome: 'good': Input should be 'passed', 'failed', 'fault'"),
         ({"force_target_n": "1 N"}, "force_target_n: '1 N': Input should be a valid number"),
         ({"reason": 3}, "reason: 3: Input should be a valid string"),
         ({"criteria": [{"name": "a"}]}, "criteria[0].passed: missing field"),

@@ -86,9 +86,7 @@ def test_a_fault_that_says_nothing_of_the_sensor_leaves_earlier_trials_alone(
     assert left_to_press(store) == [2, 3, 4, 5, 6]
 
 
-def test_a_wrong_weight_at_the_end_dooms_the_trials_until_it_is_hung_again(
-    store: RunStore,
-) -> None:
+def test_a_wrong_weight_at_the_end_dooms_the_trials_until_it_is_hung_again(store: RunStore) -> None:
     """A weight that swung is hung again; one that stays wrong is the sensor's."""
     keep(store, *pressed(RIGHT))
     weigh(store, 0.8)

@@ -45,10 +45,7 @@ def _record(attempt: int, outcome: Outcome, *, trial: int = 1) -> TrialRecord:
 
 
 REPLAY = Replay(
-    name="balanced",
-    trials=(made_trial(1, 1.25),),
-    model=made_model(young_pa=3e5),
-    versions={},
+    name="balanced", trials=(made_trial(1, 1.25),), model=made_model(young_pa=3e5), versions={}
 )
 
 

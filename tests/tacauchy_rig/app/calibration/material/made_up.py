@@ -14,10 +14,7 @@ from tacauchy_rig.core.config.load import load_config
 
 DEPTHS_M = np.linspace(1e-4, 8e-4, 8)
 NOISE_N = 0.005
-SURE = (
-    'uncertainty.depth="20 um"',
-    'uncertainty.force_scale="0.1 %"',
-)
+SURE = ('uncertainty.depth="20 um"', 'uncertainty.force_scale="0.1 %"')
 
 
 def area(

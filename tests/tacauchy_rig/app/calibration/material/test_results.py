@@ -17,10 +17,7 @@ def test_what_is_told_is_written_and_the_rest_stays() -> None:
     """The modulus with a standard uncertainty; Poisson's ratio, open above, as it was."""
     before = sensor_text("gelsight-mini")
     after = with_gel(
-        before,
-        young=YOUNG,
-        poisson=Interval(best=0.48, low=0.46, high=None),
-        source="made up",
+        before, young=YOUNG, poisson=Interval(best=0.48, low=0.46, high=None), source="made up"
     )
     old, new = (parse_sensor(text, origin="made up") for text in (before, after))
     assert new.material.young_pa == pytest.approx(4.1e5)

@@ -22,8 +22,7 @@ def test_one_ball_from_a_table(
 ) -> None:
     """Modulus and stated nu predict the forces; of wrong ones nothing is written."""
     monkeypatch.setattr(
-        "tacauchy_rig.app.calibration.material.fit.respond",
-        lambda *_, **__: made_response(**BALL),
+        "tacauchy_rig.app.calibration.material.fit.respond", lambda *_, **__: made_response(**BALL)
     )
     candidates = ("sphere:diameter=6mm", "sphere:diameter=10mm")
     monkeypatch.setattr("tacauchy_rig.app.calibration.material.fit.CANDIDATES", candidates)
