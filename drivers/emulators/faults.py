@@ -6,17 +6,21 @@ A fault is written ``device:kind[=amount][@start][+duration]``, for example
 
 from __future__ import annotations
 
+import functools
+import itertools
 import math
 import random
 import re
+import statistics
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.run import FZ, Vector6, vector6
 
 
 class Device(StrEnum):
@@ -53,6 +57,7 @@ class FaultKind(StrEnum):
 
 
 ChoiceT = TypeVar("ChoiceT", bound=StrEnum)
+TimeT = TypeVar("TimeT", int, float)
 
 STOPS = frozenset({FaultKind.PROTECTIVE_STOP, FaultKind.EMERGENCY_STOP})
 SILENT_FORCE_FAULTS = frozenset(
@@ -60,8 +65,7 @@ SILENT_FORCE_FAULTS = frozenset(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Amount:
+class Amount(NamedTuple):
     """How much of a fault there can be."""
 
     dimension: Dimension
@@ -169,12 +173,14 @@ def parse_fault(text: str) -> Fault:
     device_name, kind_name, amount, start, duration = match.groups()
     device, kind = _named(Device, "device", device_name), _named(FaultKind, "kind", kind_name)
     known = FAULTS_OF_DEVICE[device].get(kind)
+    dimension = known.dimension if known else Dimension.RATIO
+    parsed = functools.partial(parse_quantity, field="fault")
     return Fault(
         device=device,
         kind=kind,
-        start_s=_parsed(start or "0 s", Dimension.TIME),
-        duration_s=_parsed(duration, Dimension.TIME) if duration else math.inf,
-        amount=_parsed(amount, known.dimension if known else Dimension.RATIO) if amount else None,
+        start_s=parsed(start, dimension=Dimension.TIME) if start else 0.0,
+        duration_s=parsed(duration, dimension=Dimension.TIME) if duration else math.inf,
+        amount=parsed(amount, dimension=dimension) if amount else None,
     )
 
 
@@ -196,10 +202,6 @@ def _named(choices: type[ChoiceT], what: str, name: str) -> ChoiceT:
             f"fault: {what} {name!r} is unknown", remedy=f"one of: {', '.join(choices)}"
         )
     return choices(name)
-
-
-def _parsed(text: str, dimension: Dimension) -> float:
-    return parse_quantity(text, dimension=dimension, field="fault")
 
 
 class FaultyLine:
@@ -232,10 +234,127 @@ class FaultyLine:
 
     def due(self, now_ns: int) -> list[bytes]:
         """Return the messages that leave by ``now_ns``, in order."""
-        left = []
-        while self._waiting and self._waiting[0][0] <= now_ns:
-            left.append(self._waiting.popleft()[1])
-        return left
+        return take_due(self._waiting, now_ns)
 
     def _strikes(self, fault: Fault | None) -> bool:
         return fault is not None and self._random.random() < fault.size
+
+
+def take_due(waiting: deque[tuple[TimeT, bytes]], now: TimeT) -> list[bytes]:
+    """Take out what is due, in order: nothing overtakes what was delayed longer."""
+    found = []
+    while waiting and waiting[0][0] <= now:
+        found.append(waiting.popleft()[1])
+    return found
+
+
+# What a device says instead of what it sees, while nothing about its stream looks wrong.
+
+_FX = 0
+_LAST_DIGIT = 1e-4  # of a force [N] and a moment [N m] as the box writes them
+_NOISE_SAMPLES = 100  # that a sensor which sticks noisily takes its mean's noise from
+_MEAN_SAMPLES = 10  # that it takes its mean from: few, or the mean would be an old one
+
+
+class SilentWrenchFaults:
+    """What a force sensor reads, sample by sample."""
+
+    def __init__(self, *, seed: int, full_scale_n: float) -> None:
+        self._random = random.Random(seed)  # noqa: S311 - noise, not a secret
+        self._full_scale_n = full_scale_n
+        self._past: deque[tuple[int, Vector6]] = deque()
+        self._reported: deque[Vector6] = deque(maxlen=_NOISE_SAMPLES)
+        # Of each axis of a sensor that sticks: newest value, mean and noise.
+        self._held: list[tuple[float, float, float]] = []
+        self._count = 0
+
+    def reading(self, true: Vector6, faults: Iterable[Fault], *, stamp_ns: int) -> Vector6:
+        """Return Fx, Fy, Fz [N], Mx, My, Mz [N m] as ``faults`` make them of what is true."""
+        self._count += 1
+        active = {fault.kind: fault for fault in faults}
+        self._past.append((stamp_ns, true))
+        while stamp_ns - self._past[0][0] > OLDEST_S * 1e9:
+            self._past.popleft()
+        sticks = active.keys() & {FaultKind.FREEZE, FaultKind.STICK, FaultKind.STICK_NOISILY}
+        # It is too early to stick noisily while its noise is not known yet.
+        is_early = FaultKind.STICK_NOISILY in sticks and len(self._reported) < _NOISE_SAMPLES
+        if not sticks or is_early or not self._held:
+            self._reported.append(self._changed(true, active, stamp_ns))
+            self._held = []
+        if not sticks or is_early:
+            return self._reported[-1]
+        self._held = self._held or [_held(axis) for axis in zip(*self._reported, strict=True)]
+        if sticks == {FaultKind.STICK_NOISILY}:
+            return vector6(self._random.gauss(mean, noise) for _, mean, noise in self._held)
+        digit = 0.0 if FaultKind.FREEZE in sticks else _LAST_DIGIT * (self._count % 2)
+        return vector6(newest + digit for newest, _, _ in self._held)
+
+    def _changed(self, true: Vector6, active: dict[FaultKind, Fault], stamp_ns: int) -> Vector6:
+        values = list(true)
+        if FaultKind.OLD_DATA in active:  # or the oldest that is known
+            then_ns = stamp_ns - round(active[FaultKind.OLD_DATA].size * 1e9)
+            known = (past for stamp, past in reversed(self._past) if stamp <= then_ns)
+            values = list(next(known, self._past[0][1]))
+        factor = active[FaultKind.SCALE].size if FaultKind.SCALE in active else 1.0
+        factor = -factor if FaultKind.SIGN in active else factor
+        values = [factor * value for value in values]
+        if FaultKind.SWAP_AXES in active:
+            for x, z in ((_FX, FZ), (_FX + 3, FZ + 3)):
+                values[x], values[z] = values[z], values[x]
+        if FaultKind.SATURATE in active:
+            asked = active[FaultKind.SATURATE].amount
+            values[FZ] = self._full_scale_n if asked is None else asked
+        return vector6(values)
+
+
+def _held(axis: Sequence[float]) -> tuple[float, float, float]:
+    """Return newest value, mean and noise; the noise from neighbours: a slow rise is none."""
+    steps = [(after - before) ** 2 for before, after in itertools.pairwise(axis)]
+    noise = math.sqrt(0.5 * sum(steps) / max(len(steps), 1))
+    return axis[-1], statistics.fmean(axis[-_MEAN_SAMPLES:]), noise
+
+
+class SilentImageFaults:
+    """What a camera shows, frame by frame."""
+
+    def __init__(self) -> None:
+        self._loop: list[bytes] = []
+        self._next = 0
+
+    def frame(self, jpeg: bytes, faults: Iterable[Fault]) -> bytes:
+        """Return the frame that goes out in place of ``jpeg``: itself, or one of before."""
+        lengths = [
+            1 if fault.kind is FaultKind.FREEZE_IMAGE else round(fault.size)
+            for fault in faults
+            if fault.kind in (FaultKind.FREEZE_IMAGE, FaultKind.REPEAT_IMAGE)
+        ]
+        if not lengths:
+            self._loop, self._next = [], 0
+            return jpeg
+        if len(self._loop) < min(lengths):
+            self._loop.append(jpeg)
+        shown = self._loop[self._next % len(self._loop)]
+        self._next += 1
+        return shown
+
+
+class SilentArmFaults:
+    """By how much an arm's state is off, state by state."""
+
+    def __init__(self) -> None:
+        self.height_m = 0.0  # height that it reports above its true one [m]
+        self.clock_s = 0.0  # how far its clock is ahead [s]
+
+    def advance(self, faults: Iterable[Fault], velocity: Vector6, *, duration_s: float) -> None:
+        """Let time pass under ``faults``; without them it is right at once.
+
+        Args:
+            velocity: Of the tool [m/s, rad/s]: what slips in an arm slips while it moves.
+        """
+        active = {fault.kind: fault for fault in faults}
+        wrong_pose, jump = active.get(FaultKind.WRONG_POSE), active.get(FaultKind.CLOCK_JUMP)
+        if wrong_pose is None:
+            self.height_m = 0.0
+        elif any(velocity):
+            self.height_m += wrong_pose.size * duration_s
+        self.clock_s = jump.size if jump else 0.0

@@ -6,7 +6,7 @@ import logging
 import os
 import random
 import socket
-from dataclasses import dataclass
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
@@ -26,36 +26,9 @@ logger = logging.getLogger(__name__)
 UR_PORTS = (30004, 29999, 30003)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EmulatedAddresses:
-    """Where the emulated devices answer; None for a device that is not emulated.
-
-    A camera that is played through V4L2 has the path of its device for a URL.
-    """
-
-    robot_host: str | None = None
-    force_sensor_port: str | None = None
-    camera_url: str | None = None
-
-
 def emulated_devices(config: RigConfig) -> frozenset[Device]:
     """Return the devices whose driver is ``emulated``."""
     return frozenset(each for each in Device if getattr(config, each.value).is_emulated)
-
-
-def with_addresses(config: RigConfig, addresses: EmulatedAddresses) -> RigConfig:
-    """Return the configuration with the emulated devices' addresses filled in."""
-    places = {
-        "robot": ("host", addresses.robot_host),
-        "force_sensor": ("port", addresses.force_sensor_port),
-        "camera": ("device", addresses.camera_url),
-    }
-    changes = {
-        device: getattr(config, device).model_copy(update={field: place})
-        for device, (field, place) in places.items()
-        if place is not None
-    }
-    return config.model_copy(update=changes)
 
 
 def free_loopback_host() -> str:
@@ -66,22 +39,14 @@ def free_loopback_host() -> str:
     source = random.Random()  # noqa: S311 - an address, not a secret
     for _ in range(200):
         host = f"127.{source.randint(1, 250)}.{source.randint(1, 250)}.{source.randint(2, 250)}"
-        if all(_port_is_free(host, port) for port in UR_PORTS):
+        with suppress(OSError), ExitStack() as held:
+            for port in UR_PORTS:
+                held.enter_context(socket.create_server((host, port)))
             return host
     raise DeviceError(
         "emulated robot: no loopback address has ports 30004, 29999 and 30003 free",
         remedy="end other emulators, or set emulation.robot_host",
     )
-
-
-def _port_is_free(host: str, port: int) -> bool:
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-        except OSError:
-            return False
-    return True
 
 
 class Emulation:
@@ -91,6 +56,11 @@ class Emulation:
         follow_host: A robot that is not emulated here, whose reported pose moves the indenter of
             the emulated world; needed when a sensor or camera is emulated and the robot is not.
         unit: The make of sensor that is emulated; a GelSight Mini if None.
+
+    Attributes:
+        running: ``config`` with the addresses at which the started devices answer; that of a camera
+            which is played through V4L2 is the path of its device.
+        preloaded: Environment by which other programs see such a camera.
     """
 
     def __init__(
@@ -111,10 +81,10 @@ class Emulation:
         self.follow_host = follow_host
         self.unit = unit or EmulatedUnit()
         self.processes: dict[str, EmulatedProcess] = {}
-        self._robot_host = ""
-        self.addresses = EmulatedAddresses()
+        self.running = config
         self.preloaded: dict[str, str] = {}
         self._environment: dict[str, str] = {}
+        self._robot_host = ""
 
     def __enter__(self) -> Self:
         self.start()
@@ -122,11 +92,6 @@ class Emulation:
 
     def __exit__(self, *_: object) -> None:
         self.stop()
-
-    @property
-    def world_path(self) -> Path:
-        """The memory-mapped file through which the emulators share the arm's state."""
-        return self.folder / WORLD_FILE
 
     def stop(self) -> None:
         """End every emulator."""
@@ -137,8 +102,8 @@ class Emulation:
         os.environ.update(self._environment)
         self.preloaded, self._environment = {}, {}
 
-    def start(self) -> EmulatedAddresses:
-        """Start every emulator and return where they answer.
+    def start(self) -> RigConfig:
+        """Start every emulator and return the configuration with their addresses.
 
         Raises:
             DeviceError: One of them did not come up; the others are ended again.
@@ -148,14 +113,13 @@ class Emulation:
         truth = draw_truth(asked.seed, unit=self.unit, friction=asked.friction, tilt_rad=asked.tilt)
         write_truth(self.folder, truth)
         self.gel()  # its table is made here once: that may take longer than a device's coming up
-        SharedWorld.create(self.world_path).close()
-        if Device.ROBOT in self.devices:
-            self._robot_host = asked.robot_host
-            if self._robot_host == "auto":
-                self._robot_host = free_loopback_host()
-        elif self.follow_host is not None:
-            self._launch("pose_follower", "shared_world", host=self.follow_host)
+        SharedWorld.create(self.folder / WORLD_FILE).close()
         try:
+            if Device.ROBOT in self.devices:
+                is_free = asked.robot_host == "auto"
+                self._robot_host = free_loopback_host() if is_free else asked.robot_host
+            elif self.follow_host is not None:
+                self._launch("pose_follower", "shared_world", self.config, host=self.follow_host)
             for device in Device:
                 if device in self.devices:
                     self._start(device)
@@ -175,12 +139,18 @@ class Emulation:
         logger.info("emulated devices: %s", ready)
         url = ready.get(Device.CAMERA, {}).get("url")
         self.camera_port = urlsplit(url or "").port or self.camera_port
-        # The link outlives a restart of the box; the pseudo-terminal behind it does not.
-        link = ready.get(Device.FORCE_SENSOR, {}).get("link")
-        self.addresses = EmulatedAddresses(
-            robot_host=self._robot_host or None, force_sensor_port=link, camera_url=url
-        )
-        return self.addresses
+        places = {
+            Device.ROBOT: {"host": self._robot_host},
+            # The link outlives a restart of the box; the pseudo-terminal behind it does not.
+            Device.FORCE_SENSOR: {"port": ready.get(Device.FORCE_SENSOR, {}).get("link")},
+            Device.CAMERA: {"device": url},
+        }
+        changes = {
+            each.value: getattr(self.config, each).model_copy(update=places[each])
+            for each in self.devices
+        }
+        self.running = self.config.model_copy(update=changes)
+        return self.running
 
     def restart(self, device: Device, *, tip: Vector3 | None = None) -> None:
         """End one device and start it anew, without its faults, where it answered before.
@@ -193,20 +163,20 @@ class Emulation:
         self.processes[device.value].wait_ready()
 
     def _start(self, device: Device, *, tip: Vector3 | None = None) -> None:
-        if device is Device.FORCE_SENSOR:
-            self._launch(device, "force_sensor.box")
-        elif device is Device.CAMERA:
-            self._launch(device, "camera.stream", host=self.camera_host, port=self.camera_port)
-        else:
-            self._launch(device, "arm.controller", tip=tip, host=self._robot_host)
-
-    def _launch(
-        self, name: str, module: str, *, tip: Vector3 | None = None, host: str = "", port: int = 0
-    ) -> None:
         config = self.config
         if tip is not None:
             robot = config.robot.model_copy(update={"home": tip})
             config = config.model_copy(update={"robot": robot})
+        module, host, port = {
+            Device.ROBOT: ("arm.controller", self._robot_host, 0),
+            Device.FORCE_SENSOR: ("force_sensor.box", "", 0),
+            Device.CAMERA: ("camera.stream", self.camera_host, self.camera_port),
+        }[device]
+        self._launch(device, module, config, host=host, port=port)
+
+    def _launch(
+        self, name: str, module: str, config: RigConfig, *, host: str, port: int = 0
+    ) -> None:
         settings = DeviceSettings(folder=self.folder, config=config, host=host, port=port)
         self.processes[name] = EmulatedProcess(name, module, settings)
 

@@ -82,9 +82,7 @@ class EmulatedProcess:
         """Return the emulator's ready line."""
         deadline = time.monotonic() + timeout_s
         stream = self.process.stdout
-        while stream is not None and time.monotonic() < deadline:
-            if not select.select([stream], [], [], 0.1)[0]:
-                continue
+        while stream and select.select([stream], [], [], max(0.0, deadline - time.monotonic()))[0]:
             line = stream.readline()
             if not line:  # it ended
                 with contextlib.suppress(subprocess.TimeoutExpired):
@@ -92,15 +90,12 @@ class EmulatedProcess:
                 break
             with contextlib.suppress(ValueError):
                 return dict(json.loads(line))
+        lines = self.log.read_text(errors="replace").strip().splitlines()
         raise DeviceError(
-            f"emulated {self.name}: not ready within {timeout_s:g} s "
-            f"(exit status {self.process.poll()}): {self._log_tail()}",
+            f"emulated {self.name}: not ready within {timeout_s:g} s (exit status "
+            f"{self.process.poll()}): {lines[-1] if lines else 'it printed no error'}",
             remedy=f"read {self.log}",
         )
-
-    def _log_tail(self) -> str:
-        lines = self.log.read_text(errors="replace").strip().splitlines()
-        return lines[-1] if lines else "it printed no error"
 
     def stop(self) -> None:
         """Ask it to end, kill it if it does not, and let go of its output."""
@@ -146,29 +141,37 @@ class Service:
 
     def __init__(self, settings: DeviceSettings, device: Device) -> None:
         self.device = device
-        self.is_told_to_end = False  # set by SIGTERM and SIGINT
+        self._is_told_to_end = False
         # Weight that somebody has hung on the device [kg], as of the last look at its faults.
         self.hung_kg = 0.0
         self._parent_pid = settings.parent_pid
         self._faults: list[tuple[float, float, Fault]] = []  # with start and end [s]
         self._path = control_path(settings.folder, device)
-        settings.folder.mkdir(parents=True, exist_ok=True)
-        self._path.unlink(missing_ok=True)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        with short_address(self._path) as address:
-            self._socket.bind(address)
+        try:
+            settings.folder.mkdir(parents=True, exist_ok=True)
+            self._path.unlink(missing_ok=True)
+            with short_address(self._path) as address:
+                self._socket.bind(address)
+        except OSError as error:
+            raise DeviceError(
+                f"emulated {device.value}: {error.strerror or error}",
+                remedy=f"see that {settings.folder} can be created and written",
+            ) from error
 
     @property
     def is_over(self) -> bool:
         """True once it was told to end or its parent process has ended."""
-        return self.is_told_to_end or self._parent_pid not in (None, os.getppid())
+        return self._is_told_to_end or self._parent_pid not in (None, os.getppid())
+
+    def end(self, *_: object) -> None:
+        """Be over; a handler of signals."""
+        self._is_told_to_end = True
 
     def faults_at(self, now_s: float) -> list[Fault]:
         """Return the faults that are on at ``now_s`` [s]; a new one's start counts from there."""
         self._listen(now_s)
-        if not self._faults:
-            return []
         self._faults = [each for each in self._faults if now_s < each[1]]
         return [fault for start_s, _, fault in self._faults if start_s <= now_s]
 
@@ -220,20 +223,9 @@ def run_device(device: Device, serve: Callable[[DeviceSettings, Service], None])
     settings = own_settings()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s")
     try:
-        try:
-            service = Service(settings, device)
-        except OSError as error:
-            raise DeviceError(
-                f"emulated {device.value}: {error.strerror or error}",
-                remedy=f"see that {settings.folder} can be created and written",
-            ) from error
-
-        def end(*_: object) -> None:
-            service.is_told_to_end = True
-
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, end)
-        with contextlib.closing(service):
+        with contextlib.closing(Service(settings, device)) as service:
+            for number in (signal.SIGTERM, signal.SIGINT):
+                signal.signal(number, service.end)
             serve(settings, service)
     except RigError as error:
         print(error, file=sys.stderr)
@@ -254,21 +246,13 @@ class HungWeight:
 _MESSAGE = TypeAdapter[Fault | HungWeight](Fault | HungWeight)
 
 
-def post_fault(folder: Path, fault: Fault) -> None:
-    """Send ``fault`` to the emulator in ``folder`` that it is meant for.
+def post_fault(folder: Path, message: Fault | HungWeight) -> None:
+    """Send a fault, or a weight on the cell, to the emulator in ``folder`` that it is meant for.
 
     Raises:
         DeviceError: No emulator of that device listens in ``folder``.
     """
-    _post(folder, fault.device, fault)
-
-
-def hang_weight(folder: Path, mass_kg: float) -> None:
-    """Hang a weight [kg] on the emulated cell in ``folder``; 0 takes it off."""
-    _post(folder, Device.FORCE_SENSOR, HungWeight(mass_kg=mass_kg))
-
-
-def _post(folder: Path, device: Device, message: Fault | HungWeight) -> None:
+    device = message.device if isinstance(message, Fault) else Device.FORCE_SENSOR
     path = control_path(folder, device)
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
         try:
@@ -279,6 +263,11 @@ def _post(folder: Path, device: Device, message: Fault | HungWeight) -> None:
                 f"emulated {device.value}: nothing listens at {path} ({error.strerror or error})",
                 remedy="start the emulated devices, and name the folder that they printed",
             ) from error
+
+
+def hang_weight(folder: Path, mass_kg: float) -> None:
+    """Hang a weight [kg] on the emulated cell in ``folder``; 0 takes it off."""
+    post_fault(folder, HungWeight(mass_kg=mass_kg))
 
 
 def control_path(folder: Path, device: Device) -> Path:

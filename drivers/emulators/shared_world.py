@@ -17,8 +17,8 @@ import struct
 import sys
 import time
 import zlib
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from rtde_receive import RTDEReceiveInterface
 
@@ -40,8 +40,7 @@ _FILE_SIZE = 2 * _SLOT_SIZE
 _READ_TRIES = 1000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WorldState:
+class WorldState(NamedTuple):
     """The newest state of the arm."""
 
     pose: Pose  # true pose of the tip [m, rad]; zero while nothing was published
@@ -100,7 +99,9 @@ class SharedWorld:
             # could be older than what the last read returned. A damaged slot is never complete.
             data = self._mapping[:]
             found = [data[start : start + _SLOT_SIZE] for start in (0, _SLOT_SIZE)]
-            complete = [slot[: _STATE.size] for slot in found if _is_complete(slot)]
+            complete = [
+                slot[: _STATE.size] for slot in found if slot == _sealed(slot[: _STATE.size])
+            ]
             if len(complete) == 2:
                 break
         if not complete:
@@ -109,9 +110,7 @@ class SharedWorld:
                 remedy="the file was damaged: delete it and start the emulated devices again",
             )
         sequence, stamp_ns, *v = max(map(_STATE.unpack, complete))
-        return WorldState(
-            pose=Pose.of(v[:6]), velocity=vector6(v[6:]), stamp_ns=stamp_ns, sequence=sequence
-        )
+        return WorldState(Pose.of(v[:6]), vector6(v[6:]), stamp_ns, sequence)
 
     def close(self) -> None:
         """Unmap the file; it stays on disk for the others."""
@@ -119,12 +118,11 @@ class SharedWorld:
 
 
 def _slot(sequence: int, stamp_ns: int, *numbers: float) -> bytes:
-    body = _STATE.pack(sequence, stamp_ns, *numbers)
-    return body + _CHECKSUM.pack(zlib.crc32(body))
+    return _sealed(_STATE.pack(sequence, stamp_ns, *numbers))
 
 
-def _is_complete(slot: bytes) -> bool:
-    return slot[_STATE.size :] == _CHECKSUM.pack(zlib.crc32(slot[: _STATE.size]))
+def _sealed(state: bytes) -> bytes:
+    return state + _CHECKSUM.pack(zlib.crc32(state))
 
 
 POLL_S = 0.004

@@ -18,7 +18,7 @@ from drivers.conformance import (
     force_sensor_streams,
 )
 from drivers.emulators.faults import Device
-from drivers.emulators.launch import Emulation, with_addresses
+from drivers.emulators.launch import Emulation
 from drivers.interfaces import build_arm_and_force_sensor, build_camera
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
@@ -52,7 +52,7 @@ def emulated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RigConfig]:
     config = load_config(overrides=LAX).config
     folder = tmp_path_factory.mktemp("emulated")
     with Emulation(config, folder=folder, devices=frozenset(Device)) as emulation:
-        yield with_addresses(config, emulation.addresses)
+        yield emulation.running
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,8 @@ import math
 from collections import deque
 from typing import Self
 
-from drivers.emulators.faults import STOPS, Device, Fault, FaultKind
-from drivers.emulators.force_estimate import ForceEstimate
-from drivers.emulators.silent_faults import SilentArmFaults
+from drivers.emulators.arm.body import ForceEstimate
+from drivers.emulators.faults import STOPS, Device, Fault, FaultKind, SilentArmFaults
 from drivers.interfaces import DeviceIdentity, HostClock
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError

@@ -11,8 +11,7 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 import cv2
 import numpy as np
 
-from drivers.emulators.faults import Device, FaultKind
-from drivers.emulators.silent_faults import SilentImageFaults, SilentWrenchFaults
+from drivers.emulators.faults import Device, FaultKind, SilentImageFaults, SilentWrenchFaults
 from drivers.interfaces import DeviceIdentity, HostClock, StreamHealth
 from drivers.stream_buffer import StreamBuffer
 from tacauchy_rig.core.config.model import RigConfig

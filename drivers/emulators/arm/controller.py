@@ -5,10 +5,9 @@ It prints one JSON line when its ports are open, then serves until it is told to
 
 from __future__ import annotations
 
-import errno
+import functools
 import json
 import select
-import socket
 import struct
 import sys
 import time
@@ -18,17 +17,20 @@ from pathlib import Path
 
 from drivers.arm.ur5_wire import RuntimeState
 from drivers.emulators.arm.body import (
+    EMERGENCY_STOP,
+    NORMAL,
     PROGRAM_END_DECELERATION,
+    PROTECTIVE_STOP,
     SAFETY_STOP_DECELERATION,
     VERSIONS,
     ControllerBody,
+    ForceEstimate,
+    Safety,
 )
 from drivers.emulators.arm.ports import DashboardPort, RtdePort, ScriptPort
-from drivers.emulators.faults import STOPS, Device, Fault, FaultKind
-from drivers.emulators.force_estimate import ForceEstimate
+from drivers.emulators.faults import STOPS, Device, Fault, FaultKind, SilentArmFaults
 from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
-from drivers.emulators.silent_faults import SilentArmFaults
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Pose, Vector3, Vector6, vector6
 
@@ -57,14 +59,14 @@ class UrController:
         self._active: dict[FaultKind, Fault] = {}
         self._silent = SilentArmFaults()
         self._rtde = RtdePort(settings.host, self.body)
-        self._dashboard = DashboardPort(
+        dashboard = DashboardPort(
             settings.host,
             self.body,
             stop_program=lambda: self._end_program("dashboard"),
             reset_safety=self._reset_safety,
         )
-        self._script = ScriptPort(settings.host, start_program=self._start_program)
-        self._ports = [self._rtde, self._dashboard, self._script]
+        script = ScriptPort(settings.host, start_program=self._start_program)
+        self._ports = [self._rtde, dashboard, script]
         self._program: ControlProgram | None = None
         self._period_s = 1.0 / robot.model.rate_hz
         self._start_s = time.monotonic()
@@ -85,13 +87,16 @@ class UrController:
         )
         while not self._service.is_over:
             now_s = time.monotonic()
-            self._answer(now_s)
+            if FaultKind.FREEZE not in self._active:
+                self._answer(now_s)
             due = int((now_s - self._start_s) / self._period_s)
             if due > self._cycle:
                 self._run_cycle(due, now_s)
             wait_s = self._start_s + (self._cycle + 1) * self._period_s - time.monotonic()
             if wait_s > 0.0:
-                select.select(self._watched(), [], [], wait_s)
+                watched = () if FaultKind.FREEZE in self._active else self._ports
+                links = [link for port in watched for link in port.sockets()]
+                select.select(links, [], [], wait_s)
 
     def close(self) -> None:
         """Close every port and file."""
@@ -100,19 +105,11 @@ class UrController:
         self._trace.close()
         self._world.close()
 
-    def _watched(self) -> list[socket.socket]:
-        if FaultKind.FREEZE in self._active:
-            return []
-        return [link for port in self._ports for link in port.sockets()]
-
     def _answer(self, now_s: float) -> None:
-        if FaultKind.FREEZE in self._active:
-            return
-        self._rtde.service(now_s)
+        for port in self._ports:
+            port.service(now_s)
         if self._program is not None and self._program.command_register in self._rtde.written:
             self._fed_s = now_s
-        self._dashboard.service(now_s)
-        self._script.service(now_s)
 
     def _run_cycle(self, due: int, now_s: float) -> None:
         passed_s = min((due - self._cycle) * self._period_s, _CATCH_UP_S)
@@ -122,34 +119,25 @@ class UrController:
         self._run_program(now_s)
         motion = self.body.motion
         motion.step(passed_s)
-        self._apply_silent_faults(passed_s)
-        pose = Pose.of(motion.pose).shifted(z=-self._silent.height_m)
+        silent, off_m = self._silent, self._silent.height_m
+        silent.advance(self._active.values(), motion.velocity, duration_s=passed_s)
+        if off_m and not silent.height_m:  # the controller learns where its arm is
+            motion.pose = Pose.of(motion.pose).shifted(z=-off_m).as_vector()
+        pose = Pose.of(motion.pose).shifted(z=-silent.height_m)
+        force, moment = self._gel.wrench(pose, stamp_ns)
+        if self.body.zero_ft_asked:
+            self._estimate.zero()
+            self.body.zero_ft_asked = False
         self.body.publish(
-            time_s=round(due * self._period_s + self._silent.clock_s, 6),
-            pose=motion.pose,
-            velocity=motion.velocity,
-            tcp_force=self._tool_force(pose, stamp_ns, passed_s),
+            time_s=round(due * self._period_s + silent.clock_s, 6),
+            tcp_force=self._estimate.advance(
+                (*force, *moment), motion.velocity, duration_s=passed_s
+            ),
         )
         self._world.publish(pose, motion.velocity, stamp_ns)
         self._trace.add(stamp_ns, pose.position, motion.velocity, self.body.runtime_state)
         if FaultKind.FREEZE not in self._active:
             self._rtde.send_state(due, now_s)
-
-    def _apply_silent_faults(self, passed_s: float) -> None:
-        """Drift off the true pose; where that ends, the controller learns where its arm is."""
-        off_m = self._silent.height_m
-        self._silent.advance(self._active.values(), self.body.motion.velocity, duration_s=passed_s)
-        if off_m and not self._silent.height_m:
-            motion = self.body.motion
-            motion.pose = Pose.of(motion.pose).shifted(z=-off_m).as_vector()
-
-    def _tool_force(self, pose: Pose, stamp_ns: int, passed_s: float) -> Vector6:
-        force, moment = self._gel.wrench(pose, stamp_ns)
-        if self.body.zero_ft_asked:
-            self._estimate.zero()
-            self.body.zero_ft_asked = False
-        velocity = self.body.motion.velocity
-        return self._estimate.advance((*force, *moment), velocity, duration_s=passed_s)
 
     def _run_program(self, now_s: float) -> None:
         program = self._program
@@ -162,13 +150,12 @@ class UrController:
             self._end_program("runtime error" if program.failed else "stopped by the client")
 
     def _start_program(self, offset: int) -> None:
-        if not self.body.safety.admits_programs or not self.body.remote_control:
+        if self.body.safety is not NORMAL or not self.body.remote_control:
             self._note("program-refused")
             return
         self._end_program("replaced")
-        self._program = ControlProgram(
-            self.body, offset=offset, on_protective_stop=self._protective_stop
-        )
+        stop = functools.partial(self._stop, PROTECTIVE_STOP)
+        self._program = ControlProgram(self.body, offset=offset, on_protective_stop=stop)
         self._fed_s = time.monotonic()
         self._note("program-started")
 
@@ -178,12 +165,10 @@ class UrController:
             self._program = None
             self._note("program-ended", reason=reason)
 
-    def _protective_stop(self) -> None:
-        self.body.safety.protective_stop()
-        self._safety_stop("protective stop")
-
-    def _safety_stop(self, reason: str) -> None:
-        self._end_program(reason)
+    def _stop(self, safety: Safety) -> None:
+        if self.body.safety is not EMERGENCY_STOP:
+            self.body.safety = safety
+        self._end_program(safety.name.lower().replace("_", " "))
         self.body.motion.brake(SAFETY_STOP_DECELERATION)
         self.body.runtime_state = RuntimeState.STOPPED
 
@@ -192,68 +177,39 @@ class UrController:
         self._service.end_faults(mended, now_s=time.monotonic())
         # Forgotten here too, or the same stop told of in the next cycle would pass for this one.
         self._active = {kind: on for kind, on in self._active.items() if kind not in mended}
-        self.body.safety.reset()
+        self.body.safety = NORMAL
         self._note("safety-reset")
 
     def _update_faults(self, now_s: float) -> None:
-        active = {fault.kind: fault for fault in self._service.faults_at(now_s)}
-        if active.keys() == self._active.keys():
-            return
-        started = [fault for kind, fault in active.items() if kind not in self._active]
-        ended = [kind for kind in self._active if kind not in active]
-        self._active = active
-        for fault in started:
-            self._note("fault-started", kind=fault.kind.value)
-            self._begin(fault)
-        for kind in ended:
-            self._finish(kind)
-            self._note("fault-ended", kind=kind.value)
+        before = self._active
+        self._active = active = {fault.kind: fault for fault in self._service.faults_at(now_s)}
+        # What ends comes first: a reset must not undo a stop that begins.
+        for kind in sorted(active.keys() ^ before.keys(), key=lambda kind: kind in active):
+            begins = kind in active
+            self._note("fault-started" if begins else "fault-ended", kind=kind.value)
+            self._switch(active[kind] if begins else before[kind], begins=begins)
 
-    def _begin(self, fault: Fault) -> None:
-        if fault.kind is FaultKind.DROP:
-            for port in self._ports:
-                port.drop()
-        elif fault.kind is FaultKind.DELAY:
-            self._delay(fault.size)
-        elif fault.kind is FaultKind.PROTECTIVE_STOP:
-            self._protective_stop()
-        elif fault.kind is FaultKind.EMERGENCY_STOP:
-            self.body.safety.emergency_stop()
-            self._safety_stop("emergency stop")
-        elif fault.kind is FaultKind.STALL:
-            self.body.motion.stalled = True
-        elif fault.kind is FaultKind.UNLOCK:
-            self._reset_safety()
-
-    def _finish(self, kind: FaultKind) -> None:
-        if kind is FaultKind.DROP:
-            for port in self._ports:
-                port.open()
-        elif kind is FaultKind.DELAY:
-            self._delay(0.0)
-        elif kind in (FaultKind.PROTECTIVE_STOP, FaultKind.EMERGENCY_STOP):
-            self._reset_safety()
-        elif kind is FaultKind.STALL:
-            self.body.motion.stalled = False
-
-    def _delay(self, delay_s: float) -> None:
-        for port in self._ports:
-            port.delay(delay_s)
+    def _switch(self, fault: Fault, *, begins: bool) -> None:
+        match fault.kind:
+            case FaultKind.DROP:
+                for port in self._ports:
+                    (port.drop if begins else port.open)()
+            case FaultKind.DELAY:
+                for port in self._ports:
+                    port.delay(fault.size if begins else 0.0)
+            case FaultKind.STALL:
+                self.body.motion.stalled = begins
+            case FaultKind.PROTECTIVE_STOP if begins:
+                self._stop(PROTECTIVE_STOP)
+            case FaultKind.EMERGENCY_STOP if begins:
+                self._stop(EMERGENCY_STOP)
+            case FaultKind.PROTECTIVE_STOP | FaultKind.EMERGENCY_STOP:
+                self._reset_safety()
+            case FaultKind.UNLOCK if begins:
+                self._reset_safety()
 
     def _note(self, name: str, **detail: object) -> None:
         self._trace.note(time.monotonic_ns(), name, self.body.motion.pose, **detail)
-
-
-def _refusal(settings: DeviceSettings, error: OSError) -> DeviceError:
-    if error.errno == errno.EADDRINUSE:
-        remedy = "another emulator has that address: choose a free one such as 127.0.0.6"
-    elif error.errno == errno.EADDRNOTAVAIL:
-        remedy = "choose a loopback address such as 127.0.0.6"
-    else:
-        remedy = f"see that {settings.folder} can be created and written"
-    return DeviceError(
-        f"emulated robot at {settings.host}: {error.strerror or error}", remedy=remedy
-    )
 
 
 def _serve(settings: DeviceSettings, service: Service) -> None:
@@ -261,7 +217,11 @@ def _serve(settings: DeviceSettings, service: Service) -> None:
     try:
         controller = UrController(settings, service)
     except OSError as error:
-        raise _refusal(settings, error) from error
+        raise DeviceError(
+            f"emulated robot at {settings.host}: {error.strerror or error}",
+            remedy="another emulator may have that address: choose a free one such as 127.0.0.6; "
+            f"see that {settings.folder} can be written",
+        ) from error
     try:
         controller.serve()
     finally:
@@ -365,7 +325,7 @@ class ControlProgram:
         self.command_register = f"input_int_register_{offset}"
         body.inputs[self.command_register] = (0,)
         body.runtime_state = RuntimeState.PLAYING
-        self._signal(_READY)
+        self._put_int(0, _READY)
         self._report_progress(running=False)
 
     def cycle(self) -> bool:
@@ -374,22 +334,22 @@ class ControlProgram:
             if not self._blocked_until():
                 return True
             self._blocked_until = None
-            self._signal(_DONE)
+            self._put_int(0, _DONE)
         self._follow_motion()
-        command = self._body.get_int(self._offset)
+        command = self._get_int(0)
         if command in _REAL_TIME:
             self._real_time(command)
-            self._signal(_READY)
+            self._put_int(0, _READY)
         elif command == Command.NONE:
             self._executing = False
-            self._signal(_READY)
+            self._put_int(0, _READY)
         elif command == Command.STOP_SCRIPT:
             return False
         elif not self._executing:
             self._executing = True
             self._blocked_until = self._process(command)
             if self._blocked_until is None:
-                self._signal(_DONE)
+                self._put_int(0, _DONE)
         return not self.failed
 
     def end(self) -> None:
@@ -400,8 +360,7 @@ class ControlProgram:
     def _follow_motion(self) -> None:
         motion = self._body.motion
         if self._asynchronous_move and motion.is_still:
-            self._asynchronous_move = False
-            self._report_progress(running=False)
+            self._end_asynchronous_move()
         # stopL brakes the arm but leaves the speed thread alive, which then drives on.
         if self._speeding is not None and motion.is_still and any(self._speeding[0]):
             motion.set_velocity(self._speeding[0], acceleration=self._speeding[1])
@@ -417,60 +376,57 @@ class ControlProgram:
 
     def _process(self, command: int) -> Callable[[], bool] | None:
         """Start a command; return what it waits for, or None when it is done at once."""
-        if command == Command.MOVE_L:
-            return self._move()
-        if command in (Command.SPEED_STOP, Command.STOP_L):
-            return self._stop(command)
-        if command == Command.PROTECTIVE_STOP:
-            self._on_protective_stop()
-        elif command == Command.SET_WATCHDOG:
-            frequency = self._double(0)
-            self.watchdog_period_s = 1.0 / frequency if frequency > 0.0 else None
-        elif command == Command.SET_TCP:
-            self._body.tcp_offset = self._vector(0)
-        elif command == Command.SET_PAYLOAD:
-            self._body.payload_kg = self._double(0)
-        elif command == Command.ZERO_FT_SENSOR:
-            self._body.zero_ft_asked = True
-        elif command == Command.IS_POSE_WITHIN_LIMITS:
-            admitted = self._body.admits_pose(self._vector(0))
-            self._body.put_int(self._offset + 1, int(admitted))
+        body = self._body
+        match command:
+            case Command.MOVE_L:
+                return self._move()
+            case Command.SPEED_STOP | Command.STOP_L:
+                return self._stop(command)
+            case Command.PROTECTIVE_STOP:
+                self._on_protective_stop()
+            case Command.SET_WATCHDOG:
+                frequency = self._double(0)
+                self.watchdog_period_s = 1.0 / frequency if frequency > 0.0 else None
+            case Command.SET_TCP:
+                body.tcp_offset = self._vector(0)
+            case Command.SET_PAYLOAD:
+                body.payload_kg = self._double(0)
+            case Command.ZERO_FT_SENSOR:
+                body.zero_ft_asked = True
+            case Command.IS_POSE_WITHIN_LIMITS:
+                self._put_int(1, int(body.admits_pose(self._vector(0))))
         return None
 
     def _move(self) -> Callable[[], bool] | None:
-        speed, acceleration = self._double(6), self._double(7)
-        asynchronous = self._body.get_int(self._offset + 1) == 1
         if self._speeding is not None:
             # Two threads of the program driving the arm is a runtime error of the controller.
             self.failed = True
             return None
         self._end_asynchronous_move()
+        speed, acceleration = self._double(6), self._double(7)
         self._body.motion.move_to(self._vector(0), speed=speed, acceleration=acceleration)
-        if not asynchronous:
-            return lambda: self._body.motion.is_still
-        self._begin_asynchronous()
-        return None
+        return self._waits(asynchronous=self._get_int(1) == 1)
 
     def _stop(self, command: int) -> Callable[[], bool] | None:
-        deceleration = self._double(0)
-        asynchronous = False
+        deceleration, asynchronous = self._double(0), False
         if command == Command.SPEED_STOP:
             self._speeding = None
         else:
             self._end_asynchronous_move()
-            asynchronous = self._body.get_int(self._offset + 1) == 1
+            asynchronous = self._get_int(1) == 1
             if not asynchronous:  # a stopj then
                 deceleration *= _STOPJ_LEVER_M
         self._body.motion.brake(max(deceleration, 1e-3))
-        if asynchronous:
-            self._begin_asynchronous()
-            return None
-        return lambda: self._body.motion.is_still
+        return self._waits(asynchronous=asynchronous)
 
-    def _begin_asynchronous(self) -> None:
+    def _waits(self, *, asynchronous: bool) -> Callable[[], bool] | None:
+        """Return what a motion that has begun waits for; None where it goes on by itself."""
+        if not asynchronous:
+            return lambda: self._body.motion.is_still
         self._asynchronous_move = True
         self._operation_id = (self._operation_id + 1) % 128
         self._report_progress(running=True)
+        return None
 
     def _end_asynchronous_move(self) -> None:
         if self._asynchronous_move:
@@ -480,11 +436,13 @@ class ControlProgram:
     def _report_progress(self, *, running: bool) -> None:
         self._write_count = (self._write_count + 1) % 128
         value = (self._write_count << 16) | (self._operation_id << 24)
-        self._body.put_int(self._offset + 2, value | (_PROGRESS_RUNNING if running else 0))
+        self._put_int(2, value | (_PROGRESS_RUNNING if running else 0))
 
-    def _signal(self, state: int) -> None:
-        if self._body.outputs[f"output_int_register_{self._offset}"][0] != state:
-            self._body.put_int(self._offset, state)
+    def _put_int(self, number: int, value: int) -> None:
+        self._body.outputs[f"output_int_register_{self._offset + number}"] = (value,)
+
+    def _get_int(self, number: int) -> int:
+        return int(self._body.inputs[f"input_int_register_{self._offset + number}"][0])
 
     def _double(self, number: int) -> float:
         return self._body.inputs[f"input_double_register_{self._offset + number}"][0]

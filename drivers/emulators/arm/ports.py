@@ -20,12 +20,11 @@ from drivers.arm.ur5_wire import (
     PacketKind,
     PacketReader,
     Recipe,
-    RobotMode,
-    RuntimeState,
     pack_packet,
     split_names,
 )
 from drivers.emulators.arm.body import VERSIONS, ControllerBody
+from drivers.emulators.faults import take_due
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.errors import DeviceError
 
@@ -76,7 +75,7 @@ class Connection:
                 data = b""
             self.alive = bool(data)
             self._late_in.append((now_s + self.delay_s, data))
-        return _due(self._late_in, now_s)
+        return b"".join(take_due(self._late_in, now_s))
 
     def send(self, data: bytes, now_s: float) -> None:
         """Send ``data``, or keep it until it is due or the client reads."""
@@ -85,7 +84,7 @@ class Connection:
 
     def service(self, now_s: float) -> None:
         """Send what has become due."""
-        self._unsent += _due(self._late_out, now_s)
+        self._unsent += b"".join(take_due(self._late_out, now_s))
         if not (self.alive and self._unsent):
             return
         try:
@@ -96,20 +95,12 @@ class Connection:
             self.alive = False
         self.alive = self.alive and len(self._unsent) < _BACKLOG_LIMIT
 
-    def close(self, *, reset: bool = False) -> None:
-        """Close; with ``reset`` the client sees a broken connection instead of an orderly end."""
-        if reset:
+    def close(self) -> None:
+        """Close; a client that is still there sees a broken connection, no orderly end."""
+        if self.alive:
             self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET_ON_CLOSE)
         self.alive = False
         self.socket.close()
-
-
-def _due(waiting: deque[tuple[float, bytes]], now_s: float) -> bytes:
-    """Take out what is due, in order: nothing overtakes what was delayed longer."""
-    found = []
-    while waiting and waiting[0][0] <= now_s:
-        found.append(waiting.popleft()[1])
-    return b"".join(found)
 
 
 class Port(ABC):
@@ -128,12 +119,8 @@ class Port(ABC):
     def open(self) -> None:
         """Listen."""
         if self._listener is None:
-            listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            listener.bind(self._address)
-            listener.listen(8)
-            listener.setblocking(False)
-            self._listener = listener
+            self._listener = socket.create_server(self._address, backlog=8)
+            self._listener.setblocking(False)
 
     def delay(self, delay_s: float) -> None:
         """Delay both directions of every connection, those to come included, by ``delay_s`` [s]."""
@@ -144,7 +131,7 @@ class Port(ABC):
     def drop(self) -> None:
         """Break every connection and refuse new ones until ``open``."""
         for connection in self._connections:
-            connection.close(reset=True)
+            connection.close()
         if self._listener is not None:
             self._listener.close()
             self._listener = None
@@ -233,25 +220,21 @@ class RtdePort(Port):
     def _set_up_outputs(self, client: Connection, body: bytes) -> bytes:
         (frequency,) = _FREQUENCY.unpack_from(body)
         names = split_names(body[_FREQUENCY.size :])
-        known = [name for name in names if name in self._body.outputs]
-        if known != names:
-            return b"\x00" + b",".join(
-                b"FOUND" if name in self._body.outputs else b"NOT_FOUND" for name in names
-            )
+        found = ["FOUND" if name in self._body.outputs else "NOT_FOUND" for name in names]
+        if "NOT_FOUND" in found:
+            return b"\x00" + ",".join(found).encode()
         rate = self._body.model.rate_hz
         client.every_cycles = max(1, round(rate / frequency)) if 0 < frequency < rate else 1
         client.output = Recipe(names, OUTPUT_TYPES)
         return b"\x01" + ",".join(client.output.types).encode()
 
     def _set_up_inputs(self, client: Connection, names: list[str]) -> bytes:
-        types = []
-        for name in names:
-            if name not in INPUT_TYPES:
-                types.append("NOT_FOUND")
-            elif self._owners.get(name, client) is not client:
-                types.append("IN_USE")
-            else:
-                types.append(INPUT_TYPES[name])
+        types = [
+            "IN_USE"
+            if self._owners.get(name, client) is not client
+            else INPUT_TYPES.get(name, "NOT_FOUND")
+            for name in names
+        ]
         if "NOT_FOUND" in types or "IN_USE" in types:
             return b"\x00" + ",".join(types).encode()
         self._owners |= dict.fromkeys(names, client)
@@ -293,23 +276,22 @@ class DashboardPort(Port):
 
     def _answer(self, command: str) -> str:
         body = self._body
-        model, safety = body.model, body.safety
-        playing = body.runtime_state == RuntimeState.PLAYING
-        version = ".".join(str(part) for part in VERSIONS[model])
+        version = ".".join(str(part) for part in VERSIONS[body.model])
+        name, is_playing = body.safety.name, body.is_playing
         fixed = {
             "PolyscopeVersion": f"URSoftware {version} (Jan 01 2024)",
             "get serial number": "20195599999",
             "get robot model": "UR5",
-            "robotmode": f"Robotmode: {RobotMode(safety.robot_mode).name}",
-            "safetymode": f"Safetymode: {safety.name}",
-            "safetystatus": f"Safetystatus: {safety.name}",
-            "running": f"Program running: {'true' if playing else 'false'}",
-            "programState": f"{'PLAYING' if playing else 'STOPPED'} rtde_control",
+            "robotmode": f"Robotmode: {body.safety.robot_mode.name}",
+            "safetymode": f"Safetymode: {name}",
+            "safetystatus": f"Safetystatus: {name}",
+            "running": f"Program running: {'true' if is_playing else 'false'}",
+            "programState": f"{'PLAYING' if is_playing else 'STOPPED'} rtde_control",
             "close popup": "closing popup",
             "close safety popup": "closing safety popup",
             "brake release": "Brake releasing",
         }
-        if model is RobotModel.E_SERIES:
+        if body.model is RobotModel.E_SERIES:
             fixed["is in remote control"] = "true" if body.remote_control else "false"
         if command in fixed:
             return fixed[command]

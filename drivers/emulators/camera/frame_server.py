@@ -134,8 +134,18 @@ class FrameServer:
 
 
 def mjpeg_server(host: str, port: int) -> FrameServer:
-    """Serve an HTTP multipart JPEG stream."""
-    listener = socket.create_server((host, port), backlog=4)
+    """Serve an HTTP multipart JPEG stream; port 0 takes a free one.
+
+    Raises:
+        DeviceError: The port is taken.
+    """
+    try:
+        listener = socket.create_server((host, port), backlog=4)
+    except OSError as error:
+        raise DeviceError(
+            f"emulated camera: {host}:{port} cannot be listened on ({error.strerror})",
+            remedy="give another --port, or 0 for a free one",
+        ) from error
     host, port = listener.getsockname()[:2]
     return FrameServer(listener, Reader, f"http://{host}:{port}/stream.mjpg")
 

@@ -12,8 +12,8 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
 from functools import lru_cache, partial
+from typing import NamedTuple
 from urllib.parse import urlsplit
 
 import cv2
@@ -29,15 +29,13 @@ from drivers.emulators.camera.frame_server import (
     serve_device,
     without_a_packet,
 )
-from drivers.emulators.faults import Device, Fault, FaultKind, FaultyLine
+from drivers.emulators.faults import Device, FaultKind, FaultyLine, SilentImageFaults
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import GelCamera, Region
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
-from drivers.emulators.silent_faults import SilentImageFaults
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.errors import DeviceError
 
 _MARGIN_PX = 64
 
@@ -79,19 +77,13 @@ _KEPT_COUNT = 64
 _OVEREXPOSURE = 4.0
 
 
-@dataclass(frozen=True, slots=True)
-class PressKey:
+class PressKey(NamedTuple):
     """What distinguishes one rendered contact from another, in the steps above."""
 
-    depth: int
-    x: int
-    y: int
-    light: int
-
-    @property
-    def is_contact(self) -> bool:
-        """False for the unloaded gel."""
-        return self.depth > 0
+    depth: int = 0  # of the unloaded gel
+    x: int = 0
+    y: int = 0
+    light: int = 0
 
 
 _Contact = tuple[Region, ImageArray] | None
@@ -115,7 +107,7 @@ class FrameFactory:
         self._camera = GelCamera(plant.truth, (width, height))
         self._noise = NoisePool(plant.truth, width, height)
         self._kept = lru_cache(_KEPT_COUNT)(self._rendered)
-        self._shown: tuple[PressKey, _Contact] = PressKey(depth=0, x=0, y=0, light=0), None
+        self._shown: tuple[PressKey, _Contact] = PressKey(), None
         self._unloaded = self._camera.render(None)
         # Made beforehand: too much light holds no camera up.
         self._overexposed = self._camera.render(None, light=_OVEREXPOSURE)
@@ -127,22 +119,20 @@ class FrameFactory:
 
     def prepare(self, key: PressKey) -> None:
         """Render what the next frames show."""
-        contact = self._kept(key) if key.is_contact else None
+        contact = self._kept(key) if key.depth > 0 else None
         if key.light != self.newest.light:
             self._unloaded = self._camera.render(None, light=_gain(key))
         self._shown = key, contact
 
-    def compose(self) -> bytes:
-        """Return the newest frame."""
+    def compose(self, *, overexposed: bool = False) -> bytes:
+        """Return the newest frame, or one in which far too much light drowns everything."""
         image, (_, contact) = self._unloaded.copy(), self._shown
-        if contact is not None:
+        if overexposed:
+            image = self._overexposed
+        elif contact is not None:
             region, seen = contact
             image[region] = seen
-        return self._sent(image)
-
-    def compose_overexposed(self) -> bytes:
-        """Return a frame in which far too much light drowns everything."""
-        return self._sent(self._overexposed)
+        return self._encode(self._noise.added(self._camera.enlarged(image)))
 
     def _rendered(self, key: PressKey) -> _Contact:
         """Return what a press changes, where and how it is seen; None where that is nothing."""
@@ -153,61 +143,20 @@ class FrameFactory:
             return None
         return region, self._camera.render(profile, region=region, light=_gain(key))
 
-    def _sent(self, image: ImageArray) -> bytes:
-        return self._encode(self._noise.added(self._camera.enlarged(image)))
-
 
 def _gain(key: PressKey) -> float:
     return 1.0 + key.light * LIGHT_STEP
 
 
-class BackgroundRenderer:
-    """One thread that always works on the newest request."""
-
-    def __init__(self, factory: FrameFactory) -> None:
-        self._factory = factory
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="renderer")
-        self._request: Future[None] | None = None
-
-    def ask(self, key: PressKey, *, timeout_s: float) -> None:
-        """Ask for ``key`` and wait at most ``timeout_s`` [s]; an older request is forgotten."""
-        if self._request is not None:
-            self._request.cancel()
-        self._request = self._thread.submit(self._factory.prepare, key)
-        for done in wait([self._request], max(0.0, timeout_s)).done:
-            done.result()
-
-    def close(self) -> None:
-        """End the thread."""
-        self._thread.shutdown(cancel_futures=True)
-
-
 _GARBLED_BYTES = 64
 
 
-def _garbled(jpeg: bytes, source: random.Random) -> bytes:
-    """Overwrite bytes and cut the end off, as a bad cable does."""
+def garbled(jpeg: bytes, source: random.Random) -> bytes:
+    """Return a frame as a bad cable leaves it: bytes overwritten, its end cut off."""
     damaged = bytearray(jpeg[: source.randrange(len(jpeg) // 2, len(jpeg))])
     for _ in range(_GARBLED_BYTES):
         damaged[source.randrange(len(damaged) // 4, len(damaged))] ^= 0x5A
     return bytes(damaged)
-
-
-class FaultyOutput:
-    """Turns the frame that should go out into the frames that do."""
-
-    def __init__(
-        self, seed: int, damage: Callable[[bytes, random.Random], bytes] = _garbled
-    ) -> None:
-        self._images = SilentImageFaults()
-        self._line = FaultyLine(seed, damage)
-
-    def frames(self, jpeg: bytes, faults: list[Fault], *, now_s: float) -> list[bytes]:
-        """Return what to send at ``now_s`` [s] in place of ``jpeg``, oldest first."""
-        now_ns = round(now_s * 1e9)
-        active = {fault.kind: fault for fault in faults}
-        self._line.put(self._images.frame(jpeg, faults), active, due_ns=now_ns)
-        return [] if FaultKind.STALL in active else self._line.due(now_ns)
 
 
 _COMPOSING_S = 0.006  # left before a frame is due
@@ -225,17 +174,16 @@ class EmulatedCamera:
         settings: DeviceSettings,
         service: Service,
         factory: FrameFactory,
-        output: FaultyOutput,
-        server: FrameServer,
+        damage: Callable[[bytes, random.Random], bytes],
         plug_in: Callable[[], FrameServer],
     ) -> None:
-        self._service = service
-        self._factory = factory
-        self._output = output
-        self._server: FrameServer | None = server
-        self._plug_in = plug_in
+        self._service, self._factory, self._plug_in = service, factory, plug_in
+        self.server: FrameServer | None = plug_in()
+        self._images = SilentImageFaults()
+        self._line = FaultyLine(settings.config.emulation.seed, damage)
         self._world = SharedWorld.create(settings.folder / WORLD_FILE)
-        self._renderer = BackgroundRenderer(factory)
+        self._renderer = ThreadPoolExecutor(1, thread_name_prefix="renderer")
+        self._rendering: Future[None] | None = None
         self._period_s = 1.0 / settings.config.camera.rate
         truth = factory.plant.truth
         self.latency_s = min(truth.camera_latency_s, _LATENCY_LIMIT * self._period_s)
@@ -255,22 +203,29 @@ class EmulatedCamera:
             time.sleep(max(0.0, -behind_s))
             self._frame(capture_s)
             number += 1
-        self._close()
+        self.close()
 
     def _frame(self, capture_s: float) -> None:
         due_s = capture_s + self.latency_s
         # A gel that moves faster than it is rendered is seen late by one rendering, and not still.
-        wanted, timeout_s = self._scene(capture_s), due_s - _COMPOSING_S - time.monotonic()
-        self._renderer.ask(wanted, timeout_s=timeout_s)
-        faults = self._active_faults()
-        if any(fault.kind is FaultKind.SATURATE for fault in faults):
-            jpeg = self._factory.compose_overexposed()
-        else:
-            jpeg = self._factory.compose()
+        self._render(self._scene(capture_s), until_s=due_s - _COMPOSING_S)
+        active = {each.kind: each for each in self._service.faults_at(time.monotonic())}
+        self._plug(unplugged=FaultKind.UNPLUG in active)
+        jpeg = self._factory.compose(overexposed=FaultKind.SATURATE in active)
         time.sleep(max(0.0, due_s - time.monotonic()))
-        if self._server is not None:
-            for frame in self._output.frames(jpeg, faults, now_s=time.monotonic()):
-                self._server.publish(frame)
+        if self.server is not None:
+            now_ns = time.monotonic_ns()
+            self._line.put(self._images.frame(jpeg, active.values()), active, due_ns=now_ns)
+            for frame in self._line.due(now_ns):
+                self.server.publish(frame)
+
+    def _render(self, key: PressKey, *, until_s: float) -> None:
+        """Let the renderer work on ``key`` and wait for it; an older request is forgotten."""
+        if self._rendering is not None:
+            self._rendering.cancel()
+        self._rendering = self._renderer.submit(self._factory.prepare, key)
+        for done in wait([self._rendering], max(0.0, until_s - time.monotonic())).done:
+            done.result()
 
     def _scene(self, capture_s: float) -> PressKey:
         """Return what to show; the unloaded gel if no arm is known."""
@@ -279,30 +234,22 @@ class EmulatedCamera:
         light = round((plant.light_gain(elapsed_s) - 1.0) / LIGHT_STEP)
         state = self._world.read()
         if state.sequence == 0:
-            return PressKey(depth=0, x=0, y=0, light=light)
+            return PressKey(light=light)
         depth_m = max(0.0, plant.depth(state.pose))
-        x, y = plant.centre(state.pose)
-        return PressKey(
-            depth=round(depth_m / DEPTH_STEP_M),
-            x=round(x / PLACE_STEP_M),
-            y=round(y / PLACE_STEP_M),
-            light=light,
-        )
+        x, y = (round(at / PLACE_STEP_M) for at in plant.centre(state.pose))
+        return PressKey(round(depth_m / DEPTH_STEP_M), x, y, light)
 
-    def _active_faults(self) -> list[Fault]:
-        faults = self._service.faults_at(time.monotonic())
-        unplugged = any(fault.kind is FaultKind.UNPLUG for fault in faults)
-        if unplugged and self._server is not None:
-            self._server.close()
-            self._server = None
-        elif not unplugged and self._server is None:
-            self._server = self._plug_in()
-        return faults
+    def _plug(self, *, unplugged: bool) -> None:
+        if unplugged and self.server is not None:
+            self.server.close()
+            self.server = None
+        elif not unplugged and self.server is None:
+            self.server = self._plug_in()
 
-    def _close(self) -> None:
-        self._renderer.close()
-        if self._server is not None:
-            self._server.close()
+    def close(self) -> None:
+        """End the renderer and the server."""
+        self._renderer.shutdown(cancel_futures=True)
+        self._plug(unplugged=True)
 
 
 def _serve(settings: DeviceSettings, service: Service) -> None:
@@ -312,19 +259,21 @@ def _serve(settings: DeviceSettings, service: Service) -> None:
     encode = encode_jpeg if name is None else encoder_of(name)
     factory = FrameFactory(plant_of(settings), asked.width, asked.height, encode)
     keep_time(mostly_sleeps=False)
-    if name is None:
-        server = _listen(settings.host, settings.port)
-        port = urlsplit(server.address).port or 0
-        plug_in = partial(_listen, settings.host, port)  # again where it answers now
-    else:
-        offer = description_of(name, width=asked.width, height=asked.height)
-        plug_in = partial(serve_device, settings.folder / VIDEO_DEVICE, offer)
-        server = plug_in()
-    damage = _garbled if encode is encode_jpeg else without_a_packet
-    output = FaultyOutput(emulation.seed, damage)
-    camera = EmulatedCamera(settings, service, factory, output, server, plug_in)
+    place = settings.host, settings.port
+
+    def listen() -> FrameServer:
+        """Listen; once unplugged, again where it answered before."""
+        nonlocal place
+        server = mjpeg_server(*place)
+        place = settings.host, urlsplit(server.address).port or 0
+        return server
+
+    offer = "" if name is None else description_of(name, width=asked.width, height=asked.height)
+    plug_in = partial(serve_device, settings.folder / VIDEO_DEVICE, offer) if offer else listen
+    damage = garbled if encode is encode_jpeg else without_a_packet
+    camera = EmulatedCamera(settings, service, factory, damage, plug_in)
     service.announce(
-        url=server.address,
+        url=camera.server.address if camera.server else "",
         width=asked.width,
         height=asked.height,
         rate_hz=asked.rate,
@@ -332,16 +281,6 @@ def _serve(settings: DeviceSettings, service: Service) -> None:
         latency_s=camera.latency_s,
     )
     camera.run()
-
-
-def _listen(host: str, port: int) -> FrameServer:
-    try:
-        return mjpeg_server(host, port)
-    except OSError as error:
-        raise DeviceError(
-            f"emulated camera: {host}:{port} cannot be listened on ({error.strerror})",
-            remedy="give another --port, or 0 for a free one",
-        ) from error
 
 
 if __name__ == "__main__":

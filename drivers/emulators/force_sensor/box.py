@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+import operator
 import os
 import pty
 import random
@@ -16,19 +17,16 @@ import select
 import sys
 import time
 import tty
-from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
 import numpy as np
 
-from drivers.emulators.faults import Device, Fault, FaultKind, FaultyLine
+from drivers.emulators.faults import Device, FaultKind, FaultyLine, SilentWrenchFaults
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.truth import PlantTruth
 from drivers.emulators.process import DeviceSettings, Service, keep_time, run_device
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
-from drivers.emulators.silent_faults import SilentWrenchFaults
 from drivers.force_sensor.sri_wire import (
     LINE_END,
     Command,
@@ -73,16 +71,14 @@ class PseudoPort:
         """Return what the client has sent; notes whether one has the port open."""
         if not self.is_plugged:
             return b""
+        self.is_open = True
         try:
-            data = os.read(self._master, 4096)
+            return os.read(self._master, 4096)
         except BlockingIOError:
-            self.is_open = True
             return b""
         except OSError:  # EIO: nobody has the other end open
             self.is_open = False
             return b""
-        self.is_open = True
-        return data
 
     def write(self, data: bytes) -> None:
         """Send to the client; what does not fit or has no listener is gone, as on a wire."""
@@ -111,21 +107,17 @@ class EmulatedBox:
     def __init__(
         self, settings: DeviceSettings, service: Service, port: PseudoPort, trace: TextIO
     ) -> None:
-        self._service = service
-        self._port = port
-        self._trace = trace
+        self._service, self._port, self._trace = service, port, trace
         sensor, plant = settings.config.force_sensor, plant_of(settings)
-        channel = ForceChannel(
-            plant.truth, start_ns=time.monotonic_ns(), compression_sign=sensor.compression_sign
-        )
+        seed = settings.config.emulation.seed
         world = SharedWorld.create(settings.folder / WORLD_FILE)
-        self._source = WrenchSource(channel, plant, world)
+        self._source = WrenchSource(plant, world, compression_sign=sensor.compression_sign)
         self._commands = BoxCommands(rate_hz=round(sensor.rate), quirks=settings.quirks)
-        self._stream = FrameStream(
-            seed=settings.config.emulation.seed,
-            full_scale_n=sensor.capacity,
-            latency_s=plant.truth.force_latency_s,
-        )
+        self._silent = SilentWrenchFaults(seed=seed, full_scale_n=sensor.capacity)
+        self._line = FaultyLine(seed, _garbled)  # of frames that wait for their moment to leave
+        # From the moment that a frame belongs to until it leaves.
+        self._latency_ns = round(plant.truth.force_latency_s * 1e9)
+        self._number = -1  # package number of the newest frame; it advances in every fault
         self._zero: Vector6 = (0.0,) * 6
         self._due_ns = time.monotonic_ns()
         self._rate_hz = self._commands.rate_hz
@@ -136,22 +128,16 @@ class EmulatedBox:
         while not self._service.is_over:
             self._wait()
             now_ns = time.monotonic_ns()
-            self._plug(now_ns)
-            self._answer(self._port.read(), now_ns)
+            kinds = {fault.kind for fault in self._service.faults_at(now_ns * 1e-9)}
+            if (FaultKind.UNPLUG in kinds) is self._port.is_plugged:
+                _logger.info("unplugged" if self._port.is_plugged else "plugged in")
+                (self._port.unplug if self._port.is_plugged else self._port.plug_in)()
+            data = self._port.read()
+            if data and FaultKind.STALL not in kinds:
+                self._answer(data, now_ns)
             self._send_due(now_ns)
 
-    def _plug(self, now_ns: int) -> None:
-        plugged = not self._has(FaultKind.UNPLUG, now_ns)
-        if plugged != self._port.is_plugged:
-            _logger.info("plugged in" if plugged else "unplugged")
-            (self._port.plug_in if plugged else self._port.unplug)()
-
-    def _has(self, kind: FaultKind, now_ns: int) -> bool:
-        return any(fault.kind is kind for fault in self._service.faults_at(now_ns * 1e-9))
-
     def _answer(self, data: bytes, now_ns: int) -> None:
-        if not data or self._has(FaultKind.STALL, now_ns):
-            return
         self._port.write(self._commands.receive(data))
         if self._commands.rate_hz != self._rate_hz:
             self._rate_hz = self._commands.rate_hz
@@ -162,7 +148,7 @@ class EmulatedBox:
         return round(1e9 / self._rate_hz)
 
     def _wait(self) -> None:
-        wake_ns = min(self._due_ns, self._stream.line.next_due_ns or self._due_ns)
+        wake_ns = min(self._due_ns, self._line.next_due_ns or self._due_ns)
         timeout_s = max(wake_ns - time.monotonic_ns(), 0) * 1e-9
         # A port that nobody has open would always be readable: wait for the clock alone then.
         watched: list[PseudoPort | Service] = [self._service]
@@ -173,35 +159,43 @@ class EmulatedBox:
     def _send_due(self, now_ns: int) -> None:
         if now_ns - self._due_ns > _BACKLOG_LIMIT_NS:
             missed = (now_ns - self._due_ns) // self._period_ns
-            self._stream.number += missed
+            self._number += missed
             self._due_ns += missed * self._period_ns
         while self._due_ns <= now_ns:
             self._make_frame(self._due_ns)
             self._due_ns += self._period_ns
-        self._port.write(b"".join(self._stream.line.due(now_ns)))
+        self._port.write(b"".join(self._line.due(now_ns)))
 
     def _make_frame(self, stamp_ns: int) -> None:
-        if not self._commands.streaming and not self._commands.single_count:
+        commands = self._commands
+        if not commands.streaming and not commands.single_count:
             return
-        self._commands.single_count = max(self._commands.single_count - 1, 0)
-        force = self._source.read(stamp_ns, hung_kg=self._service.hung_kg)
-        if self._commands.zero_requested:
-            self._zero, self._commands.zero_requested = force.reading, False
-        self._stream.next_frame(
-            vector6(value - zero for value, zero in zip(force.reading, self._zero, strict=True)),
-            stamp_ns=stamp_ns,
-            faults=self._service.faults_at(stamp_ns * 1e-9),
-            checksum=self._commands.checksum,
-        )
+        commands.single_count = max(commands.single_count - 1, 0)
+        reading, force_n, depth_m = self._source.read(stamp_ns, hung_kg=self._service.hung_kg)
+        if commands.zero_requested:
+            self._zero, commands.zero_requested = reading, False
+        self._number += 1
+        active = {fault.kind: fault for fault in self._service.faults_at(stamp_ns * 1e-9)}
+        values = vector6(map(operator.sub, reading, self._zero))
+        values = self._silent.reading(values, active.values(), stamp_ns=stamp_ns)
+        data = encode_frame(self._number, values, checksum=commands.checksum)
+        self._line.put(data, active, due_ns=stamp_ns + self._latency_ns)
         record = {
-            "number": self._stream.number,
+            "number": self._number,
             "stamp_ns": stamp_ns,
-            "force_true_n": round(force.force_true_n, 6),
-            "depth_true_m": None if force.depth_true_m is None else round(force.depth_true_m, 9),
+            "force_true_n": round(force_n, 6),
+            "depth_true_m": None if depth_m is None else round(depth_m, 9),
         }
         self._trace.write(json.dumps(record) + "\n")
-        if self._stream.number % _FLUSH_FRAMES == 0:
+        if self._number % _FLUSH_FRAMES == 0:
             self._trace.flush()
+
+
+def _garbled(data: bytes, source: random.Random) -> bytes:
+    damaged = bytearray(data)
+    for _ in range(3):
+        damaged[source.randrange(len(damaged))] ^= source.randrange(1, 256)
+    return bytes(damaged)
 
 
 LINK_NAME = "force_sensor.port"
@@ -253,9 +247,7 @@ class BoxCommands:
 
     def _answer(self, line: bytes) -> bytes:
         command = decode_command(line)
-        if command is None:
-            return b""
-        reply = self._execute(command)
+        reply = None if command is None else self._execute(command)
         if "silent" in self._quirks or reply is None:
             return b""
         data = encode_reply(reply)
@@ -264,7 +256,13 @@ class BoxCommands:
     def _execute(self, command: Command) -> Reply | None:
         name, value = command.name, command.value or ""
         if value == "?":
-            return self._query(name)
+            known = {
+                self._rate_command: str(self.rate_hz),
+                "DCKMD": self.checksum.value,
+                "SGDM": self._format,
+                **_CONSTANTS,
+            }
+            return Reply(name=name, value=known.get(name, ""), refused=name not in known)
         if name == "GOD":
             self.single_count += 1
             return None
@@ -282,49 +280,6 @@ class BoxCommands:
         else:
             return Reply(name=name, value=value, refused=True)
         return Reply(name=name, value=value)
-
-    def _query(self, name: str) -> Reply:
-        known = {
-            self._rate_command: str(self.rate_hz),
-            "DCKMD": self.checksum.value,
-            "SGDM": self._format,
-            **_CONSTANTS,
-        }
-        if name not in known:
-            return Reply(name=name, value="", refused=True)
-        return Reply(name=name, value=known[name])
-
-
-class FrameStream:
-    """Turn values into the bytes that leave the box, as faults allow.
-
-    Args:
-        latency_s: From the moment that a frame belongs to until it leaves [s].
-    """
-
-    def __init__(self, *, seed: int, full_scale_n: float, latency_s: float = 0.0) -> None:
-        self._wrench = SilentWrenchFaults(seed=seed, full_scale_n=full_scale_n)
-        self.line = FaultyLine(seed, _garbled)  # of frames that wait for their moment to leave
-        self._latency_ns = round(latency_s * 1e9)
-        # Package number of the newest frame, not wrapped; it advances in every fault.
-        self.number = -1
-
-    def next_frame(
-        self, values: Vector6, *, stamp_ns: int, faults: Iterable[Fault], checksum: Checksum
-    ) -> None:
-        """Queue the next frame."""
-        self.number += 1
-        active = {fault.kind: fault for fault in faults}
-        values = self._wrench.reading(values, active.values(), stamp_ns=stamp_ns)
-        data = encode_frame(self.number, values, checksum=checksum)
-        self.line.put(data, active, due_ns=stamp_ns + self._latency_ns)
-
-
-def _garbled(data: bytes, source: random.Random) -> bytes:
-    damaged = bytearray(data)
-    for _ in range(3):
-        damaged[source.randrange(len(damaged))] ^= source.randrange(1, 256)
-    return bytes(damaged)
 
 
 class ForceChannel:
@@ -391,28 +346,26 @@ def open_trace(path: Path, *, boot_id: str | None = None) -> TextIO:
     return trace
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EmulatedForce:
-    """What the emulated sensor reads and what is true at that moment."""
-
-    reading: Vector6  # Fx, Fy, Fz [N], Mx, My, Mz [N m] with noise, drift and cross-talk
-    force_true_n: float  # pressing force without any of these [N]
-    # Depth of the tip below the unloaded surface [m], negative above it; None where that means
-    # nothing: no gel, or the tip is beside it.
-    depth_true_m: float | None
-
-
 class WrenchSource:
     """The force on the indenter as the gel, the arm's pose and the sensor's electronics make it.
 
     Until an arm has published a pose, the sensor hangs free.
     """
 
-    def __init__(self, channel: ForceChannel, plant: Plant, world: SharedWorld) -> None:
-        self._channel, self._plant, self._world = channel, plant, world
+    def __init__(self, plant: Plant, world: SharedWorld, *, compression_sign: int) -> None:
+        self._channel = ForceChannel(
+            plant.truth, start_ns=time.monotonic_ns(), compression_sign=compression_sign
+        )
+        self._plant, self._world = plant, world
 
-    def read(self, stamp_ns: int, *, hung_kg: float = 0.0) -> EmulatedForce:
-        """Return the force for the newest pose of the arm; a weight pulls straight down."""
+    def read(self, stamp_ns: int, *, hung_kg: float = 0.0) -> tuple[Vector6, float, float | None]:
+        """Read for the newest pose of the arm; a weight pulls straight down.
+
+        Returns:
+            Fx, Fy, Fz [N], Mx, My, Mz [N m] with noise, drift and cross talk; the true pressing
+            force [N]; depth of the tip below the unloaded surface [m], negative above it and None
+            where there is no gel under it.
+        """
         rotation_vector, depth = _DOWN, -math.inf
         force, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         state = self._world.read()
@@ -421,11 +374,8 @@ class WrenchSource:
             force, torque = self._plant.wrench(state.pose, stamp_ns)
             depth = self._plant.depth(state.pose)
         load = (force[0], force[1], force[2] - hung_kg * GRAVITY_M_S2)
-        return EmulatedForce(
-            reading=self._channel.reading(load, torque, rotation_vector, stamp_ns),
-            force_true_n=force[2],
-            depth_true_m=depth if math.isfinite(depth) else None,
-        )
+        reading = self._channel.reading(load, torque, rotation_vector, stamp_ns)
+        return reading, force[2], depth if math.isfinite(depth) else None
 
 
 if __name__ == "__main__":

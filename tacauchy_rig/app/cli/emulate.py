@@ -51,16 +51,21 @@ def start(
     with Emulation(
         config, folder=place, devices=chosen, follow_host=follow, unit=unit
     ) as emulation:
-        found = emulation.addresses
+        robot, cell, camera = (getattr(emulation.running, device) for device in Device)
+        places = {
+            "robot_host": (Device.ROBOT, robot.host),
+            "force_sensor_port": (Device.FORCE_SENSOR, cell.port),
+            "camera_url": (Device.CAMERA, camera.device),
+        }
+        found = {name: at if device in chosen else None for name, (device, at) in places.items()}
         say(f"emulation folder  {place}")
-        if found.robot_host:
-            say(f'[robot]           driver = "ur5"     host = "{found.robot_host}"')
-            say(f'                  model = "{config.robot.model}"')
-        if found.force_sensor_port:
-            say(f'[force_sensor]    driver = "m3733c"  port = "{found.force_sensor_port}"')
-        if found.camera_url:
-            camera = config.camera
-            say(f'[camera]          driver = "uvc"     device = "{found.camera_url}"')
+        if Device.ROBOT in chosen:
+            say(f'[robot]           driver = "ur5"     host = "{robot.host}"')
+            say(f'                  model = "{robot.model}"')
+        if Device.FORCE_SENSOR in chosen:
+            say(f'[force_sensor]    driver = "m3733c"  port = "{cell.port}"')
+        if Device.CAMERA in chosen:
+            say(f'[camera]          driver = "uvc"     device = "{camera.device}"')
             say(f"                  width = {camera.width}  height = {camera.height}")
             say(f'                  rate = "{camera.rate:g} Hz"')
             for name, value in emulation.preloaded.items():

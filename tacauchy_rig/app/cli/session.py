@@ -311,12 +311,7 @@ def press(
         request: What the command's options ask for.
         on_start: Called when the emulated devices have started and the cell was checked.
     """
-    from drivers.emulators.launch import (
-        EmulatedAddresses,
-        Emulation,
-        emulated_devices,
-        with_addresses,
-    )
+    from drivers.emulators.launch import Emulation, emulated_devices
     from drivers.emulators.plant.truth import TRUTH_FILE
     from protocols.processes.messages import PageOptions
     from protocols.processes.supervisor import plan_session
@@ -336,7 +331,7 @@ def press(
     chosen = emulated_devices(config)
     played = store.paths.emulation if chosen else None
     with ExitStack() as stack:
-        addresses = EmulatedAddresses()
+        running = config
         if chosen:
             follow = config.robot.host if config.moves_real_hardware else None
             sensor = load_sensor(config.sensor.name)
@@ -349,10 +344,9 @@ def press(
             )
             stack.callback(emulation.stop)
             say(f"starting emulated {', '.join(sorted(chosen))}")
-            addresses = emulation.start()
+            running = emulation.start()
             with store.lock():
                 store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
-        running = with_addresses(config, addresses)
         _check_force(store, running, request.weight, played)
         if on_start is not None:
             on_start()

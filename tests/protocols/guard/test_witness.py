@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.emulators.force_estimate import COARSENESS, ForceEstimate
+from drivers.emulators.arm.body import COARSENESS, ForceEstimate
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.witness import (
     CREEP_SHARE,

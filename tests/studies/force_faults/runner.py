@@ -15,7 +15,7 @@ from functools import cache
 
 import numpy as np
 
-from drivers.emulators.force_estimate import ForceEstimate
+from drivers.emulators.arm.body import ForceEstimate
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.witness import Witness
 from protocols.steps.press import ForceServo

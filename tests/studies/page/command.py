@@ -20,7 +20,7 @@ import numpy as np
 import typer
 
 from drivers.emulators.faults import Device
-from drivers.emulators.launch import Emulation, with_addresses
+from drivers.emulators.launch import Emulation
 from drivers.emulators.process import hang_weight
 from protocols.guard.abort import Abort, AbortWatch
 from protocols.processes.messages import PageOptions, ViewerOptions
@@ -299,8 +299,9 @@ def watched_run(folder: Path, *, watchers: int, trials: int) -> list[Row]:
             if event.name == "page":
                 stack.enter_context(watched(str(event.detail["address"]), watchers))
 
-        config = with_addresses(loaded.config, emulation.addresses)
-        result = run_session(store, config, on_event=follow, abort=Abort(), page=PageOptions())
+        result = run_session(
+            store, emulation.running, on_event=follow, abort=Abort(), page=PageOptions()
+        )
     return [
         {
             "trial": record.index,

@@ -13,7 +13,7 @@ import numpy as np
 import typer
 
 from drivers.emulators.faults import Device
-from drivers.emulators.launch import Emulation, with_addresses
+from drivers.emulators.launch import Emulation
 from drivers.emulators.plant.truth import EmulatedUnit
 from protocols.guard.abort import Abort
 from protocols.processes.messages import PageOptions
@@ -85,7 +85,7 @@ def press_with_twin(
     with emulation:
         result = run_session(
             store,
-            with_addresses(loaded.config, emulation.addresses),
+            emulation.running,
             on_event=lambda _event: None,
             abort=Abort(),
             page=PageOptions(),

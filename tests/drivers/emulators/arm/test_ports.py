@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.arm.ur5_wire import DASHBOARD_PORT, SCRIPT_PORT
-from drivers.emulators.arm.body import ControllerBody
+from drivers.emulators.arm.body import NORMAL, PROTECTIVE_STOP, ControllerBody
 from drivers.emulators.arm.controller import TRACE_FILE, ArmTrace
 from drivers.emulators.arm.ports import Connection, DashboardPort, ScriptPort
 from drivers.emulators.launch import free_loopback_host
@@ -121,9 +121,12 @@ def test_dashboard_answers_as_its_generation_does(model: RobotModel) -> None:
     body = ControllerBody(model, _HOME)
     stopped: list[str] = []
     dashboard = DashboardPort(
-        host, body, stop_program=lambda: stopped.append("program"), reset_safety=body.safety.reset
+        host,
+        body,
+        stop_program=lambda: stopped.append("program"),
+        reset_safety=lambda: setattr(body, "safety", NORMAL),
     )
-    body.safety.protective_stop()
+    body.safety = PROTECTIVE_STOP
     with socket.create_connection((host, DASHBOARD_PORT)) as client:
         client.sendall(b"robotmode\nsafetystatus\nis in remote control\nstop\nunlock protective ")
         dashboard.service(0.0)

@@ -21,7 +21,7 @@ from drivers.emulators.camera.frame_server import (
     without_a_packet,
 )
 from drivers.emulators.faults import Device
-from drivers.emulators.launch import Emulation, with_addresses
+from drivers.emulators.launch import Emulation
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import VideoDeviceName
 
@@ -70,7 +70,7 @@ def test_the_processes_of_a_run_see_the_device(tmp_path: Path) -> None:
         "print(json.dumps(taken(json.loads(sys.argv[1]), 3)))"
     )
     with Emulation(config, folder=tmp_path, devices=frozenset({Device.CAMERA})) as emulation:
-        device = with_addresses(config, emulation.addresses).camera.device
+        device = emulation.running.camera.device
         assert os.environ["VIDEO_DEVICE"] == device == str(tmp_path / "video0")
         asked = json.dumps([*overrides, f"camera.device={device}"])
         command = [sys.executable, "-c", read, asked]

@@ -13,14 +13,15 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
 import pytest
 
-from drivers.emulators.camera.stream import EmulatedCamera, FaultyOutput, FrameFactory, PressKey
-from drivers.emulators.faults import Device, Fault, FaultKind, parse_fault
+from drivers.emulators.camera.stream import EmulatedCamera, FrameFactory, PressKey, garbled
+from drivers.emulators.faults import parse_fault
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.optics import render_press
 from drivers.emulators.plant.tips import CylinderTip
@@ -34,7 +35,6 @@ from tests.drivers.conftest import changed
 SURFACE_Z = 0.2
 TRUTH = draw_truth(7)
 PUNCH = CylinderTip(diameter_m=5e-3)
-UNLOADED = PressKey(depth=0, x=0, y=0, light=0)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def _decoded(jpeg: bytes) -> np.ndarray:
 
 def test_frames_show_the_press_without_seams(factory: FrameFactory) -> None:
     """A frame of which a part is rendered is the whole picture, to within noise and JPEG."""
-    key = PressKey(depth=125, x=20, y=-30, light=0)
+    key = PressKey(depth=125, x=20, y=-30)
     factory.prepare(key)
     assert factory.newest == key
     frame = _decoded(factory.compose())
@@ -63,7 +63,7 @@ def test_frames_show_the_press_without_seams(factory: FrameFactory) -> None:
 
 def test_consecutive_frames_differ_by_noise(factory: FrameFactory) -> None:
     """Temporal noise is real: no two frames are equal, and the difference has its size."""
-    factory.prepare(UNLOADED)
+    factory.prepare(PressKey())
     frames = [_decoded(factory.compose()).astype(float) for _ in range(6)]
     changes = [np.std(b - a) for a, b in itertools.pairwise(frames)]
     assert min(changes) > 0.3
@@ -72,12 +72,12 @@ def test_consecutive_frames_differ_by_noise(factory: FrameFactory) -> None:
 
 def test_the_light_of_the_unloaded_gel_drifts(factory: FrameFactory) -> None:
     """In dimmer light the frame is dimmer."""
-    factory.prepare(UNLOADED)
+    factory.prepare(PressKey())
     before = _decoded(factory.compose()).mean()
-    factory.prepare(PressKey(depth=0, x=0, y=0, light=-20))
+    factory.prepare(PressKey(light=-20))
     after = _decoded(factory.compose()).mean()
     assert after == pytest.approx(before * 0.96 ** (1 / 2.2), rel=0.01)
-    factory.prepare(UNLOADED)
+    factory.prepare(PressKey())
 
 
 def test_no_two_frames_are_the_same_bytes() -> None:
@@ -86,36 +86,6 @@ def test_no_two_frames_are_the_same_bytes() -> None:
     factory = FrameFactory(Plant(truth, PUNCH, (0.0, 0.0, SURFACE_Z)), 320, 240)
     frames = [factory.compose() for _ in range(200)]
     assert len(set(frames)) == len(frames)
-
-
-def _fault(kind: FaultKind, amount: float | None = None) -> Fault:
-    return Fault(device=Device.CAMERA, kind=kind, amount=amount)
-
-
-def test_dropped_and_stalled_frames_never_come() -> None:
-    """Dropping loses the share asked for; stalling loses everything."""
-    output = FaultyOutput(0)
-    dropping = [_fault(FaultKind.DROP, 0.5)]
-    sent = sum(len(output.frames(b"a", dropping, now_s=i)) for i in range(400))
-    assert 150 < sent < 250
-    assert output.frames(b"a", [_fault(FaultKind.STALL)], now_s=1e3) == []
-
-
-def test_delayed_frames_come_late_in_order() -> None:
-    """A delay keeps frames back and loses none, also when it ends."""
-    output = FaultyOutput(0)
-    late = [_fault(FaultKind.DELAY, 0.25)]
-    sent = [output.frames(bytes([i]), late if i < 5 else [], now_s=0.1 * i) for i in range(12)]
-    assert sent[0] == []
-    assert b"".join(frame for frames in sent for frame in frames) == bytes(range(12))
-
-
-def test_garbled_frames_are_damaged() -> None:
-    """Garbling changes bytes and cuts the end off."""
-    whole = bytes(range(256)) * 40
-    garbled = FaultyOutput(0).frames(whole, [_fault(FaultKind.GARBLE, 1.0)], now_s=0.0)[0]
-    assert len(garbled) < len(whole)
-    assert garbled != whole[: len(garbled)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,37 +115,24 @@ class SlowFactory(FrameFactory):
     def _rendered(self, _key: PressKey) -> None:
         time.sleep(0.03)
 
-    def compose(self) -> bytes:
+    def compose(self, *, overexposed: bool = False) -> bytes:
         """Return no picture."""
-        return bytes([self.newest.depth % 256])
-
-
-class Nobody:
-    """The service that tells a device of no fault, and the server that nobody reads."""
-
-    def faults_at(self, _now_s: float) -> list[Fault]:
-        """Return none."""
-        return []
-
-    def publish(self, _frame: bytes) -> None:
-        """Send it nowhere."""
-
-    def close(self) -> None:
-        """Close nothing."""
+        return bytes([self.newest.depth % 256, overexposed])
 
 
 def test_a_press_that_is_rendered_slowly_is_seen_late_and_not_still(tmp_path: Path) -> None:
     """The image follows the depth while no depth is waited for until it has been rendered."""
     with closing(SharedWorld.create(tmp_path / "world.bin")) as world:
         factory = SlowFactory(Plant(TRUTH, PUNCH, (0.0, 0.0, SURFACE_Z)), 320, 240)
-        settings, nobody = camera_settings(tmp_path, rate=100.0), cast("Any", Nobody())
-        camera = EmulatedCamera(settings, nobody, factory, FaultyOutput(0), nobody, lambda: nobody)
+        settings, service = camera_settings(tmp_path, rate=100.0), Mock()
+        service.faults_at.return_value = []
+        camera = EmulatedCamera(settings, service, factory, garbled, Mock())
         shown = set()
         for number in range(30):
             press(world, number * 1e-5)
             camera._frame(time.monotonic())
             shown.add(factory.newest.depth)
-        camera._close()
+        camera.close()
     assert len(shown) >= 4
 
 

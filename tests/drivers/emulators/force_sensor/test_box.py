@@ -6,11 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.emulators.faults import Device, Fault, FaultKind
-from drivers.emulators.force_sensor.box import BoxCommands, FrameStream
-from drivers.force_sensor.sri_wire import FrameParser
+from drivers.emulators.force_sensor.box import BoxCommands
 from tacauchy_rig.core.config.model import Checksum
-from tacauchy_rig.core.run import Vector6
 
 
 @pytest.mark.parametrize(
@@ -69,27 +66,3 @@ def test_any_chunking_of_commands(cuts: list[int]) -> None:
         replies += box.receive(data[:length])
         data = data[length:]
     assert replies == b"ACK+SMPF=200$OK\r\nACK+GSD=$OK\r\n"
-
-
-PERIOD_NS = 10_000_000
-
-
-def test_stall_sends_nothing_and_counts_on() -> None:
-    """After a stall the number shows how much is missing."""
-    stream = FrameStream(seed=1, full_scale_n=50.0)
-    stall = [Fault(device=Device.FORCE_SENSOR, kind=FaultKind.STALL)]
-    zero: Vector6 = (0.0,) * 6
-    for index, faults in enumerate(([], stall, stall, [])):
-        stream.next_frame(zero, stamp_ns=index, faults=faults, checksum=Checksum.SUM)
-    assert [f.counter for f in FrameParser().feed(b"".join(stream.line.due(10)))] == [0, 3]
-
-
-def test_delay_and_latency_shift_the_moment_only() -> None:
-    """Delayed frames come later, whole and in order."""
-    stream = FrameStream(seed=1, full_scale_n=50.0, latency_s=0.002)
-    delay = Fault(device=Device.FORCE_SENSOR, kind=FaultKind.DELAY, amount=0.1)
-    zero: Vector6 = (0.0,) * 6
-    stream.next_frame(zero, stamp_ns=0, faults=[delay], checksum=Checksum.SUM)
-    assert stream.line.next_due_ns == 102_000_000
-    assert stream.line.due(101_999_999) == []
-    assert [len(frame) for frame in stream.line.due(102_000_000)] == [31]

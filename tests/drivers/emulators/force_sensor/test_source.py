@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.emulators.force_sensor.box import TRACE_FILE, ForceChannel, WrenchSource, open_trace
+from drivers.emulators.force_sensor.box import TRACE_FILE, WrenchSource, open_trace
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import draw_truth
@@ -29,21 +29,20 @@ def test_reading_is_the_plants_force_with_offset_and_noise(tmp_path: Path, sign:
     truth = draw_truth(7)
     plant = Plant(truth, CylinderTip(diameter_m=5e-3), SURFACE)
     world = SharedWorld.create(tmp_path / "world")
-    source = WrenchSource(ForceChannel(truth, start_ns=0, compression_sign=sign), plant, world)
-    free = source.read(0)
-    assert (free.force_true_n, free.depth_true_m) == (0.0, None)
+    source = WrenchSource(plant, world, compression_sign=sign)
+    assert source.read(0)[1:] == (0.0, None)
 
     top_z = SURFACE[2] + truth.surface_error_m
     down = (0.0, math.pi, 0.0)
     pressed = Pose(position=(SURFACE[0], SURFACE[1], top_z - 4e-4), rotation_vector=down)
     world.publish(pressed, (0.0,) * 6, 0)
-    force = source.read(10_000_000)
-    assert force.depth_true_m == pytest.approx(4e-4, abs=1e-6)
-    assert 1.0 < force.force_true_n < 5.0
-    gain = force.reading[2] - truth.force_offset_n[2]
-    assert gain == pytest.approx(sign * force.force_true_n, abs=5 * truth.force_noise_n)
-    hung = source.read(20_000_000, hung_kg=0.1).reading[2] - force.reading[2]
-    assert hung == pytest.approx(-sign * 0.981, abs=0.02 + 10 * truth.force_noise_n)
+    reading, force_n, depth_m = source.read(10_000_000)
+    assert depth_m == pytest.approx(4e-4, abs=1e-6)
+    assert 1.0 < force_n < 5.0
+    noise_n = truth.force_noise_n
+    assert reading[2] - truth.force_offset_n[2] == pytest.approx(sign * force_n, abs=5 * noise_n)
+    hung = source.read(20_000_000, hung_kg=0.1)[0][2] - reading[2]
+    assert hung == pytest.approx(-sign * 0.981, abs=0.02 + 10 * noise_n)
 
 
 def rows(path: Path) -> list[dict[str, object]]:
