@@ -41,26 +41,24 @@ def require_devices(config: RigConfig) -> None:
     Raises:
         DeviceError: One or more do not answer; each is named with what to do.
     """
-    sections: dict[str, tuple[Kind, tuple[object, ...]]] = {
-        "robot": (Kind.ARM, ()),
-        "force_sensor": (Kind.FORCE_SENSOR, (None,)),
-        "camera": (Kind.CAMERA, ()),
-    }
+    devices: tuple[tuple[Kind, Any, tuple[object, ...]], ...] = (
+        (Kind.ARM, config.robot, ()),
+        (Kind.FORCE_SENSOR, config.force_sensor, (None,)),
+        (Kind.CAMERA, config.camera, ()),
+    )
     errors = []
-    for name, (kind, others) in sections.items():
-        section = getattr(config, name)
-        if section.is_real:
-            try:
-                if section.driver == "ur5":
-                    report = probe_controller(section.host, timeout_s=section.connect_timeout)
-                    require_ready(report, model=section.model)
-                    continue
+    for kind, section, others in devices:
+        try:
+            if section.is_real and section.driver == "ur5":
+                report = probe_controller(section.host, timeout_s=section.connect_timeout)
+                require_ready(report, model=section.model)
+            elif section.is_real:
                 device = load(kind, section.driver)(config, *others)
                 with _connected(device):
                     if kind is Kind.ARM:  # which may refuse only now
                         device.state()
-            except RigError as error:
-                errors.append(str(error))  # with its own remedy below it
+        except RigError as error:
+            errors.append(str(error))  # with its own remedy below it
     if errors:
         raise DeviceError("\n".join(errors))
 
@@ -177,12 +175,11 @@ def latency_timer_check(port: str, *, sys_folder: Path) -> CheckResult:
         timer_ms = int(path.read_text("ascii"))
     except (OSError, ValueError):
         return skipped(name, f"{port} is not a USB adapter with a latency timer")
-    is_good = timer_ms <= _GOOD_TIMER_MS
-    late = f"{adapter} holds data back for up to {timer_ms} ms, which bunches the frames"
     return judged(
         name,
-        f"{adapter} passes data on after {timer_ms} ms" if is_good else late,
-        is_good=is_good,
+        f"{adapter} holds data back for up to {timer_ms} ms; more than {_GOOD_TIMER_MS} ms bunches "
+        "the frames",
+        is_good=timer_ms <= _GOOD_TIMER_MS,
         value=timer_ms,
         unit="ms",
         remedy=f"echo {_GOOD_TIMER_MS} | sudo tee {path}",
@@ -215,16 +212,15 @@ def _noise_check(samples: list[ForceSample], config: RigConfig) -> CheckResult:
         return skipped(name, f"{len(values)} samples are too few")
     mean, deviation = statistics.fmean(values), statistics.stdev(values)
     finding = f"Fz {mean:+.4f} N with {deviation:.4f} N of noise (standard deviation)"
-    gate = config.protocol
-    remedy = ""
-    if deviation > gate.tare_deviation:
-        remedy = f"noise is above protocol.tare_deviation {gate.tare_deviation:g} N: keep the arm "
-        remedy += "still, check shield and earth"
-    elif abs(mean) > gate.tare_mean:
-        remedy = f"zero is beyond protocol.tare_mean {gate.tare_mean:g} N: unload the sensor, or "
-        remedy += "zero it in the box (AT+ADJZF)"
-    elif deviation == 0.0:
-        remedy = "a live sensor has noise: switch the box off and on"
+    most, zero = config.protocol.tare_deviation, config.protocol.tare_mean
+    remedies = {
+        f"noise is above protocol.tare_deviation {most:g} N: keep the arm still, check shield and "
+        "earth": deviation > most,
+        f"zero is beyond protocol.tare_mean {zero:g} N: unload the sensor, or zero it in the box "
+        "(AT+ADJZF)": abs(mean) > zero,
+        "a live sensor has noise: switch the box off and on": deviation == 0.0,
+    }
+    remedy = next((text for text, is_so in remedies.items() if is_so), "")
     return judged(name, finding, is_good=not remedy, value=deviation, unit="N", remedy=remedy)
 
 

@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 from drivers.camera.pictures import jpeg_size
-from drivers.interfaces import Arm, Camera, DeviceIdentity, ForceTorqueSensor, StreamingDevice
+from drivers.interfaces import Arm, Camera, ForceTorqueSensor, StreamingDevice
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ForceSample, ImageFrame, Pose
 
@@ -176,7 +176,6 @@ def force_sensor_streams(make: Callable[[], ForceTorqueSensor], *, rate_hz: floa
         samples = _stream(sensor, rate_hz)
         numbers = [value for s in samples for value in s.wrench]
         _require(all(map(math.isfinite, numbers)), "a wrench holds only finite numbers")
-        _require_order([(s.counter, s.stamp_ns) for s in samples])
 
 
 def camera_streams(make: Callable[[], Camera], *, rate_hz: float) -> None:
@@ -185,7 +184,6 @@ def camera_streams(make: Callable[[], Camera], *, rate_hz: float) -> None:
         frames = _stream(camera, rate_hz)
         whole = all(jpeg_size(frame.jpeg) == (frame.width, frame.height) for frame in frames)
         _require(whole, "a frame is a whole JPEG of the size it says")
-        _require_order([(frame.counter, frame.stamp_ns) for frame in frames])
 
 
 def _stream(device: StreamingDevice[SampleT], rate_hz: float) -> list[SampleT]:
@@ -207,13 +205,11 @@ def _stream(device: StreamingDevice[SampleT], rate_hz: float) -> list[SampleT]:
     _require(abs(health.rate_hz / rate_hz - 1.0) < RATE_TOLERANCE, "health tells the rate")
     _require(health.received_count >= len(samples), "health counts what arrived")
     _require(health.age_s < FRESH_S, "health tells the age of the newest sample")
-    return samples
-
-
-def _require_order(marks: list[tuple[int, int]]) -> None:
-    counters, stamps = [counter for counter, _ in marks], [stamp for _, stamp in marks]
+    counters = [sample.counter for sample in samples]
+    stamps = [sample.stamp_ns for sample in samples]
     _require(counters == sorted(set(counters)), "counters rise, and no sample comes twice")
     _require(stamps == sorted(stamps), "samples come oldest first")
+    return samples
 
 
 # Both.
@@ -223,16 +219,13 @@ def _require_order(marks: list[tuple[int, int]]) -> None:
 def _connected(device: DeviceT) -> Iterator[DeviceT]:
     """Connect a device; close it twice, which every device must bear."""
     try:
-        _require_identity(device.connect())
+        identity = device.connect()
+        named = identity.driver and identity.model and identity.address
+        _require(bool(named), "connect tells driver, model and address")
         yield device
     finally:
         device.close()
         device.close()
-
-
-def _require_identity(identity: DeviceIdentity) -> None:
-    named = identity.driver and identity.model and identity.address
-    _require(bool(named), "connect tells driver, model and address")
 
 
 def _feed(arm: Arm, duration_s: float) -> None:

@@ -68,7 +68,11 @@ class Ur5:
         self._link = UrLink(robot, stale_limit_s=self._stale_limit_s)
         self._line, self._velocity, self._watchdog_armed = None, None, False
         try:
-            self._set_tool(self._link)
+            offset, payload = list(self._tcp_offset), robot.payload
+            self._link.command("setting the tool centre point", lambda c: c.setTcp(offset))
+            self._link.command(
+                "setting the payload", lambda c: c.setPayload(payload, _CENTRE_OF_GRAVITY_M)
+            )
             self.state()
         except DeviceError:
             self.close()
@@ -174,7 +178,12 @@ class Ur5:
         """
         try:
             if self._link is not None and self._velocity is not None:
-                self._stop_velocity(self._link)
+                if not self._link.call(
+                    "stopping", lambda c: c.speedStop(_STOP_DECELERATION_M_S2), deadline_s=_STOP_S
+                ):
+                    raise self._link.health.lose(
+                        "did not take the stop", "see why its program ended"
+                    )
             elif self._line is not None:
                 self._line.stop(_STOP_DECELERATION_M_S2, deadline_s=_STOP_S)
         except DeviceError as error:
@@ -227,22 +236,10 @@ class Ur5:
             deadline_s=_FEED_S,
         )
 
-    def _stop_velocity(self, link: UrLink) -> None:
-        stopped = link.call(
-            "stopping", lambda c: c.speedStop(_STOP_DECELERATION_M_S2), deadline_s=_STOP_S
-        )
-        if not stopped:
-            raise link.health.lose("did not take the stop", "see why its program ended")
-
     def _arm_watchdog(self, link: UrLink) -> None:
         if not self._watchdog_armed:
             link.command("setting the watchdog", lambda c: c.setWatchdog(self._robot.watchdog))
             self._watchdog_armed = True
-
-    def _set_tool(self, link: UrLink) -> None:
-        offset, mass = list(self._tcp_offset), self._robot.payload
-        link.command("setting the tool centre point", lambda c: c.setTcp(offset))
-        link.command("setting the payload", lambda c: c.setPayload(mass, _CENTRE_OF_GRAVITY_M))
 
     def _require_link(self) -> UrLink:
         if self._link is None:

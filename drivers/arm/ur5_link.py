@@ -180,24 +180,19 @@ class UrLink:
         """Return the newest state, all of it from one data packet."""
         receive = self._receive
         for _ in range(_TORN_READS):
-            time_s = receive.getTimestamp()
-            pose, velocity = receive.getActualTCPPose(), receive.getActualTCPSpeed()
-            force = receive.getActualTCPForce()
-            runtime_state = receive.getRuntimeState()
-            safety_bits = receive.getSafetyStatusBits()
-            robot_mode = receive.getRobotMode()
-            if receive.getTimestamp() == time_s:
+            sample = ArmSample(
+                stamp_ns=time.monotonic_ns(),
+                controller_time_s=receive.getTimestamp(),
+                pose=Pose.of(receive.getActualTCPPose()),
+                velocity=vector6(receive.getActualTCPSpeed()),
+                runtime_state=receive.getRuntimeState(),
+                safety_bits=receive.getSafetyStatusBits(),
+                robot_mode=receive.getRobotMode(),
+                tcp_force=vector6(receive.getActualTCPForce()),
+            )
+            if receive.getTimestamp() == sample.controller_time_s:
                 break
-        return ArmSample(
-            stamp_ns=time.monotonic_ns(),
-            controller_time_s=time_s,
-            pose=Pose.of(pose),
-            velocity=vector6(velocity),
-            runtime_state=runtime_state,
-            safety_bits=safety_bits,
-            robot_mode=robot_mode,
-            tcp_force=vector6(force),
-        )
+        return sample
 
     def command(
         self, activity: str, function: Callable[[Any], object], *, deadline_s: float = COMMAND_S
@@ -205,7 +200,13 @@ class UrLink:
         """Make a control call that answers whether it was accepted; see ``Commander.call``."""
         self.health.require_alive()
         if not self.call(activity, function, deadline_s=deadline_s):
-            self._explain_refusal()
+            # Commands travel faster than states: the reason may be a data packet or two behind.
+            end_s = time.monotonic() + _REASON_S
+            while time.monotonic() < end_s:
+                if not self._sockets.are_unchanged():
+                    raise self.health.broken()
+                self.health.require_running(self.sample())
+                time.sleep(_POLL_S)
             raise self.health.lose(f"refused {activity}", "read the pendant's message")
 
     def call(
@@ -244,15 +245,6 @@ class UrLink:
             del control
             self._control = self._receive = None
         self._commander.close()
-
-    def _explain_refusal(self) -> None:
-        # Commands travel faster than states: the reason may be a data packet or two behind.
-        end_s = time.monotonic() + _REASON_S
-        while time.monotonic() < end_s:
-            if not self._sockets.are_unchanged():
-                raise self.health.broken()
-            self.health.require_running(self.sample())
-            time.sleep(_POLL_S)
 
     def _await_first_state(self) -> None:
         end_s = time.monotonic() + _FIRST_STATE_S

@@ -156,7 +156,7 @@ class _Port:
         self.host = host
         self._deadline_s = deadline_s
         try:
-            self._link = socket.create_connection((host, port), timeout=self._left_s())
+            self.link = socket.create_connection((host, port), timeout=self._left_s())
         except socket.gaierror as error:
             raise DeviceError(
                 f"robot: the name {host!r} is unknown",
@@ -179,29 +179,25 @@ class _Port:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._link.close()
-
-    def send(self, data: bytes) -> None:
-        """Send all of ``data``."""
-        self._link.sendall(data)
+        self.link.close()
 
     def receive(self) -> bytes:
         """Return what comes next, at least one byte."""
-        self._link.settimeout(self._left_s())
+        self.link.settimeout(self._left_s())
         try:
-            data = self._link.recv(65536)
+            data = self.link.recv(65536)
         except TimeoutError as error:
             raise self._silent() from error
         except OSError as error:
-            raise DeviceError(
-                f"{self.place} broke the connection: {error.strerror or error}",
-                remedy="look at the controller; try again",
-            ) from error
+            raise self._closed(f": {error.strerror or error}") from error
         if not data:
-            raise DeviceError(
-                f"{self.place} closed the connection", remedy="look at the controller; try again"
-            )
+            raise self._closed()
         return data
+
+    def _closed(self, why: str = "") -> DeviceError:
+        return DeviceError(
+            f"{self.place} closed the connection{why}", remedy="look at the controller; try again"
+        )
 
     def _left_s(self) -> float:
         left_s = self._deadline_s - time.monotonic()
@@ -233,9 +229,9 @@ def _ask_dashboard(port: _Port) -> tuple[str, bool | None]:
             f"robot {port.host}: port {DASHBOARD_PORT} greets with {greeting[:60]!r}",
             remedy="this is not a UR controller: correct the address",
         )
-    port.send(b"get serial number\n")
+    port.link.sendall(b"get serial number\n")
     serial = re.sub(r"\D", "", next_line())
-    port.send(b"is in remote control\n")
+    port.link.sendall(b"is in remote control\n")
     return serial, {"true": True, "false": False}.get(next_line().lower())
 
 
@@ -263,8 +259,7 @@ class _RtdePort(_Port):
 
     def watch(self) -> list[dict[str, tuple[float, ...]]]:
         """Return a few states, having seen the controller's clock move."""
-        names = ",".join(_OUTPUTS)
-        request = struct.pack(">d", _OUTPUT_RATE_HZ) + names.encode()
+        request = struct.pack(">d", _OUTPUT_RATE_HZ) + ",".join(_OUTPUTS).encode()
         reply = self.ask(PacketKind.SETUP_OUTPUTS, request)
         if b"NOT_FOUND" in reply or not reply:
             raise self._strange(reply)
@@ -282,7 +277,7 @@ class _RtdePort(_Port):
 
     def ask(self, kind: PacketKind, body: bytes = b"") -> bytes:
         """Send a request and return the body of its reply."""
-        self.send(pack_packet(kind, body))
+        self.link.sendall(pack_packet(kind, body))
         return self._next(kind)
 
     def _next(self, kind: PacketKind) -> bytes:

@@ -24,14 +24,19 @@ import cv2
 import numpy as np
 
 from drivers.camera.pictures import RECORDED_AS, RollWatch, encoded, frame_shape, is_jpeg, jpeg_size
-from drivers.camera.selection import (
+from drivers.camera.v4l2 import (
+    ControlId,
+    Offer,
+    PixelFormat,
     VideoDevice,
+    VideoMode,
     find_device,
     is_on_this_computer,
     is_url,
+    modes_for,
     probe_url,
+    read_offer,
 )
-from drivers.camera.v4l2 import ControlId, Offer, PixelFormat, VideoMode, modes_for, read_offer
 from drivers.interfaces import MANUAL_EXPOSURE, DeviceIdentity, StreamHealth
 from drivers.stream_buffer import StreamBuffer
 from tacauchy_rig.core.arrays import ImageArray
@@ -56,12 +61,6 @@ class Capture:
     pixel_format: PixelFormat = PixelFormat.MJPG  # of the bytes that it hands over
     is_played: bool = False  # whether software stands in for the camera, as far as it says
     model: str = ""
-
-
-def quiet_opencv() -> None:
-    """Keep OpenCV and FFMPEG from writing to the terminal; their failures reach us otherwise."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
 def open_url(url: str, *, timeout_s: float) -> Capture:
@@ -226,8 +225,13 @@ class UvcCamera:
     def connect(self) -> DeviceIdentity:
         """Open, set the mode, read it back, see the first frame; see ``StreamingDevice``."""
         deadline = time.monotonic() + self._camera.connect_timeout
-        found = self._find()
-        quiet_opencv()
+        device = self._camera.device
+        if is_url(device):
+            probe_url(device, timeout_s=self._camera.connect_timeout)
+        found = VideoDevice(path=device) if is_url(device) else find_device(device)
+        # OpenCV and FFMPEG write nothing to the terminal; their failures reach us otherwise.
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         self._thread = threading.Thread(
             target=self._run, args=(found.path,), name="camera", daemon=True
         )
@@ -266,12 +270,6 @@ class UvcCamera:
         if self._thread is not None:
             self._thread.join(_JOIN_TIMEOUT_S)
 
-    def _find(self) -> VideoDevice:
-        if not is_url(self._camera.device):
-            return find_device(self._camera.device)
-        probe_url(self._camera.device, timeout_s=self._camera.connect_timeout)
-        return VideoDevice(path=self._camera.device)
-
     def _run(self, path: str) -> None:
         camera = self._camera
         try:
@@ -297,12 +295,10 @@ class UvcCamera:
     def _read(self, capture: Capture) -> bool:
         """Take one frame; False where the camera gives none."""
         stream = capture.stream
-        if not stream.grab():
-            return False
-        stamp_ns = time.monotonic_ns()
-        has_stamp = capture.settings["backend"] == "V4L2"
+        grabbed, stamp_ns = stream.grab(), time.monotonic_ns()
+        has_stamp = grabbed and capture.settings["backend"] == "V4L2"
         device_stamp_s = stream.get(cv2.CAP_PROP_POS_MSEC) * 1e-3 if has_stamp else None
-        delivered, raw = stream.retrieve()
+        delivered, raw = stream.retrieve() if grabbed else (False, None)
         if not delivered:
             return False
         self._read_count += 1

@@ -19,7 +19,6 @@ import serial
 from serial.tools import list_ports
 
 from drivers.force_sensor.sri_wire import (
-    Command,
     FrameParser,
     Reply,
     encode_command,
@@ -76,8 +75,11 @@ class SriM3733c:
         self._port = _open_port(self._path, baud_rate=self._sensor.baud_rate)
         try:
             settings = self._configure(self._port)
-            self._start_reader(self._port)
-            self._port.write(encode_command(Command(name="GSD")))
+            self._reader = threading.Thread(
+                target=self._read_forever, args=(self._port,), name="force-sensor", daemon=True
+            )
+            self._reader.start()
+            self._port.write(encode_command("GSD"))
             left_s = max(deadline - time.monotonic(), _FIRST_FRAME_S)
             if not self._buffer.wait_for_first(timeout_s=left_s):
                 raise self._no_frame()
@@ -92,7 +94,9 @@ class SriM3733c:
             address=self._path,
             model="SRI M3733C, M8128-family box",
             serial=_adapter_serial(self._path),
-            simulated=self._sensor.is_emulated or _is_pseudo_terminal(self._path),
+            # A program, and no adapter, is behind a pseudo-terminal.
+            simulated=self._sensor.is_emulated
+            or os.path.realpath(self._path).startswith("/dev/pts/"),
             settings=settings,
         )
 
@@ -116,7 +120,7 @@ class SriM3733c:
             return
         try:
             # Not flushed: waiting for a box that no longer reads could last for ever.
-            port.write(encode_command(Command(name="GSD", value="STOP")))
+            port.write(encode_command("GSD", "STOP"))
         except PORT_ERRORS as error:
             _logger.debug("%s: could not stop the stream: %s", self._path, error)
         port.close()
@@ -147,7 +151,7 @@ class SriM3733c:
         """Set a value under the first name that is acknowledged; return it and whether it was."""
         refused = False
         for name in names:
-            reply = self._ask(port, Command(name=name, value=value))
+            reply = self._ask(port, name, value)
             if reply is not None and not reply.refused:
                 return name, True
             refused = refused or reply is not None
@@ -162,7 +166,7 @@ class SriM3733c:
     def _silence(self, port: serial.Serial) -> None:
         """Stop a stream that an earlier owner left on; both spellings are in use."""
         for name in ("GSD", "GETSD"):
-            port.write(encode_command(Command(name=name, value="STOP")))
+            port.write(encode_command(name, "STOP"))
             if self._falls_silent(port):
                 return
 
@@ -176,30 +180,24 @@ class SriM3733c:
                 return True
         return False
 
-    def _ask(self, port: serial.Serial, command: Command) -> Reply | None:
+    def _ask(self, port: serial.Serial, name: str, value: str) -> Reply | None:
         port.reset_input_buffer()
-        port.write(encode_command(command))
+        port.write(encode_command(name, value))
         received = b""
         give_up = time.monotonic() + _REPLY_TIMEOUT_S
         while time.monotonic() < give_up:
             received += self._read_waiting(port)
-            reply = find_reply(received, name=command.name)
+            reply = find_reply(received, name=name)
             if reply is not None:
                 return reply
         return None
 
-    def _start_reader(self, port: serial.Serial) -> None:
-        self._reader = threading.Thread(
-            target=self._read_forever, args=(port,), name="force-sensor", daemon=True
-        )
-        self._reader.start()
-
     def _read_forever(self, port: serial.Serial) -> None:
         try:
             while not self._stopping.is_set():
-                data = self._read_waiting(port)
-                if data:
-                    self._accept(data, time.monotonic_ns())
+                data, stamp_ns = self._read_waiting(port), time.monotonic_ns()
+                for sample in self._parser.feed(data, stamp_ns=stamp_ns):
+                    self._buffer.push(sample, stamp_ns=stamp_ns, fingerprint=sample.wrench)
         except PORT_ERRORS as error:
             self._buffer.fail(_gone(self._path, error))
 
@@ -211,10 +209,6 @@ class SriM3733c:
         if len(self._first_bytes) < _QUOTED_BYTES:
             self._first_bytes += data[:_QUOTED_BYTES]
         return data
-
-    def _accept(self, data: bytes, stamp_ns: int) -> None:
-        for sample in self._parser.feed(data, stamp_ns=stamp_ns):
-            self._buffer.push(sample, stamp_ns=stamp_ns, fingerprint=sample.wrench)
 
     def _no_frame(self) -> DeviceError:
         sensor = self._sensor
@@ -268,7 +262,13 @@ def explain_open_error(path: str, error: OSError | ValueError) -> DeviceError:
     code = error.errno if isinstance(error, OSError) else None
     text = str(error)
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO):
-        return _absent(path, gone=code != errno.ENOENT)
+        found = ", ".join(sorted(str(entry) for entry in Path("/dev/serial/by-id").glob("*")))
+        is_there = "is there but nothing is behind it" if code != errno.ENOENT else "does not exist"
+        return DeviceError(
+            f"force sensor: the port {path} {is_there}",
+            remedy="check the USB cable and the box's power; ports present now: "
+            + (found or "none below /dev/serial/by-id"),
+        )
     if code in (errno.EACCES, errno.EPERM):
         return DeviceError(
             f"force sensor: no permission to open {path}",
@@ -282,11 +282,6 @@ def explain_open_error(path: str, error: OSError | ValueError) -> DeviceError:
     )
 
 
-def _is_pseudo_terminal(path: str) -> bool:
-    """Return whether a program, and no adapter, is behind ``path``."""
-    return os.path.realpath(path).startswith("/dev/pts/")
-
-
 def _adapter_serial(path: str) -> str:
     """Return the USB serial number of the adapter behind ``path``, or an empty text."""
     target = os.path.realpath(path)
@@ -294,16 +289,6 @@ def _adapter_serial(path: str) -> str:
         if os.path.realpath(entry.device) == target:
             return str(entry.serial_number or "")
     return ""
-
-
-def _absent(path: str, *, gone: bool) -> DeviceError:
-    found = ", ".join(sorted(str(entry) for entry in Path("/dev/serial/by-id").glob("*")))
-    what = "is there but nothing is behind it" if gone else "does not exist"
-    return DeviceError(
-        f"force sensor: the port {path} {what}",
-        remedy="check the USB cable and the box's power; ports present now: "
-        + (found or "none below /dev/serial/by-id"),
-    )
 
 
 def _in_use(path: str, holders: list[str]) -> DeviceError:

@@ -26,7 +26,7 @@ import math
 import re
 import struct
 import zlib
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from tacauchy_rig.core.config.model import Checksum
 from tacauchy_rig.core.run import ForceSample, Vector6
@@ -43,16 +43,7 @@ _REPLY = re.compile(rb"ACK\+([A-Z0-9]+)=([^\r\n]*?)\$?(OK|ERROR|ERR)?\r\n")
 _COMMAND = re.compile(r"AT\+([A-Z0-9]+)(?:=(.*))?")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Command:
-    """A command as the box reads it; ``value`` is None where no ``=`` follows, and ``?`` asks."""
-
-    name: str
-    value: str | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reply:
+class Reply(NamedTuple):
     """An answer of the box; ``refused`` only where it says ERROR."""
 
     name: str
@@ -60,16 +51,15 @@ class Reply:
     refused: bool = False
 
 
-def encode_command(command: Command) -> bytes:
-    """Encode a command, for example ``AT+DCKMD=SUM``."""
-    text = command.name if command.value is None else f"{command.name}={command.value}"
-    return b"AT+" + text.encode("ascii") + LINE_END
+def encode_command(name: str, value: str | None = None) -> bytes:
+    """Encode a command, for example ``AT+DCKMD=SUM``; the value ``?`` asks."""
+    return b"AT+" + (name if value is None else f"{name}={value}").encode("ascii") + LINE_END
 
 
-def decode_command(line: bytes) -> Command | None:
-    """Decode one line without its end, or return None where it is no command."""
+def decode_command(line: bytes) -> tuple[str, str | None] | None:
+    """Return name and value of one line without its end; None where it is no command."""
     match = _COMMAND.fullmatch(line.decode("ascii", "replace").strip())
-    return None if match is None else Command(name=match.group(1), value=match.group(2))
+    return None if match is None else (match.group(1), match.group(2))
 
 
 def encode_reply(reply: Reply) -> bytes:
@@ -80,13 +70,11 @@ def encode_reply(reply: Reply) -> bytes:
 
 def find_reply(data: bytes, *, name: str) -> Reply | None:
     """Return the newest complete reply to ``name`` in ``data``, which may hold frames as well."""
-    found = None
-    for match in _REPLY.finditer(data):
-        if match.group(1) == name.encode("ascii"):
-            refused = (match.group(3) or b"").startswith(b"ERR")
-            value = match.group(2).decode("ascii", "replace")
-            found = Reply(name=name, value=value, refused=refused)
-    return found
+    matches = [match for match in _REPLY.finditer(data) if match.group(1) == name.encode("ascii")]
+    if not matches:
+        return None
+    _, value, end = matches[-1].groups()
+    return Reply(name, value.decode("ascii", "replace"), refused=(end or b"").startswith(b"ERR"))
 
 
 def frame_length(checksum: Checksum) -> int:
@@ -108,13 +96,16 @@ def _check(data: bytes, checksum: Checksum) -> bytes:
     return struct.pack("<I", zlib.crc32(data))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Jump:
+class _Jump(NamedTuple):
     """Package number and counter before a jump, and its size modulo 65536."""
 
     number: int
     counter: int
     step: int
+
+    @property
+    def is_forward(self) -> bool:
+        return 0 < self.step < NUMBER_MODULUS // 2
 
 
 class FrameParser:
@@ -164,7 +155,9 @@ class FrameParser:
         while True:
             position = self._buffer.find(self._start)
             if position < 0:
-                self._skip(len(self._buffer) - self._pending_length())
+                # The last bytes may be the beginning of a header.
+                ends = (n for n in (3, 2, 1) if self._buffer.endswith(self._start[:n]))
+                self._skip(len(self._buffer) - next(ends, 0))
                 return None
             self._skip(position)
             if len(self._buffer) < self._length:
@@ -176,13 +169,6 @@ class FrameParser:
                 self._damage_length = 0
                 return raw
             self._skip(1)
-
-    def _pending_length(self) -> int:
-        """Return how many bytes at the end may be the beginning of a header."""
-        for length in range(min(len(self._start) - 1, len(self._buffer)), 0, -1):
-            if self._buffer.endswith(self._start[:length]):
-                return length
-        return 0
 
     def _skip(self, length: int) -> None:
         del self._buffer[:length]
@@ -200,18 +186,10 @@ class FrameParser:
             self._counter = self._jump.counter + 2
             self._jump = None
         else:
-            self._confirm_jump()
+            if self._jump is not None and self._jump.is_forward:  # the next frame confirms it
+                self.lost_count += self._jump.step - 1
             step = (number - self._last_number) % NUMBER_MODULUS
-            if step != 1:
-                self._jump = _Jump(number=self._last_number, counter=self._counter, step=step)
-            self._counter += step if _is_forward(step) else 1
+            jump = _Jump(self._last_number, self._counter, step)
+            self._jump = None if step == 1 else jump
+            self._counter += step if jump.is_forward else 1
         self._last_number = number
-
-    def _confirm_jump(self) -> None:
-        jump, self._jump = self._jump, None
-        if jump is not None and _is_forward(jump.step):
-            self.lost_count += jump.step - 1
-
-
-def _is_forward(step: int) -> bool:
-    return 0 < step < NUMBER_MODULUS // 2

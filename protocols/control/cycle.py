@@ -10,8 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from drivers.interfaces import ProgramEndedError, Rig
-from protocols.control.rates import RateMeter
-from protocols.control.record import Sink
+from protocols.control.record import RateMeter, Sink
 from protocols.guard.abort import Abort
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import ForceGuard

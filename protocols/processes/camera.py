@@ -12,9 +12,16 @@ from drivers.camera.pictures import TouchWatch, clipped_ratio
 from drivers.interfaces import Camera, FrameMark, TouchMode, build_camera
 from protocols.control.record import Begin
 from protocols.processes.child import ask_for_priority, ignore_signals, run_child
-from protocols.processes.feed import VIEWERS, FeedWriters
 from protocols.processes.link import RecorderLink
-from protocols.processes.messages import CameraStatus, Channel, Job, Order, Ready
+from protocols.processes.messages import (
+    VIEWERS,
+    CameraStatus,
+    Channel,
+    FeedWriters,
+    Job,
+    Order,
+    Ready,
+)
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ImageFrame
 from tacauchy_rig.core.store.run_store import RunStore

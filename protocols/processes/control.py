@@ -22,9 +22,16 @@ from protocols.control.cycle import Cycle
 from protocols.control.record import Entry, Journal, Samples, Sink
 from protocols.guard.abort import Abort
 from protocols.processes.child import ask_for_priority, run_child
-from protocols.processes.feed import VIEWERS, FeedWriters
 from protocols.processes.link import RecorderLink, RemoteCamera
-from protocols.processes.messages import AbortRequest, Channel, Job, Order, Ready
+from protocols.processes.messages import (
+    VIEWERS,
+    AbortRequest,
+    Channel,
+    FeedWriters,
+    Job,
+    Order,
+    Ready,
+)
 from protocols.trials.programme import ProgrammeResult, run_programme
 from tacauchy_rig.core.errors import AbortedError, DeviceError, RigError
 from tacauchy_rig.core.run import ArmSample, ForceSample

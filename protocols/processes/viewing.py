@@ -10,8 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from protocols.processes.child import Launched
-from protocols.processes.feed import FeedLines
-from protocols.processes.messages import Job, Order, PageOptions, ViewerOptions
+from protocols.processes.messages import FeedLines, Job, Order, PageOptions, ViewerOptions
 from tacauchy_rig.core.errors import ConfigError, RigError
 from tacauchy_rig.core.run import JournalEvent
 

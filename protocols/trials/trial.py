@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from drivers.interfaces import TouchMode
 from protocols.control.cycle import Cycle
-from protocols.control.rates import RateMeter
-from protocols.control.record import Begin, End, Journal
+from protocols.control.record import Begin, End, Journal, RateMeter
 from protocols.guard.breach import BreachError, Reaction, reaction_to
 from protocols.guard.force import Contact
 from protocols.steps.motion import (
@@ -25,12 +25,16 @@ from protocols.steps.motion import (
     take_tare,
 )
 from protocols.steps.press import PressDrive, hold, press_to_target, search_contact, settle, sway
-from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import AbortedError, RecordError, RigError
 from tacauchy_rig.core.force_history import FORCE_HISTORY, WEIGH_REMEDY, judge_forces
 from tacauchy_rig.core.run import Criterion, Outcome, Phase, TrialRecord
 
 logger = logging.getLogger(__name__)
+
+MIN_DWELL_FRAMES = 5
+MIN_REFERENCE_FRAMES = 3
+MAX_CLIPPED_RATIO = 0.25
+"""Of the pixels of an image at full scale; a lit gel has next to none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,14 +48,6 @@ class PlannedTrial:
     # Height at which an earlier session's passed attempt found the gel [m].
     contact_z_m: float | None = None
     record: TrialRecord | None = None  # of the attempt that passed, where ``done``
-
-
-@dataclass(slots=True, kw_only=True)
-class Findings:
-    """Filled step by step: what was measured, and whether the force settled before the dwell."""
-
-    record: TrialRecord
-    settled: bool = False
 
 
 def run_trial(
@@ -71,202 +67,204 @@ def run_trial(
         was made safe, or what is wrong with the force sensor after all; None where it ran to its
         end.
     """
-    index, target_n = trial.index, trial.force_target_n
-    record = TrialRecord(
-        index=index, attempt=attempt, outcome=Outcome.FAULT, force_target_n=target_n
-    )
-    findings = Findings(record=record)
-    journal.trial, journal.attempt = index, attempt
+    journal.trial, journal.attempt = trial.index, attempt
     cycle.rates = RateMeter()
+    made = _Attempt(cycle, journal, trial, attempt)
     error: RigError | None = None
     try:
-        cycle.sink.put(Begin(index, attempt))
-        journal.write("attempt-start", force_target_n=target_n)
-        _press_once(cycle, journal, findings)
-        record, error = _judge(cycle, journal, findings, earlier)
+        cycle.sink.put(Begin(trial.index, attempt))
+        journal.write("attempt-start", force_target_n=trial.force_target_n)
+        made.press()
+        error = made.judge(earlier)
     except RigError as problem:
         error = problem
-        record = _record_fault(cycle, journal, findings, problem)
-    _finish(cycle, journal, record)
-    return record, error
+        made.end_safely(problem)
+    made.finish()
+    return made.record, error
 
 
-def _judge(
-    cycle: Cycle, journal: Journal, findings: Findings, earlier: Sequence[TrialRecord]
-) -> tuple[TrialRecord, BreachError | None]:
-    journal.enter(Phase.VERDICT)
-    error = None
-    rates = cycle.rates.report()
-    criteria = tuple(judge(findings, cycle.config, cycle.rates, rates))
-    if all(criterion.passed for criterion in criteria):
-        history = judge_forces((*earlier, findings.record), cycle.config.robot.model)
-        criteria += (history.criterion(),)
-        if history.fault:
-            error = BreachError(
-                f"{history.fault}. The arm is at home.",
-                limit=FORCE_HISTORY,
-                reaction=Reaction.HOLD,
-                remedy=WEIGH_REMEDY,
-            )
-    missed = [criterion.name for criterion in criteria if not criterion.passed]
-    is_cut = findings.record.force_measured_n is None
-    record = replace(
-        findings.record,
-        outcome=Outcome.FAILED if missed or is_cut else Outcome.PASSED,
-        rates=rates,
-        reason=f"missed: {', '.join(missed)}" if missed else "",
-        criteria=criteria,
-    )
-    return record, error
+class _Attempt:
+    """One attempt: ``record`` is filled step by step with what was found."""
 
-
-def _press_once(cycle: Cycle, journal: Journal, findings: Findings) -> None:
-    config, target_n = cycle.config, findings.record.force_target_n
-    cycle.force_guard.contact = Contact.NONE
-    journal.enter(Phase.HOME)
-    move_to(cycle, home_pose(cycle), speed=config.robot.approach_speed)
-    journal.enter(Phase.TARE)
-    tare = take_quiet_tare(cycle)
-    findings.record = replace(findings.record, tare_before=tare)
-    if not all(criterion.passed for criterion in judge_tare(tare, config)):
-        return
-    cycle.force_guard.set_zero(tare)
-    journal.enter(Phase.REFERENCE)
-    cycle.rig.camera.ask(TouchMode.REFERENCE)
-    start_ns = cycle.rig.clock.now_ns()
-    listen(cycle, config.protocol.reference_duration)
-    end_ns = cycle.rig.clock.now_ns()
-    findings.record = replace(findings.record, reference_start_ns=start_ns, reference_end_ns=end_ns)
-    journal.enter(Phase.APPROACH)
-    approach(cycle)
-    journal.enter(
-        Phase.SEARCH, witnesses=cycle.witness.present(), force_sign=config.robot.force_sign
-    )
-    cycle.rig.camera.ask(TouchMode.TOUCH)
-    contact_z_m = search_contact(cycle)
-    cycle.rig.camera.ask(TouchMode.NOTHING)
-    findings.record = replace(findings.record, contact_z_m=contact_z_m)
-    journal.enter(Phase.PRESS, contact_z_m=contact_z_m, force_target_n=target_n)
-    drive = PressDrive(cycle, target_n=target_n, contact_z_m=contact_z_m)
-    press_to_target(cycle, drive)
-    depth_m, force_n = zip(*cycle.witness.path(), strict=True)
-    findings.record = replace(findings.record, press_depth_m=depth_m, press_force_n=force_n)
-    findings.settled = settle(cycle, drive)
-    journal.enter(Phase.DWELL, force_n=cycle.last_force_n)
-    findings.record = hold(cycle, drive, findings.record)
-    cycle.contact_z_m = contact_z_m
-    cycle.witness.remember_press()
-    if config.protocol.sway > 0.0:
-        journal.enter(Phase.SWAY)
-        sway(cycle, drive)
-    journal.enter(Phase.RETRACT, force_mean_n=findings.record.force_measured_n)
-    retract(cycle, contact_z_m=contact_z_m)
-    journal.enter(Phase.DRIFT_CHECK)
-    tare_after = take_tare(cycle)
-    drift_n = force_drift(tare, tare_after, config=config)
-    findings.record = replace(findings.record, tare_after=tare_after, force_drift_n=drift_n)
-
-
-def _record_fault(
-    cycle: Cycle, journal: Journal, findings: Findings, error: RigError
-) -> TrialRecord:
-    reaction = reaction_to(error)
-    phase, force_n = journal.phase, cycle.last_force_n
-    journal.phase = Phase.FAULT  # what is shown meanwhile; written once the arm is safe
-    end = make_safe(cycle, reaction)
-    outcome = Outcome.ABORTED if isinstance(error, AbortedError) else Outcome.FAULT
-    limit = error.limit if isinstance(error, BreachError) else ""
-    journal.enter(Phase.FAULT)
-    journal.write(
-        "abort" if isinstance(error, AbortedError) else "fault",
-        limit=limit,
-        reason=error.message,
-        during=phase.value,
-        reaction=reaction.value,
-        force_n=force_n,
-        peak_force_n=end.peak_force_n,
-        stop_ms=end.stop_ms,
-        position_m=list(end.pose.position) if end.pose else None,
-        arm=end.text,
-    )
-    error.message = (
-        f"{error.message} during {phase.value} of trial {findings.record.index}. {end.text}"
-    )
-    rates = cycle.rates.report()
-    return replace(findings.record, outcome=outcome, rates=rates, reason=error.message, limit=limit)
-
-
-def _finish(cycle: Cycle, journal: Journal, record: TrialRecord) -> None:
-    journal.write(
-        "attempt-end",
-        outcome=record.outcome.value,
-        reason=record.reason,
-        force_measured_n=record.force_measured_n,
-        depth_measured_m=record.depth_measured_m,
-    )
-    try:
-        cycle.sink.put(End(record, cycle.rig.clock.now_ns()))
-    except RecordError as error:
-        # The fault that the lost record is has been raised where it was seen first.
-        logger.error("the result of the attempt could not be kept: %s", error)
-
-
-MIN_DWELL_FRAMES = 5
-MIN_REFERENCE_FRAMES = 3
-MAX_CLIPPED_RATIO = 0.25
-"""Of the pixels of an image at full scale; a lit gel has next to none."""
-
-
-def judge(
-    findings: Findings, config: RigConfig, arrived: RateMeter, rates: dict[str, float]
-) -> Iterator[Criterion]:
-    """Compare what was found with ``[protocol]``; ``rates`` is what ``arrived`` reports."""
-    record, protocol, limits = findings.record, config.protocol, config.limits
-    reference = record.reference_start_ns or 0, record.reference_end_ns or 0
-    dwell = record.dwell_start_ns or 0, record.dwell_end_ns or 0
-    at_most, at_least = Criterion.at_most, Criterion.at_least
-    if record.tare_before is not None:
-        yield from judge_tare(record.tare_before, config)
-    if record.force_measured_n is not None and record.force_rate_n_s is not None:
-        error_n = abs(record.force_measured_n - record.force_target_n)
-        remedy = "raise protocol.settle_timeout, or force_tolerance if the noise is larger"
-        yield at_most("force_mean", error_n, protocol.force_tolerance, unit="N", remedy=remedy)
-        slope_n_s, most_n_s = abs(record.force_rate_n_s), protocol.dwell_force_rate
-        remedy = "the gel was still creeping: raise protocol.settle_timeout"
-        yield at_most("force_rate", slope_n_s, most_n_s, unit="N/s", remedy=remedy)
-        yield Criterion(
-            name="settled",
-            passed=findings.settled,
-            measured=float(findings.settled),
-            limit="the force settled before the dwell",
-            unit="",
-            remedy="raise protocol.settle_timeout",
+    def __init__(self, cycle: Cycle, journal: Journal, trial: PlannedTrial, attempt: int) -> None:
+        self._cycle, self._journal, self._config = cycle, journal, cycle.config
+        self._settled = False  # whether the force settled before the dwell
+        self.record = TrialRecord(
+            index=trial.index,
+            attempt=attempt,
+            outcome=Outcome.FAULT,
+            force_target_n=trial.force_target_n,
         )
-        yield _frames("dwell_frames", arrived.frame_count(*dwell), MIN_DWELL_FRAMES)
-        repeated = float(arrived.repeated_frame_count(reference, dwell))
-        remedy = "the camera sent the same bytes twice, so its picture is an old one: unplug it "
-        remedy += "and plug it in again"
-        yield at_most("repeated_frames", repeated, 0.0, unit="frames", remedy=remedy)
-    if record.reference_start_ns is not None:
-        yield _frames("reference_frames", arrived.frame_count(*reference), MIN_REFERENCE_FRAMES)
-    if record.force_drift_n is not None:
-        remedy = "let the force sensor warm up; keep draughts off; shorten the trial"
-        drift_n = abs(record.force_drift_n)
-        yield at_most("force_drift", drift_n, protocol.drift, unit="N", remedy=remedy)
-    for name, least, part in (
-        ("force_rate_hz", protocol.min_force_rate, "serial port"),
-        ("image_rate_hz", protocol.min_image_rate, "camera"),
-    ):
-        remedy = f"see `tacauchy-rig doctor`: {part}"
-        yield at_least(name, rates[name], least, unit="Hz", remedy=remedy)
-    for name in ("force", "image"):
-        lost = rates[f"{name}_lost_count"]
-        share = lost / max(lost + rates[f"{name}_count"], 1.0)
-        remedy = f"see `tacauchy-rig doctor`: the {name} stream loses or damages data"
-        yield at_most(f"{name}_lost_ratio", share, limits.corrupt_ratio, remedy=remedy)
-    remedy = "too much light: lower camera.exposure and camera.gain, keep daylight off the gel"
-    clipped = rates["image_clipped_ratio"]
-    yield at_most("image_clipped_ratio", clipped, MAX_CLIPPED_RATIO, remedy=remedy)
+
+    def _found(self, **fields: Any) -> None:
+        self.record = replace(self.record, **fields)
+
+    def press(self) -> None:
+        """Do the steps from home to home; a noisy tare ends them early."""
+        cycle, config, enter = self._cycle, self._config, self._journal.enter
+        camera, clock, target_n = cycle.rig.camera, cycle.rig.clock, self.record.force_target_n
+        cycle.force_guard.contact = Contact.NONE
+        enter(Phase.HOME)
+        move_to(cycle, home_pose(cycle), speed=config.robot.approach_speed)
+        enter(Phase.TARE)
+        tare = take_quiet_tare(cycle)
+        self._found(tare_before=tare)
+        if not all(criterion.passed for criterion in judge_tare(tare, config)):
+            return
+        cycle.force_guard.set_zero(tare)
+        enter(Phase.REFERENCE)
+        camera.ask(TouchMode.REFERENCE)
+        start_ns = clock.now_ns()
+        listen(cycle, config.protocol.reference_duration)
+        self._found(reference_start_ns=start_ns, reference_end_ns=clock.now_ns())
+        enter(Phase.APPROACH)
+        approach(cycle)
+        enter(Phase.SEARCH, witnesses=cycle.witness.present(), force_sign=config.robot.force_sign)
+        camera.ask(TouchMode.TOUCH)
+        contact_z_m = search_contact(cycle)
+        camera.ask(TouchMode.NOTHING)
+        self._found(contact_z_m=contact_z_m)
+        enter(Phase.PRESS, contact_z_m=contact_z_m, force_target_n=target_n)
+        drive = PressDrive(cycle, target_n=target_n, contact_z_m=contact_z_m)
+        press_to_target(cycle, drive)
+        depth_m, force_n = zip(*cycle.witness.path(), strict=True)
+        self._found(press_depth_m=depth_m, press_force_n=force_n)
+        self._settled = settle(cycle, drive)
+        enter(Phase.DWELL, force_n=cycle.last_force_n)
+        self.record = hold(cycle, drive, self.record)
+        cycle.contact_z_m = contact_z_m
+        cycle.witness.remember_press()
+        if config.protocol.sway > 0.0:
+            enter(Phase.SWAY)
+            sway(cycle, drive)
+        enter(Phase.RETRACT, force_mean_n=self.record.force_measured_n)
+        retract(cycle, contact_z_m=contact_z_m)
+        enter(Phase.DRIFT_CHECK)
+        after = take_tare(cycle)
+        self._found(tare_after=after, force_drift_n=force_drift(tare, after, config=config))
+
+    def judge(self, earlier: Sequence[TrialRecord]) -> BreachError | None:
+        """Compare what was found with its criteria; return what the forces of all trials show."""
+        self._journal.enter(Phase.VERDICT)
+        error = None
+        rates = self._cycle.rates.report()
+        criteria = tuple(self._criteria(rates))
+        if all(criterion.passed for criterion in criteria):
+            history = judge_forces((*earlier, self.record), self._config.robot.model)
+            criteria += (history.criterion(),)
+            if history.fault:
+                error = BreachError(
+                    f"{history.fault}. The arm is at home.",
+                    limit=FORCE_HISTORY,
+                    reaction=Reaction.HOLD,
+                    remedy=WEIGH_REMEDY,
+                )
+        missed = [criterion.name for criterion in criteria if not criterion.passed]
+        is_cut = self.record.force_measured_n is None
+        self._found(
+            outcome=Outcome.FAILED if missed or is_cut else Outcome.PASSED,
+            rates=rates,
+            reason=f"missed: {', '.join(missed)}" if missed else "",
+            criteria=criteria,
+        )
+        return error
+
+    def end_safely(self, error: RigError) -> None:
+        """Make the arm safe after ``error``, and note how it ended."""
+        cycle, journal, reaction = self._cycle, self._journal, reaction_to(error)
+        phase, force_n = journal.phase, cycle.last_force_n
+        journal.phase = Phase.FAULT  # what is shown meanwhile; written once the arm is safe
+        end = make_safe(cycle, reaction)
+        is_abort = isinstance(error, AbortedError)
+        limit = error.limit if isinstance(error, BreachError) else ""
+        journal.enter(Phase.FAULT)
+        journal.write(
+            "abort" if is_abort else "fault",
+            limit=limit,
+            reason=error.message,
+            during=phase.value,
+            reaction=reaction.value,
+            force_n=force_n,
+            peak_force_n=end.peak_force_n,
+            stop_ms=end.stop_ms,
+            position_m=list(end.pose.position) if end.pose else None,
+            arm=end.text,
+        )
+        where = f"during {phase.value} of trial {self.record.index}"
+        error.message = f"{error.message} {where}. {end.text}"
+        self._found(
+            outcome=Outcome.ABORTED if is_abort else Outcome.FAULT,
+            rates=cycle.rates.report(),
+            reason=error.message,
+            limit=limit,
+        )
+
+    def finish(self) -> None:
+        """Tell the record and whoever watches how it ended."""
+        record = self.record
+        self._journal.write(
+            "attempt-end",
+            outcome=record.outcome.value,
+            reason=record.reason,
+            force_measured_n=record.force_measured_n,
+            depth_measured_m=record.depth_measured_m,
+        )
+        try:
+            self._cycle.sink.put(End(record, self._cycle.rig.clock.now_ns()))
+        except RecordError as error:
+            # The fault that the lost record is has been raised where it was seen first.
+            logger.error("the result of the attempt could not be kept: %s", error)
+
+    def _criteria(self, rates: dict[str, float]) -> Iterator[Criterion]:
+        record, config, arrived = self.record, self._config, self._cycle.rates
+        protocol, limits = config.protocol, config.limits
+        reference = record.reference_start_ns or 0, record.reference_end_ns or 0
+        dwell = record.dwell_start_ns or 0, record.dwell_end_ns or 0
+        at_most, at_least = Criterion.at_most, Criterion.at_least
+        if record.tare_before is not None:
+            yield from judge_tare(record.tare_before, config)
+        if record.force_measured_n is not None and record.force_rate_n_s is not None:
+            error_n = abs(record.force_measured_n - record.force_target_n)
+            remedy = "raise protocol.settle_timeout, or force_tolerance if the noise is larger"
+            yield at_most("force_mean", error_n, protocol.force_tolerance, unit="N", remedy=remedy)
+            slope_n_s, most_n_s = abs(record.force_rate_n_s), protocol.dwell_force_rate
+            remedy = "the gel was still creeping: raise protocol.settle_timeout"
+            yield at_most("force_rate", slope_n_s, most_n_s, unit="N/s", remedy=remedy)
+            yield Criterion(
+                name="settled",
+                passed=self._settled,
+                measured=float(self._settled),
+                limit="the force settled before the dwell",
+                unit="",
+                remedy="raise protocol.settle_timeout",
+            )
+            yield _frames("dwell_frames", arrived.frame_count(*dwell), MIN_DWELL_FRAMES)
+            repeated = float(arrived.repeated_frame_count(reference, dwell))
+            remedy = (
+                "the camera sent the same bytes twice, so its picture is an old one: unplug it "
+            )
+            remedy += "and plug it in again"
+            yield at_most("repeated_frames", repeated, 0.0, unit="frames", remedy=remedy)
+        if record.reference_start_ns is not None:
+            yield _frames("reference_frames", arrived.frame_count(*reference), MIN_REFERENCE_FRAMES)
+        if record.force_drift_n is not None:
+            remedy = "let the force sensor warm up; keep draughts off; shorten the trial"
+            drift_n = abs(record.force_drift_n)
+            yield at_most("force_drift", drift_n, protocol.drift, unit="N", remedy=remedy)
+        for name, least, part in (
+            ("force_rate_hz", protocol.min_force_rate, "serial port"),
+            ("image_rate_hz", protocol.min_image_rate, "camera"),
+        ):
+            remedy = f"see `tacauchy-rig doctor`: {part}"
+            yield at_least(name, rates[name], least, unit="Hz", remedy=remedy)
+        for name in ("force", "image"):
+            lost = rates[f"{name}_lost_count"]
+            share = lost / max(lost + rates[f"{name}_count"], 1.0)
+            remedy = f"see `tacauchy-rig doctor`: the {name} stream loses or damages data"
+            yield at_most(f"{name}_lost_ratio", share, limits.corrupt_ratio, remedy=remedy)
+        remedy = "too much light: lower camera.exposure and camera.gain, keep daylight off the gel"
+        clipped = rates["image_clipped_ratio"]
+        yield at_most("image_clipped_ratio", clipped, MAX_CLIPPED_RATIO, remedy=remedy)
 
 
 def _frames(name: str, count: int, least: int) -> Criterion:

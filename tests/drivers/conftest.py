@@ -5,20 +5,24 @@ from __future__ import annotations
 import http.server
 import json
 import threading
+import time
 from collections.abc import Callable, Iterator, Set
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 
 from drivers.emulators.launch import free_loopback_host
 from drivers.emulators.plant.truth import draw_truth, write_truth
 from drivers.emulators.process import DeviceSettings, EmulatedProcess
+from drivers.interfaces import StreamingDevice
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig, RobotModel
 from tacauchy_rig.core.run import Vector3
+
+SampleT = TypeVar("SampleT")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,6 +42,28 @@ def changed(config: RigConfig, **sections: dict[str, Any]) -> RigConfig:
     """Return a configuration with some fields of some sections changed, unchecked."""
     parts = {name: getattr(config, name).model_copy(update=each) for name, each in sections.items()}
     return config.model_copy(update=parts)
+
+
+def wait_until(condition: Callable[[], bool], *, give_up_s: float = 10.0) -> None:
+    """Wait for a condition."""
+    deadline = time.monotonic() + give_up_s
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def collect(
+    device: StreamingDevice[SampleT], until: Callable[[list[SampleT]], bool]
+) -> list[SampleT]:
+    """Drain until the condition holds."""
+    samples: list[SampleT] = []
+
+    def holds() -> bool:
+        samples.extend(device.drain())
+        return until(samples)
+
+    wait_until(holds)
+    return samples
 
 
 @pytest.fixture

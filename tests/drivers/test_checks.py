@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
@@ -23,9 +22,9 @@ from drivers.checks import (
 from drivers.interfaces import StreamHealth
 from tacauchy_rig.core.check_result import CheckResult, CheckStatus
 from tacauchy_rig.core.config.load import load_config, restore_config
-from tacauchy_rig.core.config.model import RigConfig, RobotModel
-from tacauchy_rig.core.config.rules import ARM_REQUIRES
+from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError
+from tests.drivers.conftest import changed
 
 RunBox = Callable[..., AbstractContextManager[str]]
 ServeMjpeg = Callable[..., AbstractContextManager[str]]
@@ -82,18 +81,22 @@ def test_loaded_and_noisy_force_sensors_are_warned_of(run_box: RunBox, tmp_path:
     assert "tare_deviation" in noisy.remedy
 
 
-def test_absent_devices_fail_with_a_remedy() -> None:
-    """Nothing plugged in: every check fails or is skipped, none raises."""
-    config = configured(
+def absent(port: str) -> RigConfig:
+    """Return a configuration of real devices that are not there."""
+    return configured(
         robot__driver="ur5",
         robot__host="127.0.0.99",
         force_sensor__driver="m3733c",
-        force_sensor__port="/dev/ttyUSB77",
+        force_sensor__port=port,
         force_sensor__calibration_sheet="test",
         camera__driver="uvc",
         camera__device="No Such Camera",
     )
-    results = checked(config)
+
+
+def test_absent_devices_fail_with_a_remedy() -> None:
+    """Nothing plugged in: every check fails or is skipped, none raises."""
+    results = checked(absent("/dev/ttyUSB77"))
     for name in ("robot.controller", "force_sensor.stream", "camera.stream"):
         assert results[name].status is CheckStatus.FAIL, name
         assert results[name].remedy, name
@@ -184,28 +187,11 @@ def test_controller_is_asked_who_it_is(emulate_ur: Callable[..., Any]) -> None:
     assert other["robot.ready"].status is CheckStatus.FAIL
 
 
-def real(**devices: str) -> RigConfig:
-    """Return a configuration of real devices: host, port and camera, each where it is given."""
-    written = load_config().written
-    given = {}
-    if "host" in devices:
-        given = {"robot.driver": "ur5", "robot.host": devices["host"]}
-        given |= {field: written[field] for field in ARM_REQUIRES}
-        given["robot.connect_timeout"] = "3 s"
-    if "port" in devices:
-        given |= {"force_sensor.driver": "m3733c", "force_sensor.port": devices["port"]}
-        given |= {"force_sensor.capacity": "50 N", "force_sensor.calibration_sheet": "none"}
-    if "camera" in devices:
-        given |= {"camera.driver": "uvc", "camera.device": devices["camera"]}
-        given["camera.connect_timeout"] = "2 s"
-    return load_config(overrides=[f"{k}={json.dumps(v)}" for k, v in given.items()]).config
-
-
 def test_all_that_is_missing_is_told_together(tmp_path: Path) -> None:
     """A person who has three cables to plug in is told of three."""
     gone = str(tmp_path / "ttyUSB7")
     with pytest.raises(DeviceError) as caught:
-        require_devices(real(host="127.0.0.99", port=gone, camera="http://127.0.0.1:9/none"))
+        require_devices(absent(gone))
     lines = [line for line in str(caught.value).split("\n") if not line.startswith("  -> ")]
     assert [line.split()[0].rstrip(":") for line in lines] == ["robot", "force", "camera"]
     assert gone in lines[1]
@@ -214,9 +200,9 @@ def test_all_that_is_missing_is_told_together(tmp_path: Path) -> None:
 
 def test_those_that_are_there_pass(emulate_ur, run_box, tmp_path: Path) -> None:
     """A ready controller and a streaming box answer, and are let go of again."""
-    robot = emulate_ur(RobotModel.E_SERIES)
+    host = emulate_ur().host
     with run_box(tmp_path) as port:
-        config = real(host=robot.host, port=port)
+        config = changed(force_sensor(port), robot={"driver": "ur5", "host": host})
         require_devices(config)
         require_devices(config)
 

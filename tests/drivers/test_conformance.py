@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from drivers.arm.ur5 import Ur5
+from drivers.camera.uvc import UvcCamera
 from drivers.conformance import (
     ARM_CHECKS,
     LOCKING_ARM_CHECKS,
@@ -19,6 +21,7 @@ from drivers.conformance import (
 )
 from drivers.emulators.faults import Device
 from drivers.emulators.launch import Emulation
+from drivers.force_sensor.sri_m3733c import SriM3733c
 from drivers.interfaces import build_arm_and_force_sensor, build_camera
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
@@ -114,3 +117,12 @@ def test_a_broken_promise_is_named() -> None:
     (check,) = (check for check in ARM_CHECKS if "until_stopped" in check.__name__)
     with pytest.raises(NotConformingError, match="rests after stop"):
         check(lambda: Unfed.from_config(config))
+
+
+def test_emulated_devices_are_the_real_drivers():
+    """The product cannot tell an emulator from a rig."""
+    config = load_config().config
+    arm, sensor = build_arm_and_force_sensor(config)
+    assert isinstance(arm, Ur5)
+    assert isinstance(sensor, SriM3733c)
+    assert isinstance(build_camera(config), UvcCamera)

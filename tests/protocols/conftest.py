@@ -36,6 +36,12 @@ from tests.recorded_run import SHORT, RecordedCamera
 
 STRICT = ('limits.stale_force="50 ms"', 'limits.stale_image="200 ms"', 'robot.watchdog="10 Hz"')
 """As on a rig: a simulated clock is never late."""
+NEAR = (
+    'robot.home=["0 mm", "-400 mm", "203 mm"]',
+    'protocol.approach_height="1.1 mm"',
+    'protocol.air_press_height="1.5 mm"',
+)
+"""Short ways at the speeds that are shipped."""
 BRISK = (
     *SHORT,
     'robot.watchdog="2 Hz"',  # real time on a shared computer

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import logging
 import math
-import operator
 import os
 import pty
 import random
@@ -29,7 +28,6 @@ from drivers.emulators.process import DeviceSettings, Service, keep_time, run_de
 from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from drivers.force_sensor.sri_wire import (
     LINE_END,
-    Command,
     Reply,
     decode_command,
     encode_frame,
@@ -38,7 +36,7 @@ from drivers.force_sensor.sri_wire import (
 from tacauchy_rig.core.config.model import Checksum
 from tacauchy_rig.core.force_check import GRAVITY_M_S2
 from tacauchy_rig.core.rotations import rotated
-from tacauchy_rig.core.run import Vector3, Vector6, vector6
+from tacauchy_rig.core.run import Vector3, Vector6
 
 _logger = logging.getLogger(__name__)
 
@@ -118,7 +116,6 @@ class EmulatedBox:
         # From the moment that a frame belongs to until it leaves.
         self._latency_ns = round(plant.truth.force_latency_s * 1e9)
         self._number = -1  # package number of the newest frame; it advances in every fault
-        self._zero: Vector6 = (0.0,) * 6
         self._due_ns = time.monotonic_ns()
         self._rate_hz = self._commands.rate_hz
 
@@ -167,18 +164,13 @@ class EmulatedBox:
         self._port.write(b"".join(self._line.due(now_ns)))
 
     def _make_frame(self, stamp_ns: int) -> None:
-        commands = self._commands
-        if not commands.streaming and not commands.single_count:
+        if not self._commands.streaming:
             return
-        commands.single_count = max(commands.single_count - 1, 0)
         reading, force_n, depth_m = self._source.read(stamp_ns, hung_kg=self._service.hung_kg)
-        if commands.zero_requested:
-            self._zero, commands.zero_requested = reading, False
         self._number += 1
         active = {fault.kind: fault for fault in self._service.faults_at(stamp_ns * 1e-9)}
-        values = vector6(map(operator.sub, reading, self._zero))
-        values = self._silent.reading(values, active.values(), stamp_ns=stamp_ns)
-        data = encode_frame(self._number, values, checksum=commands.checksum)
+        values = self._silent.reading(reading, active.values(), stamp_ns=stamp_ns)
+        data = encode_frame(self._number, values, checksum=self._commands.checksum)
         self._line.put(data, active, due_ns=stamp_ns + self._latency_ns)
         record = {
             "number": self._number,
@@ -214,14 +206,6 @@ def _serve(settings: DeviceSettings, service: Service) -> None:
 
 MAX_RATE_HZ = 2000
 _LINE_LIMIT = 1024
-_CONSTANTS = {
-    "DCPM": ";".join(
-        "(" + ",".join("1.0" if i == j else "0.0" for j in range(6)) + ")" for i in range(6)
-    ),
-    "AMPZ": "32768;32768;32768;32768;32768;32768",
-    "CHNAPG": "100.0;100.0;100.0;100.0;100.0;100.0",
-    "EXMV": "5.0;5.0;5.0;5.0;5.0;5.0",
-}
 
 
 class BoxCommands:
@@ -232,8 +216,6 @@ class BoxCommands:
         self.checksum = Checksum.SUM
         # Whether frames go out by themselves; a box keeps on when its port is closed.
         self.streaming = False
-        self.single_count = 0  # frames asked for one by one and not yet sent
-        self.zero_requested = False  # ``ADJZF`` came and has not been applied yet
         self._format = ""
         self._rate_command = "SMPR" if "smpr" in quirks else "SMPF"
         self._quirks = quirks
@@ -247,39 +229,32 @@ class BoxCommands:
 
     def _answer(self, line: bytes) -> bytes:
         command = decode_command(line)
-        reply = None if command is None else self._execute(command)
+        reply = None if command is None else self._execute(*command)
         if "silent" in self._quirks or reply is None:
             return b""
         data = encode_reply(reply)
         return data.replace(b"$", b"") if "bare" in self._quirks else data
 
-    def _execute(self, command: Command) -> Reply | None:
-        name, value = command.name, command.value or ""
+    def _execute(self, name: str, value: str | None) -> Reply:
+        value = value or ""
         if value == "?":
             known = {
                 self._rate_command: str(self.rate_hz),
                 "DCKMD": self.checksum.value,
                 "SGDM": self._format,
-                **_CONSTANTS,
             }
-            return Reply(name=name, value=known.get(name, ""), refused=name not in known)
-        if name == "GOD":
-            self.single_count += 1
-            return None
+            return Reply(name, known.get(name, ""), refused=name not in known)
         if name == "GSD":
             self.streaming = value != "STOP"
-            return Reply(name=name, value=value)
-        if name == self._rate_command and value.isdecimal() and 0 < int(value) <= MAX_RATE_HZ:
+        elif name == self._rate_command and value.isdecimal() and 0 < int(value) <= MAX_RATE_HZ:
             self.rate_hz = int(value)
         elif name == "DCKMD" and value in set(Checksum):
             self.checksum = Checksum(value)
         elif name == "SGDM" and value.startswith("(A01,A02,A03,A04,A05,A06);E;1;"):
             self._format = value
-        elif name == "ADJZF":
-            self.zero_requested = True
         else:
-            return Reply(name=name, value=value, refused=True)
-        return Reply(name=name, value=value)
+            return Reply(name, value, refused=True)
+        return Reply(name, value)
 
 
 class ForceChannel:

@@ -19,8 +19,7 @@ from starlette.routing import Route
 
 from drivers.camera.pictures import jpeg_size
 from protocols.processes.child import ignore_signals, run_child
-from protocols.processes.feed import FeedReader, feed_readers
-from protocols.processes.messages import AbortRequest, Channel, Job, Order
+from protocols.processes.messages import AbortRequest, Channel, FeedReader, Job, Order, feed_readers
 from protocols.processes.page.access import AccessRule
 from protocols.processes.page.view import View
 from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg

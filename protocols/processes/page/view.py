@@ -9,8 +9,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
-from protocols.processes.feed import Shown
-from protocols.processes.messages import Job
+from protocols.processes.messages import Job, Shown
 from protocols.processes.viewing import AFTERWARDS, CONTROL_ENDED
 from protocols.trials.time_left import TimeLeft
 from tacauchy_rig.core.errors import RecordError

@@ -10,8 +10,7 @@ import threading
 import time
 
 from protocols.processes.child import ignore_signals, run_child
-from protocols.processes.feed import VIEWERS, FeedWriters, feed_readers
-from protocols.processes.messages import Channel, Job, Order
+from protocols.processes.messages import VIEWERS, Channel, FeedWriters, Job, Order, feed_readers
 from protocols.processes.viewing import PRODUCERS
 from tacauchy_rig.app.twin.following import RunFollower
 from tacauchy_rig.app.twin.twin import DEVICE, FOLLOWS, Follows, twin_of

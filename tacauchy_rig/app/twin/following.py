@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from time import monotonic_ns, process_time
 from typing import Any
 
-from protocols.processes.feed import Shown
+from protocols.processes.messages import Shown
 from reports.evidence.attempt import median_image
 from sim.twin.follower import Goal, TwinFrame
 from tacauchy_rig.app.twin.images import contact_residual, jpeg_of, maps_of

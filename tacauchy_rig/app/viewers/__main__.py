@@ -11,8 +11,7 @@ import time
 import foxglove
 
 from protocols.processes.child import ignore_signals, run_child
-from protocols.processes.feed import feed_readers
-from protocols.processes.messages import Channel, Job, Order
+from protocols.processes.messages import Channel, Job, Order, feed_readers
 from protocols.processes.viewing import LOOPBACK, PRODUCERS
 from tacauchy_rig.app.viewers.options import PORT, SOURCES, address
 from tacauchy_rig.app.viewers.topics import Topics

@@ -10,7 +10,7 @@ import foxglove
 from foxglove.channels import CompressedImageChannel, PoseInFrameChannel
 from foxglove.messages import CompressedImage, Pose, PoseInFrame, Quaternion, Timestamp, Vector3
 
-from protocols.processes.feed import Shown
+from protocols.processes.messages import Shown
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.rotations import quaternion
 from tacauchy_rig.core.run import JournalEvent

@@ -1,17 +1,10 @@
-"""The driver with the real ur_rtde against the emulated controller, CB3 and e-Series.
-
-Every client is a process of its own (this file, run as a script): ur_rtde holds the interpreter
-lock in its constructors, and what hangs there must not take the tests with it.
-"""
+"""The driver with the real ur_rtde against the emulated controller, CB3 and e-Series."""
 
 from __future__ import annotations
 
-import json
+import itertools
 import math
-import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -27,7 +20,8 @@ from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.errors import DeviceError, RigError, SafetyError
 from tacauchy_rig.core.run import Pose
-from tests.drivers.arm_notes import read_events, read_trace
+from tests.drivers.arm_notes import Client, be_client, read_events, read_trace, say
+from tests.drivers.conftest import changed
 from tests.studies.fault_table.observation import ArmOutcome, arm_after
 
 _PRESS_M_S = 0.005
@@ -36,35 +30,20 @@ _MODELS = list(RobotModel)
 _WATCHDOG_HZ = 3.0
 _STALE_S = 0.25
 _TRAVEL_LIMIT_M = 3.0 * _PRESS_M_S / _WATCHDOG_HZ
-_ANSWERS = "TEST_UR5_ANSWERS"
 
 
 def _arm(host: str, model: str) -> Ur5:
-    config = load_config().config
-    robot = config.robot.model_copy(
-        update={
-            "host": host,
-            "model": RobotModel(model),
-            "retract_speed": 0.05,  # the largest of them caps all
-            "acceleration": 0.5,
-            "tcp_offset": (0.0, 0.0, 0.1),
-            "payload": 0.5,
-            "watchdog": _WATCHDOG_HZ,
-            "connect_timeout": 5.0,
-        }
-    )
-    limits = config.limits.model_copy(update={"stale_robot": _STALE_S})
-    return Ur5(config.model_copy(update={"robot": robot, "limits": limits}))
-
-
-def _say(**found: object) -> None:
-    # Not on stdout, where ur_rtde's own words may cut a line in two.
-    os.write(int(os.environ[_ANSWERS]), json.dumps(found).encode() + b"\n")
-
-
-def _leave() -> None:
-    # Without a farewell, as a crash would: closing politely is the first scenario's business.
-    os._exit(0)
+    robot = {
+        "host": host,
+        "model": RobotModel(model),
+        "retract_speed": 0.05,  # the largest of them caps all
+        "acceleration": 0.5,
+        "tcp_offset": (0.0, 0.0, 0.1),
+        "payload": 0.5,
+        "watchdog": _WATCHDOG_HZ,
+        "connect_timeout": 5.0,
+    }
+    return Ur5(changed(load_config().config, robot=robot, limits={"stale_robot": _STALE_S}))
 
 
 def _refusals(arm: Ur5, home: Pose) -> list[str]:
@@ -129,7 +108,7 @@ def client_normal(host: str, model: str, _folder: str) -> None:
         arm.state()
     except DeviceError as error:
         after = error.message
-    _say(
+    say(
         model=identity.model,
         serial=identity.serial,
         simulated=identity.simulated,
@@ -147,63 +126,33 @@ def client_normal(host: str, model: str, _folder: str) -> None:
 
 
 def client_press(host: str, model: str, _folder: str, motion: str = "velocity") -> None:
-    """Press down for ever, or move down slowly; say so; tell the first error and leave."""
+    """Press down for ever, as ``motion`` says; say so; tell the first error and leave."""
     arm = _arm(host, model)
     arm.connect()
     home = arm.state().pose
+    down = (0.0, 0.0, -_PRESS_M_S, 0.0, 0.0, 0.0)
     try:
         if motion == "line":
             arm.start_move(home.shifted(z=-0.15), speed=_PRESS_M_S, acceleration=0.1)
-        turn = 0
-        while True:
+        for turn in itertools.count():
             if motion == "line":
                 arm.kick_watchdog()
-            else:
-                arm.set_velocity((0.0, 0.0, -_PRESS_M_S, 0.0, 0.0, 0.0), acceleration=0.1)
+            elif motion != "unfed" or turn == 0:
+                arm.set_velocity(down, acceleration=0.1)
             arm.state()
-            turn += 1
             if turn == 20:
-                _say(pressing=True)
+                say(pressing=True)
+                if motion == "protect":
+                    arm.protective_stop()
             time.sleep(0.005)
     except RigError as error:
         arm.stop()
         again = ""
         try:
-            arm.set_velocity((0.0, 0.0, -_PRESS_M_S, 0.0, 0.0, 0.0), acceleration=0.1)
+            arm.set_velocity(down, acceleration=0.1)
         except DeviceError as second:
             again = second.message
-        _say(message=error.message, remedy=error.remedy, again=again)
-    _leave()
-
-
-def client_protect(host: str, model: str, _folder: str) -> None:
-    """Trigger a protective stop while pressing."""
-    arm = _arm(host, model)
-    arm.connect()
-    for _ in range(20):
-        arm.set_velocity((0.0, 0.0, -_PRESS_M_S, 0.0, 0.0, 0.0), acceleration=0.1)
-        arm.state()
-        time.sleep(0.005)
-    arm.protective_stop()
-    try:
-        arm.state()
-    except DeviceError as error:
-        _say(message=error.message, remedy=error.remedy)
-    _leave()
-
-
-def client_idle(host: str, model: str, _folder: str) -> None:
-    """Set the arm moving, then feed nothing but look on."""
-    arm = _arm(host, model)
-    arm.connect()
-    arm.set_velocity((0.0, 0.0, -_PRESS_M_S, 0.0, 0.0, 0.0), acceleration=0.1)
-    try:
-        while True:
-            arm.state()
-            time.sleep(0.005)
-    except DeviceError as error:
-        _say(message=error.message, remedy=error.remedy)
-    _leave()
+        say(message=error.message, remedy=error.remedy, again=again)
 
 
 def client_stalled(host: str, model: str, folder: str) -> None:
@@ -220,69 +169,14 @@ def client_stalled(host: str, model: str, folder: str) -> None:
         time.sleep(0.005)
     moving = arm.is_moving()
     arm.stop()
-    _say(moving=moving, moved_m=math.dist(sample.pose.position, home.position))
-    _leave()
-
-
-class _Client:
-    """A client process, and the pipe on which it answers."""
-
-    def __init__(self, scenario: str, robot: Any, *more: str) -> None:
-        reading, writing = os.pipe()
-        self.process = subprocess.Popen(
-            [
-                sys.executable,
-                __file__,
-                scenario,
-                robot.host,
-                robot.model.value,
-                robot.folder,
-                *more,
-            ],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            pass_fds=[writing],
-            env=os.environ | {_ANSWERS: str(writing)},
-        )
-        os.close(writing)
-        self._answers = os.fdopen(reading)
-
-    def __enter__(self) -> _Client:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._answers.close()
-        self.process.kill()
-        self.process.wait()
-        if self.process.stdout is not None:
-            self.process.stdout.close()
-
-    def await_pressing(self) -> None:
-        """Return once the arm moves down."""
-        assert self.line() == {"pressing": True}
-
-    def line(self, *, may_crash: bool = False) -> dict[str, Any]:
-        """Return the next answer; nothing where the library may crash, and did.
-
-        When a connection breaks, ur_rtde connects anew in a thread of its own, and now and then
-        ends with SIGSEGV doing so.
-        """
-        line = self._answers.readline()
-        if not line:
-            self.process.wait()
-            if may_crash and self.process.returncode == -signal.SIGSEGV:
-                return {}
-            assert self.process.stdout is not None
-            said = self.process.stdout.read().decode(errors="replace")
-            pytest.fail(f"the client ended with {self.process.returncode}: {said}")
-        return dict(json.loads(line))
+    say(moving=moving, moved_m=math.dist(sample.pose.position, home.position))
 
 
 @pytest.mark.parametrize("model", _MODELS)
 def test_moves_presses_stops_and_closes(emulate_ur: Callable[..., Any], model: RobotModel) -> None:
     """The whole interface does what it says on both generations."""
     robot = emulate_ur(model)
-    with _Client("client_normal", robot) as client:
+    with Client(__file__, "client_normal", robot) as client:
         found = client.line()
     assert found["model"] == f"UR5 {model.value}"
     assert found["serial"].isdigit()
@@ -314,7 +208,7 @@ def test_arm_stops_when_its_client_is_killed(
 ) -> None:
     """After SIGKILL of the client the watchdog ends the motion within a fraction of a mm."""
     robot = emulate_ur(model)
-    with _Client("client_press", robot, motion) as client:
+    with Client(__file__, "client_press", robot, motion) as client:
         client.await_pressing()
         client.process.send_signal(signal.SIGKILL)
         killed_ns = time.monotonic_ns()
@@ -356,7 +250,7 @@ def test_a_fault_is_told_and_the_arm_stops(
 ) -> None:
     """Each fault while pressing gives its reason, stays, and ends the motion."""
     robot = emulate_ur(model)
-    with _Client("client_press", robot) as client:
+    with Client(__file__, "client_press", robot) as client:
         client.await_pressing()
         before_ns = time.monotonic_ns()
         post_fault(robot.folder, parse_fault(f"robot:{fault}"))
@@ -376,7 +270,7 @@ def test_a_fault_is_told_and_the_arm_stops(
 def test_a_glitch_is_never_bridged_silently(emulate_ur: Callable[..., Any]) -> None:
     """Connections that break for a moment are a loss, although the library would come back."""
     robot = emulate_ur()
-    with _Client("client_press", robot) as client:
+    with Client(__file__, "client_press", robot) as client:
         client.await_pressing()
         post_fault(robot.folder, parse_fault("robot:drop+5ms"))
         found = client.line()
@@ -384,35 +278,41 @@ def test_a_glitch_is_never_bridged_silently(emulate_ur: Callable[..., Any]) -> N
     assert found["again"] == found["message"]
 
 
-def test_unfed_arm_ends_its_program(emulate_ur: Callable[..., Any]) -> None:
-    """Reading the state feeds nothing: the watchdog bites, and the message says why."""
-    robot = emulate_ur(RobotModel.CB3)
-    with _Client("client_idle", robot) as client:
+@pytest.mark.parametrize(
+    ("model", "motion", "message", "remedy"),
+    [
+        # Reading the state feeds nothing: the watchdog bites, and the message says why.
+        (
+            RobotModel.CB3,
+            "unfed",
+            "the program on the controller ended (runtime state stopped)",
+            "not fed for 333 ms",
+        ),
+        (RobotModel.E_SERIES, "protect", "protective stop", "never automatically"),
+    ],
+)
+def test_what_a_client_does_or_forgets_ends_its_program(
+    emulate_ur: Callable[..., Any], model: RobotModel, motion: str, message: str, remedy: str
+) -> None:
+    """An arm that is not fed, and the guard's last means: the state says what happened."""
+    with Client(__file__, "client_press", emulate_ur(model), motion) as client:
+        client.await_pressing()
         found = client.line()
-    assert "the program on the controller ended (runtime state stopped)" in found["message"]
-    assert "not fed for 333 ms" in found["remedy"]
-
-
-def test_protective_stop_is_triggered(emulate_ur: Callable[..., Any]) -> None:
-    """The guard's last means works, and the state says what happened."""
-    robot = emulate_ur()
-    with _Client("client_protect", robot) as client:
-        found = client.line()
-    assert "protective stop" in found["message"]
-    assert "never automatically" in found["remedy"]
+    assert message in found["message"]
+    assert remedy in found["remedy"]
 
 
 def test_a_stalled_arm_keeps_moving_on_paper(emulate_ur: Callable[..., Any]) -> None:
     """A move that gets nowhere stays a move, its pose stands, and it can be stopped."""
     robot = emulate_ur()
-    with _Client("client_stalled", robot) as client:
+    with Client(__file__, "client_stalled", robot) as client:
         assert client.line() == {"moving": True, "moved_m": 0.0}
 
 
 def test_second_client_is_refused(emulate_ur: Callable[..., Any]) -> None:
     """A second program is told that the robot is taken; the first goes on."""
     robot = emulate_ur()
-    with _Client("client_press", robot) as client:
+    with Client(__file__, "client_press", robot) as client:
         client.await_pressing()
         with pytest.raises(DeviceError, match="another program already controls it"):
             _arm(robot.host, robot.model.value).connect()
@@ -424,7 +324,7 @@ def test_second_client_is_refused(emulate_ur: Callable[..., Any]) -> None:
 def test_a_killed_controller_is_noticed(emulate_ur: Callable[..., Any]) -> None:
     """When the emulated controller dies, the client is told and the world stays readable."""
     robot = emulate_ur()
-    with _Client("client_press", robot) as client:
+    with Client(__file__, "client_press", robot) as client:
         client.await_pressing()
         robot.process.process.kill()
         found = client.line()
@@ -446,4 +346,4 @@ def test_calls_before_connecting_say_so() -> None:
 
 
 if __name__ == "__main__":
-    globals()[sys.argv[1]](*sys.argv[2:])
+    be_client(globals())

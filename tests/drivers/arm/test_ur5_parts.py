@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -17,7 +18,19 @@ from hypothesis import strategies as st
 from drivers.arm.ur5 import Ur5
 from drivers.arm.ur5_health import ArmHealth, RtdeSockets
 from drivers.arm.ur5_link import Commander
-from drivers.arm.ur5_wire import RTDE_PORT, RobotMode, RuntimeState, SafetyBit, safety_reason
+from drivers.arm.ur5_wire import (
+    INPUT_TYPES,
+    OUTPUT_TYPES,
+    RTDE_PORT,
+    TYPE_FORMATS,
+    PacketReader,
+    Recipe,
+    RobotMode,
+    RuntimeState,
+    SafetyBit,
+    pack_packet,
+    safety_reason,
+)
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import DeviceError, SafetyError
 from tacauchy_rig.core.run import ArmSample, Pose, Vector6
@@ -174,18 +187,18 @@ def test_nothing_beyond_a_cap_passes(velocity: Vector6, acceleration: float) -> 
     assert is_within or "is beyond the limit of" in str(caught.value)
 
 
-def test_caps_name_the_value_and_the_limit() -> None:
-    """A refusal says what was asked and what is allowed, with units."""
-    home = Pose(position=(0.0, 0.0, 0.0), rotation_vector=(0.0, 0.0, 0.0))
-    with pytest.raises(SafetyError, match=r"speed 3000 mm/s is beyond the limit of [\d.]+ mm/s"):
-        Ur5(load_config().config).start_move(home, speed=3.0, acceleration=0.1)
-
-
-def test_a_target_that_is_no_number_is_refused() -> None:
-    """Whatever is connected or not."""
-    nowhere = Pose(position=(math.nan, 0.0, 0.0), rotation_vector=(0.0, 0.0, 0.0))
-    with pytest.raises(SafetyError, match="is not a pose"):
-        Ur5(load_config().config).start_move(nowhere, speed=0.01, acceleration=0.1)
+@pytest.mark.parametrize(
+    ("x", "speed", "message"),
+    [
+        (0.0, 3.0, r"speed 3000 mm/s is beyond the limit of [\d.]+ mm/s"),
+        (math.nan, 0.01, "is not a pose"),
+    ],
+)
+def test_caps_name_the_value_and_the_limit(x: float, speed: float, message: str) -> None:
+    """A refusal says what was asked and what is allowed, whatever is connected or not."""
+    target = Pose(position=(x, 0.0, 0.0), rotation_vector=(0.0, 0.0, 0.0))
+    with pytest.raises(SafetyError, match=message):
+        Ur5(load_config().config).start_move(target, speed=speed, acceleration=0.1)
 
 
 def test_a_replaced_connection_is_noticed() -> None:
@@ -204,3 +217,60 @@ def test_a_replaced_connection_is_noticed() -> None:
         with socket.create_connection((host, RTDE_PORT)) as again:
             assert again.fileno() == number
             assert not sockets.are_unchanged()
+
+
+_SCALARS = {
+    "d": st.floats(allow_nan=False),
+    "i": st.integers(-(2**31), 2**31 - 1),
+    "I": st.integers(0, 2**32 - 1),
+    "Q": st.integers(0, 2**64 - 1),
+    "B": st.integers(0, 255),
+    "?": st.booleans(),
+}
+
+
+def _values(types: dict[str, str]) -> st.SearchStrategy[dict[str, tuple[float, ...]]]:
+    def of(names: list[str]) -> st.SearchStrategy[dict[str, tuple[float, ...]]]:
+        fields = {}
+        for name in names:
+            layout = TYPE_FORMATS[types[name]]
+            count = int(layout[:-1] or "1")
+            fields[name] = st.tuples(*[_SCALARS[layout[-1]]] * count)
+        return st.fixed_dictionaries(fields)
+
+    names = st.lists(st.sampled_from(sorted(types)), unique=True, min_size=1, max_size=12)
+    return names.flatmap(of)
+
+
+@given(
+    packets=st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=60)), max_size=6),
+    cuts=st.lists(st.integers(1, 7), min_size=1, max_size=400),
+)
+def test_packets_survive_any_cutting(packets: list[tuple[int, bytes]], cuts: list[int]) -> None:
+    """However the stream is cut up, the same packets come out."""
+    stream = b"".join(pack_packet(kind, body) for kind, body in packets)
+    reader = PacketReader()
+    got: list[tuple[int, bytes]] = []
+    while stream:
+        size = cuts[len(got) % len(cuts)]
+        got += reader.feed(stream[:size])
+        stream = stream[size:]
+    assert got == packets
+
+
+@given(values=_values(OUTPUT_TYPES | INPUT_TYPES))
+def test_fields_round_trip(values: dict[str, tuple[float, ...]]) -> None:
+    """What one side packs is what the other unpacks, each field in its own format."""
+    types = OUTPUT_TYPES | INPUT_TYPES
+    recipe = Recipe(list(values), types)
+    packed = [struct.pack(">" + TYPE_FORMATS[types[name]], *values[name]) for name in values]
+    assert recipe.pack(values) == b"".join(packed)
+    assert recipe.unpack(b"".join(packed)) == values
+
+
+def test_says_what_is_wrong() -> None:
+    """A size below the header's, and bodies of another length, are refused."""
+    with pytest.raises(DeviceError, match="2 bytes long"):
+        PacketReader().feed(b"\x00\x02U")
+    with pytest.raises(DeviceError, match="2 bytes instead of 8"):
+        Recipe(["timestamp"], OUTPUT_TYPES).unpack(b"\x00\x00")

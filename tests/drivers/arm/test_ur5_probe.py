@@ -81,13 +81,9 @@ def _probes(host: str) -> Iterator[ControllerReport]:
 
 
 def test_nobody_there(host: str) -> None:
-    """A refused connection names address, port and what the port is for."""
+    """A refused connection names the port and its purpose; a name that does not resolve itself."""
     with pytest.raises(DeviceError, match=rf"{host}: port 30003 \(the script port\) refuses"):
         probe_controller(host, timeout_s=1.0)
-
-
-def test_unknown_name() -> None:
-    """A name that does not resolve is called that."""
     with pytest.raises(DeviceError, match=r"name 'no-robot\.invalid' is unknown"):
         probe_controller("no-robot.invalid", timeout_s=1.0)
 

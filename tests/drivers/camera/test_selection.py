@@ -12,13 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera.selection import (
-    VideoDevice,
-    check_access,
-    find_device,
-    is_on_this_computer,
-    is_url,
-)
+from drivers.camera.v4l2 import VideoDevice, check_access, find_device, is_on_this_computer, is_url
 from tacauchy_rig.core.errors import DeviceError
 
 HOST = "pci0000:00/0000:00:14.0/usb1"
@@ -177,22 +171,17 @@ def test_in_use_names_the_program(host: FakeHost) -> None:
         program.wait()
 
 
-def test_urls_are_told_from_names() -> None:
-    """An address is an address, a name is a name."""
-    assert is_url("http://127.0.0.1:8080/stream")
-    assert not is_url("/dev/video0")
-    assert not is_url("GelSight Mini")
-
-
 @pytest.mark.parametrize(
-    ("url", "local"),
+    ("device", "url", "local"),
     [
-        ("http://127.0.0.1:8080/a.mjpg", True),
-        ("http://localhost/a", True),
-        ("http://[::1]:80/a", True),
-        ("http://192.168.0.20/a", False),
+        ("http://127.0.0.1:8080/a.mjpg", True, True),
+        ("http://localhost/a", True, True),
+        ("http://[::1]:80/a", True, True),
+        ("http://192.168.0.20/a", True, False),
+        ("/dev/video0", False, False),
+        ("GelSight Mini", False, False),
     ],
 )
-def test_streams_of_this_computer_are_known(url: str, local: bool) -> None:
-    """An emulated camera's address is told from one on the network."""
-    assert is_on_this_computer(url) is local
+def test_streams_of_this_computer_are_known(device: str, url: bool, local: bool) -> None:
+    """An address is told from a name, an emulated camera's from one on the network."""
+    assert (is_url(device), is_on_this_computer(device)) == (url, local)

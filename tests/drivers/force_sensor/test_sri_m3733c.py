@@ -19,11 +19,13 @@ from drivers.emulators.faults import FaultKind, parse_fault
 from drivers.emulators.force_sensor.box import LINK_NAME
 from drivers.emulators.process import post_fault
 from drivers.force_sensor.sri_m3733c import SriM3733c, explain_open_error
+from drivers.interfaces import DeviceIdentity
 from drivers.stream_buffer import device_holders
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import Checksum
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import ForceSample
+from tests.drivers.conftest import changed, collect, wait_until
 
 RunBox = Callable[..., AbstractContextManager[str]]
 
@@ -38,9 +40,8 @@ def box(run_box: RunBox, tmp_path_factory: pytest.TempPathFactory) -> Iterator[t
 
 def sensor_at(port: str, **changes: object) -> SriM3733c:
     """Return a driver for ``port``, fields of ``[force_sensor]`` changed, not yet connected."""
-    config = load_config().config
-    section = config.force_sensor.model_copy(update={"driver": "m3733c", "port": port, **changes})
-    return SriM3733c(config.model_copy(update={"force_sensor": section}))
+    section = {"driver": "m3733c", "port": port, **changes}
+    return SriM3733c(changed(load_config().config, force_sensor=section))
 
 
 @contextmanager
@@ -52,27 +53,6 @@ def connected(port: str, **changes: object) -> Iterator[SriM3733c]:
         yield sensor
     finally:
         sensor.close()
-
-
-def wait_until(condition: Callable[[], bool], *, give_up_s: float = 10.0) -> None:
-    """Wait for a condition."""
-    deadline = time.monotonic() + give_up_s
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-
-
-def collect(
-    sensor: SriM3733c, until: Callable[[list[ForceSample]], bool], *, give_up_s: float = 10.0
-) -> list[ForceSample]:
-    """Drain until the condition holds."""
-    samples: list[ForceSample] = []
-    deadline = time.monotonic() + give_up_s
-    while not until(samples):
-        assert time.monotonic() < deadline, f"only {len(samples)} samples, {sensor.health()}"
-        time.sleep(0.005)
-        samples += sensor.drain()
-    return samples
 
 
 def test_streams_with_consecutive_counters_and_arrival_stamps(box: tuple[Path, str]) -> None:
@@ -91,40 +71,36 @@ def test_streams_with_consecutive_counters_and_arrival_stamps(box: tuple[Path, s
     assert mean == pytest.approx(3.0, abs=0.002)
 
 
+def identified(port: str, **changes: object) -> DeviceIdentity:
+    """Return what a driver says of its box."""
+    sensor = sensor_at(port, **changes)
+    try:
+        return sensor.connect()
+    finally:
+        sensor.close()
+
+
 def test_identity_records_what_was_set(box: tuple[Path, str]) -> None:
-    """The identity says what the box was told and what it acknowledged."""
-    sensor = sensor_at(box[1], rate=200)
-    identity = sensor.connect()
-    sensor.close()
+    """The identity says what the box was told and what it acknowledged, either checksum."""
+    identity = identified(box[1], rate=200)
     assert identity.simulated  # a pseudo-terminal is no sensor, whatever it was opened as
     assert identity.address == box[1]
-    assert identity.settings["SMPF"] == "200"
-    assert identity.settings["DCKMD"] == "SUM"
+    assert (identity.settings["SMPF"], identity.settings["DCKMD"]) == ("200", "SUM")
+    assert identified(box[1], checksum=Checksum.CRC32).settings["DCKMD"] == "CRC32"
 
 
-def test_crc32_frames(box: tuple[Path, str]) -> None:
-    """The other checksum is set and understood."""
-    with connected(box[1], checksum=Checksum.CRC32) as sensor:
-        assert collect(sensor, lambda found: len(found) >= 10)
-
-
-def test_older_box_and_plain_replies(run_box: RunBox, tmp_path: Path) -> None:
-    """A box that knows SMPR only and answers without a dollar sign is set up all the same."""
-    with run_box(tmp_path, quirks={"smpr", "bare"}) as port:
-        sensor = sensor_at(port)
-        identity = sensor.connect()
-        sensor.close()
-    assert identity.settings["SMPR"] == "100"
-    assert "SMPF" not in identity.settings
-
-
-def test_box_that_acknowledges_nothing(run_box: RunBox, tmp_path: Path) -> None:
-    """Missing acknowledgements are recorded and not fatal where frames arrive."""
-    with run_box(tmp_path, quirks={"silent"}) as port:
-        sensor = sensor_at(port, connect_timeout=10.0)
-        identity = sensor.connect()
-        sensor.close()
-    assert identity.settings["DCKMD"] == "SUM (not acknowledged)"
+@pytest.mark.parametrize(
+    ("quirks", "name", "told"),
+    [({"smpr", "bare"}, "SMPR", "100"), ({"silent"}, "DCKMD", "SUM (not acknowledged)")],
+)
+def test_other_boxes_are_set_up_all_the_same(
+    run_box: RunBox, tmp_path: Path, quirks: set[str], name: str, told: str
+) -> None:
+    """One that knows SMPR only and answers without a dollar sign, and one that says nothing."""
+    with run_box(tmp_path, quirks=quirks) as port:
+        identity = identified(port, connect_timeout=10.0)
+    assert identity.settings[name] == told
+    assert ("SMPF" in identity.settings) is (name != "SMPR")
 
 
 def test_close_and_open_again(box: tuple[Path, str]) -> None:

@@ -87,24 +87,16 @@ def test_signals_request_an_abort(number, reason):
     assert signal.getsignal(number) == before
 
 
-def test_any_key_requests_an_abort(terminal):
-    """One key without Enter is enough; the terminal is put back as it was."""
+@pytest.mark.parametrize("reason", ["a key was pressed", "the terminal was lost"])
+def test_a_key_or_a_lost_terminal_requests_an_abort(terminal, reason):
+    """One key without Enter is enough; a terminal that is there is put back as it was."""
     master, slave = terminal
     before = termios.tcgetattr(slave)
     with AbortWatch(terminal=slave) as watch:
-        os.write(master, b"x")
+        os.write(master, b"x") if reason == "a key was pressed" else os.close(master)
         wait_for(lambda: watch.abort.count == 1)
-    assert watch.abort.reason == "a key was pressed"
-    assert termios.tcgetattr(slave) == before
-
-
-def test_a_lost_terminal_requests_an_abort(terminal):
-    """When the other end of the terminal is gone, nobody can watch."""
-    master, slave = terminal
-    with AbortWatch(terminal=slave) as watch:
-        os.close(master)
-        wait_for(lambda: watch.abort.count == 1)
-    assert watch.abort.reason == "the terminal was lost"
+    assert watch.abort.reason == reason
+    assert reason == "the terminal was lost" or termios.tcgetattr(slave) == before
 
 
 def test_without_a_terminal_only_signals_count(tmp_path):

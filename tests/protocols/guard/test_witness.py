@@ -269,21 +269,15 @@ def test_without_an_estimate_or_a_zero_nothing_is_felt():
     assert estimate.force_n is None
 
 
-def test_the_force_is_a_mean_less_the_zero():
-    """3 N of offset, then 2 N of force; older states are forgotten."""
-    estimate = ArmEstimate(RobotModel.E_SERIES)
-    estimate.take([arm_state(stamp_s=0.0, force_n=2.5), arm_state(stamp_s=0.1, force_n=3.5)])
-    estimate.zero()
-    estimate.take([arm_state(stamp_s=1.0, force_n=4.0), arm_state(stamp_s=1.1, force_n=6.0)])
-    assert estimate.force_n == pytest.approx(2.0)
-
-
-def test_a_controller_may_count_a_push_the_other_way():
-    """The zero is turned with it: 3 N of offset, then 2 N of force."""
-    estimate = ArmEstimate(RobotModel.E_SERIES, sign=-1)
-    estimate.take([arm_state(stamp_s=0.0, force_n=-3.0)])
-    estimate.zero()
-    estimate.take([arm_state(stamp_s=1.0, force_n=-5.0)])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_force_is_a_mean_less_the_zero(sign):
+    """3 N of offset, then 2 N of force, however a push is counted; older states are forgotten."""
+    estimate = ArmEstimate(RobotModel.E_SERIES, sign=sign)
+    for start_s, forces_n in ((0.0, (2.5, 3.5)), (1.0, (4.0, 6.0))):
+        for number, force_n in enumerate(forces_n):
+            estimate.take([arm_state(stamp_s=start_s + 0.1 * number, force_n=sign * force_n)])
+        if start_s == 0.0:
+            estimate.zero()
     assert estimate.force_n == pytest.approx(2.0)
 
 

@@ -9,10 +9,10 @@ import pytest
 from protocols.control.record import Begin
 from protocols.guard.breach import BreachError
 from protocols.processes.control import PERIOD_NS, Broadcast
-from protocols.processes.feed import FeedWriters
+from protocols.processes.messages import FeedWriters
 from protocols.steps.motion import take_tare
 from tacauchy_rig.core.errors import RecordError
-from tests.protocols.processes.test_feed import Line
+from tests.protocols.processes.test_messages import Line
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from protocols.guard.force import Contact
 from protocols.steps.motion import approach, take_tare
 from protocols.steps.press import BEYOND_M, ForceServo, search_contact
 from tests.mock.world import Gel
-from tests.protocols.conftest import breach
+from tests.protocols.conftest import NEAR, breach
 
 PERIOD_S = 0.01
 CAP_M_S = 0.0003
@@ -62,42 +62,25 @@ def test_noise_does_not_shake_the_arm():
     assert max(abs(force - 3.0) for force in forces[-500:]) < 0.02
 
 
-def _swaying(laboratory):
-    lab = laboratory('protocol.force_targets=["2 N"]', 'protocol.sway="4 s"', ways=())
-    result = lab.run()
-    stamps = {e.detail["phase"]: e.stamp_ns for e in lab.sink.events if e.name == "phase"}
-    states = [s for s in lab.sink.states if stamps["sway"] <= s.stamp_ns <= stamps["retract"]]
-    return lab, result.records[0], states
-
-
 def test_it_sways_for_as_long_as_asked_between_dwell_and_retract(laboratory):
-    """The trial passes, and its phases are in order."""
-    lab, record, states = _swaying(laboratory)
+    """Up from where the force was held, by some 0.05 mm, and no faster than press_speed."""
+    lab = laboratory('protocol.force_targets=["2 N"]', 'protocol.sway="4 s"', ways=())
+    [record] = lab.run().records
     assert record.passed
     assert lab.phases[-5:] == ["dwell", "sway", "retract", "drift-check", "verdict"]
+    stamps = {e.detail["phase"]: e.stamp_ns for e in lab.sink.events if e.name == "phase"}
+    states = [s for s in lab.sink.states if stamps["sway"] <= s.stamp_ns <= stamps["retract"]]
     assert 3.9e9 < states[-1].stamp_ns - states[0].stamp_ns < 4.2e9
-
-
-def test_it_never_goes_deeper_than_the_press_and_slower_than_its_speed(laboratory):
-    """Up from where the force was held, by some 0.05 mm, and no faster than press_speed."""
-    lab, record, states = _swaying(laboratory)
     depth_m = record.contact_z_m - np.array([state.pose.position[2] for state in states])
     assert depth_m.max() < record.depth_measured_m + 5e-6
     assert 30e-6 < np.ptp(depth_m) < 90e-6
     assert max(abs(state.velocity[2]) for state in states) <= 1.01 * lab.config.robot.press_speed
 
 
-SHORT = (
-    'robot.home=["0 mm", "-400 mm", "203 mm"]',
-    'protocol.approach_height="1.1 mm"',
-    'protocol.air_press_height="1.5 mm"',
-    'protocol.tare_duration="0.4 s"',
-)
-
-
 def above_the_gel(laboratory, *overrides, silent_fault="", **world):
     """Return a laboratory whose arm stands above the gel, tared; the cell lies from the start."""
-    lab = laboratory(*SHORT, *overrides, bias=(0.0,) * 6, **world)
+    short = (*NEAR, 'protocol.tare_duration="0.4 s"')
+    lab = laboratory(*short, *overrides, bias=(0.0,) * 6, **world)
     if silent_fault:
         lab.world.begin(parse_fault(f"force_sensor:{silent_fault}"))
     lab.cycle.force_guard.set_zero(take_tare(lab.cycle))

@@ -13,17 +13,11 @@ import pytest
 from drivers.emulators.faults import parse_fault
 from protocols.steps.press import BEYOND_M
 from tacauchy_rig.core.run import Outcome
-from tests.protocols.conftest import fresh_plan
+from tests.protocols.conftest import NEAR, fresh_plan
 from tests.studies.force_faults.worlds import EXPECTED, MiniGel
 
 TARGETS_N = (1.2556, 1.9511, 2.6466, 3.3422, 4.0377, 4.7332)
-SHORT = (
-    'protocol.tare_duration="0.4 s"',
-    'robot.home=["0 mm", "-400 mm", "203 mm"]',
-    'protocol.approach_height="1.1 mm"',
-    'protocol.air_press_height="1.5 mm"',
-    "protocol.attempts=1",
-)
+SHORT = (*NEAR, 'protocol.tare_duration="0.4 s"', "protocol.attempts=1")
 SILENT = (
     "scale=0.1", "scale=0.5", "stick", "stick-noisily", "sign", "swap-axes", "old-data", "scale=3"
 )  # fmt: skip

@@ -8,7 +8,7 @@ import pytest
 
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Outcome, TrialRecord
-from tests.protocols.conftest import fresh_plan
+from tests.protocols.conftest import NEAR, fresh_plan
 from tests.studies.force_faults.command import HONEST, pressed, tables_of
 from tests.studies.force_faults.runner import Runner, config_of
 from tests.studies.force_faults.worlds import (
@@ -107,9 +107,7 @@ def test_a_trial_that_contradicts_earlier_ones_ends_the_run_and_keeps_none_of_th
     """An earlier session's trial was measured by a sensor that read seven tenths of the force."""
     lab = laboratory(
         'protocol.force_targets=["1.2556 N", "1.9511 N", "2.6466 N"]',
-        'robot.home=["0 mm", "-400 mm", "203 mm"]',
-        'protocol.approach_height="1.1 mm"',
-        'protocol.air_press_height="1.5 mm"',
+        *NEAR,
         'protocol.tare_duration="0.4 s"',
         expected=EXPECTED,
         gel=MiniGel(),

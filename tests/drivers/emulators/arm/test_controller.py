@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
@@ -28,8 +26,8 @@ from drivers.emulators.shared_world import WORLD_FILE, SharedWorld, plant_of
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RobotModel
 from tacauchy_rig.core.run import Pose
-from tests.drivers.arm_notes import read_events, read_trace
-from tests.drivers.conftest import changed
+from tests.drivers.arm_notes import Client, be_client, read_events, read_trace, say
+from tests.drivers.conftest import changed, wait_until
 from tests.studies.fault_table.observation import arm_after
 
 _MODELS = list(RobotModel)
@@ -42,13 +40,12 @@ def _control(host: str, model: str) -> Any:
     return RTDEControlInterface(host, -1.0, flags)
 
 
-def _receive(host: str, *more: Any) -> Any:
-    return RTDEReceiveInterface(host, *more)
-
-
-def client_everything(host: str, model: str) -> dict[str, object]:
+def client_everything(host: str, model: str, _folder: str) -> None:
     """Use all interfaces at once, several receivers included, with every default."""
-    full, slow = _receive(host), _receive(host, 10.0, ["timestamp", "actual_TCP_pose"])
+    full, slow = (
+        RTDEReceiveInterface(host),
+        RTDEReceiveInterface(host, 10.0, ["timestamp", "actual_TCP_pose"]),
+    )
     control, outputs = _control(host, model), RTDEIOInterface(host)
     home = full.getActualTCPPose()
     target = [home[0], home[1], home[2] - 0.005, *home[3:]]
@@ -70,35 +67,35 @@ def client_everything(host: str, model: str) -> dict[str, object]:
             seen.add(receiver.getTimestamp())
             time.sleep(0.0005)
         rates.append(len(seen) / 0.5)
-    return {
+    say(
         **answers,
-        "reached_m": abs(full.getActualTCPPose()[2] - target[2]),
-        "slow_pose_equal": slow.getActualTCPPose() == full.getActualTCPPose(),
-        "bits": [full.getSafetyStatusBits(), full.getRobotMode(), full.getRuntimeState()],
-        "robot_status": full.getRobotStatus(),
-        "payload_kg": full.getPayload(),
-        "joints": len(full.getActualQ()),
-        "rates": rates,
-    }
+        reached_m=abs(full.getActualTCPPose()[2] - target[2]),
+        slow_pose_equal=slow.getActualTCPPose() == full.getActualTCPPose(),
+        bits=[full.getSafetyStatusBits(), full.getRobotMode(), full.getRuntimeState()],
+        robot_status=full.getRobotStatus(),
+        payload_kg=full.getPayload(),
+        joints=len(full.getActualQ()),
+        rates=rates,
+    )
 
 
-def client_conflict(host: str, model: str) -> dict[str, object]:
+def client_conflict(host: str, model: str, _folder: str) -> None:
     """Command a velocity during a move, as a careless program would."""
     control = _control(host, model)
-    receiver = _receive(host)
+    receiver = RTDEReceiveInterface(host)
     pose = receiver.getActualTCPPose()
     pose[2] -= 0.05
     control.moveL(pose, 0.01, 0.1, True)
     time.sleep(0.1)
     control.speedL([0.0, 0.0, 0.005, 0.0, 0.0, 0.0], 0.1, 0.0)
     time.sleep(0.2)
-    return {"runtime_state": receiver.getRuntimeState()}
+    say(runtime_state=receiver.getRuntimeState())
 
 
-def client_force(host: str, model: str) -> dict[str, object]:
+def client_force(host: str, model: str, _folder: str) -> None:
     """Read the arm's own estimate of force where it stands, 5 mm higher, and zeroed there."""
     control = _control(host, model)
-    receiver = _receive(host, -1.0, ["actual_TCP_pose", "actual_TCP_force"])
+    receiver = RTDEReceiveInterface(host, -1.0, ["actual_TCP_pose", "actual_TCP_force"])
     pressed = _mean_fz(receiver)
     pose = receiver.getActualTCPPose()
     pose[2] += 0.005
@@ -106,43 +103,38 @@ def client_force(host: str, model: str) -> dict[str, object]:
     free = _mean_fz(receiver)
     control.zeroFtSensor()
     time.sleep(0.05)
-    return {"pressed": pressed, "free": free, "zeroed": _mean_fz(receiver)}
+    say(pressed=pressed, free=free, zeroed=_mean_fz(receiver))
 
 
-def _say(text: str) -> None:
-    sys.stdout.write(f"{text}\n")
-    sys.stdout.flush()
-
-
-def client_pose(host: str, model: str) -> dict[str, object]:
+def client_pose(host: str, model: str, _folder: str) -> None:
     """Say that it is there, move sideways for three seconds, and watch the height it reports."""
     control = _control(host, model)
-    receiver = _receive(host, -1.0, ["actual_TCP_pose"])
+    receiver = RTDEReceiveInterface(host, -1.0, ["actual_TCP_pose"])
     first = receiver.getActualTCPPose()[2]
     control.speedL([0.002, 0.0, 0.0, 0.0, 0.0, 0.0], 0.1, 0.0)
-    _say("watching")
+    say(watching=True)
     heights, end_s = set(), time.monotonic() + 3.0
     while time.monotonic() < end_s:
         heights.add(receiver.getActualTCPPose()[2])
         time.sleep(0.002)
     control.speedStop(1.0)
-    return {"first": first, "heights": sorted(heights)}
+    say(first=first, heights=sorted(heights))
 
 
-def client_unlock(host: str, model: str) -> dict[str, object]:
+def client_unlock(host: str, model: str, _folder: str) -> None:
     """Wait for a protective stop, then for somebody to unlock it, twice; then move."""
-    receiver = _receive(host, -1.0, ["safety_status_bits"])
+    receiver = RTDEReceiveInterface(host, -1.0, ["safety_status_bits"])
     for wanted in (0b100, 0b001, 0b100, 0b001):
         end_s = time.monotonic() + 20.0
         while not receiver.getSafetyStatusBits() & wanted:
             if time.monotonic() > end_s:
-                return {"waited_for": wanted}
+                return
             time.sleep(0.01)
-        _say(str(wanted))
+        say(bits=wanted)
     control = _control(host, model)
-    pose = _receive(host).getActualTCPPose()
+    pose = RTDEReceiveInterface(host).getActualTCPPose()
     pose[2] += 0.005
-    return {"moved": control.moveL(pose, 0.05, 0.5)}
+    say(moved=control.moveL(pose, 0.05, 0.5))
 
 
 def _mean_fz(receiver: Any) -> float:
@@ -153,17 +145,17 @@ def _mean_fz(receiver: Any) -> float:
     return sum(values) / len(values)
 
 
-def client_leave_moving(host: str, model: str) -> dict[str, object]:
+def client_leave_moving(host: str, model: str, _folder: str) -> None:
     """Set a velocity without a watchdog and vanish."""
     control = _control(host, model)
     control.speedL([0.0, 0.0, -0.005, 0.0, 0.0, 0.0], 0.1, 0.0)
     time.sleep(0.1)
-    return {}
+    say()
 
 
-def client_stop_l_then_speed(host: str, model: str) -> dict[str, object]:
+def client_stop_l_then_speed(host: str, model: str, _folder: str) -> None:
     """End a velocity by stopL, which does not end the thread that drives it."""
-    control, receiver = _control(host, model), _receive(host)
+    control, receiver = _control(host, model), RTDEReceiveInterface(host)
     control.speedL([0.0, 0.0, -0.005, 0.0, 0.0, 0.0], 0.1, 0.0)
     time.sleep(0.2)
     control.stopL(1.0)
@@ -171,20 +163,14 @@ def client_stop_l_then_speed(host: str, model: str) -> dict[str, object]:
     after_stop_l = receiver.getActualTCPSpeed()[2]
     control.speedStop(1.0)
     time.sleep(0.1)
-    return {"after_stop_l": after_stop_l, "after_speed_stop": receiver.getActualTCPSpeed()[2]}
+    say(after_stop_l=after_stop_l, after_speed_stop=receiver.getActualTCPSpeed()[2])
 
 
 def _run(scenario: str, robot: Any) -> dict[str, Any]:
-    answer = robot.folder / f"{scenario}.json"
-    result = subprocess.run(
-        [sys.executable, __file__, scenario, robot.host, robot.model.value, answer],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
-    assert result.returncode == 0, result.stderr
-    return dict(json.loads(answer.read_text()))
+    with Client(__file__, scenario, robot) as client:
+        answer = client.line()
+        client.process.wait(60)
+        return answer
 
 
 @pytest.mark.parametrize("model", _MODELS)
@@ -220,31 +206,18 @@ def test_it_feels_the_gel(emulate_ur: Callable[..., Any], tmp_path: Path) -> Non
     assert abs(found["zeroed"]) < 5.0 * noise_n < abs(found["free"])
 
 
-@contextmanager
-def _started(scenario: str, robot: Any) -> Iterator[subprocess.Popen[str]]:
-    """Run a scenario beside the test, which reads its lines."""
-    answer = robot.folder / f"{scenario}.json"
-    command = [sys.executable, __file__, scenario, robot.host, robot.model.value, answer]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as client:
-        yield client
-        assert client.wait(60) == 0
-
-
-def _line(client: subprocess.Popen[str]) -> str:
-    assert client.stdout is not None
-    return client.stdout.readline().strip()
-
-
 def test_a_wrong_pose_is_not_reported(emulate_ur: Callable[..., Any]) -> None:
     """The true tip sinks while the report stays; at the end the report jumps to the truth."""
     robot = emulate_ur()
     world = SharedWorld.open(robot.folder / WORLD_FILE)
-    with _started("client_pose", robot) as client:
-        assert _line(client) == "watching"
+    wait_until(lambda: world.read().sequence > 0)
+    assert world.read().pose.position == (0.3, -0.3, 0.2), "the true pose, before a client came"
+    with Client(__file__, "client_pose", robot) as client:
+        assert client.line() == {"watching": True}
         before = world.read().pose.position[2]
         post_fault(robot.folder, parse_fault("robot:wrong-pose=1mm/s+1s"))
+        found = client.line()
     after = world.read().pose.position[2]
-    found = json.loads((robot.folder / "client_pose.json").read_text())
     assert before - after == pytest.approx(1e-3, abs=2e-4)
     assert found["heights"] == [after, found["first"]], "nothing between the two"
     assert found["first"] == before
@@ -254,10 +227,10 @@ def test_a_wrong_pose_is_not_reported(emulate_ur: Callable[..., Any]) -> None:
 def test_a_person_unlocks_a_protective_stop(emulate_ur: Callable[..., Any], way: str) -> None:
     """By the control or by the dashboard; the stop can come again, and the arm moves after."""
     robot = emulate_ur(RobotModel.CB3)
-    with _started("client_unlock", robot) as client:
+    with Client(__file__, "client_unlock", robot) as client:
         for _ in range(2):
             post_fault(robot.folder, parse_fault("robot:protective-stop"))
-            assert _line(client) == "4"
+            assert client.line() == {"bits": 4}
             if way == "dashboard":
                 with socket.create_connection((robot.host, DASHBOARD_PORT), timeout=5) as pendant:
                     pendant.recv(100)
@@ -265,8 +238,8 @@ def test_a_person_unlocks_a_protective_stop(emulate_ur: Callable[..., Any], way:
                     assert pendant.recv(100) == b"Protective stop releasing\n"
             else:
                 post_fault(robot.folder, parse_fault(way))
-            assert _line(client) == "1"
-    assert json.loads((robot.folder / "client_unlock.json").read_text()) == {"moved": True}
+            assert client.line() == {"bits": 1}
+        assert client.line() == {"moved": True}
 
 
 def test_two_threads_on_one_arm_end_the_program(emulate_ur: Callable[..., Any]) -> None:
@@ -292,15 +265,6 @@ def test_stop_l_does_not_end_a_velocity(emulate_ur: Callable[..., Any]) -> None:
     found = _run("client_stop_l_then_speed", emulate_ur())
     assert found["after_stop_l"] == pytest.approx(-0.005)
     assert found["after_speed_stop"] == 0.0
-
-
-def test_ready_line_and_world(emulate_ur: Callable[..., Any]) -> None:
-    """The true pose is in the shared world before any client came."""
-    robot = emulate_ur(RobotModel.CB3, home=(0.1, -0.4, 0.15))
-    state = SharedWorld.open(robot.folder / WORLD_FILE).read()
-    while state.sequence == 0:
-        state = SharedWorld.open(robot.folder / WORLD_FILE).read()
-    assert state.pose.position == (0.1, -0.4, 0.15)
 
 
 def test_a_taken_address_is_refused(emulate_ur: Callable[..., Any], tmp_path: Path) -> None:
@@ -346,21 +310,15 @@ def test_ends_with_its_parent(tmp_path: Path) -> None:
         timeout=30,
     )
     process_id = int(started.stdout)
-    end_s = time.monotonic() + 20.0
-    while _lives(process_id):
-        assert time.monotonic() < end_s
-        time.sleep(0.05)
+    wait_until(lambda: not _lives(process_id), give_up_s=20.0)
 
 
 def _lives(process_id: int) -> bool:
-    try:
-        os.kill(process_id, 0)
-    except ProcessLookupError:
+    try:  # a zombie that nobody waits for counts as ended
+        return psutil.Process(process_id).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
         return False
-    # A zombie that nobody waits for counts as ended.
-    return Path(f"/proc/{process_id}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
 
 
 if __name__ == "__main__":
-    Path(sys.argv[4]).write_text(json.dumps(globals()[sys.argv[1]](*sys.argv[2:4])))
-    os._exit(0)
+    be_client(globals())

@@ -19,7 +19,7 @@ from drivers.emulators.arm.controller import TRACE_FILE, ArmTrace
 from drivers.emulators.arm.ports import Connection, DashboardPort, ScriptPort
 from drivers.emulators.launch import free_loopback_host
 from tacauchy_rig.core.config.model import RobotModel
-from tacauchy_rig.core.run import Pose, Vector3
+from tacauchy_rig.core.run import Pose
 from tests.drivers.arm_notes import read_events, read_trace
 
 _HOME = Pose(position=(0.3, -0.3, 0.2), rotation_vector=(math.pi, 0.0, 0.0))
@@ -191,13 +191,3 @@ def test_script_port_listens() -> None:
     port.service(0.0)
     port.drop()
     assert started == [0]
-
-
-@pytest.mark.parametrize(
-    ("place", "admitted"),
-    [((0.3, -0.3, 0.2), True), ((1.2, 0.0, 0.1), False), ((0.05, 0.05, 0.5), False)],
-)
-def test_reach(place: Vector3, admitted: bool) -> None:
-    """Poses beyond the arm or inside its column are outside the safety limits."""
-    body = ControllerBody(RobotModel.CB3, _HOME)
-    assert body.admits_pose((*place, math.pi, 0.0, 0.0)) is admitted

@@ -19,8 +19,6 @@ from tacauchy_rig.core.config.model import Checksum
         (b"AT+DCKMD=MD5\r\n", b"ACK+DCKMD=MD5$ERROR\r\n"),
         (b"AT+SMPF=0\r\n", b"ACK+SMPF=0$ERROR\r\n"),
         (b"AT+NOPE=1\r\n", b"ACK+NOPE=1$ERROR\r\n"),
-        (b"AT+EXMV=?\r\n", b"ACK+EXMV=5.0;5.0;5.0;5.0;5.0;5.0$OK\r\n"),
-        (b"AT+GOD\r\n", b""),
         (b"nonsense\r\n", b""),
     ],
 )

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from protocols.processes.feed import Shown
-from protocols.processes.messages import Job
+from protocols.processes.messages import Job, Shown
 from protocols.processes.page.server import WIDEST_PX, media_type, reduced
 from protocols.processes.page.view import TRACE_SAMPLES, StreamView, View
 from protocols.processes.supervisor import plan_session

@@ -16,7 +16,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from protocols.processes.feed import Shown
+from protocols.processes.messages import Shown
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.app.viewers.topics import AXES, IMAGES, Topics
 from tacauchy_rig.core.rgb import encode_jpeg
