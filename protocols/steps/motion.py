@@ -14,12 +14,13 @@ import numpy as np
 
 from drivers.force_sensor.weighing import tare_of
 from protocols.control.cycle import Cycle, Press
-from protocols.guard.breach import BreachError, Reaction
+from protocols.control.record import Journal
+from protocols.guard.breach import BreachError, Reaction, reaction_to
 from protocols.guard.force import Contact
 from protocols.guard.workspace import describe
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.errors import AbortedError, DeviceError
-from tacauchy_rig.core.run import FZ, ArmSample, Criterion, Pose, Tare, Vector6
+from tacauchy_rig.core.errors import AbortedError, DeviceError, RigError
+from tacauchy_rig.core.run import FZ, ArmSample, Criterion, Phase, Pose, Tare, Vector6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -253,6 +254,27 @@ def make_safe(cycle: Cycle, reaction: Reaction) -> SafeEnd:
     pose = cycle.last_state.pose if cycle.last_state else None
     where = f"; the tip was last seen at {describe(pose)}" if pose else ""
     return SafeEnd(text=f"{text}{where}.", stop_ms=stop_ms, peak_force_n=peak_n, pose=pose)
+
+
+def end_safely(cycle: Cycle, journal: Journal, error: RigError, *, of: str = "") -> None:
+    """Make the arm safe after ``error``, keep how that went, and tell it in the error's message."""
+    reaction, phase, force_n = reaction_to(error), journal.phase, cycle.last_force_n
+    journal.phase = Phase.FAULT  # what is shown meanwhile; written once the arm is safe
+    end = make_safe(cycle, reaction)
+    journal.enter(Phase.FAULT)
+    journal.write(
+        "abort" if isinstance(error, AbortedError) else "fault",
+        limit=error.limit if isinstance(error, BreachError) else "",
+        reason=error.message,
+        during=phase.value,
+        reaction=reaction.value,
+        force_n=force_n,
+        peak_force_n=end.peak_force_n,
+        stop_ms=end.stop_ms,
+        position_m=list(end.pose.position) if end.pose else None,
+        arm=end.text,
+    )
+    error.message = f"{error.message} during {phase.value}{of}. {end.text}"
 
 
 def _lock(cycle: Cycle) -> None:

@@ -8,8 +8,8 @@ from typing import TypeVar
 
 from protocols.control.cycle import Cycle
 from protocols.control.record import Journal
-from protocols.guard.breach import BreachError, reaction_to
-from protocols.steps.motion import ARRIVED_M, clear_height, make_safe
+from protocols.guard.breach import BreachError
+from protocols.steps.motion import ARRIVED_M, clear_height, end_safely
 from protocols.steps.preflight import press_air, run_preflight
 from protocols.trials.trial import PlannedTrial, run_trial
 from tacauchy_rig.core.errors import AbortedError, RigError
@@ -88,25 +88,11 @@ def _do_step(
         try:
             return step(cycle)
         except RigError as error:
-            _end_step(cycle, journal, error)
+            end_safely(cycle, journal, error)
             is_last = attempt == cycle.config.protocol.attempts
             if not _goes_again(cycle, journal, error, is_last=is_last, of_phase=phase.value):
                 raise
         attempt += 1
-
-
-def _end_step(cycle: Cycle, journal: Journal, error: RigError) -> None:
-    reaction = reaction_to(error)
-    end = make_safe(cycle, reaction)
-    journal.write(
-        "abort" if isinstance(error, AbortedError) else "fault",
-        reason=error.message,
-        during=journal.phase.value,
-        reaction=reaction.value,
-        stop_ms=end.stop_ms,
-        arm=end.text,
-    )
-    error.message = f"{error.message} during {journal.phase.value}. {end.text}"
 
 
 def _try(
@@ -182,18 +168,16 @@ def may_repeat(cycle: Cycle, error: RigError) -> bool:
     Raises:
         AbortedError: A person asked to stop meanwhile.
     """
-    return images_were_late(error) and _is_clear(cycle) and _is_well(cycle)
+    if not images_were_late(error) or cycle.last_state is None:
+        return False
+    # The retract ends at that height, as nearly as an arm arrives.
+    is_clear = cycle.last_state.pose.position[2] >= clear_height(cycle) - ARRIVED_M
+    return is_clear and _is_well(cycle)
 
 
 def images_were_late(error: RigError) -> bool:
     """Return whether nothing but the age of the newest image stopped the arm."""
     return isinstance(error, BreachError) and error.limit == LATE_IMAGE
-
-
-def _is_clear(cycle: Cycle) -> bool:
-    state = cycle.last_state
-    # The retract ends at that height, as nearly as an arm arrives.
-    return state is not None and state.pose.position[2] >= clear_height(cycle) - ARRIVED_M
 
 
 def _is_well(cycle: Cycle) -> bool:

@@ -10,15 +10,15 @@ from typing import Any
 from drivers.interfaces import TouchMode
 from protocols.control.cycle import Cycle
 from protocols.control.record import Begin, End, Journal, RateMeter
-from protocols.guard.breach import BreachError, Reaction, reaction_to
+from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
 from protocols.steps.motion import (
     approach,
+    end_safely,
     force_drift,
     home_pose,
     judge_tare,
     listen,
-    make_safe,
     move_to,
     retract,
     take_quiet_tare,
@@ -171,32 +171,12 @@ class _Attempt:
 
     def end_safely(self, error: RigError) -> None:
         """Make the arm safe after ``error``, and note how it ended."""
-        cycle, journal, reaction = self._cycle, self._journal, reaction_to(error)
-        phase, force_n = journal.phase, cycle.last_force_n
-        journal.phase = Phase.FAULT  # what is shown meanwhile; written once the arm is safe
-        end = make_safe(cycle, reaction)
-        is_abort = isinstance(error, AbortedError)
-        limit = error.limit if isinstance(error, BreachError) else ""
-        journal.enter(Phase.FAULT)
-        journal.write(
-            "abort" if is_abort else "fault",
-            limit=limit,
-            reason=error.message,
-            during=phase.value,
-            reaction=reaction.value,
-            force_n=force_n,
-            peak_force_n=end.peak_force_n,
-            stop_ms=end.stop_ms,
-            position_m=list(end.pose.position) if end.pose else None,
-            arm=end.text,
-        )
-        where = f"during {phase.value} of trial {self.record.index}"
-        error.message = f"{error.message} {where}. {end.text}"
+        end_safely(self._cycle, self._journal, error, of=f" of trial {self.record.index}")
         self._found(
-            outcome=Outcome.ABORTED if is_abort else Outcome.FAULT,
-            rates=cycle.rates.report(),
+            outcome=Outcome.ABORTED if isinstance(error, AbortedError) else Outcome.FAULT,
+            rates=self._cycle.rates.report(),
             reason=error.message,
-            limit=limit,
+            limit=error.limit if isinstance(error, BreachError) else "",
         )
 
     def finish(self) -> None:

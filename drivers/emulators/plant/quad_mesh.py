@@ -1,59 +1,13 @@
-"""A disc of gel under a tip, and its nine-node mesh in the (r, z) half-plane, fine at the tip."""
+"""Nine-node mesh of a disc of gel in the (r, z) half-plane, fine where a tip presses it."""
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.emulators.plant.tips import CylinderTip, Tip
 from drivers.emulators.plant.truth import GelDisc
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
-
-# Raise them when the numbers or the fields change, so that old tables are not used: a ball's, a
-# face's.
-_BALL_VERSION, _FACE_VERSION = 2, 3
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PressCase:
-    """Everything a table depends on. Young's modulus is not here: forces scale with it."""
-
-    tip: Tip = field(default_factory=lambda: CylinderTip(diameter_m=5e-3))
-    gel: GelDisc = field(default_factory=GelDisc)
-    poisson: float = 0.48
-    # Depth of the last row asked for [m]; a table may end a little earlier where the gel finds no
-    # equilibrium any more.
-    max_depth_m: float = 1.0e-3
-    friction: float = 0.0  # Coulomb coefficient between tip and gel
-
-    @property
-    def has_face(self) -> bool:
-        """The tip has a flat face, which may be tilted; a ball looks alike from all sides."""
-        return isinstance(self.tip, CylinderTip)
-
-    def file_name(self) -> str:
-        """Return a name made from the content."""
-        numbers = {name: value for name, value in asdict(self).items() if value != 0.0}
-        version = _FACE_VERSION if self.has_face else _BALL_VERSION
-        content = f"{version} {type(self.tip).__name__} {_rounded(numbers)}"
-        digest = hashlib.sha256(content.encode()).hexdigest()[:16]
-        return f"{type(self.tip).__name__.lower()}-{self.tip.diameter_m * 1e3:g}mm-{digest}.npz"
-
-
-def _rounded(values: dict[str, Any]) -> list[tuple[str, Any]]:
-    """Return the items in order, with digits that survive a round trip through text."""
-    found: list[tuple[str, Any]] = []
-    for name, value in sorted(values.items()):
-        if isinstance(value, dict):
-            found.append((name, _rounded(value)))
-        elif not isinstance(value, tuple):
-            found.append((name, f"{value:.9g}"))
-        elif value:  # a gel of one material has the name it had before there were layers
-            found.append((name, [f"{share:.9g} {ratio:.9g}" for share, ratio in value]))
-    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

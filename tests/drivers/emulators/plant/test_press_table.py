@@ -14,13 +14,13 @@ from scipy.interpolate import CubicSpline
 
 from drivers.emulators.plant.press_table import (
     POISSON_STEPS,
+    PressCase,
     PressTable,
     cache_folder,
     case_for,
     compute_table,
     press_table,
 )
-from drivers.emulators.plant.quad_mesh import PressCase
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
 from drivers.emulators.plant.truth import FRICTION
 

@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 
 from drivers.emulators.plant.gel import SurfaceProfile
 from drivers.emulators.plant.optics import render_press, view_of
-from drivers.emulators.plant.press_table import compute_table
-from drivers.emulators.plant.quad_mesh import PressCase
+from drivers.emulators.plant.press_table import PressCase, compute_table
 from drivers.emulators.plant.relief import relief_of, visible_share
 from drivers.emulators.plant.tips import SphereTip
 from drivers.emulators.plant.truth import (
