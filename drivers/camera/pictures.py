@@ -120,7 +120,6 @@ def _small(jpeg: bytes) -> npt.NDArray[np.float32] | None:
     return np.asarray(cv2.blur(middle.astype(np.float32), (_BLUR_PX, _BLUR_PX)))
 
 
-_JPEG_START = b"\xff\xd8\xff"
 _QUALITY = 96
 _ENCODING = (
     *(cv2.IMWRITE_JPEG_QUALITY, _QUALITY),
@@ -140,7 +139,7 @@ def frame_shape(pixel_format: PixelFormat, width: int, height: int) -> tuple[int
 
 def is_jpeg(raw: ImageArray) -> bool:
     """Return whether bytes that should be pixels begin as a JPEG does."""
-    return raw.reshape(-1)[: len(_JPEG_START)].tobytes() == _JPEG_START
+    return raw.reshape(-1)[:3].tobytes() == _START + b"\xff"
 
 
 def encoded(raw: ImageArray, pixel_format: PixelFormat) -> bytes:

@@ -265,20 +265,14 @@ def video_devices(
         # device is the USB interface; the USB device above it holds the serial number
         serial = _content((entry / "device").resolve().parent / "serial")
         node = dev_folder / entry.name
-        name, links = _content(entry / "name"), _links_to(node, dev_folder / "v4l")
-        found.append(VideoDevice(path=str(node), name=name, serial=serial, links=links))
+        kinds = (dev_folder / "v4l" / kind for kind in ("by-path", "by-id"))
+        links = sorted(str(link) for kind in kinds for link in kind.glob("*"))
+        links = [link for link in links if os.path.realpath(link) == os.path.realpath(node)]
+        # By port before by serial number; newer systemds name a port twice.
+        links.sort(key=lambda link: ("/by-id/" in link, "-usbv" in link))
+        name = _content(entry / "name")
+        found.append(VideoDevice(path=str(node), name=name, serial=serial, links=tuple(links)))
     return found
-
-
-def _links_to(node: Path, folder: Path) -> tuple[str, ...]:
-    """Return udev's links, by port before by serial number; newer systemds name a port twice."""
-    links = sorted(
-        str(link)
-        for kind in ("by-path", "by-id")
-        for link in (folder / kind).glob("*")
-        if os.path.realpath(link) == os.path.realpath(node)
-    )
-    return tuple(sorted(links, key=lambda link: ("/by-id/" in link, "-usbv" in link)))
 
 
 def find_device(

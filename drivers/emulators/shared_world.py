@@ -158,14 +158,6 @@ def follow(settings: DeviceSettings) -> None:
         time.sleep(POLL_S)
 
 
-def main() -> None:
-    """Run as a process."""
-    try:
-        follow(own_settings())
-    except RigError as error:
-        sys.exit(f"pose follower: {error}")
-
-
 def plant_of(settings: DeviceSettings) -> Plant:
     """Return the gel of a rig, at rest.
 
@@ -181,4 +173,7 @@ def plant_of(settings: DeviceSettings) -> Plant:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        follow(own_settings())
+    except RigError as error:
+        sys.exit(f"pose follower: {error}")

@@ -167,18 +167,12 @@ class SriM3733c:
         """Stop a stream that an earlier owner left on; both spellings are in use."""
         for name in ("GSD", "GETSD"):
             port.write(encode_command(name, "STOP"))
-            if self._falls_silent(port):
-                return
-
-    def _falls_silent(self, port: serial.Serial) -> bool:
-        """Read until nothing came for a moment; False where bytes keep coming."""
-        last_byte = started = time.monotonic()
-        while (now := time.monotonic()) < started + _REPLY_TIMEOUT_S:
-            if self._read_waiting(port):
-                last_byte = time.monotonic()
-            elif now - last_byte > _QUIET_S:
-                return True
-        return False
+            last_byte = started = time.monotonic()
+            while (now := time.monotonic()) < started + _REPLY_TIMEOUT_S:
+                if self._read_waiting(port):
+                    last_byte = time.monotonic()
+                elif now - last_byte > _QUIET_S:
+                    return
 
     def _ask(self, port: serial.Serial, name: str, value: str) -> Reply | None:
         port.reset_input_buffer()

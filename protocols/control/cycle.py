@@ -109,9 +109,8 @@ class Cycle:
             except BreachError as breach:
                 breaches.append(breach)
         if breaches:
-            raise self._explained(
-                max(breaches, key=lambda breach: _SEVERITY.index(breach.reaction))
-            )
+            worst = max(breaches, key=lambda breach: _SEVERITY.index(breach.reaction))
+            raise self._explained(worst)
         if self.last_state is None:
             raise BreachError(
                 "robot: it has reported no state", limit="robot", reaction=Reaction.HOLD, remedy=""
@@ -208,12 +207,8 @@ class Cycle:
 
     def _check_witness(self, presses: list[Press], states: list[ArmSample]) -> None:
         if self.last_state is not None:
-            self.witness.check(
-                [press.force_n for press in presses],
-                states,
-                z_m=self.last_state.pose.position[2],
-                seen=self._touch_seen,
-            )
+            forces_n, z_m = [press.force_n for press in presses], self.last_state.pose.position[2]
+            self.witness.check(forces_n, states, z_m=z_m, seen=self._touch_seen)
 
     def _watch_record(self) -> None:
         self.rates.record_lag(self.sink.lag_s())

@@ -117,20 +117,13 @@ class AbortWatch:
         poll.register(terminal, select.POLLIN | select.POLLHUP)
         while not self._ended.is_set():
             for _, what in poll.poll(POLL_MS):
-                if not self._take(terminal, what):
+                try:
+                    keys = os.read(terminal, 64) if what & select.POLLIN else b""
+                except OSError:
+                    keys = b""
+                self.abort.request("a key was pressed" if keys else "the terminal was lost")
+                if not keys:
                     return
-
-    def _take(self, terminal: int, what: int) -> bool:
-        """Read what is there; return False once the terminal is gone."""
-        try:
-            keys = os.read(terminal, 64) if what & select.POLLIN else b""
-        except OSError:
-            keys = b""
-        if not keys:
-            self.abort.request("the terminal was lost")
-            return False
-        self.abort.request("a key was pressed")
-        return True
 
 
 def _standard_input() -> int | None:

@@ -202,21 +202,18 @@ class Witness:
         most_n = band.most(passed, depth_m) + self._zero_error_n
         passed += [point for point in self._earlier if point[0] < depth_m]
         least_n = band.least(passed, depth_m) - self._zero_error_n
-        if not least_n <= cell_n <= most_n:
-            raise self._gel_breach(band, depth_m, cell_n, (least_n, most_n))
-
-    def _gel_breach(
-        self, band: PressBand, depth_m: float, cell_n: float, bounds: tuple[float, float]
-    ) -> BreachError:
-        little = cell_n < bounds[0]
-        return BreachError(
+        if least_n <= cell_n <= most_n:
+            return
+        much, remedy = "much", _MUCH_REMEDY
+        if cell_n < least_n:
+            much, remedy = "little", self._little_remedy(cell_n)
+        raise BreachError(
             f"witness: the force sensor says {cell_n:.3f} N at {depth_m * 1e3:.3f} mm below "
-            f"contact, too {'little' if little else 'much'}: after what was felt so far the gel "
-            f"of {band.expected.sensor} gives {bounds[0]:.3f} to {bounds[1]:.3f} N there"
-            f"{self._arm_text()}",
+            f"contact, too {much}: after what was felt so far the gel of {band.expected.sensor} "
+            f"gives {least_n:.3f} to {most_n:.3f} N there{self._arm_text()}",
             limit="witness.gel",
             reaction=Reaction.RETRACT,
-            remedy=self._little_remedy(cell_n) if little else _MUCH_REMEDY,
+            remedy=remedy,
         )
 
     def _little_remedy(self, cell_n: float) -> str:

@@ -20,11 +20,11 @@ class Workspace:
     """The box, the tilt and the speeds that a configuration allows."""
 
     def __init__(self, config: RigConfig) -> None:
-        box = self._box = config.workspace
+        box, robot = config.workspace, config.robot
+        self._box = box
         self._bounds = ((box.x_min, box.x_max), (box.y_min, box.y_max), (box.z_min, box.z_max))
-        self._home = config.robot.home
-        self._axis = rotated(_TOOL_AXIS, config.robot.tool_rotation)
-        robot = config.robot
+        self._home = robot.home
+        self._axis = rotated(_TOOL_AXIS, robot.tool_rotation)
         fastest = max(robot.approach_speed, robot.retract_speed, robot.search_speed)
         self._speed_cap = fastest * SPEED_MARGIN + SPEED_NOISE_M_S
 
@@ -66,16 +66,15 @@ class Workspace:
     def _outside(self, position: Vector3) -> tuple[str, str] | None:
         for axis, value, (low, high) in zip("xyz", position, self._bounds, strict=True):
             if not low <= value <= high:
-                name = f"workspace.{axis}_{'min' if value < low else 'max'}"
-                bound = low if value < low else high
-                return name, f"{axis} = {value * 1e3:.2f} mm is beyond {bound * 1e3:g} mm"
+                side, bound = ("min", low) if value < low else ("max", high)
+                text = f"{axis} = {value * 1e3:.2f} mm is beyond {bound * 1e3:g} mm"
+                return f"workspace.{axis}_{side}", text
         return None
 
     def _tilted(self, pose: Pose) -> tuple[str, str] | None:
-        x, y, z = rotated(_TOOL_AXIS, pose.rotation_vector)
-        ax, ay, az = self._axis
-        cosine = x * ax + y * ay + z * az
-        tilt = math.acos(min(1.0, max(-1.0, cosine)))
+        axes = zip(rotated(_TOOL_AXIS, pose.rotation_vector), self._axis, strict=True)
+        along = sum(now * straight for now, straight in axes)
+        tilt = math.acos(min(1.0, max(-1.0, along)))
         if tilt <= self._box.max_tilt:
             return None
         allowed = f"{math.degrees(self._box.max_tilt):g} deg"
@@ -83,8 +82,7 @@ class Workspace:
         return "workspace.max_tilt", found
 
     def _too_fast(self, state: ArmSample) -> tuple[str, str] | None:
-        speed = math.hypot(*state.velocity[:3])
-        cap = self._speed_cap
+        speed, cap = math.hypot(*state.velocity[:3]), self._speed_cap
         if speed <= cap:
             return None
         return "robot.speed", f"it moves at {speed * 1e3:.1f} mm/s, more than {cap * 1e3:.1f} mm/s"
@@ -148,36 +146,29 @@ class FollowGuard:
         commanded_m, gone_m = self._commanded_m - commanded_before_m, z_m - z_before_m
         duration_s = (now_ns - before_ns) * 1e-9
         if abs(gone_m) > MOST_SHARE * abs(commanded_m) + MOST_AHEAD_M:
-            raise _overrunning(commanded_m, gone_m, duration_s=duration_s)
+            raise BreachError(
+                f"robot: it goes further than told: commanded {commanded_m * 1e3:+.3f} mm in "
+                f"{duration_s:.1f} s, measured {gone_m * 1e3:+.3f} mm (up is positive)",
+                limit="limits.overshoot",
+                reaction=Reaction.RETRACT,
+                remedy="see the pendant: whether another program moves the arm, and its speed and "
+                "units",
+            )
         if not self._is_enough(self._past[0], now_ns):
             return
         if gone_m * commanded_m < LEAST_SHARE * commanded_m**2:
-            raise _stalled(commanded_m, gone_m, duration_s=duration_s)
+            way, sign = ("down", -1.0) if commanded_m < 0.0 else ("up", 1.0)
+            measured_mm = round(sign * gone_m * 1e3, 3) + 0.0  # no "-0.000"
+            raise BreachError(
+                f"robot: it does not follow: commanded {abs(commanded_m) * 1e3:.3f} mm {way} in "
+                f"{duration_s:.1f} s, measured {measured_mm:.3f} mm",
+                limit="limits.no_motion",
+                reaction=Reaction.HOLD,
+                remedy="see the pendant: a pause, the speed slider, or something in the way; then "
+                "`tacauchy-rig resume` repeats this trial",
+            )
 
     def _is_enough(self, since: tuple[int, float, float], now_ns: int) -> bool:
         since_ns, commanded_m, _ = since
         long_enough = now_ns - since_ns >= self._window_ns
         return long_enough and abs(self._commanded_m - commanded_m) > LEAST_TRAVEL_M
-
-
-def _overrunning(commanded_m: float, gone_m: float, *, duration_s: float) -> BreachError:
-    return BreachError(
-        f"robot: it goes further than told: commanded {commanded_m * 1e3:+.3f} mm in "
-        f"{duration_s:.1f} s, measured {gone_m * 1e3:+.3f} mm (up is positive)",
-        limit="limits.overshoot",
-        reaction=Reaction.RETRACT,
-        remedy="see the pendant: whether another program moves the arm, and its speed and units",
-    )
-
-
-def _stalled(commanded_m: float, gone_m: float, *, duration_s: float) -> BreachError:
-    way, sign = ("down", -1.0) if commanded_m < 0.0 else ("up", 1.0)
-    measured_mm = round(sign * gone_m * 1e3, 3) + 0.0  # no "-0.000"
-    return BreachError(
-        f"robot: it does not follow: commanded {abs(commanded_m) * 1e3:.3f} mm {way} in "
-        f"{duration_s:.1f} s, measured {measured_mm:.3f} mm",
-        limit="limits.no_motion",
-        reaction=Reaction.HOLD,
-        remedy="see the pendant: a pause, the speed slider, or something in the way; then "
-        "`tacauchy-rig resume` repeats this trial",
-    )

@@ -58,12 +58,9 @@ def film(job: Job, supervisor: Channel) -> None:
 def _run_camera(
     camera: Camera, link: RecorderLink, marks: MarkSender, feeds: FeedWriters, supervisor: Channel
 ) -> None:
-    alive = True
-    reported_s = 0.0
+    alive, reported_s = True, 0.0
     orphaned_s: float | None = None
-    while True:
-        if Order.STOP in supervisor.receive():
-            return
+    while Order.STOP not in supervisor.receive():
         now_s = time.monotonic()
         if supervisor.closed:
             # Control still needs the frames of its way to a safe stop.

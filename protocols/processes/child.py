@@ -110,17 +110,14 @@ class Launched:
         self.log = job.root / LOG_FOLDER / f"{name}.log"
         self.log.parent.mkdir(exist_ok=True)
         self.channel, theirs = Channel.pair()
-        handed = (theirs.fileno(), *job.descriptors.values())
         with self.log.open("ab") as log:
+            what = module or f"protocols.processes.{name}"
             self.process = subprocess.Popen(
-                [
-                    *(sys.executable, "-P", "-m", module or f"protocols.processes.{name}"),
-                    str(theirs.fileno()),
-                ],
+                [sys.executable, "-P", "-m", what, str(theirs.fileno())],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
-                pass_fds=handed,
+                pass_fds=(theirs.fileno(), *job.descriptors.values()),
                 env=_environment(),
                 # A session of its own: Linux shares the processor between sessions first, so
                 # whatever else runs in the operator's terminal cannot starve a child.
@@ -163,11 +160,8 @@ class Launched:
         code = self.process.poll()
         if code is None:
             return f"the {self.name} process still runs"
-        how = f"exit status {code}"
-        if code < 0:
-            how = f"killed by {signal.Signals(-code).name}"
-        if self.killed:
-            how = "it had stopped answering and was ended"
+        how = f"exit status {code}" if code >= 0 else f"killed by {signal.Signals(-code).name}"
+        how = "it had stopped answering and was ended" if self.killed else how
         lines = self.log.read_text(errors="replace").strip().splitlines()
         last_words = f": {lines[-1]}" if lines else ""
         return f"the {self.name} process died ({how}){last_words}"

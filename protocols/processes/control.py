@@ -100,7 +100,10 @@ def control(job: Job, supervisor: Channel) -> None:
         force_sensor.close()
         link.close(timeout_s=CLOSE_S)
         supervisor.send(link.kept)
-    _send_result(supervisor, result)
+    deadline = time.monotonic() + 2.0
+    while not supervisor.send(result) and not supervisor.closed and time.monotonic() < deadline:
+        time.sleep(0.02)
+    logger.info("ended: %s", result.outcome)
 
 
 def _connect(arm: Arm, force_sensor: ForceTorqueSensor) -> dict[str, DeviceIdentity]:
@@ -150,24 +153,14 @@ def _run(
     def show() -> None:
         nonlocal shown_s
         broadcast.show(cycle)
-        now_s = time.monotonic()
-        if now_s - shown_s >= SHOW_S:
-            shown_s = now_s
-            state = cycle.last_state
-            journal.show(
-                force_n=cycle.last_force_n, height_m=state.pose.position[2] if state else None
-            )
+        if time.monotonic() - shown_s >= SHOW_S:
+            shown_s = time.monotonic()
+            height_m = cycle.last_state.pose.position[2] if cycle.last_state else None
+            journal.show(force_n=cycle.last_force_n, height_m=height_m)
             supervisor.send(link.kept)
 
     cycle.observers.append(show)
     return run_programme(cycle, journal, job.plan)
-
-
-def _send_result(supervisor: Channel, result: ProgrammeResult) -> None:
-    deadline = time.monotonic() + 2.0
-    while not supervisor.send(result) and not supervisor.closed and time.monotonic() < deadline:
-        time.sleep(0.02)
-    logger.info("ended: %s", result.outcome)
 
 
 def _die_with_parent(number: int) -> None:

@@ -178,8 +178,6 @@ class RecorderLink:
                     keeper.keep(attempt) if attempt != BETWEEN_ATTEMPTS else keeper.close()
                 if not isinstance(waiting.entry, Begin):
                     keeper.keep(waiting.entry)
-                if isinstance(waiting.entry, End):
-                    logger.info("%s: spilled the end of an attempt", self._source)
             keeper.close()
         except RecordError as error:
             logger.error("%s: %d entries are lost: %s", self._source, len(self._waiting), error)
@@ -219,8 +217,7 @@ class RemoteCamera:
             if isinstance(message, CameraStatus):
                 marks += message.marks
                 self._health = message.health
-        if marks:
-            self._newest_ns = marks[-1].stamp_ns
+        self._newest_ns = marks[-1].stamp_ns if marks else self._newest_ns
         if self._channel.closed:
             raise DeviceError(
                 "camera: its process is gone",

@@ -57,7 +57,10 @@ class RecordKeeper:
         """
         match entry:
             case Begin():
-                self._begin(entry)
+                self.close()
+                self._attempt = entry
+                if not self._spill_source:  # which is opened by its first message
+                    self._writer = self._open(entry)
             case End(record=record):
                 self._end(record)
             case JournalEvent():
@@ -70,19 +73,12 @@ class RecordKeeper:
     def _write(self, messages: Sequence[RawMessage]) -> None:
         if self._attempt is None:
             return
-        self._writer = self._writer or self._open(self._attempt.trial, self._attempt.attempt)
+        self._writer = self._writer or self._open(self._attempt)
         self._writer.write_raw(messages)
         self.kept_count += len(messages)
 
-    def _begin(self, attempt: Begin) -> None:
-        """Open the recording; a spill is opened by its first message."""
-        self.close()
-        self._attempt = attempt
-        if not self._spill_source:
-            self._writer = self._open(attempt.trial, attempt.attempt)
-
-    def _open(self, trial: int, attempt: int) -> RecordingWriter:
-        paths = self._store.paths
+    def _open(self, begun: Begin) -> RecordingWriter:
+        paths, trial, attempt = self._store.paths, begun.trial, begun.attempt
         source = self._spill_source
         path = paths.spill(trial, attempt, source) if source else paths.recording(trial, attempt)
         metadata = {
@@ -96,13 +92,12 @@ class RecordKeeper:
 
     def _end(self, record: TrialRecord) -> None:
         """Finish the recording and keep the result with its hash; the result in any case."""
-        recording_sha256 = None
+        sha256 = None
         try:
-            recording_sha256 = self.close()
+            sha256 = self.close()
         finally:
-            if self._spill_source:  # which is a part of the recording only
-                recording_sha256 = None
-            self._store.save_result(replace(record, recording_sha256=recording_sha256))
+            sha256 = None if self._spill_source else sha256  # a part of the recording only
+            self._store.save_result(replace(record, recording_sha256=sha256))
 
     def close(self) -> str | None:
         """Finish the recording that is open and return its SHA-256; None where it is cut short."""

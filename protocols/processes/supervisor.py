@@ -109,9 +109,8 @@ class Supervisor:
             # Whoever watches has failed; the arm is still to be made safe and the record finished.
             self._on_event = _discard
             self._end_children()
-            complete_results(
-                self._store, self._begun, reason=f"the watching program failed: {error}"
-            )
+            reason = f"the watching program failed: {error}"
+            complete_results(self._store, self._begun, reason=reason)
         self._ended.set()
         if error is not None or not self._keep_page:
             self._viewing.close()
@@ -126,9 +125,8 @@ class Supervisor:
         self._await_ready()
         if self._abort.count:
             self._end_children()
-            return self._result(
-                Outcome.ABORTED, f"aborted before anything moved: {self._abort.reason}."
-            )
+            reason = f"aborted before anything moved: {self._abort.reason}."
+            return self._result(Outcome.ABORTED, reason)
         everyone = [*self._children.values(), *self._viewing.running()]
         pids = {child.name: child.process.pid for child in everyone}
         self._note("run-start", pids=pids)
@@ -136,18 +134,11 @@ class Supervisor:
         self._watch()
         self._viewing.send(JournalEvent.now(CONTROL_ENDED))
         self._end_children()
-        complete_results(
-            self._store,
-            self._begun,
-            reason="; ".join(self._died.values()) or "the attempt was cut off",
-        )
+        reason = "; ".join(self._died.values()) or "the attempt was cut off"
+        complete_results(self._store, self._begun, reason=reason)
         result = self._conclude()
-        self._note(
-            "run-end",
-            outcome=result.outcome.value,
-            reason=result.reason,
-            acknowledged=result.acknowledged,
-        )
+        how = {"outcome": result.outcome.value, "reason": result.reason}
+        self._note("run-end", **how, acknowledged=result.acknowledged)
         went_through = result.outcome in (Outcome.PASSED, Outcome.FAILED)
         self._keep_page &= went_through and bool(self._viewing.address)
         self._viewing.end(keep_page=self._keep_page)
@@ -267,10 +258,10 @@ class Supervisor:
             deaths = "; ".join(self._died[n] for n in self._died if n not in self._failures)
             return self._without_control(self._failures.get("control"), deaths)
         result = self._result(finished.outcome, finished.reason, remedy=finished.remedy)
-        kept = {(r.index, r.attempt) for r in result.records if r.passed}
-        unsaved = [
-            r.index for r in finished.records if r.passed and (r.index, r.attempt) not in kept
-        ]
+        kept, passed = (
+            {(r.index, r.attempt) for r in each.records if r.passed} for each in (result, finished)
+        )
+        unsaved = sorted(index for index, _ in passed - kept)
         if unsaved:
             text = f"the results of trials {unsaved} could not be kept. {self._safe_trials()}"
             return replace(result, outcome=Outcome.FAULT, reason=text, remedy=_CHECK_DISK)
@@ -285,8 +276,8 @@ class Supervisor:
                 remedies += [failure.remedy] if failure else []
         if not unreported:
             return result
-        remedy = "; ".join(remedies) or result.remedy
-        return replace(result, reason=f"{'; '.join(unreported)}. {result.reason}", remedy=remedy)
+        reason, remedy = f"{'; '.join(unreported)}. {result.reason}", "; ".join(remedies)
+        return replace(result, reason=reason, remedy=remedy or result.remedy)
 
     def _without_control(self, failure: RigError | None, deaths: str) -> SessionResult:
         """Conclude where control left no result: it said why, or it was killed."""
@@ -308,7 +299,7 @@ class Supervisor:
         loaded = (self._store.load_result(trial, attempt) for trial, attempt in last.items())
         return SessionResult(
             outcome=outcome,
-            records=tuple(record for record in loaded if record is not None),
+            records=tuple(filter(None, loaded)),
             reason=reason,
             remedy="" if outcome is Outcome.PASSED else remedy or resume,
             died=dict(self._died),

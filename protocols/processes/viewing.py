@@ -66,11 +66,10 @@ class Viewing:
     def start(self) -> None:
         """Start every viewer."""
         for each in self._options:
-            job = replace(
-                self._job, descriptors=self.feeds.descriptors(each.name), options=each.options
-            )
+            ends = self.feeds.descriptors(each.name)
             if each.name == PAGE and self._listener is not None:
-                job.descriptors["listen"] = self._listener.fileno()
+                ends["listen"] = self._listener.fileno()
+            job = replace(self._job, descriptors=ends, options=each.options)
             self._viewers[each.name] = Viewer(each.name, job, module=each.module)
 
     def running(self) -> list[Launched]:

@@ -16,7 +16,7 @@ from dataclasses import replace
 from protocols.control.cycle import Cycle, Press, Reading
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
-from protocols.steps.motion import ForceWindow, come_to_rest, downward, listen, summarise
+from protocols.steps.motion import come_to_rest, downward, listen, summarise
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.uncertainty import REFINE_RATIO
 from tacauchy_rig.core.run import TrialRecord
@@ -161,7 +161,9 @@ class ForceServo:
     def update(self, force_n: float, *, depth_m: float) -> float:
         """Take one sample at ``depth_m`` below contact; return the speed towards the gel [m/s]."""
         self.filtered_n += self._smoothing * (force_n - self.filtered_n)
-        self._learn_stiffness(depth_m)
+        if depth_m >= STIFFNESS_DEPTH_M:
+            secant = (self.filtered_n - self._contact_force_n) / depth_m
+            self._stiffness_n_m = min(STIFFNESS_MAX_N_M, max(STIFFNESS_MIN_N_M, secant))
         error_n = self.target_n - self.filtered_n
         if abs(error_n) < INTEGRAL_BAND_N:
             step = INTEGRAL_PER_S2 * error_n * self._period_s
@@ -169,12 +171,6 @@ class ForceServo:
             self._integral_n_s = min(INTEGRAL_LIMIT_N_S, max(-INTEGRAL_LIMIT_N_S, total))
         speed = (BANDWIDTH_PER_S * error_n + self._integral_n_s) / self._stiffness_n_m
         return min(self._speed_cap, max(-self._speed_cap, speed))
-
-    def _learn_stiffness(self, depth_m: float) -> None:
-        if depth_m < STIFFNESS_DEPTH_M:
-            return
-        secant = (self.filtered_n - self._contact_force_n) / depth_m
-        self._stiffness_n_m = min(STIFFNESS_MAX_N_M, max(STIFFNESS_MIN_N_M, secant))
 
 
 SETTLE_WINDOW_S = 0.5
@@ -271,22 +267,16 @@ def settle(cycle: Cycle, drive: PressDrive) -> bool:
     needed = round(SETTLE_WINDOW_S * cycle.config.force_sensor.rate)
     recent: deque[Press] = deque(maxlen=needed)
     reading = drive.turn()
-    target_n = drive.target_n
     while reading.now_ns < deadline_ns:
         recent.extend(reading.presses)
         is_new = bool(reading.presses) and len(recent) == needed
-        if is_new and _is_settled(summarise(tuple(recent)), cycle, target_n):
-            return True
+        if is_new:
+            window = summarise(tuple(recent))
+            is_near = abs(window.mean_n - drive.target_n) <= protocol.force_tolerance / 2
+            if is_near and abs(window.slope_n_s) <= protocol.dwell_force_rate:
+                return True
         reading = drive.turn()
     return False
-
-
-def _is_settled(window: ForceWindow, cycle: Cycle, target_n: float) -> bool:
-    protocol = cycle.config.protocol
-    return (
-        abs(window.mean_n - target_n) <= protocol.force_tolerance / 2
-        and abs(window.slope_n_s) <= protocol.dwell_force_rate
-    )
 
 
 def hold(cycle: Cycle, drive: PressDrive, record: TrialRecord) -> TrialRecord:

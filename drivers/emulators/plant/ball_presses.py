@@ -38,7 +38,7 @@ _DEEPEST_SHARE = 0.3  # of the gel's thickness
 _REACH = (0.64, 0.55)  # of half the image
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class FrameNoise:
     """How far frames are from what a camera without noise would show, inside the contacts."""
 
@@ -84,8 +84,13 @@ def write_ball_presses(
         clicked = np.array(press.circle_px) + CLICK_ERROR_PX * click
         circles.append([name, *(f"{value:.2f}" for value in clicked)])
         positions.append([name, *(f"{value:.7f}" for value in press.commanded_m)])
-    _write(folder / CIRCLES, ["image", "center_x_px", "center_y_px", "radius_px"], circles)
-    _write(folder / POSITIONS, ["image", "x_m", "y_m"], positions)
+    tables = {
+        CIRCLES: [["image", "center_x_px", "center_y_px", "radius_px"], *circles],
+        POSITIONS: [["image", "x_m", "y_m"], *positions],
+    }
+    for name, rows in tables.items():
+        with (folder / name).open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows(rows)
 
 
 def frame_noise(truth: PlantTruth, *, count: int = 40, first: int = 1) -> FrameNoise:
@@ -100,17 +105,8 @@ def frame_noise(truth: PlantTruth, *, count: int = 40, first: int = 1) -> FrameN
         noisy = camera.scored(camera.raw(press, noise_seed=press.number))
         noise.append(np.abs(noisy[inside] - still).ravel())
         recorded.append(np.abs(camera.recorded(press)[inside] - still).ravel())
-    return FrameNoise(
-        noise=float(np.mean(np.concatenate(noise))),
-        recorded=float(np.mean(np.concatenate(recorded))),
-    )
-
-
-def _write(path: Path, header: list[str], rows: list[list[str]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows(rows)
+    means = (float(np.mean(np.concatenate(parts))) for parts in (noise, recorded))
+    return FrameNoise(*means)
 
 
 class _Camera:
@@ -141,12 +137,8 @@ class _Camera:
             axis = (x + truth.pose_error_m[0], y + truth.pose_error_m[1])
             place, tilt = touched_at(axis, unit, _TIP)
             radius_m = float(np.interp(depth_m, table.depths, table.contact_radius))
-            column, row = (
-                (pixel + 0.5 - border) * ratio - 0.5
-                for pixel, border, ratio in zip(
-                    view.pixel(*place), self._border, self._ratio, strict=True
-                )
-            )
+            axes = zip(view.pixel(*place), self._border, self._ratio, strict=True)
+            column, row = ((pixel + 0.5 - border) * by - 0.5 for pixel, border, by in axes)
             yield _Press(
                 number=k,
                 commanded_m=(x, y),

@@ -130,7 +130,10 @@ class GelCamera:
             for i in range(len(_LIGHT_AZIMUTH))
         ]
         texture = gel_texture(view.width, view.height, seed=truth.seed)
-        self._shade = _vignette(self._x, self._y, unit) * texture
+        edge_m = 0.495 * max(unit.pad_size_m)
+        vignette = 1.0 - 0.12 * (self._x * self._x + self._y * self._y) / edge_m**2
+        self._shade = np.maximum(vignette, 0.1).astype(np.float32) * texture
+        self._whole: Region = slice(0, view.height), slice(0, view.width)
         self._blur_px = _BLUR_M / view.m_per_px[0]
         self._response = _response_curve()
 
@@ -169,7 +172,10 @@ class GelCamera:
         """
         rows, columns = region or self._whole
         margin = int(np.ceil(3.0 * self._blur_px)) + 1
-        padded = _grown(rows, margin, self._view.height), _grown(columns, margin, self._view.width)
+        padded: Region = (
+            slice(max(0, rows.start - margin), min(self._view.height, rows.stop + margin)),
+            slice(max(0, columns.start - margin), min(self._view.width, columns.stop + margin)),
+        )
         gain = np.full((padded[0].stop - padded[0].start, 1), light, np.float32)
         if self._unit.markers is not None:
             gain = marker_reflectance(self._unit.markers, profile, self._view)[padded] * gain
@@ -183,10 +189,6 @@ class GelCamera:
                 np.minimum(light_in_steps, _STEP_COUNT - 1).astype(np.intp)
             ]
         return image
-
-    @property
-    def _whole(self) -> Region:
-        return slice(0, self._view.height), slice(0, self._view.width)
 
     def _relief(self, profile: SurfaceProfile | None) -> Relief | None:
         """Return the press as this camera needs it; None without contact."""
@@ -267,7 +269,7 @@ class _Light:
         height_m = share * unit.gel.thickness_m
         to_x = np.float32(away_m * np.cos(azimuth)) - x
         to_y = np.float32(away_m * np.sin(azimuth)) - y
-        distance = _length(to_x, to_y, np.full_like(to_x, height_m))
+        distance: Float32Array = np.sqrt(to_x * to_x + to_y * to_y + np.float32(height_m) ** 2)
         near = (away_m / distance) ** np.float32(_FALLOFF)
         # Unit vectors from the gel to the light, by component.
         self.toward: tuple[Float32Array, ...] = (
@@ -276,7 +278,7 @@ class _Light:
             np.float32(height_m) / distance,
         )
         x_half, y_half, z_half = *self.toward[:2], self.toward[2] + np.float32(1.0)
-        length = _length(x_half, y_half, z_half)
+        length: Float32Array = np.sqrt(x_half * x_half + y_half * y_half + z_half * z_half)
         self._half: tuple[Float32Array, ...] = (x_half / length, y_half / length, z_half / length)
         self._direct = (near * np.float32(gain * _DIRECT[index])).astype(np.float32)
         self._shine = (near * np.float32(gain * _HIGHLIGHT[index])).astype(np.float32)
@@ -307,11 +309,6 @@ class _Light:
         return light
 
 
-def _length(x: Float32Array, y: Float32Array, z: Float32Array) -> Float32Array:
-    length: Float32Array = np.sqrt(x * x + y * y + z * z)
-    return length
-
-
 def _dot(
     vectors: tuple[Float32Array, ...], normal: tuple[Float32Array, ...], region: Region
 ) -> Float32Array:
@@ -324,16 +321,6 @@ def _bands(image: Float32Array | ImageArray) -> list[slice]:
     rows, columns = image.shape[:2]
     height = max(1, _BAND_PX // columns)
     return [slice(top, min(top + height, rows)) for top in range(0, rows, height)]
-
-
-def _grown(pixels: slice, margin: int, count: int) -> slice:
-    return slice(max(0, pixels.start - margin), min(count, pixels.stop + margin))
-
-
-def _vignette(x: Float32Array, y: Float32Array, unit: EmulatedUnit) -> Float32Array:
-    edge_m = 0.495 * max(unit.pad_size_m)
-    shade = 1.0 - 0.12 * (x * x + y * y) / edge_m**2
-    return np.maximum(shade, 0.1).astype(np.float32)
 
 
 def _response_curve() -> ImageArray:

@@ -21,6 +21,7 @@ from tacauchy_rig.core.store.check.run import check_run
 from tacauchy_rig.core.store.journal import read_journal
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recovery import recover_run
+from tests.drivers.conftest import changed
 
 ONE = 'protocol.force_targets=["1.2 N"]'
 
@@ -204,18 +205,11 @@ def test_a_device_fault_travels_to_the_operator(make_store):
 def test_devices_that_do_not_connect_are_all_named(make_store):
     """A robot and a camera that are not there: one error names both, and nothing was begun."""
     store = make_store(ONE)
-    config = store.config.model_copy(
-        update={
-            "robot": store.config.robot.model_copy(
-                update={"driver": "emulated", "host": "127.0.0.99", "connect_timeout": 1.0}
-            ),
-            "force_sensor": store.config.force_sensor.model_copy(
-                update={"driver": "emulated", "port": "/dev/no-such-port"}
-            ),
-            "camera": store.config.camera.model_copy(
-                update={"driver": "emulated", "device": "http://127.0.0.99:1/", "width": 640}
-            ),
-        }
+    config = changed(
+        store.config,
+        robot={"driver": "emulated", "host": "127.0.0.99", "connect_timeout": 1.0},
+        force_sensor={"driver": "emulated", "port": "/dev/no-such-port"},
+        camera={"driver": "emulated", "device": "http://127.0.0.99:1/", "width": 640},
     )
     with pytest.raises(DeviceError) as caught:
         run_session(store, config, on_event=Watcher(), abort=Abort())

@@ -6,6 +6,7 @@ import os
 import signal
 import socket
 import time
+from contextlib import closing
 
 import pytest
 
@@ -24,15 +25,11 @@ def job(make_store):
 
 
 def test_without_a_wish_nothing_is_opened(job):
-    """No socket, no process, no address."""
+    """No socket, no process, no address; and a port that is taken is refused by name before."""
     viewing = Viewing(None, job)
     viewing.start()
     assert (viewing.address, viewing.running()) == ("", [])
     viewing.close()
-
-
-def test_a_port_that_is_taken_is_refused_by_name(job):
-    """Before anything is started."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(ConfigError, match=f"--page {port}") as caught:
@@ -42,12 +39,10 @@ def test_a_port_that_is_taken_is_refused_by_name(job):
 
 def test_every_session_has_a_token_of_its_own(job):
     """Nobody can know the next one."""
-    one, other = Viewing(PageOptions(), job), Viewing(PageOptions(), job)
-    tokens = {each.address.split("/")[3] for each in (one, other)}
+    with closing(Viewing(PageOptions(), job)) as one, closing(Viewing(PageOptions(), job)) as other:
+        tokens = {each.address.split("/")[3] for each in (one, other)}
     assert len(tokens) == 2
     assert all(len(token) >= 32 for token in tokens)
-    one.close()
-    other.close()
 
 
 def test_a_page_that_dies_again_and_again_is_given_up(job, monkeypatch):

@@ -21,14 +21,10 @@ def event(name, at_s, trial=0, **detail):
     return JournalEvent(stamp_ns=round(at_s * 1e9), name=name, trial=trial, detail=detail)
 
 
-def test_a_run_that_has_not_begun_promises_nothing(config):
-    """None, not a number."""
-    assert TimeLeft(config, fresh_plan(config), None).seconds(0) is None
-
-
 def test_it_counts_down_and_ends_at_nothing(config):
-    """Within a trial by the clock; nothing is left after the end."""
+    """Within a trial by the clock; nothing is left after the end, and before the run None."""
     left = TimeLeft(config, fresh_plan(config), None)
+    assert left.seconds(0) is None
     left.note(event("run-start", 0.0))
     whole = left.seconds(0)
     assert whole > 2 * trial_duration_s(config, 1.0, None)

@@ -69,7 +69,9 @@ def force(first, count, *, is_tared=True):
 
 
 def test_a_browser_gets_each_sample_once(view):
-    """What is new since the last time; a fresh one gets all that is kept."""
+    """What is new since the last time; a fresh one gets all that is kept, an absent one no more."""
+    view.take(force(0, 1, is_tared=False))  # before the first tare nobody knows a force
+    assert view.live(0)[0]["trace"] == []
     view.take(force(1, 5))
     first, drawn = view.live(0)
     view.take(force(6, 3))
@@ -78,21 +80,8 @@ def test_a_browser_gets_each_sample_once(view):
     assert [len(live["trace"]) for live in (first, second, third)] == [5, 3, 0]
     assert (first["from_start"], second["from_start"]) == (True, False)
     assert len(view.live(0)[0]["trace"]) == 8
-
-
-def test_forces_without_a_zero_are_not_drawn(view):
-    """Before the first tare nobody knows them."""
-    view.take(force(1, 5, is_tared=False))
-    assert view.live(0)[0]["trace"] == []
-
-
-def test_a_browser_that_was_away_for_long_gets_what_is_kept(view):
-    """No more than the trace holds, however much has passed."""
-    _, drawn = view.live(0)
-    view.take(force(1, 10))
-    _, drawn = view.live(drawn)
-    for first in range(11, 2 * TRACE_SAMPLES, 10):
-        view.take(force(first, 10))
+    for start in range(11, 2 * TRACE_SAMPLES, 10):
+        view.take(force(start, 10))
     assert len(view.live(drawn)[0]["trace"]) == TRACE_SAMPLES
 
 
@@ -138,18 +127,12 @@ def test_a_resumed_run_does_not_begin_with_the_end_of_an_earlier_session(store):
     assert (again.ended, again.run()["outcome"]) == (False, "")
 
 
-def test_the_end_is_told_with_its_reason(view):
-    """Outcome and reason of the run."""
-    view.note(event("run-end", outcome="aborted", reason="a key was pressed"))
-    assert view.ended
-    assert (view.run()["outcome"], view.run()["reason"]) == ("aborted", "a key was pressed")
-
-
 def test_what_is_done_with_a_recorded_run_is_told(view):
-    """From the end of control on: finishing, analysing, the report's verdict."""
+    """From the end of control on: finishing, how it ended, analysing, the report's verdict."""
     view.note(event(CONTROL_ENDED))
     assert view.run()["phase"] == "closing"
-    view.note(event("run-end", outcome="passed", reason=""))
+    view.note(event("run-end", outcome="aborted", reason="a key was pressed"))
+    assert (view.run()["outcome"], view.run()["reason"]) == ("aborted", "a key was pressed")
     view.note(event(AFTERWARDS, state="analysing", text="meshing", passed=None))
     told = view.run()
     assert (told["ended"], told["afterwards"]["state"]) == (True, "analysing")
