@@ -72,18 +72,15 @@ def _connected(device: Any) -> Iterator[DeviceIdentity]:
         device.close()
 
 
-def device_checks(
-    config: RigConfig, *, measure_s: float = 2.0, sys_folder: Path = Path("/sys")
-) -> list[CheckResult]:
+def device_checks(config: RigConfig, *, measure_s: float = 2.0) -> list[CheckResult]:
     """Check every real device; never raises, because what is wrong is the result.
 
     Args:
         measure_s: How long each stream is measured [s].
-        sys_folder: Where the kernel tells about adapters and cameras.
     """
     checks: dict[str, Callable[[], list[CheckResult]]] = {
         "robot": lambda: robot_checks(config),
-        "force_sensor": lambda: _force_sensor_checks(config, measure_s, sys_folder),
+        "force_sensor": lambda: _force_sensor_checks(config, measure_s),
         "camera": lambda: _camera_checks(config, measure_s),
     }
     results: list[CheckResult] = []
@@ -139,16 +136,14 @@ def _home_check(config: RigConfig, pose: Sequence[float]) -> CheckResult:
     )
 
 
-def _force_sensor_checks(
-    config: RigConfig, measure_s: float, sys_folder: Path
-) -> list[CheckResult]:
+def _force_sensor_checks(config: RigConfig, measure_s: float) -> list[CheckResult]:
     """Return the checks of the serial port and of ``measure_s`` [s] of unloaded samples."""
     section = config.force_sensor
     sensor = load(Kind.FORCE_SENSOR, section.driver)(config, None)
     try:
         with _connected(sensor) as identity:
             # While the port is open: the driver has asked the adapter for low latency by now.
-            timer = latency_timer_check(section.port, sys_folder=sys_folder)
+            timer = latency_timer_check(section.port)
             time.sleep(measure_s)
             samples, health = sensor.drain(), sensor.health()
     except DeviceError as error:
@@ -166,7 +161,7 @@ def _place(identity: DeviceIdentity, more: str = "") -> str:
     return f"{identity.address}{more}: {settings}"
 
 
-def latency_timer_check(port: str, *, sys_folder: Path) -> CheckResult:
+def latency_timer_check(port: str, *, sys_folder: Path = Path("/sys")) -> CheckResult:
     """Judge how long the USB adapter holds bytes back before it sends them on."""
     name = "force_sensor.latency_timer"
     adapter = Path(os.path.realpath(port)).name

@@ -78,9 +78,9 @@ class EmulatedProcess:
                 bufsize=0,  # so that what can be read is what ``select`` says
             )
 
-    def wait_ready(self, *, timeout_s: float = READY_TIMEOUT_S) -> dict[str, Any]:
+    def wait_ready(self) -> dict[str, Any]:
         """Return the emulator's ready line."""
-        deadline = time.monotonic() + timeout_s
+        deadline = time.monotonic() + READY_TIMEOUT_S
         stream = self.process.stdout
         while stream and select.select([stream], [], [], max(0.0, deadline - time.monotonic()))[0]:
             line = stream.readline()
@@ -92,7 +92,7 @@ class EmulatedProcess:
                 return dict(json.loads(line))
         lines = self.log.read_text(errors="replace").strip().splitlines()
         raise DeviceError(
-            f"emulated {self.name}: not ready within {timeout_s:g} s (exit status "
+            f"emulated {self.name}: not ready within {READY_TIMEOUT_S:g} s (exit status "
             f"{self.process.poll()}): {lines[-1] if lines else 'it printed no error'}",
             remedy=f"read {self.log}",
         )

@@ -29,11 +29,11 @@ from drivers.emulators.plant.truth import TRUTH_FILE, read_truth
 from drivers.emulators.process import DeviceSettings, own_settings
 from tacauchy_rig.core.config.model import IndenterKind
 from tacauchy_rig.core.errors import DeviceError, RigError
-from tacauchy_rig.core.run import Pose, Vector6, vector6
+from tacauchy_rig.core.run import Pose
 
 WORLD_FILE = "world.bin"
 
-_STATE = struct.Struct("=2q12d")  # sequence, stamp, pose, velocity
+_STATE = struct.Struct("=2q6d")  # sequence, stamp, pose
 _CHECKSUM = struct.Struct("=q")
 _SLOT_SIZE = _STATE.size + _CHECKSUM.size
 _FILE_SIZE = 2 * _SLOT_SIZE
@@ -44,7 +44,6 @@ class WorldState(NamedTuple):
     """The newest state of the arm."""
 
     pose: Pose  # true pose of the tip [m, rad]; zero while nothing was published
-    velocity: Vector6  # tool velocity [m/s, rad/s]
     stamp_ns: int  # CLOCK_MONOTONIC of the moment the pose belongs to
     sequence: int  # number of states published so far; 0 means that none was
 
@@ -65,7 +64,7 @@ class SharedWorld:
             return cls.open(path)
         except DeviceError:
             fresh = path.with_name(f".{path.name}.{os.getpid()}")
-            fresh.write_bytes(2 * _slot(0, 0, *(0.0,) * 12))
+            fresh.write_bytes(2 * _slot(0, 0, *(0.0,) * 6))
             fresh.replace(path)
             return cls.open(path)
 
@@ -80,12 +79,12 @@ class SharedWorld:
         with path.open("r+b") as file:
             return cls(path, mmap.mmap(file.fileno(), _FILE_SIZE))
 
-    def publish(self, pose: Pose, velocity: Vector6, stamp_ns: int) -> None:
+    def publish(self, pose: Pose, stamp_ns: int) -> None:
         """Make a state the newest one, in the sequence of whoever published before."""
         before = self.read().sequence if self._sequence is None else self._sequence
         self._sequence = before + 1
         offset = self._sequence % 2 * _SLOT_SIZE
-        slot = _slot(self._sequence, stamp_ns, *pose.as_vector(), *velocity)
+        slot = _slot(self._sequence, stamp_ns, *pose.as_vector())
         self._mapping[offset : offset + _SLOT_SIZE] = slot
 
     def read(self) -> WorldState:
@@ -110,7 +109,7 @@ class SharedWorld:
                 remedy="the file was damaged: delete it and start the emulated devices again",
             )
         sequence, stamp_ns, *v = max(map(_STATE.unpack, complete))
-        return WorldState(Pose.of(v[:6]), vector6(v[6:]), stamp_ns, sequence)
+        return WorldState(Pose.of(v), stamp_ns, sequence)
 
     def close(self) -> None:
         """Unmap the file; it stays on disk for the others."""
@@ -138,9 +137,7 @@ def follow(settings: DeviceSettings) -> None:
     """
     host, parent_pid = settings.host, settings.parent_pid
     probe_controller(host, timeout_s=_PROBE_S)
-    receiver = RTDEReceiveInterface(
-        host, -1.0, ["timestamp", "actual_TCP_pose", "actual_TCP_speed"]
-    )
+    receiver = RTDEReceiveInterface(host, -1.0, ["timestamp", "actual_TCP_pose"])
     world = SharedWorld.create(settings.folder / WORLD_FILE)
     print(json.dumps({"device": "pose_follower", "host": host}), flush=True)
     newest, moved = receiver.getTimestamp(), time.monotonic()
@@ -148,8 +145,7 @@ def follow(settings: DeviceSettings) -> None:
         stamp, now = receiver.getTimestamp(), time.monotonic()
         if stamp != newest:
             newest, moved = stamp, now
-            velocity = vector6(receiver.getActualTCPSpeed())
-            world.publish(Pose.of(receiver.getActualTCPPose()), velocity, time.monotonic_ns())
+            world.publish(Pose.of(receiver.getActualTCPPose()), time.monotonic_ns())
         elif now - moved > STALE_S:
             raise DeviceError(
                 f"robot {host}: no new state for {STALE_S * 1e3:.0f} ms",

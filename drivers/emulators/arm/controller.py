@@ -22,7 +22,6 @@ from drivers.emulators.arm.body import (
     PROGRAM_END_DECELERATION,
     PROTECTIVE_STOP,
     SAFETY_STOP_DECELERATION,
-    VERSIONS,
     ControllerBody,
     ForceEstimate,
     Safety,
@@ -42,8 +41,7 @@ class UrController:
     """One emulated controller with its three ports."""
 
     def __init__(self, settings: DeviceSettings, service: Service) -> None:
-        self._settings = settings
-        self._service = service
+        self._service, self._host = service, settings.host
         robot = settings.config.robot
         self.body = ControllerBody(
             robot.model,
@@ -75,16 +73,7 @@ class UrController:
 
     def serve(self) -> None:
         """Say where it listens and serve clients until its time is over."""
-        settings, model = self._settings, self.body.model
-        self._service.announce(
-            host=settings.host,
-            ports=[port.number for port in self._ports],
-            model=model.value,
-            version=".".join(str(part) for part in VERSIONS[model]),
-            rate_hz=model.rate_hz,
-            folder=str(settings.folder),
-            world=str(self._world.path),
-        )
+        self._service.announce(host=self._host, model=self.body.model.value)
         while not self._service.is_over:
             now_s = time.monotonic()
             if FaultKind.FREEZE not in self._active:
@@ -134,7 +123,7 @@ class UrController:
                 (*force, *moment), motion.velocity, duration_s=passed_s
             ),
         )
-        self._world.publish(pose, motion.velocity, stamp_ns)
+        self._world.publish(pose, stamp_ns)
         self._trace.add(stamp_ns, pose.position, motion.velocity, self.body.runtime_state)
         if FaultKind.FREEZE not in self._active:
             self._rtde.send_state(due, now_s)

@@ -274,9 +274,6 @@ def _serve(settings: DeviceSettings, service: Service) -> None:
     camera = EmulatedCamera(settings, service, factory, damage, plug_in)
     service.announce(
         url=camera.server.address if camera.server else "",
-        width=asked.width,
-        height=asked.height,
-        rate_hz=asked.rate,
         first_capture_ns=camera.start_ns,
         latency_s=camera.latency_s,
     )

@@ -164,10 +164,10 @@ class _Camera:
         """Return the frame of a press as it is recorded, with noise and JPEG."""
         return self.scored(_sent(self.raw(press, noise_seed=press.number)))
 
-    def averaged(self, *, frames: int = 12) -> ImageArray:
+    def averaged(self) -> ImageArray:
         """Return the no-contact frame averaged over its noise, as a lab averages it."""
         stack = [
-            _sent(self.raw(_Press(), noise_seed=1000 + k)).astype(np.float32) for k in range(frames)
+            _sent(self.raw(_Press(), noise_seed=1000 + k)).astype(np.float32) for k in range(12)
         ]
         return self.scored(np.rint(np.mean(stack, axis=0)).astype(np.uint8))
 

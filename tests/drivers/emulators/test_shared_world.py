@@ -33,7 +33,7 @@ count = 0
 while True:
     count += 1
     v = float(count)
-    world.publish(Pose(position=(v, v, v), rotation_vector=(v, v, v)), (v,) * 6, count)
+    world.publish(Pose(position=(v, v, v), rotation_vector=(v, v, v)), count)
 """
 
 
@@ -49,9 +49,9 @@ def test_any_state_survives_the_file(
     path = tmp_path_factory.getbasetemp() / "any-state.bin"
     with closing(SharedWorld.create(path)) as writer, closing(SharedWorld.open(path)) as reader:
         before = reader.read().sequence
-        pose, velocity = Pose(position=position, rotation_vector=rotation), (*rotation, *position)
-        writer.publish(pose, velocity, stamp_ns)
-        assert reader.read() == (pose, velocity, stamp_ns, before + 1)
+        pose = Pose(position=position, rotation_vector=rotation)
+        writer.publish(pose, stamp_ns)
+        assert reader.read() == (pose, stamp_ns, before + 1)
 
 
 def test_no_state_is_torn_and_a_killed_writer_leaves_one(tmp_path: Path) -> None:
@@ -67,7 +67,7 @@ def test_no_state_is_torn_and_a_killed_writer_leaves_one(tmp_path: Path) -> None
         end_s = time.monotonic() + 0.5
         while time.monotonic() < end_s:
             state = reader.read()
-            assert {*state.pose.as_vector(), *state.velocity} == {float(state.stamp_ns)}
+            assert {*state.pose.as_vector()} == {float(state.stamp_ns)}
             sequences.append(state.sequence)
         writer.send_signal(signal.SIGKILL)
     assert sequences == sorted(sequences)
@@ -75,7 +75,7 @@ def test_no_state_is_torn_and_a_killed_writer_leaves_one(tmp_path: Path) -> None
     assert last.sequence >= sequences[-1] > 100
     # Somebody else takes over where the dead writer stopped.
     heir = SharedWorld.create(path)
-    heir.publish(last.pose, _STILL, last.stamp_ns + 1)
+    heir.publish(last.pose, last.stamp_ns + 1)
     assert reader.read().sequence == last.sequence + 1
 
 
@@ -84,7 +84,7 @@ def test_damaged_current_slot_falls_back(tmp_path: Path) -> None:
     path = tmp_path / WORLD_FILE
     world = SharedWorld.create(path)
     for stamp_ns in (1, 2):
-        world.publish(Pose(position=_STILL[:3], rotation_vector=_STILL[3:]), _STILL, stamp_ns)
+        world.publish(Pose(position=_STILL[:3], rotation_vector=_STILL[3:]), stamp_ns)
     data = bytearray(path.read_bytes())
     data[40] ^= 0xFF  # the second state lies in the first slot
     path.write_bytes(data)

@@ -100,7 +100,7 @@ def press(world: SharedWorld, depth_m: float) -> None:
     """Put the arm of a world where the tip is ``depth_m`` deep in the gel."""
     z = SURFACE_Z + TRUTH.surface_error_m - depth_m
     pose = Pose(position=(0.0, 0.0, z), rotation_vector=(0.0, math.pi, 0.0))
-    world.publish(pose, (0.0,) * 6, time.monotonic_ns())
+    world.publish(pose, time.monotonic_ns())
 
 
 class SlowFactory(FrameFactory):

@@ -1,13 +1,27 @@
-"""The command side of the emulated force sensor's box."""
+"""The emulated force sensor's box: its commands, and a force that follows the arm's pose."""
 
 from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.emulators.force_sensor.box import BoxCommands
+from drivers.emulators.force_sensor.box import TRACE_FILE, BoxCommands, WrenchSource, open_trace
+from drivers.emulators.plant.gel import Plant
+from drivers.emulators.plant.tips import CylinderTip
+from drivers.emulators.plant.truth import draw_truth
+from drivers.emulators.shared_world import SharedWorld
+from drivers.force_sensor.sri_m3733c import SriM3733c
+from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import Checksum
+from tacauchy_rig.core.run import Pose
+from tests.drivers.conftest import changed, collect
 
 
 @pytest.mark.parametrize(
@@ -64,3 +78,93 @@ def test_any_chunking_of_commands(cuts: list[int]) -> None:
         replies += box.receive(data[:length])
         data = data[length:]
     assert replies == b"ACK+SMPF=200$OK\r\nACK+GSD=$OK\r\n"
+
+
+SURFACE = (0.0, -0.4, 0.2)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_reading_is_the_plants_force_with_offset_and_noise(tmp_path: Path, sign: int) -> None:
+    """Free before any pose and above the gel; pressed, Fz rises by the true force, or falls."""
+    truth = draw_truth(7)
+    plant = Plant(truth, CylinderTip(diameter_m=5e-3), SURFACE)
+    world = SharedWorld.create(tmp_path / "world")
+    source = WrenchSource(plant, world, compression_sign=sign)
+    assert source.read(0)[1:] == (0.0, None)
+
+    top_z = SURFACE[2] + truth.surface_error_m
+    down = (0.0, math.pi, 0.0)
+    pressed = Pose(position=(SURFACE[0], SURFACE[1], top_z - 4e-4), rotation_vector=down)
+    world.publish(pressed, 0)
+    reading, force_n, depth_m = source.read(10_000_000)
+    assert depth_m == pytest.approx(4e-4, abs=1e-6)
+    assert 1.0 < force_n < 5.0
+    noise_n = truth.force_noise_n
+    assert reading[2] - truth.force_offset_n[2] == pytest.approx(sign * force_n, abs=5 * noise_n)
+    hung = source.read(20_000_000, hung_kg=0.1)[0][2] - reading[2]
+    assert hung == pytest.approx(-sign * 0.981, abs=0.02 + 10 * noise_n)
+
+
+def rows(path: Path) -> list[dict[str, object]]:
+    """Return the frames of the trace that can be read."""
+    found = []
+    for line in path.read_text().splitlines():
+        try:
+            row = json.loads(line)
+        except ValueError:
+            continue
+        if "stamp_ns" in row:
+            found.append(row)
+    return found
+
+
+def write(path: Path, stamp_ns: int, *, boot_id: str) -> None:
+    """Open the trace, add a row, close it."""
+    with open_trace(path, boot_id=boot_id) as trace:
+        trace.write(json.dumps({"stamp_ns": stamp_ns}) + "\n")
+
+
+def test_a_second_start_on_the_same_boot_continues_the_trace(tmp_path: Path) -> None:
+    """A last line that a kill has torn costs nothing but itself."""
+    path = tmp_path / TRACE_FILE
+    write(path, 1, boot_id="a")
+    with path.open("a") as file:
+        file.write('{"stamp_ns": 2, "forc')
+    write(path, 3, boot_id="a")
+    write(path, 4, boot_id="a")
+    assert [row["stamp_ns"] for row in rows(path)] == [1, 3, 4]
+
+
+@pytest.mark.parametrize("before", ["", '{"stamp_ns": 1}\n', '{"boot_id": "b"}\n{"stamp_ns": 1}\n'])
+def test_stamps_of_no_boot_or_another_are_not_mixed_in(tmp_path: Path, before: str) -> None:
+    """The monotonic clock begins anew with each boot; so does the trace."""
+    path = tmp_path / TRACE_FILE
+    path.write_text(before)
+    write(path, 7, boot_id="a")
+    assert [row["stamp_ns"] for row in rows(path)] == [7]
+
+
+def test_a_box_that_is_started_again_keeps_what_it_traced_before(
+    tmp_path: Path, run_box: Callable[..., AbstractContextManager[str]]
+) -> None:
+    """As in a resumed dry run: every frame of every start is there, stamps in order."""
+    kept: list[dict[str, object]] = []
+    for _ in range(3):
+        with run_box(tmp_path) as port:
+            _stream(port, count=20)
+        now = rows(tmp_path / TRACE_FILE)
+        assert now[: len(kept)] == kept
+        assert len(now) >= len(kept) + 20
+        kept = now
+    stamps = [int(str(row["stamp_ns"])) for row in kept]
+    assert stamps == sorted(stamps)
+
+
+def _stream(port: str, *, count: int) -> None:
+    """Let the box stream until a client has ``count`` frames."""
+    sensor = SriM3733c(changed(load_config().config, force_sensor={"port": port}))
+    try:
+        sensor.connect()
+        collect(sensor, lambda found: len(found) >= count)
+    finally:
+        sensor.close()
