@@ -147,11 +147,11 @@ class Service:
         self._parent_pid = settings.parent_pid
         self._faults: list[tuple[float, float, Fault]] = []  # with start and end [s]
         self._path = control_path(settings.folder, device)
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
         try:
             settings.folder.mkdir(parents=True, exist_ok=True)
             self._path.unlink(missing_ok=True)
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+            self._socket.setblocking(False)
             with short_address(self._path) as address:
                 self._socket.bind(address)
         except OSError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -90,18 +91,19 @@ def test_reading_is_the_plants_force_with_offset_and_noise(tmp_path: Path, sign:
     plant = Plant(truth, CylinderTip(diameter_m=5e-3), SURFACE)
     world = SharedWorld.create(tmp_path / "world")
     source = WrenchSource(plant, world, compression_sign=sign)
-    assert source.read(0)[1:] == (0.0, None)
+    now_ns = time.monotonic_ns()
+    assert source.read(now_ns)[1:] == (0.0, None)
 
     top_z = SURFACE[2] + truth.surface_error_m
     down = (0.0, math.pi, 0.0)
     pressed = Pose(position=(SURFACE[0], SURFACE[1], top_z - 4e-4), rotation_vector=down)
-    world.publish(pressed, 0)
-    reading, force_n, depth_m = source.read(10_000_000)
+    world.publish(pressed, now_ns)
+    reading, force_n, depth_m = source.read(now_ns + 10_000_000)
     assert depth_m == pytest.approx(4e-4, abs=1e-6)
     assert 1.0 < force_n < 5.0
     noise_n = truth.force_noise_n
     assert reading[2] - truth.force_offset_n[2] == pytest.approx(sign * force_n, abs=5 * noise_n)
-    hung = source.read(20_000_000, hung_kg=0.1)[0][2] - reading[2]
+    hung = source.read(now_ns + 20_000_000, hung_kg=0.1)[0][2] - reading[2]
     assert hung == pytest.approx(-sign * 0.981, abs=0.02 + 10 * noise_n)
 
 
