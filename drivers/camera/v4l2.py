@@ -355,6 +355,6 @@ def check_access(device: VideoDevice) -> None:
 
 def _content(path: Path) -> str:
     try:
-        return path.read_content("utf-8", errors="replace").strip()
+        return path.read_text("utf-8", errors="replace").strip()
     except OSError:
         return ""
