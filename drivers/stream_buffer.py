@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import glob
 import math
 import os
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Hashable
+from contextlib import suppress
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -110,28 +112,15 @@ def device_holders(path: str) -> list[str]:
 
     Only processes whose descriptors this user may read are seen.
     """
-    target = os.path.realpath(path)
+    target, numbers = os.path.realpath(path), set()
+    for link in glob.iglob("/proc/[0-9]*/fd/*"):  # noqa: PTH207 - a process may end meanwhile
+        with suppress(OSError):
+            if os.readlink(link) == target:  # noqa: PTH115
+                numbers.add(link.split("/")[2])
     holders = []
-    for process in Path("/proc").glob("[0-9]*"):
-        if process.name == str(os.getpid()) or not _holds(process, target):
-            continue
-        try:
-            name = (process / "comm").read_text("utf-8").strip()
-        except OSError:
-            name = "a process"
-        holders.append(f"{name} (pid {process.name})")
+    for number in numbers - {str(os.getpid())}:
+        name = "a process"
+        with suppress(OSError):
+            name = Path(f"/proc/{number}/comm").read_text("utf-8").strip()
+        holders.append(f"{name} (pid {number})")
     return sorted(holders)
-
-
-def _holds(process: Path, target: str) -> bool:
-    try:
-        links = list((process / "fd").iterdir())
-    except OSError:
-        return False
-    for link in links:
-        try:
-            if str(link.readlink()) == target:
-                return True
-        except OSError:
-            continue
-    return False

@@ -18,7 +18,7 @@ from protocols.guard.streams import StreamGuard
 from protocols.guard.witness import Witness
 from protocols.guard.workspace import FollowGuard, Workspace
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.errors import AbortedError, DeviceError, RecordError
+from tacauchy_rig.core.errors import AbortedError, DeviceError
 from tacauchy_rig.core.run import ArmSample, ExpectedPress, ForceSample, Pose, Vector6
 
 PERIOD_S = 0.005
@@ -214,7 +214,12 @@ class Cycle:
         self.rates.record_lag(self.sink.lag_s())
         problem = self.sink.problem()
         if problem:
-            raise _recorder_breach(problem)
+            raise BreachError(
+                problem,
+                limit="recorder",
+                reaction=Reaction.RETRACT,
+                remedy="check the disk, then `tacauchy-rig resume` continues with this trial",
+            )
 
     def _watch_camera(self) -> None:
         with _as_breach("camera", Reaction.RETRACT):
@@ -227,21 +232,10 @@ class Cycle:
 
 @contextmanager
 def _as_breach(device: str, reaction: Reaction = Reaction.HOLD) -> Iterator[None]:
-    """Make the loss of a device, or of the record, a breach."""
+    """Make the loss of a device a breach."""
     try:
         yield
     except DeviceError as error:
         raise BreachError(
             error.message, limit=device, reaction=reaction, remedy=error.remedy
         ) from error
-    except RecordError as error:
-        raise _recorder_breach(str(error)) from error
-
-
-def _recorder_breach(problem: str) -> BreachError:
-    return BreachError(
-        problem,
-        limit="recorder",
-        reaction=Reaction.RETRACT,
-        remedy="check the disk, then `tacauchy-rig resume` continues with this trial",
-    )

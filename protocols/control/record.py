@@ -11,7 +11,6 @@ import numpy as np
 
 from drivers.interfaces import Clock, FrameMark, StreamHealth
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import (
     ArmSample,
     ForceSample,
@@ -44,7 +43,7 @@ Entry = Begin | Samples | JournalEvent | End
 
 
 class Sink(Protocol):
-    """Takes the record of a run, in order; it never blocks and never loses in silence."""
+    """Takes the record of a run, in order; it never blocks, raises or loses in silence."""
 
     def put(self, entry: Entry) -> None:
         """Take an entry."""
@@ -79,12 +78,9 @@ class Journal:
         self.write("phase", phase=phase.value, **detail)
 
     def write(self, name: str, **detail: Any) -> None:
-        """Keep and show an event. A record that is gone is the cycle's matter, not raised here."""
+        """Keep and show an event."""
         event = self._event(name, detail)
-        try:
-            self._sink.put(event)
-        except RecordError as error:
-            event.detail["not_recorded"] = error.message
+        self._sink.put(event)
         self._listener(event)
 
     def show(self, **detail: Any) -> None:

@@ -188,7 +188,7 @@ class Broadcast:
 
     def put(self, entry: Entry) -> None:
         """Hand an entry on, and remember what is to be shown of it."""
-        if self._feeds and isinstance(entry, tuple):  # first: a recorder that is gone raises
+        if self._feeds and isinstance(entry, tuple):
             self._waiting = (*self._waiting, *entry)[-PENDING_MAX:]
         self._sink.put(entry)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -25,11 +24,9 @@ from protocols.steps.motion import (
     take_tare,
 )
 from protocols.steps.press import PressDrive, hold, press_to_target, search_contact, settle, sway
-from tacauchy_rig.core.errors import AbortedError, RecordError, RigError
+from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.force_history import FORCE_HISTORY, WEIGH_REMEDY, judge_forces
 from tacauchy_rig.core.run import Criterion, Outcome, Phase, TrialRecord
-
-logger = logging.getLogger(__name__)
 
 MIN_DWELL_FRAMES = 5
 MIN_REFERENCE_FRAMES = 3
@@ -189,11 +186,7 @@ class _Attempt:
             force_measured_n=record.force_measured_n,
             depth_measured_m=record.depth_measured_m,
         )
-        try:
-            self._cycle.sink.put(End(record, self._cycle.rig.clock.now_ns()))
-        except RecordError as error:
-            # The fault that the lost record is has been raised where it was seen first.
-            logger.error("the result of the attempt could not be kept: %s", error)
+        self._cycle.sink.put(End(record, self._cycle.rig.clock.now_ns()))
 
     def _criteria(self, rates: dict[str, float]) -> Iterator[Criterion]:
         record, config, arrived = self.record, self._config, self._cycle.rates

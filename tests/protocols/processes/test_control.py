@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import closing, suppress
+from contextlib import closing
 
 import pytest
 
 from protocols.control.record import Begin
-from protocols.guard.breach import BreachError
 from protocols.processes.control import PERIOD_NS, Broadcast
 from protocols.processes.messages import FeedWriters
 from protocols.steps.motion import take_tare
-from tacauchy_rig.core.errors import RecordError
 from tests.protocols.processes.test_messages import Line
 
 
@@ -40,23 +38,6 @@ def test_every_sample_is_recorded_and_shown_once(laboratory, line):
     newest = [one for one in shown if one.stream == "force"][-1].numbers
     assert abs(newest["force_n"][-1]) < 0.1
     assert any(one.stream == "arm" for one in shown)
-
-
-def test_what_a_lost_recorder_refuses_is_shown(laboratory, line, monkeypatch):
-    """While the arm is made safe, the page goes on showing where it is."""
-    lab = laboratory()
-    monkeypatch.setattr(lab.sink, "put", _refuse)
-    broadcast = Broadcast(lab.sink, line.writer)
-    lab.cycle.sink = broadcast
-    lab.cycle.observers.append(lambda: broadcast.show(lab.cycle))
-    for _ in range(40):
-        with suppress(BreachError):
-            lab.cycle.turn()
-    assert {one.stream for one in line.reader.receive()} == {"force", "arm"}
-
-
-def _refuse(_entry):
-    raise RecordError("recorder: gone")
 
 
 def test_without_viewers_nothing_is_kept(laboratory):
