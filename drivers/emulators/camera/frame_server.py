@@ -33,104 +33,85 @@ _BACKLOG = 4  # frames that wait for a slow reader before the oldest is lost
 _logger = logging.getLogger(__name__)
 
 
-class Reader:
-    """One connection, with a thread and a short queue of frames; speaks HTTP."""
-
-    def __init__(self, connection: socket.socket) -> None:
-        self.connection = connection
-        self._frames: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()  # None hangs up
-        self.alive = True
-        threading.Thread(target=self._serve, name="reader", daemon=True).start()
-
-    def put(self, frame: bytes) -> None:
-        """Queue a frame; for a slow reader the oldest is lost."""
-        if self._frames.qsize() >= _BACKLOG:
-            with contextlib.suppress(queue.Empty):
-                self._frames.get_nowait()
-        self._frames.put(frame)
-
-    def hang_up(self) -> None:
-        """End the connection."""
-        self.alive = False
-        with contextlib.suppress(OSError):
-            self.connection.shutdown(socket.SHUT_RDWR)
-        self._frames.put(None)
-
-    def greet(self) -> None:
-        """Take what the reader asks for, and answer it."""
-        self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.connection.recv(4096)
-        self.connection.sendall(_HEADER)
-
-    def send(self, frame: bytes) -> None:
-        """Send a frame."""
-        head = f"--{_BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(frame)}\r\n\r\n"
-        self.connection.sendall(b"".join((head.encode(), frame, b"\r\n")))
-
-    def _serve(self) -> None:
-        try:
-            self.connection.settimeout(5.0)
-            self.greet()
-            self.connection.settimeout(None)
-            for frame in iter(self._frames.get, None):
-                self.send(frame)
-        except OSError as error:
-            _logger.info("reader left: %s", error)
-        finally:
-            self.alive = False
-            self.connection.close()
-
-
 _BOUNDARY = "frame"
 _HEADER = (
     "HTTP/1.0 200 OK\r\nCache-Control: no-store\r\nConnection: close\r\n"
     f"Content-Type: multipart/x-mixed-replace; boundary={_BOUNDARY}\r\n\r\n"
 ).encode()
+_Frames = queue.SimpleQueue[bytes | None]
 
 
 class FrameServer:
-    """One address, any number of readers.
+    """One address, any number of readers, each with a thread and a short queue; speaks HTTP.
 
     Args:
         address: Where they come to: a URL, or the path of a device.
     """
 
-    def __init__(self, listener: socket.socket, reader: type[Reader], address: str) -> None:
-        self._listener, self._reader = listener, reader
-        self.address = address
+    def __init__(self, listener: socket.socket, address: str) -> None:
+        self._listener, self.address = listener, address
         self._lock = threading.Lock()
-        self._readers: list[Reader] = []
-        self._open = True
+        self._readers: dict[socket.socket, _Frames] = {}
         threading.Thread(target=self._accept, name="accept", daemon=True).start()
 
     def publish(self, frame: bytes) -> None:
-        """Queue a frame for every reader."""
+        """Queue a frame for every reader; for a slow one the oldest is lost."""
         with self._lock:
-            readers = self._readers = [reader for reader in self._readers if reader.alive]
-        for reader in readers:
-            reader.put(frame)
+            readers = list(self._readers.values())
+        for frames in readers:
+            if frames.qsize() >= _BACKLOG:
+                with contextlib.suppress(queue.Empty):
+                    frames.get_nowait()
+            frames.put(frame)
 
     def close(self) -> None:
         """Hang up on every reader and free the address."""
-        self._open = False
         with contextlib.suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
         with self._lock:
-            readers, self._readers = self._readers, []
-        for reader in readers:
-            reader.hang_up()
+            readers, self._readers = self._readers, {}
+        for connection, frames in readers.items():
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
+            frames.put(None)
 
     def _accept(self) -> None:
-        while self._open:
-            try:
+        with contextlib.suppress(OSError):  # closed
+            while True:
                 connection, _ = self._listener.accept()
-            except OSError:
-                return
-            _logger.info("a reader connected to %s", self.address)
-            reader = self._reader(connection)
+                _logger.info("a reader connected to %s", self.address)
+                frames = _Frames()
+                with self._lock:
+                    self._readers[connection] = frames
+                serve = threading.Thread(target=self._serve, args=(connection, frames), daemon=True)
+                serve.start()
+
+    def _serve(self, connection: socket.socket, frames: _Frames) -> None:
+        try:
+            connection.settimeout(5.0)
+            send = self._greet(connection)
+            connection.settimeout(None)
+            for frame in iter(frames.get, None):
+                send(frame)
+        except OSError as error:
+            _logger.info("reader left: %s", error)
+        finally:
             with self._lock:
-                self._readers.append(reader)
+                self._readers.pop(connection, None)
+            connection.close()
+
+    def _greet(self, connection: socket.socket) -> Callable[[bytes], None]:
+        """Take what a reader asks for, answer it, and return what sends it a frame."""
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.recv(4096)
+        connection.sendall(_HEADER)
+
+        def send(frame: bytes) -> None:
+            head = f"--{_BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(frame)}"
+            connection.sendall(b"".join((head.encode(), b"\r\n\r\n", frame, b"\r\n")))
+
+        return send
 
 
 def mjpeg_server(host: str, port: int) -> FrameServer:
@@ -147,7 +128,7 @@ def mjpeg_server(host: str, port: int) -> FrameServer:
             remedy="give another --port, or 0 for a free one",
         ) from error
     host, port = listener.getsockname()[:2]
-    return FrameServer(listener, Reader, f"http://{host}:{port}/stream.mjpg")
+    return FrameServer(listener, f"http://{host}:{port}/stream.mjpg")
 
 
 # 0.84 MB at 3280x2464, what the real camera sends.
@@ -173,23 +154,6 @@ _LIBRARY = "video_device.so"
 _PACKAGE = "drivers.emulators.camera"
 
 
-class _DeviceReader(Reader):
-    """Feeds a device while it streams; one that is wedged asks for 0 frames a second."""
-
-    def greet(self) -> None:
-        asked = self.connection.recv(64).decode()
-        _logger.info("the device streams %s", asked.strip())
-        self._is_wedged = asked.endswith(" 0\n")
-        self.connection.settimeout(None)
-
-    def send(self, frame: bytes) -> None:
-        if self._is_wedged:
-            return
-        flags = _ERROR if frame.startswith(_DAMAGED) else 0
-        data = frame.removeprefix(_DAMAGED)
-        self.connection.sendall(struct.pack("=2I", len(data), flags) + data)
-
-
 _DAMAGED = b"\0without a packet\0"
 
 
@@ -203,10 +167,24 @@ def serve_device(path: Path, description: str) -> FrameServer:
         listener.bind(address)
     listener.listen()
     path.write_text(description)
-    return _DeviceServer(listener, _DeviceReader, str(path))
+    return _DeviceServer(listener, str(path))
 
 
 class _DeviceServer(FrameServer):
+    """Feeds a device while it streams; one that is wedged asks for 0 frames a second."""
+
+    def _greet(self, connection: socket.socket) -> Callable[[bytes], None]:
+        asked = connection.recv(64).decode()
+        _logger.info("the device streams %s", asked.strip())
+
+        def send(frame: bytes) -> None:
+            flags = _ERROR if frame.startswith(_DAMAGED) else 0
+            data = frame.removeprefix(_DAMAGED)
+            if not asked.endswith(" 0\n"):
+                connection.sendall(struct.pack("=2I", len(data), flags) + data)
+
+        return send
+
     def close(self) -> None:
         """Pull the plug: the device's file goes first, as udev removes it."""
         Path(self.address).unlink(missing_ok=True)
