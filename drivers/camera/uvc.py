@@ -25,7 +25,6 @@ import numpy as np
 
 from drivers.camera.pictures import RECORDED_AS, RollWatch, encoded, frame_shape, is_jpeg, jpeg_size
 from drivers.camera.v4l2 import (
-    ControlId,
     Offer,
     PixelFormat,
     VideoDevice,
@@ -141,30 +140,30 @@ def _lock(
     """Set what the configuration states and read it back."""
     if camera.exposure is not None:
         stream.set(cv2.CAP_PROP_AUTO_EXPOSURE, MANUAL_EXPOSURE)
-        _set(stream, ControlId.EXPOSURE, cv2.CAP_PROP_EXPOSURE, camera.exposure, offer)
+        _set(stream, "exposure", cv2.CAP_PROP_EXPOSURE, camera.exposure, offer)
     if camera.gain is not None:
-        _set(stream, ControlId.GAIN, cv2.CAP_PROP_GAIN, camera.gain, offer)
+        _set(stream, "gain", cv2.CAP_PROP_GAIN, camera.gain, offer)
     if camera.white_balance is not None:
         stream.set(cv2.CAP_PROP_AUTO_WB, 0.0)
         white = camera.white_balance
-        _set(stream, ControlId.WHITE_BALANCE, cv2.CAP_PROP_WB_TEMPERATURE, white, offer)
+        _set(stream, "white_balance", cv2.CAP_PROP_WB_TEMPERATURE, white, offer)
     if camera.leds is not None:
         red, green, blue = camera.leds
-        _set(stream, ControlId.LEDS, cv2.CAP_PROP_ZOOM, red << 8 | green << 4 | blue, offer)
+        _set(stream, "leds", cv2.CAP_PROP_ZOOM, red << 8 | green << 4 | blue, offer)
         yield "leds", f"{red} {green} {blue}"
 
 
-def _set(stream: cv2.VideoCapture, control: ControlId, prop: int, value: int, offer: Offer) -> None:
-    field = f"camera.{control.value.replace(' ', '_')}"
-    if control not in offer.ranges:
+def _set(stream: cv2.VideoCapture, name: str, prop: int, value: int, offer: Offer) -> None:
+    field = f"camera.{name}"
+    if name not in offer.ranges:
         raise DeviceError(
             f"camera: {offer.card} has no control for {field}",
             remedy=f"leave {field} out; `v4l2-ctl --list-ctrls` lists what it has",
         )
-    least, most, step = offer.ranges[control]
+    least, most, step = offer.ranges[name]
     stream.set(prop, float(value))
     got = stream.get(prop)
-    expected = min(value, _LED_READS_MOST) if control is ControlId.LEDS else value
+    expected = min(value, _LED_READS_MOST) if name == "leds" else value
     if got != value and abs(got - expected) >= step:
         raise DeviceError(
             f"camera: {field} was set to {value} and reads back {got:g}",

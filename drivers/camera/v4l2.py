@@ -60,23 +60,13 @@ class PixelFormat(StrEnum):
         return int.from_bytes(self.value.encode(), "little")
 
 
-class ControlId(StrEnum):
-    """Controls that are set, by what a message calls them."""
-
-    EXPOSURE = "exposure"
-    GAIN = "gain"
-    WHITE_BALANCE = "white balance"
-    LEDS = "leds"
-
-    @property
-    def code(self) -> int:
-        """Its number in V4L2; a DIGIT takes its lamps' brightness as the zoom."""
-        return {
-            ControlId.EXPOSURE: 0x009A0902,
-            ControlId.GAIN: 0x00980913,
-            ControlId.WHITE_BALANCE: 0x0098091A,
-            ControlId.LEDS: 0x009A090D,
-        }[self]
+CONTROLS = {
+    "exposure": 0x009A0902,
+    "gain": 0x00980913,
+    "white_balance": 0x0098091A,
+    "leds": 0x009A090D,  # a DIGIT takes its lamps' brightness as the zoom
+}
+"""Number in V4L2 of each control that is set, by its name in ``[camera]``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,7 +96,7 @@ class Offer:
     card: str  # name of the camera
     modes: tuple[VideoMode, ...]
     # Least value, largest value and step of each control that it has.
-    ranges: dict[ControlId, tuple[int, int, int]]
+    ranges: dict[str, tuple[int, int, int]]
 
 
 def read_offer(path: str) -> Offer:
@@ -188,16 +178,14 @@ def _rates(file: int, code: int, width: int, height: int) -> Iterator[float]:
             return
 
 
-def _ranges(file: int) -> Iterator[tuple[ControlId, tuple[int, int, int]]]:
-    for control in ControlId:
+def _ranges(file: int) -> Iterator[tuple[str, tuple[int, int, int]]]:
+    for name, code in CONTROLS.items():
         try:
-            answer = _ask(
-                file, "VIDIOC_QUERYCTRL", _CONTROL, (control.code, 0, b"", *[0] * 4, 0, 0, 0)
-            )
+            answer = _ask(file, "VIDIOC_QUERYCTRL", _CONTROL, (code, 0, b"", *[0] * 7))
         except OSError:
             continue  # it has no such control
         if not answer[7] & _DISABLED:
-            yield control, (answer[3], answer[4], max(answer[5], 1))
+            yield name, (answer[3], answer[4], max(answer[5], 1))
 
 
 def _listed(
