@@ -103,7 +103,7 @@ def robot_checks(config: RigConfig) -> list[CheckResult]:
                 home = _home_check(config, arm.state().pose.position)
             return [passed("robot.controller", f"{identity.model} at {identity.address}"), home]
         report = probe_controller(robot.host, timeout_s=robot.connect_timeout)
-    except DeviceError as error:
+    except RigError as error:
         unknown = [skipped(name, "no controller answers") for name in later]
         return [failed("robot.controller", error), *unknown]
     finding = (
@@ -146,7 +146,7 @@ def _force_sensor_checks(config: RigConfig, measure_s: float) -> list[CheckResul
             timer = latency_timer_check(section.port)
             time.sleep(measure_s)
             samples, health = sensor.drain(), sensor.health()
-    except DeviceError as error:
+    except RigError as error:
         return [failed("force_sensor.stream", error)]
     return [
         passed("force_sensor.stream", f"{identity.model} at {_place(identity)}"),
@@ -227,7 +227,7 @@ def _camera_checks(config: RigConfig, measure_s: float) -> list[CheckResult]:
         with _connected(camera) as identity:
             time.sleep(measure_s)
             frames, health = camera.drain(), camera.health()
-    except DeviceError as error:
+    except RigError as error:
         return [failed("camera.stream", error)]
     size = f", {section.width}x{section.height} px"
     return [

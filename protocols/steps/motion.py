@@ -291,7 +291,8 @@ def _watch_rest(cycle: Cycle, stop_ns: int) -> tuple[float | None, float, Breach
     deadline_ns = stop_ns + round(REST_S * 1e9)
     while cycle.rig.clock.now_ns() < deadline_ns:
         breach = _turn(cycle)
-        if breach is not None and breach.reaction is not Reaction.RETRACT:
+        is_locked = worst is not None and worst.reaction is Reaction.PROTECTIVE_STOP
+        if breach is not None and breach.reaction is not Reaction.RETRACT and not is_locked:
             worst = breach
         peak_n = max(peak_n, abs(cycle.last_force_n))
         state = cycle.last_state

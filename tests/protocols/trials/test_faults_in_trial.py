@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.run import Outcome
 from tests.mock.world import Gel
 
@@ -168,3 +169,14 @@ def test_a_sensor_that_dies_during_the_retract_stops_it(laboratory):
     result = lab.run()
     assert "the retract ended early" in result.reason
     lab.assert_rests()
+
+
+def test_a_lesser_fault_while_stopping_does_not_hide_a_worse_one(laboratory):
+    """The hard limit is passed while the arm comes to rest, then the sensor is gone: locked."""
+    lab = laboratory('protocol.force_targets=["4 N"]')
+    lab.when_phase("dwell", lambda: bump(lab, fz=3.0), delay_s=0.3)
+    lab.when_phase("dwell", lambda: bump(lab, fz=12.0), delay_s=0.4)
+    lab.when_phase("dwell", lambda: fault(lab, "force_sensor:unplug"), delay_s=0.5)
+    assert LOCKED in lab.run().reason
+    with pytest.raises(DeviceError, match="protective stop"):
+        lab.bench.arm.state()
