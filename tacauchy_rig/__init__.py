@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from sim.scene.scene import Target as Target
     from sim.sensor.sensor import Sensor as Sensor
     from sim.sensor.sensor import load_sensor as load_sensor
-    from tacauchy_rig.app.replay.opening import open_run as open_run
+    from tacauchy_rig.app.replay.parts import open_run as open_run
     from tacauchy_rig.app.replay.rendering import image_of as image_of
     from tacauchy_rig.app.replay.replay import replay_run as replay  # noqa: F401
     from tacauchy_rig.app.replay.report import evidence_of as evidence_of
@@ -57,7 +57,7 @@ _PUBLIC = {
     "load_config": "tacauchy_rig.core.config.load:load_config",
     "load_sensor": "sim.sensor.sensor:load_sensor",
     "Motion": "sim.scene.scene:Motion",
-    "open_run": "tacauchy_rig.app.replay.opening:open_run",
+    "open_run": "tacauchy_rig.app.replay.parts:open_run",
     "plan_effects": "sim.effects.plan:plan_effects",
     "Plane": "sim.scene.indenter:Plane",
     "Preset": "sim.scene.scene:Preset",

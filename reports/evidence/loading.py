@@ -29,8 +29,7 @@ from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.force_depth import ForceDepthCurve
 from tacauchy_rig.core.run import Criterion, Imported, JournalEvent, TrialRecord
 from tacauchy_rig.core.simulated import Replay, model_of
-from tacauchy_rig.core.store.check.attempt import RESULT_HASH, RESULT_WHOLE
-from tacauchy_rig.core.store.check.consistency import consistency
+from tacauchy_rig.core.store.check.attempt import RESULT_HASH, RESULT_WHOLE, consistency
 from tacauchy_rig.core.store.check.run import RunCheck, check_run
 from tacauchy_rig.core.store.force_series import ForceSeries, force_series
 from tacauchy_rig.core.store.journal import read_journal

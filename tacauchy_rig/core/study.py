@@ -1,7 +1,7 @@
 """A study: cases that are measured, their tables with criteria, and a page.
 
 A study subclasses ``Study`` and says what its cases are and what tables their results make.
-``tacauchy_rig.app.cli.study_command`` turns it into a command that selects cases, measures them one
+``tacauchy_rig.app.cli.studies`` turns it into a command that selects cases, measures them one
 by one or in parallel, keeps what was found, and writes a page and JSON.
 """
 

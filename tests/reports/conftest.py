@@ -42,8 +42,7 @@ from tacauchy_rig.core.run import (
 from tacauchy_rig.core.simulated import Replay, ReplayTrial
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
-from tacauchy_rig.core.store.replay_files import ReplayFields
-from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
 from tests.made_model import made_model
 
 HEIGHT, WIDTH = 240, 320

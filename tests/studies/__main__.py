@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from tacauchy_rig.app.cli.app import run_program
-from tacauchy_rig.app.cli.lazy import lazy_group
+from tacauchy_rig.app.cli.app import lazy_group, run_program
 
 STUDIES = {
     "fault-table": "tests.studies.fault_table.command:fault_table",

@@ -20,10 +20,10 @@ import pytest
 
 from reports.scores.residual_split import Cause
 from sim.scene.scene import Preset
-from tacauchy_rig.app.replay.image_causes import SplitPart
-from tacauchy_rig.app.replay.opening import open_run
+from tacauchy_rig.app.replay.parts import open_run
+from tacauchy_rig.app.replay.replay import SplitPart
 from tacauchy_rig.core.simulated import ResidualSplit
-from tacauchy_rig.core.store.replay_files import ReplayFields
+from tacauchy_rig.core.store.run_store import ReplayFields
 from tests.recorded_run import coarse_sensor, new_run, press_run
 from tests.studies import __main__ as studies
 from tests.studies.residual import command as residual_command

@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from tacauchy_rig.app.cli.options import ConfigFile, JsonFile, Overrides
-from tacauchy_rig.app.cli.output import console, say, write_json
+from tacauchy_rig.app.cli.output import ConfigFile, JsonFile, Overrides, console, say, write_json
 from tacauchy_rig.core import tables
 from tacauchy_rig.core.errors import ConfigError
 

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tacauchy_rig.app.cli.options import ConfigFile, JsonFile, Overrides
-from tacauchy_rig.app.cli.output import say, write_json
+from tacauchy_rig.app.cli.output import ConfigFile, JsonFile, Overrides, say, write_json
 from tacauchy_rig.core.check_result import CheckResult, CheckStatus
 
 _MARKS = {
@@ -89,7 +88,7 @@ def check_press(
     """
     from tacauchy_rig.app.cli.session import recorded
     from tacauchy_rig.app.gel_health.comparison import Advice, compare_runs, nearest_force_n
-    from tacauchy_rig.app.replay.opening import open_run
+    from tacauchy_rig.app.replay.parts import open_run
 
     known = open_run(before)
     target_n = nearest_force_n(known, USUAL_N)

@@ -11,8 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.emulators.faults import Device, parse_fault, written_faults
-from tacauchy_rig.app.cli.options import ConfigFile, JsonFile, Overrides
-from tacauchy_rig.app.cli.output import say, writable_folder, write_json
+from tacauchy_rig.app.cli.output import (
+    ConfigFile,
+    JsonFile,
+    Overrides,
+    say,
+    writable_folder,
+    write_json,
+)
 from tacauchy_rig.core.errors import DeviceError
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacauchy_rig.app.cli.options import JsonFile, RunFolder
-from tacauchy_rig.app.cli.output import complain, say, write_json
+from tacauchy_rig.app.cli.output import JsonFile, RunFolder, complain, say, write_json
 from tacauchy_rig.app.cli.watching import tell
 from tacauchy_rig.app.exporting.names import Format
 from tacauchy_rig.core.errors import AbortedError, command_line
@@ -54,7 +53,7 @@ def replay(
     """
     from sim.error import parse_tolerance
     from tacauchy_rig.app.cli.emulation import begin_calibration, emulated_calibration
-    from tacauchy_rig.app.replay.opening import open_run
+    from tacauchy_rig.app.replay.parts import open_run
     from tacauchy_rig.core.parallel import worker_process
     from tacauchy_rig.core.store.check.run import check_run
 
@@ -96,7 +95,7 @@ def report(folder: RunFolder, json_file: JsonFile = None) -> None:
 
     Example: tacauchy-rig report runs/20261123-gelsight-mini
     """
-    from tacauchy_rig.app.replay.opening import open_run
+    from tacauchy_rig.app.replay.parts import open_run
 
     report_and_exit(open_run(folder), json_file)
 

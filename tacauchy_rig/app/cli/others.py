@@ -10,8 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacauchy_rig.app.cli.options import JsonFile, Overrides
-from tacauchy_rig.app.cli.output import complain, say, writable_folder, write_json
+from tacauchy_rig.app.cli.output import (
+    JsonFile,
+    Overrides,
+    complain,
+    say,
+    writable_folder,
+    write_json,
+)
 from tacauchy_rig.core.errors import ConfigError, command_line
 
 if TYPE_CHECKING:
@@ -132,7 +138,7 @@ def judge(
     from reports.comparison.judging import judge as judged
     from reports.page.judged import write_judgement
     from tacauchy_rig.app.judging.of_run import replay_outputs, write_task
-    from tacauchy_rig.app.replay.opening import open_run
+    from tacauchy_rig.app.replay.parts import open_run
     from tacauchy_rig.app.replay.report import evidence_of
 
     reading = open_run(run)
@@ -166,8 +172,7 @@ def judge(
 def _write_baseline(baseline: Baseline, reading: RunReading, out: Path) -> Path:
     """Write what a baseline shows of a run's presses to a new folder, and return that."""
     from tacauchy_rig.app.cli.emulation import emulated_calibration
-    from tacauchy_rig.app.judging.layout import check_empty, write_outputs
-    from tacauchy_rig.app.judging.of_run import rigid_outputs
+    from tacauchy_rig.app.judging.of_run import check_empty, rigid_outputs, write_outputs
 
     folder = out / baseline.value
     check_empty(folder)

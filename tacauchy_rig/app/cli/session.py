@@ -12,8 +12,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacauchy_rig.app.cli.options import JsonFile, Overrides, RequiredConfigFile, RunFolder, takes
-from tacauchy_rig.app.cli.output import complain, say
+from tacauchy_rig.app.cli.output import (
+    JsonFile,
+    Overrides,
+    RequiredConfigFile,
+    RunFolder,
+    complain,
+    say,
+    takes,
+)
 from tacauchy_rig.app.cli.watching import TWIN_WORDS, port_of, told_of_errors, viewers_of
 from tacauchy_rig.core.check_result import CheckStatus
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, RigError, command_line
@@ -241,7 +248,7 @@ def _check_before(config: RigConfig, *, press_only: bool) -> None:
 def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> None:
     from tacauchy_rig.app.cli.emulation import begin_calibration
     from tacauchy_rig.app.cli.folders import replay_and_show, report_and_exit
-    from tacauchy_rig.app.replay.opening import open_run
+    from tacauchy_rig.app.replay.parts import open_run
     from tacauchy_rig.core.parallel import worker_process
 
     if request.press_only:
@@ -268,10 +275,14 @@ def _press_confirmed(
     store: RunStore, config: RigConfig, request: Request, on_start: Callable[[], None] | None = None
 ) -> SessionResult:
     """Press once a person has agreed; end the program where a fault or a person ended the run."""
-    from tacauchy_rig.app.cli.operator import confirm
-    from tacauchy_rig.app.session.cell import needs_weight, require_bounded_force, standing_check
+    from tacauchy_rig.app.cli.progress import confirm
     from tacauchy_rig.app.session.expected import kept_expectation
-    from tacauchy_rig.app.session.record import missed_lines
+    from tacauchy_rig.app.session.record import (
+        missed_lines,
+        needs_weight,
+        require_bounded_force,
+        standing_check,
+    )
     from tacauchy_rig.core.run import Outcome
 
     if request.weight is None and needs_weight(config) and config.force_sensor.is_emulated:
@@ -380,8 +391,8 @@ def _check_force(
     store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
 ) -> None:
     """Check the cell by the weight; without one, mark an earlier check that has expired."""
-    from tacauchy_rig.app.cli.operator import ask_for_weight, hang_emulated
-    from tacauchy_rig.app.session.cell import check_cell, mark_expired
+    from tacauchy_rig.app.cli.progress import ask_for_weight, hang_emulated
+    from tacauchy_rig.app.session.record import check_cell, mark_expired
 
     if weight is None:
         mark_expired(store)
@@ -398,7 +409,7 @@ def _check_force_after(
     store: RunStore, config: RigConfig, weight: Weight | None, emulation: Path | None
 ) -> None:
     """Check the cell once more after the last trial where it had to be, or was, checked before."""
-    from tacauchy_rig.app.session.cell import ForceCheckError, needs_weight
+    from tacauchy_rig.app.session.record import ForceCheckError, needs_weight
 
     before = store.force_check.load()
     if weight is None and before is not None and needs_weight(config):

@@ -1,22 +1,240 @@
-"""``tacauchy-rig study``: the studies that a user runs on their own machine."""
+"""``tacauchy-rig study``: the studies that a user runs, and the runner behind all studies."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import inspect
+import shlex
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from sim.scene.scene import Preset, SceneTerms
 from sim.studies.bench import Part
-from tacauchy_rig.app.cli.output import write_text
-from tacauchy_rig.app.cli.study_command import study_command
-from tacauchy_rig.core.study import Study
+from tacauchy_rig.app.cli.output import (
+    Jobs,
+    JsonFile,
+    Steps,
+    complain,
+    say,
+    show_table,
+    writable_folder,
+    write_json,
+    write_text,
+)
+from tacauchy_rig.core.errors import AbortedError, ConfigError
+from tacauchy_rig.core.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.study import About, Case, Result, Study, kept_results, measured, selected
+from tacauchy_rig.core.versions import commit, machine, versions
 
 if TYPE_CHECKING:
     from sim.optics.height.height_map import HeightMaps
     from tacauchy_rig.core.arrays import ImageArray
+
+
+# Options that say how a study is run, not what it measures.
+_UNSAID = ("jobs", "json_file", "resume", "list_only")
+
+
+def study_command(make: Callable[..., Study]) -> Callable[..., None]:
+    """Return a command of a study: its own options first, then those of every study.
+
+    Args:
+        make: Makes the study of its own options; its docstring is the command's help.
+    """
+    own = inspect.signature(make, eval_str=True).parameters
+    shared = inspect.signature(_run, eval_str=True).parameters
+
+    def command(context: typer.Context, **given: Any) -> None:
+        study = make(**{name: given.pop(name) for name in own})
+        _run(study, said_command(context), **given)
+
+    named = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
+    options = [*own.values(), *list(shared.values())[2:]]
+    command.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [named, *(each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in options)]
+    )
+    command.__annotations__ = {each.name: each.annotation for each in (named, *options)}
+    command.__name__, command.__doc__ = make.__name__, make.__doc__
+    return command
+
+
+def said_command(context: typer.Context) -> str:
+    """Return the command that was called, without what does not change its results."""
+    words = context.command_path.split()
+    for option in context.command.params:
+        source = context.get_parameter_source(option.name or "")
+        if option.name in _UNSAID or source is None or source.name != "COMMANDLINE":
+            continue
+        value = context.params[option.name]
+        for each in value if isinstance(value, list | tuple) else (value,):
+            words += [option.opts[0]] if isinstance(each, bool) else [option.opts[0], str(each)]
+    return shlex.join(words)
+
+
+def _run(
+    study: Study,
+    command: str,
+    *,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="PATTERN", help="Cases named so; may be repeated.")
+    ] = None,
+    list_only: Annotated[bool, typer.Option("--list", help="Name the cases and stop.")] = False,
+    jobs: Jobs = 1,
+    limit: Annotated[
+        str, typer.Option(metavar="TIME", help="A case that takes longer has failed.")
+    ] = "",
+    resume: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="JSON of an earlier run, whose results are taken; may be repeated. A case that "
+            "failed there is measured again if --only names it.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.md|DIR",
+            help="Write a page, its figures beside it in images; into DIR also JSON, and figures "
+            "for print.",
+        ),
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Measure the selected cases, show tables, and write page, figures and JSON."""
+    limit_s = parse_quantity(limit, dimension=Dimension.TIME, field="--limit") if limit else None
+    if study.is_together and (jobs > 1 or limit_s is not None):
+        raise ConfigError(
+            f"the {study.kind}s of {study.name} go on from one another",
+            remedy="leave out --jobs and --limit",
+        )
+    if resume and not study.is_resumable:
+        raise ConfigError(
+            f"{study.name} draws the presses themselves, which JSON does not keep",
+            remedy="leave out --resume",
+        )
+    cases = study.cases()
+    chosen = selected(
+        cases,
+        [study.pattern(text) for text in only or ()],
+        names=lambda case: (case.name, *filter(None, (case.alias,))),
+        kind=study.kind,
+    )
+    if not only:
+        chosen = tuple(case for case in chosen if list_only or not case.on_request)
+    if list_only:
+        for case in chosen:
+            say(f"{case.name:22} {case.shows}".rstrip())
+        return
+    kept = kept_results(resume or [], chosen)
+    if only:
+        kept = {name: each for name, each in kept.items() if not each.failure}
+    elif out is None:
+        out = study.page_file
+    _Runner(study, chosen, kept, command, out, json_file).run(jobs, limit_s)
+
+
+@dataclass(slots=True)
+class _Runner:
+    study: Study
+    cases: Sequence[Case]
+    results: dict[str, Result]
+    command: str
+    out: Path | None
+    json_file: Path | None
+
+    def run(self, jobs: int, limit_s: float | None) -> None:
+        study, is_cut = self.study, False
+        if self.out is not None:
+            writable_folder(self.out.parent if self._page == self.out else self.out)
+        wanted = [case for case in self.cases if case.name not in self.results]
+        found = measured(wanted, jobs=jobs, limit_s=limit_s)
+        self._write()
+        try:
+            with Steps() as step:
+                for number, result in enumerate(found, start=1):
+                    self.results[result.name] = result
+                    step(f"{result.name}: {study.line(result)}", number, len(wanted))
+                    self._write()
+        except KeyboardInterrupt:
+            is_cut = True
+            complain(f"interrupted: {len(self._done)} of {len(self.cases)} cases are done and kept")
+        done = self._done
+        for table in study.tables(done) if done else ():
+            show_table(table)
+        for file in self._written(figures=bool(done)):
+            say(str(file))
+        if is_cut:
+            raise AbortedError("aborted by Ctrl-C")
+        raise typer.Exit(0 if study.has_passed(done) else 1)
+
+    @property
+    def _done(self) -> list[Result]:
+        """The results that are there, in the order of the cases."""
+        return [self.results[case.name] for case in self.cases if case.name in self.results]
+
+    @property
+    def _page(self) -> Path | None:
+        if self.out is None or self.out.suffix == ".md":
+            return self.out
+        return self.out / f"{self.study.name}.md"
+
+    def _write(self, images: Sequence[str] = ()) -> None:
+        """Write page and JSON of what is there, after every case."""
+        done, page = self._done, self._page
+        if not done:
+            return
+        about = About(self.command, commit(), len(self.cases) - len(done))
+        if page is not None:
+            write_text(page, self.study.page(done, about, images))
+        facts = {
+            **self.study.facts(done),
+            "results": done if self.study.is_resumable else [],
+            **about._asdict(),
+            "machine": machine(),
+            "versions": versions(),
+        }
+        for file in filter(None, (self.json_file, self._own_json)):
+            write_json(file, facts)
+
+    @property
+    def _own_json(self) -> Path | None:
+        page = self._page
+        return page.with_suffix(".json") if page is not None and page != self.out else None
+
+    def _written(self, *, figures: bool) -> Iterator[Path]:
+        """Draw the figures, write the page with them, and yield all files."""
+        page = self._page
+        if page is None:
+            return
+        drawn = self._drawn(page) if figures else []
+        pictures = [file for file in drawn if file.parent == page.parent / "images"]
+        self._write([f"images/{file.name}" for file in pictures])
+        yield from (*(file for file in drawn if file.exists()), page)
+        if self._own_json:
+            yield self._own_json
+
+    def _drawn(self, page: Path) -> list[Path]:
+        from matplotlib import rc_context
+
+        from tacauchy_rig.core.figure_style import FRAMED_STYLE, STYLE, save_figure
+
+        with ExitStack() as spare, rc_context(FRAMED_STYLE if self.study.is_framed else STYLE):
+            folder = page.parent
+            if page == self.out:  # a page alone: figures for print are not asked for
+                folder = Path(spare.enter_context(TemporaryDirectory()))
+            images = page.parent / "images"
+            return [
+                file
+                for name, figure in self.study.figures(self._done).items()
+                for file in save_figure(figure, folder, name, page_folder=images)
+            ]
+
 
 SensorName = Annotated[str, typer.Option("--sensor")]
 IndenterTerms = Annotated[str, typer.Option("--indenter")]

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacauchy_rig.app.cli.options import Jobs
-from tacauchy_rig.app.cli.output import Steps, say, writable_folder, write_text
+from tacauchy_rig.app.cli.output import Jobs, Steps, say, writable_folder, write_text
 from tacauchy_rig.app.sweep.names import EngineName
 from tacauchy_rig.core.errors import ConfigError
 
@@ -55,8 +54,7 @@ def sweep(
             "a sweep needs PLAN and --out FOLDER",
             remedy="`tacauchy-rig sweep --example > plan.toml` writes a plan",
         )
-    from tacauchy_rig.app.sweep.plan import read_plan
-    from tacauchy_rig.app.sweep.rows import rows_of
+    from tacauchy_rig.app.sweep.plan import read_plan, rows_of
     from tacauchy_rig.app.sweep.run import estimate
     from tacauchy_rig.app.sweep.run import sweep as run
     from tacauchy_rig.core.long_task import doing

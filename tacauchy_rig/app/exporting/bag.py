@@ -14,8 +14,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from scipy.spatial.transform import Rotation
 
-from tacauchy_rig.app.exporting.episode import Episode
-from tacauchy_rig.app.exporting.import_spec import pad_centre, write_spec
+from tacauchy_rig.app.exporting.episode import Episode, pad_centre, write_spec
 from tacauchy_rig.app.importing.bag import IMAGES, POSE, TYPES, WRENCH
 from tacauchy_rig.core.store.recording.messages import POSE_FIELDS
 from tacauchy_rig.core.store.run_store import RunStore

@@ -1,21 +1,28 @@
-"""A press as every format takes it: streams in SI with stamps, images, windows, numbers, fields."""
+"""A press as every format takes it, and the ``import.toml`` that lets ``import`` take it back."""
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tacauchy_rig.app.importing.importer import MESH, PATH_FIELDS, RIG_FIELDS, RIG_TABLES, SPEC_NAME
 from tacauchy_rig.app.importing.presses import Samples, Window
+from tacauchy_rig.app.importing.table import as_toml
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray, IndexArray, Int64Array
+from tacauchy_rig.core.config.model import IndenterKind
 from tacauchy_rig.core.errors import ConfigError, RecordError, command_line
 from tacauchy_rig.core.long_task import doing
+from tacauchy_rig.core.registry import Kind, unknown
 from tacauchy_rig.core.rgb import decode_rgb
 from tacauchy_rig.core.run import ImageFrame, TrialRecord
 from tacauchy_rig.core.simulated import REPLAY_NAME
+from tacauchy_rig.core.store.durable import write_atomically
 from tacauchy_rig.core.store.run_store import RunStore
 
 _NUMBERS = (
@@ -205,3 +212,63 @@ def needed(name: str) -> Any:
             f"{name} is not installed, which writes this format",
             remedy='pip install "tacauchy-rig[export]"',
         ) from error
+
+
+_EXACT_SHARE = 1e-9
+
+
+def write_spec(store: RunStore, out: Path, kind: str, data: Mapping[str, object]) -> None:
+    """Write what a source of a run's presses says of itself; files that it names come with it."""
+    written = store.description["written"]
+    rig = {k: v for k, v in written.items() if k in RIG_FIELDS or k.partition(".")[0] in RIG_TABLES}
+    rig["replay.indenter"] = indenter_of(store)
+    for field in (*PATH_FIELDS, "replay.indenter"):
+        rig |= {field: _within(out, field, str(rig[field]))} if rig.get(field) else {}
+    head = {"kind": kind, "name": store.config.run.name, "simulated": store.simulated}
+    tables = {"data": data, "rig": rig}
+    lines = {f"{table}.{k}": v for table, values in tables.items() for k, v in values.items()}
+    write_atomically(out / SPEC_NAME, as_toml({**head, **lines}).encode())
+
+
+def _within(out: Path, field: str, value: str) -> str:
+    """Return a value; the file that it names is copied into the export."""
+    if field == "replay.indenter" and not value.startswith(MESH):
+        return value
+    if field == "sensor.name" and not unknown(Kind.SENSOR, value):
+        return value
+    name, *further = value.removeprefix(MESH).split(",")
+    shutil.copy2(name, out / Path(name).name)
+    mesh = MESH if value.startswith(MESH) else ""
+    return ",".join([f"{mesh}{Path(name).name}", *further])
+
+
+def indenter_of(store: RunStore) -> str:
+    """Return a run's indenter as ``press --indenter`` has it."""
+    replay, own = store.config.replay, store.config.indenter
+    if replay.indenter is not None:
+        return replay.indenter
+    size = f"diameter={1e3 * own.diameter:.9g}mm"
+    if own.kind is IndenterKind.SPHERE:
+        return f"sphere:{size}"
+    return f"cylinder:{size},fillet={1e3 * own.fillet:.9g}mm"
+
+
+def pad_centre(store: RunStore) -> tuple[float, float] | None:
+    """Return where the tip is above the pad's centre in the robot's frame [m]; None: not known."""
+    if not store.config.is_imported:
+        x, y, _ = store.config.sensor.surface
+        return x, y
+    centres = []
+    for index, trial in store.imported_trials.items():
+        record = store.counting(index)
+        if record is None or trial.place_m is None or record.dwell_start_ns is None:
+            return None
+        arm = store.recording(index, record.attempt).arm()
+        inside = (arm.stamp_ns >= record.dwell_start_ns) & (
+            arm.stamp_ns <= (record.dwell_end_ns or 0)
+        )
+        if not inside.any():
+            return None
+        centres.append(arm.pose[inside, :2].mean(axis=0) - trial.place_m)
+    x, y = np.mean(centres, axis=0).tolist()
+    return None if np.ptp(centres, axis=0).max() > _EXACT_SHARE else (x, y)

@@ -21,10 +21,10 @@ OF_CALIBRATIONS = (Format.ISAACLAB, Format.TAXIM, Format.TACEX)
 
 WRITERS: Mapping[Format, tuple[str, str]] = {
     Format.CSV: ("table", "write_csv"),
-    Format.LEROBOT: ("lerobot", "write_lerobot"),
-    Format.HDF5: ("hdf5", "write_hdf5"),
+    Format.LEROBOT: ("learning", "write_lerobot"),
+    Format.HDF5: ("learning", "write_hdf5"),
     Format.ROSBAG2: ("bag", "write_bag"),
-    Format.WEBDATASET: ("webdataset", "write_webdataset"),
+    Format.WEBDATASET: ("learning", "write_webdataset"),
     Format.VTU: ("vtu", "write_vtu"),
     Format.USD: ("usd", "write_usd"),
     Format.ISAACLAB: ("taxim", "write_isaaclab"),

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.app.exporting.import_spec import indenter_of, pad_centre, write_spec
+from tacauchy_rig.app.exporting.episode import indenter_of, pad_centre, write_spec
 from tacauchy_rig.app.importing.rows import POSE, WRENCH
 from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.errors import RecordError, command_line

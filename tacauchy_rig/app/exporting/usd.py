@@ -16,7 +16,7 @@ from sim.mesh.refinement import sensor_mesh
 from sim.scene.pad import BoxPad
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.exporting.episode import needed
-from tacauchy_rig.app.exporting.states import states_of
+from tacauchy_rig.app.exporting.vtu import states_of
 from tacauchy_rig.core.arrays import AnyArray
 from tacauchy_rig.core.errors import ConfigError
 

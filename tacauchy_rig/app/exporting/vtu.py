@@ -6,10 +6,27 @@ import shutil
 from pathlib import Path
 
 from sim.fields.press_fields import vtu
-from tacauchy_rig.app.exporting.states import states_of
+from tacauchy_rig.app.replay.press_folder import STATES_NAME
+from tacauchy_rig.core.arrays import AnyArray
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.simulated import REPLAY_NAME
-from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.store.run_store import RunStore, unpack_arrays
+
+
+def states_of(press: Path) -> dict[str, AnyArray]:
+    """Return what ``passed_states`` does, and the sensor's name and the gel's density.
+
+    Raises:
+        RecordError: The folder holds none.
+    """
+    found = unpack_arrays(press / STATES_NAME)
+    if not found:
+        raise RecordError(
+            f"{press}: holds no {STATES_NAME}, the states of a press",
+            remedy=f"name a folder of `tacauchy-rig press ... --out {press.name}`",
+        )
+    return found
+
 
 _PVD = """<?xml version="1.0"?>
 <VTKFile type="Collection" version="0.1"><Collection>

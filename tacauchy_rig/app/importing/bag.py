@@ -27,14 +27,6 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from tacauchy_rig.app.importing.offset import (
-    Signal,
-    felt_over_rests,
-    image_change,
-    likeness,
-    offset_to_force,
-    root_of,
-)
 from tacauchy_rig.app.importing.presses import (
     Frame,
     PressFinding,
@@ -47,6 +39,14 @@ from tacauchy_rig.app.importing.presses import (
     find_presses,
 )
 from tacauchy_rig.app.importing.source import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
+from tacauchy_rig.app.importing.video import (
+    Signal,
+    felt_over_rests,
+    image_change,
+    likeness,
+    offset_to_force,
+    root_of,
+)
 from tacauchy_rig.core.arrays import Int64Array
 from tacauchy_rig.core.config.fields import Length, Section
 from tacauchy_rig.core.errors import RecordError, RigError

@@ -26,7 +26,7 @@ from tacauchy_rig.app.importing.source import (
     read_npz,
 )
 from tacauchy_rig.app.importing.table import read_table
-from tacauchy_rig.app.judging.layout import (
+from tacauchy_rig.app.judging.of_run import (
     DESCRIPTION,
     DIMENSIONS,
     FIELDS,

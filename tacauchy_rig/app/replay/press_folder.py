@@ -25,7 +25,7 @@ from tacauchy_rig.app.replay.rendering import height_arrays, image_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.figure_style import FRAMED_STYLE, PAGE_IN, save_figure
 from tacauchy_rig.core.store.durable import write_atomically
-from tacauchy_rig.core.store.replay_files import ReplayFields, pack_arrays, write_fields
+from tacauchy_rig.core.store.run_store import ReplayFields, pack_arrays, write_fields
 
 _MM, _KPA = 1e3, 1e-3
 STATES_NAME = "states.npz"

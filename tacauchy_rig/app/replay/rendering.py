@@ -25,7 +25,7 @@ from tacauchy_rig.app.replay.optics import OpticalCalibration, grey_frame, nomin
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.simulated import IMAGE_S, MarkerMotion, Replay
-from tacauchy_rig.core.store.replay_files import ReplayFields
+from tacauchy_rig.core.store.run_store import ReplayFields
 
 SAMPLES = 2
 """Of a pixel, along rows and along columns."""

@@ -20,8 +20,16 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from protocols.processes.page.access import AccessRule
 from reports.page.html import report_script
-from tacauchy_rig.app.results.comparison import Row, charts_of, compare, differing, in_words
-from tacauchy_rig.app.results.runs import Health, ListedRun, find_runs
+from tacauchy_rig.app.results.runs import (
+    Health,
+    ListedRun,
+    Row,
+    charts_of,
+    compare,
+    differing,
+    find_runs,
+    in_words,
+)
 from tacauchy_rig.app.twin.watch import watch_script
 from tacauchy_rig.core.store.run_files import MAX_BYTES
 

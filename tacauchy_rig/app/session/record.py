@@ -3,21 +3,129 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence, Set
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+from drivers.force_sensor.weighing import Load, weigh
 from protocols.guard.abort import AbortWatch
+from protocols.guard.witness import TOLERANCE, WORST_N, WORST_SHARE
 from protocols.processes.messages import PageOptions, ViewerOptions
 from protocols.processes.supervisor import SessionResult, run_session
-from tacauchy_rig.app.session.cell import require_bounded_force
 from tacauchy_rig.app.session.expected import kept_expectation
 from tacauchy_rig.core.config.load import Change, LoadedConfig
 from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import RigError
+from tacauchy_rig.core.force_check import EXPIRY_H, ForceCheck, Weight, judge_weight
 from tacauchy_rig.core.run import Criterion, JournalEvent, Outcome, TrialRecord
+from tacauchy_rig.core.store.codec import to_json
 from tacauchy_rig.core.store.free_space import check_free_space
 from tacauchy_rig.core.store.journal import append_event
 from tacauchy_rig.core.store.run_store import RunStore
 from tacauchy_rig.core.versions import versions
+
+
+class ForceCheckError(RigError):
+    """The cell does not say what hangs on it, so nothing may be pressed by its word."""
+
+
+def check_cell(
+    store: RunStore, config: RigConfig, weight: Weight, *, ask: Callable[[Load], None]
+) -> ForceCheck:
+    """Weigh a known weight with the run's cell, and keep what was found, right or wrong.
+
+    Args:
+        store: The run, new or begun.
+        config: Its configuration with the addresses that hold now.
+        weight: What the operator hangs on the tool.
+        ask: Returns once the cell carries what is asked for.
+
+    Raises:
+        ForceCheckError: Size, sign or axis is wrong; the likely cause stands in the remedy.
+        DeviceError: The cell does not answer.
+    """
+    with store.lock():
+        before, loaded, after = weigh(config, ask=ask)
+        check = judge_weight(
+            weight,
+            before=before,
+            loaded=loaded,
+            after=after,
+            compression_sign=config.force_sensor.compression_sign,
+            checked=datetime.now(UTC).isoformat(timespec="seconds"),
+        )
+        store.force_check.save(check)
+        append_event(store.paths.journal, JournalEvent.now("force-check", **to_json(check)))
+    if not check.passed:
+        raise ForceCheckError(f"the cell is wrong: {check.finding}", remedy=check.remedy)
+    return check
+
+
+def require_right_cell(store: RunStore) -> None:
+    """Refuse to go on with a cell that was found wrong when it was checked last.
+
+    Raises:
+        ForceCheckError: It was; the likely cause and how to check it again stand in the remedy.
+    """
+    check = store.force_check.load()
+    if check is not None and not check.passed:
+        raise ForceCheckError(
+            f"the cell was wrong when it was checked last, on {check.checked}: {check.finding}",
+            remedy=f"{check.remedy}; then repeat it: --check-weight "
+            f"{check.weight.mass_kg * 1e3:g}g",
+        )
+
+
+def needs_weight(config: RigConfig) -> bool:
+    """Return whether the arm feels too little to bound what a wrong cell may do to the gel.
+
+    ``limits.allow_unchecked_force`` admits that.
+    """
+    arm, target_n = TOLERANCE[config.robot.model], min(config.protocol.force_targets)
+    return not (config.limits.allow_unchecked_force or arm.bounds(target_n))
+
+
+def require_bounded_force(store: RunStore, config: RigConfig) -> None:
+    """Refuse to press by a cell that nothing has checked and no arm would contradict.
+
+    Raises:
+        ForceCheckError: It is so, or the cell was found wrong when it was checked last.
+    """
+    require_right_cell(store)
+    if needs_weight(config) and (note := standing_check(store)):
+        arm, target_n = TOLERANCE[config.robot.model], min(config.protocol.force_targets)
+        raise ForceCheckError(
+            f"{note}; robot.model {config.robot.model.value} feels force to {arm.force_n:g} N and "
+            f"{arm.share:.0%} only, so at protocol.force_targets {target_n:g} N a wrong cell could "
+            f"press with more than {WORST_SHARE * target_n + WORST_N:.2f} N; nothing moved",
+            remedy="add --check-weight 200g with a weight at hand; or "
+            "limits.allow_unchecked_force = true, which the report will say",
+        )
+
+
+def standing_check(store: RunStore, *, now: datetime | None = None) -> str:
+    """Return why the force of what is pressed now is not checked; empty where it is."""
+    check = store.force_check.load()
+    if check is None:
+        return "force not checked: --check-weight 200g checks the cell by a known weight first"
+    if _is_current(check, now or datetime.now(UTC)):
+        return ""
+    return (
+        f"force not checked: the check of {check.checked} has expired after {EXPIRY_H:g} h; "
+        f"--check-weight {check.weight.mass_kg * 1e3:g}g repeats it"
+    )
+
+
+def mark_expired(store: RunStore, *, now: datetime | None = None) -> None:
+    """Note in a check that has expired that trials are added to it, for the report to say so."""
+    check, now = store.force_check.load(), now or datetime.now(UTC)
+    if check is not None and not _is_current(check, now):
+        store.force_check.save(replace(check, expired=now.isoformat(timespec="seconds")))
+
+
+def _is_current(check: ForceCheck, now: datetime) -> bool:
+    return now - datetime.fromisoformat(check.checked) <= timedelta(hours=EXPIRY_H)
+
 
 MISSED = "missed: "
 

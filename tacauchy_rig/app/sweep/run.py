@@ -2,21 +2,231 @@
 
 from __future__ import annotations
 
+import base64
+import datetime
+import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
+from typing import Any
 
-from tacauchy_rig.app.sweep.datasheet import write_datasheet
+import numpy as np
+from jinja2 import Environment
+
 from tacauchy_rig.app.sweep.engines import Engine
-from tacauchy_rig.app.sweep.files import SHARDS, done_rows, make_shard, write_index
-from tacauchy_rig.app.sweep.plan import Plan
-from tacauchy_rig.app.sweep.rows import Row, sensor_of
-from tacauchy_rig.app.sweep.shard import hashed, shards_of
-from tacauchy_rig.app.sweep.summary import write_summary
+from tacauchy_rig.app.sweep.files import (
+    LARGE,
+    SHARDS,
+    checksums,
+    done_rows,
+    hashed,
+    make_shard,
+    parquet,
+    shards_of,
+    write_index,
+)
+from tacauchy_rig.app.sweep.names import INDEX
+from tacauchy_rig.app.sweep.plan import Plan, Row, made_with, sensor_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.long_task import doing
+from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg
 from tacauchy_rig.core.store.durable import free_bytes, write_atomically
+
+_CROISSANT = "http://mlcommons.org/croissant/1.1"
+PLAN, SUMS = "plan.json", "SHA256SUMS"
+_LISTS: tuple[str, ...] = ("data_collection_type", "data_preprocessing_protocol", "data_biases")
+_LISTS += ("data_limitations", "data_use_cases", "personal_sensitive_information")
+_TYPES = {"string": "Text", "double": "Float", "bool": "Bool", "int64": "Integer"}
+
+
+def write_datasheet(folder: Path, plan: Plan, table: Any) -> None:
+    """Write ``plan.json``, ``SHA256SUMS``, ``croissant.json`` and ``ro-crate-metadata.json``.
+
+    Args:
+        table: The index.
+
+    Raises:
+        ConfigError: mlcroissant or rocrate is not installed.
+    """
+    write_atomically(folder / PLAN, plan.model_dump_json(indent=2).encode())
+    shards = sorted({folder / name for name in table["shard"].to_pylist()})
+    sums = checksums(folder, [folder / PLAN, folder / INDEX, *shards])
+    lines = "".join(f"{digest}  {name}\n" for name, digest in sums.items())
+    write_atomically(folder / SUMS, lines.encode())
+    facts = _facts(plan, table)
+    write_atomically(folder / "croissant.json", _json(_croissant(plan, table, sums, facts)))
+    _write_crate(folder, plan, sums, facts)
+
+
+def _json(content: Any) -> bytes:
+    return (json.dumps(content, indent=2, default=str) + "\n").encode()
+
+
+def _facts(plan: Plan, table: Any) -> dict[str, str]:
+    """Return the sentences of the datasheet by their names."""
+    text = resources.files(__package__).joinpath("datasheet.json").read_text("utf-8")
+    valid = sum(table["valid"].to_pylist())
+    given = {
+        "count": str(table.num_rows),
+        "invalid": str(table.num_rows - valid),
+        "edge": f"{plan.simulation.edge * 1e3:g} mm",
+        "design": str(plan.design),
+        "seed": str(plan.seed),
+        "sensors": ", ".join(sorted(set(table["sensor"].to_pylist()))),
+        "versions": ", ".join(f"{name} {version}" for name, version in made_with().items()),
+    }
+    return {name: value.format(**given) for name, value in json.loads(text).items()}
+
+
+def _croissant(plan: Plan, table: Any, sums: dict[str, str], facts: dict[str, str]) -> Any:
+    try:
+        import mlcroissant as mlc  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise _missing("mlcroissant") from error
+    kind = "application/x-parquet"
+    files = [
+        mlc.FileObject(id=name, name=name, content_url=name, encoding_formats=[kind], sha256=digest)
+        for name, digest in sums.items()
+        if name.endswith(".parquet")
+    ]
+    shards = mlc.FileSet(
+        id=SHARDS, name=SHARDS, includes=[f"{SHARDS}/*.parquet"], encoding_formats=[kind]
+    )
+    fields = [
+        mlc.Field(
+            id=f"presses/{field.name}",
+            name=field.name,
+            data_types=[getattr(mlc.DataType, _TYPES[str(field.type)].upper())],
+            source=mlc.Source(file_object=INDEX, extract=mlc.Extract(column=field.name)),
+        )
+        for field in table.schema
+        if str(field.type) in _TYPES
+    ]
+    large = [
+        mlc.Field(
+            id=f"fields/{name}",
+            name=name,
+            data_types=[mlc.DataType.TEXT if name in LARGE[2:] else mlc.DataType.IMAGE_OBJECT],
+            source=mlc.Source(file_set=SHARDS, extract=mlc.Extract(column=name)),
+        )
+        for name in LARGE
+    ]
+    given = {name: [value] if name in _LISTS else value for name, value in facts.items()}
+    return mlc.Metadata(
+        name=plan.dataset.name,
+        conforms_to=[_CROISSANT, f"{_CROISSANT.rpartition('/')[0]}/RAI/1.0"],
+        license=[plan.dataset.licence],
+        creators=[mlc.Person(name=plan.dataset.creator)] if plan.dataset.creator else [],
+        date_published=_today(),
+        distribution=[*files, shards],
+        record_sets=[
+            mlc.RecordSet(id="presses", name="presses", fields=fields),
+            mlc.RecordSet(id="fields", name="fields", fields=large),
+        ],
+        **given,
+    ).to_json()
+
+
+def _write_crate(folder: Path, plan: Plan, sums: dict[str, str], facts: dict[str, str]) -> None:
+    try:
+        from rocrate.model import File, Person  # noqa: PLC0415 - an extra
+        from rocrate.rocrate import ROCrate  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise _missing("rocrate") from error
+    crate = ROCrate()
+    crate.name, crate.description = plan.dataset.name, facts["description"]
+    crate.license, crate.datePublished = plan.dataset.licence, _today()
+    if plan.dataset.creator:
+        crate.creator = crate.add(
+            Person(crate, "#creator", properties={"name": plan.dataset.creator})
+        )
+    for name, digest in sums.items():
+        crate.add(File(crate, folder / name, name, properties={"sha256": digest}))
+    write_atomically(folder / "ro-crate-metadata.json", _json(crate.metadata.generate()))
+
+
+def _today() -> datetime.datetime:
+    return datetime.datetime.combine(datetime.datetime.now(datetime.UTC).date(), datetime.time())
+
+
+def _missing(name: str) -> ConfigError:
+    return ConfigError(
+        f"a datasheet needs {name}, which is not installed",
+        remedy="install the extra: pip install 'tacauchy-rig[sweep]'",
+    )
+
+
+SHOWN = 50
+"""Images on the page."""
+_QUALITY = 80
+_VARIED: tuple[str, ...] = (
+    "commanded_depth_m",
+    "commanded_force_n",
+    "x_m",
+    "y_m",
+    "shift_x_m",
+    "shift_y_m",
+)
+_VARIED += ("twist_rad", "tilt_x_rad", "tilt_y_rad", "material", "friction", "light", "noise")
+_FOUND = ("force_x_n", "force_y_n", "force_z_n", "contact_radius_m")
+_SLOWEST = 10
+
+
+def write_summary(folder: Path, plan: Plan, table: Any) -> None:
+    """Write the page of an index's table."""
+    rows = table.to_pylist()
+    good = [row for row in rows if row["valid"]]
+    errors = np.array([row["force_error"] for row in good] or [np.nan])
+    reasons = [row["reason"] for row in rows if not row["valid"]]
+    facts = {
+        "name": plan.dataset.name,
+        "rows": rows,
+        "valid": len(good),
+        "failures": {reason: reasons.count(reason) for reason in sorted(set(reasons))},
+        "ranges": [_range(name, rows) for name in _VARIED]
+        + [_range(name, good) for name in _FOUND],
+        "objects": _counts(rows, "object"),
+        "sensors": _counts(rows, "sensor"),
+        "errors": [(f"{part} %", np.percentile(errors, part)) for part in (50, 95, 100)],
+        "tolerance": plan.simulation.tolerance,
+        "within": float(np.mean(errors <= plan.simulation.tolerance)),
+        "slowest": sorted(rows, key=lambda row: -row["evaluations"])[:_SLOWEST],
+        "images": _images(folder, rows),
+    }
+    text = resources.files(__package__).joinpath("summary.html.jinja").read_text("utf-8")
+    page = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(text)
+    write_atomically(folder / "summary.html", page.render(**facts).encode())
+
+
+def _range(name: str, rows: list[dict[str, Any]]) -> tuple[str, int, float, float]:
+    values = [row[name] for row in rows if row[name] is not None]
+    return name, len(set(values)), min(values, default=np.nan), max(values, default=np.nan)
+
+
+def _counts(rows: list[dict[str, Any]], name: str) -> list[tuple[str, int, int, int]]:
+    """Return of each value how many presses it has, how many are valid, and are tests by object."""
+    found = []
+    for value in sorted({row[name] for row in rows}):
+        own = [row for row in rows if row[name] == value]
+        tests = sum(row["split_object"] == "test" for row in own)
+        found.append((value, len(own), sum(row["valid"] for row in own), tests))
+    return found
+
+
+def _images(folder: Path, rows: list[dict[str, Any]]) -> list[tuple[dict[str, Any], str]]:
+    """Return some presses, evenly over the plan, with their images as data addresses."""
+    chosen = [rows[k] for k in np.unique(np.linspace(0, len(rows) - 1, SHOWN).astype(int))]
+    found = []
+    for row in chosen:
+        file = parquet().parquet.ParquetFile(folder / row["shard"])
+        image = decode_rgb(file.read(columns=["image"])["image"][row["offset"]].as_py())
+        assert image is not None  # noqa: S101 - a shard's own
+        small = base64.b64encode(encode_jpeg(image, quality=_QUALITY)).decode()
+        found.append((row, f"data:image/jpeg;base64,{small}"))
+    return found
+
 
 # Of one press on edges of 1.25 mm, without friction, on one core [s]; it goes with the number of
 # elements. Friction and ways along the gel, triangles, and a tolerance of 5 % take so many times as

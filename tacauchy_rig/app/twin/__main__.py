@@ -12,8 +12,7 @@ import time
 from protocols.processes.child import ignore_signals, run_child
 from protocols.processes.messages import VIEWERS, Channel, FeedWriters, Job, Order, feed_readers
 from protocols.processes.viewing import PRODUCERS
-from tacauchy_rig.app.twin.following import RunFollower
-from tacauchy_rig.app.twin.twin import DEVICE, FOLLOWS, Follows, twin_of
+from tacauchy_rig.app.twin.twin import DEVICE, FOLLOWS, Follows, RunFollower, twin_of
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.store.codec import dumps
 

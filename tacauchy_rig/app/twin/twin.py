@@ -2,16 +2,102 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from time import monotonic_ns, process_time
+from typing import Any
 
+import cv2
+import numpy as np
+
+from protocols.processes.messages import Shown
 from protocols.processes.messages import ViewerOptions
+from reports.evidence.attempt import crop_and_resize, median_image
+from reports.evidence.evidence import ImageGeometry
+from reports.scores.contact import (
+    contact_footprint,
+    contact_region,
+    image_change,
+    relative_residual,
+)
+from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
-from sim.twin.follower import Follower, ImageOptions
+from sim.twin.follower import Follower, Goal, ImageOptions, TwinFrame
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_of, say_nothing
-from tacauchy_rig.app.twin.images import CameraImages
+from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import RigConfig
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg, reduction_to
+from tacauchy_rig.core.run import JournalEvent, Phase
+
+_QUALITY = 85
+
+
+class CameraImages:
+    """Frames of a camera as images of a twin's size.
+
+    Args:
+        view: Where the pixels of the twin's images look.
+        crop_fraction: Part of a frame's width and height cut off at each border.
+        frame_width_px: Of the camera's frames.
+    """
+
+    def __init__(self, view: CameraGeometry, *, crop_fraction: float, frame_width_px: int) -> None:
+        self._geometry = ImageGeometry(
+            crop_fraction=crop_fraction, width_px=view.width, height_px=view.height
+        )
+        room = (1.0 - 2.0 * crop_fraction) * frame_width_px / view.width
+        self._reduction = reduction_to(room)
+
+    def of(self, jpeg: bytes) -> ImageArray | None:
+        """Return the image of a frame, RGB; None where it is no whole image or too small."""
+        image = decode_rgb(jpeg, reduction=self._reduction)
+        if image is None:
+            return None
+        try:
+            return crop_and_resize(image, self._geometry)
+        except RecordError:
+            return None
+
+
+def contact_residual(real: ImageArray, simulated: ImageArray, unloaded: ImageArray) -> float | None:
+    """Return |real - simulated| / |real| of the changes in the contact that the real image shows.
+
+    0 is perfect, 1 is what no contact would leave; None where the real image shows no contact.
+    """
+    change = image_change(real, unloaded)
+    footprint = contact_footprint(change)
+    if footprint is None:
+        return None
+    found = relative_residual(change, image_change(simulated, unloaded), contact_region(footprint))
+    return found if math.isfinite(found) else None
+
+
+def jpeg_of(image: ImageArray) -> bytes:
+    """Return an RGB image as JPEG."""
+    return encode_jpeg(image, quality=_QUALITY)
+
+
+def maps_of(frame: TwinFrame) -> dict[str, tuple[float, bytes]]:
+    """Return the largest value [kPa] and a JPEG of the maps that a frame has, by name.
+
+    Black is nothing, light yellow the largest value.
+    """
+    found = {}
+    for name, values in (("pressure", frame.pressure_pa), ("shear", frame.shear_pa)):
+        if values is None:
+            continue
+        most_pa = float(values.max())
+        share = np.clip(values / max(most_pa, 1e-300), 0.0, 1.0)
+        drawn = cv2.applyColorMap(np.rint(255.0 * share).astype(np.uint8), cv2.COLORMAP_INFERNO)
+        image = np.asarray(cv2.cvtColor(drawn, cv2.COLOR_BGR2RGB), np.uint8)
+        found[name] = 1e-3 * most_pa, jpeg_of(image)
+    return found
+
 
 NAME, MODULE = "twin", "tacauchy_rig.app.twin"
 FOLLOWS, DEVICE = "follows", "device"
@@ -69,3 +155,162 @@ def twin_of(
         frame_width_px=config.camera.width,
     )
     return Twin(follower=follower, images=images)
+
+
+FOLLOWED = {Phase.APPROACH, Phase.SEARCH, Phase.PRESS, Phase.DWELL, Phase.RETRACT}
+MAPS_EVERY = 4
+"""Frames: maps take as long as press and image together."""
+RESIDUAL_EVERY = 2
+_PICTURES = 8
+STALE_NS = 500_000_000
+"""Older values are not followed: a feed that was full keeps its oldest."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinLine:
+    """What is kept of a frame, a line of ``twin.jsonl``."""
+
+    stamp_ns: int  # of the force or depth that was followed, by ``time.monotonic_ns``
+    trial: int
+    asked_n: float | None  # the force that was followed; None where it was a depth
+    force_n: float  # the twin's F_z [N]
+    force_error_n: float | None  # stated error of that [N]
+    depth_m: float
+    residual: float | None  # of the images inside the contact; None where it was not looked at
+    lag_ms: float  # from that stamp to the picture
+    solve_ms: float
+    draw_ms: float
+    processor_ms: float  # processor time of all of it; what others take is not in it
+    dropped: int  # forces that were left out so far because newer ones had come
+    note: str  # why the frame is not of what was followed
+
+
+class RunFollower:
+    """Takes in the feeds and events of a run, and presses the twin to its latest values.
+
+    Of several goals that came the latest is followed. A depth counts from the height at which the
+    press begins, plus the depth that the force has reached by then.
+
+    Args:
+        twin: The simulator.
+        follows: What goals consist of: force or depth.
+
+    Attributes:
+        dropped_count: Goals that a newer one replaced, or that were too old to be followed.
+    """
+
+    def __init__(self, twin: Twin, follows: Follows) -> None:
+        self.twin, self.dropped_count = twin, 0
+        self._follows = follows
+        self._pictures: deque[tuple[int, bytes]] = deque(maxlen=_PICTURES)
+        self._goal: Goal | None = None
+        self._began: tuple[float, float] | None = None
+        self._unloaded: ImageArray | None = None
+        self._phase, self._trial, self._count = "", 0, 0
+        self._height_m = self._depth_m = 0.0
+        self._residual: float | None = None
+
+    def take(self, shown: Shown) -> None:
+        """Take what a feed shows."""
+        stamp_s = shown.stamp_ns * 1e-9
+        if shown.stream == "camera" and shown.picture is not None:
+            self._pictures.append((shown.stamp_ns, shown.picture))
+        elif shown.stream == "force" and self._began is None:
+            self._put(Goal(stamp_s=stamp_s, force_n=float(shown.numbers["force_n"][-1])))
+        elif shown.stream == "arm":
+            self._height_m = float(shown.numbers["position_m"][2])
+            if self._began is not None:
+                height_m, depth_m = self._began
+                sunk_m = max(0.0, depth_m + height_m - self._height_m)
+                self._put(Goal(stamp_s=stamp_s, depth_m=sunk_m))
+
+    def note(self, event: JournalEvent) -> None:
+        """Take in an event of the journal."""
+        self._trial = event.trial or self._trial
+        if event.name != "phase":
+            return
+        before, self._phase = self._phase, str(event.detail.get("phase", ""))
+        if before == Phase.REFERENCE:
+            self._take_unloaded()
+        if self._phase == Phase.PRESS and self._follows is Follows.DEPTH:
+            self._began = self._height_m, self._depth_m
+        elif self._phase not in FOLLOWED:
+            self._began = None
+
+    def goal(self) -> Goal | None:
+        """Return the latest goal and forget it; None if there is no new one."""
+        found, self._goal = self._goal, None
+        return found
+
+    def step(self) -> tuple[TwinLine, list[Shown]] | None:
+        """Follow the latest goal; None where there is none, or nothing is pressed now."""
+        goal = self.goal()
+        if goal is None or self._phase not in FOLLOWED:
+            return None
+        if monotonic_ns() - goal.stamp_s * 1e9 > STALE_NS:
+            self.dropped_count += 1
+            return None
+        started_s = process_time()
+        frame = self.twin.follower.follow(goal, maps=self._count % MAPS_EVERY == 0)
+        self._depth_m = frame.depth_m
+        if self._count % RESIDUAL_EVERY == 0:
+            self._residual = self._left(goal, frame)
+        self._count += 1
+        stamp_ns = round(goal.stamp_s * 1e9)
+        picture = jpeg_of(frame.image)
+        line = TwinLine(
+            stamp_ns=stamp_ns,
+            trial=self._trial,
+            asked_n=goal.force_n,
+            force_n=frame.force_n,
+            force_error_n=frame.force_error_n,
+            depth_m=frame.depth_m,
+            residual=self._residual,
+            lag_ms=(monotonic_ns() - stamp_ns) * 1e-6,
+            solve_ms=1e3 * frame.solve_s,
+            draw_ms=1e3 * frame.draw_s,
+            processor_ms=1e3 * (process_time() - started_s),
+            dropped=self.dropped_count,
+            note=frame.note,
+        )
+        return line, list(_shown(line, frame, picture))
+
+    def picture(self, stamp_s: float) -> bytes | None:
+        """Return the camera's frame that is nearest in time, of the last few."""
+        nearest = min(self._pictures, key=lambda each: abs(each[0] * 1e-9 - stamp_s), default=None)
+        return None if nearest is None else nearest[1]
+
+    def _put(self, goal: Goal) -> None:
+        self.dropped_count += self._goal is not None
+        self._goal = goal
+
+    def _take_unloaded(self) -> None:
+        found = [self.twin.images.of(picture) for _, picture in self._pictures]
+        readable = [image for image in found if image is not None]
+        if readable:
+            self._unloaded = median_image(readable)
+            self.twin.follower.unloaded(self._unloaded)
+
+    def _left(self, goal: Goal, frame: TwinFrame) -> float | None:
+        jpeg = self.picture(goal.stamp_s)
+        real = None if jpeg is None else self.twin.images.of(jpeg)
+        if real is None or self._unloaded is None or frame.force_n == 0.0:
+            return None
+        return contact_residual(real, frame.image, self._unloaded)
+
+
+def _shown(line: TwinLine, frame: TwinFrame, picture: bytes) -> Iterator[Shown]:
+    numbers: dict[str, Any] = {
+        "force_n": line.force_n,
+        "force_error_n": line.force_error_n,
+        "depth_mm": 1e3 * line.depth_m,
+        "lag_ms": line.lag_ms,
+        "residual": line.residual,
+        "left_out": line.dropped,
+    }
+    if line.note:
+        numbers["note"] = line.note
+    yield Shown(stream="twin", stamp_ns=line.stamp_ns, numbers=numbers, picture=picture)
+    for name, (most_kpa, drawn) in maps_of(frame).items():
+        numbers = {"max_kpa": most_kpa}
+        yield Shown(stream=f"twin {name}", stamp_ns=line.stamp_ns, numbers=numbers, picture=drawn)

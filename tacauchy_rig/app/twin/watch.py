@@ -15,8 +15,7 @@ import numpy as np
 from reports.evidence.attempt import AttemptReading, RunReading, median_image
 from sim.twin.follower import NO_FORCE_N, Goal
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, say_nothing
-from tacauchy_rig.app.twin.images import contact_residual, jpeg_of, maps_of
-from tacauchy_rig.app.twin.twin import Twin, twin_of
+from tacauchy_rig.app.twin.twin import Twin, contact_residual, jpeg_of, maps_of, twin_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ImageFrame

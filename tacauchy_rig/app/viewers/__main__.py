@@ -7,15 +7,131 @@ import os
 import select
 import sys
 import time
+from collections.abc import Sequence
+from typing import Any
 
 import foxglove
+from foxglove.channels import CompressedImageChannel, PoseInFrameChannel
+from foxglove.messages import CompressedImage, Pose, PoseInFrame, Quaternion, Timestamp, Vector3
 
 from protocols.processes.child import ignore_signals, run_child
-from protocols.processes.messages import Channel, Job, Order, feed_readers
+from protocols.processes.messages import Channel, Job, Order, Shown, feed_readers
 from protocols.processes.viewing import LOOPBACK, PRODUCERS
+from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.app.viewers.options import PORT, SOURCES, address
-from tacauchy_rig.app.viewers.topics import Topics
+from tacauchy_rig.core.rotations import quaternion
 from tacauchy_rig.core.run import JournalEvent
+
+AXES = ("force_x_n", "force_y_n", "force_z_n", "torque_x_nm", "torque_y_nm", "torque_z_nm")
+BASE_FRAME, CAMERA_FRAME = "robot_base", "sensor_camera"
+IMAGES = {
+    "camera": "/camera/image",
+    "twin": "/twin/image",
+    "twin pressure": "/twin/pressure",
+    "twin shear": "/twin/shear",
+}
+"""Topics of a feed's pictures."""
+
+
+class Topics:
+    """Publishes a run under its own clock's times.
+
+    Args:
+        plan: Of the session, for targets.
+        context: Whom it is published to; None is every server of this process.
+    """
+
+    def __init__(
+        self, plan: Sequence[PlannedTrial], context: foxglove.Context | None = None
+    ) -> None:
+        self._targets = {each.index: each.force_target_n for each in plan}
+        # Stamps are the monotonic clock's, which viewers do not know.
+        self._since_ns = time.time_ns() - time.monotonic_ns()
+        self._trial, self._phase = 0, ""
+        numbers = {
+            "/force": ("pressing_n", "target_n"),
+            "/wrench": AXES,
+            "/twin": ("force_n", "force_error_n", "depth_mm", "lag_ms", "residual"),
+        }
+        self._numbers = {
+            topic: foxglove.Channel(
+                topic, schema=_schema(topic, dict.fromkeys(names, "number")), context=context
+            )
+            for topic, names in numbers.items()
+        }
+        words = {"trial": "integer", "phase": "string", "event": "string"}
+        self._run = foxglove.Channel("/run", schema=_schema("/run", words), context=context)
+        self._arm = PoseInFrameChannel("/arm/tip", context=context)
+        self._images = {
+            stream: CompressedImageChannel(topic, context=context)
+            for stream, topic in IMAGES.items()
+        }
+
+    def show(self, shown: Shown) -> None:
+        """Publish what a feed shows."""
+        if shown.stream == "force":
+            self._force(shown.numbers)
+        elif shown.stream == "arm":
+            self._tip(shown)
+        elif shown.stream == "twin":
+            message = {name: value for name, value in shown.numbers.items() if name != "note"}
+            self._log("/twin", message, shown.stamp_ns)
+        if shown.picture is not None and shown.stream in self._images:
+            self._picture(shown)
+
+    def note(self, event: JournalEvent) -> None:
+        """Publish an event of the journal."""
+        self._trial = event.trial or self._trial
+        if event.name == "phase":
+            self._phase = str(event.detail.get("phase", ""))
+        message = {"trial": self._trial, "phase": self._phase, "event": event.name}
+        self._run.log(message, log_time=self._at_ns(time.monotonic_ns()))
+
+    def _force(self, numbers: dict[str, Any]) -> None:
+        target = self._targets.get(self._trial)
+        for stamp_ns, force_n in zip(numbers["stamp_ns"], numbers["force_n"], strict=True):
+            message = {"pressing_n": force_n}
+            self._log(
+                "/force", message if target is None else {**message, "target_n": target}, stamp_ns
+            )
+        axes = dict(zip(AXES, numbers["wrench"], strict=True))
+        self._log("/wrench", axes, numbers["stamp_ns"][-1])
+
+    def _tip(self, shown: Shown) -> None:
+        w, x, y, z = quaternion(shown.numbers["rotation_rad"])
+        place = Vector3(**dict(zip("xyz", shown.numbers["position_m"], strict=True)))
+        pose = Pose(position=place, orientation=Quaternion(x=x, y=y, z=z, w=w))
+        at_ns = self._at_ns(shown.stamp_ns)
+        message = PoseInFrame(timestamp=_stamp(at_ns), frame_id=BASE_FRAME, pose=pose)
+        self._arm.log(message, log_time=at_ns)
+
+    def _picture(self, shown: Shown) -> None:
+        data, at_ns = shown.picture or b"", self._at_ns(shown.stamp_ns)
+        kind = "png" if data.startswith(b"\x89PNG") else "jpeg"
+        picture = CompressedImage(
+            timestamp=_stamp(at_ns), frame_id=CAMERA_FRAME, data=data, format=kind
+        )
+        self._images[shown.stream].log(picture, log_time=at_ns)
+
+    def _log(self, topic: str, numbers: dict[str, Any], stamp_ns: int) -> None:
+        self._numbers[topic].log(numbers, log_time=self._at_ns(stamp_ns))
+
+    def _at_ns(self, stamp_ns: int) -> int:
+        return stamp_ns + self._since_ns
+
+
+def _stamp(at_ns: int) -> Timestamp:
+    return Timestamp(sec=at_ns // 10**9, nsec=at_ns % 10**9)
+
+
+def _schema(topic: str, kinds: dict[str, str]) -> dict[str, Any]:
+    """Return a JSON schema; the unit of a number is the end of its name."""
+    return {
+        "type": "object",
+        "title": f"tacauchy_rig.{topic.strip('/')}",
+        "properties": {name: {"type": kind} for name, kind in kinds.items()},
+    }
+
 
 logger = logging.getLogger(__name__)
 

@@ -24,11 +24,17 @@ from tacauchy_rig.core.store.durable import (
     write_error,
 )
 from tacauchy_rig.core.store.journal import START, Journal, StoreEvent, append_event, log_hashes
-from tacauchy_rig.core.store.layout import RESULT_NAME, SPILL_PATTERN, RunPaths, run_root_of
 from tacauchy_rig.core.store.recording.messages import RawMessage
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
-from tacauchy_rig.core.store.run_files import file_sha256, open_file
+from tacauchy_rig.core.store.run_files import (
+    RESULT_NAME,
+    SPILL_PATTERN,
+    RunPaths,
+    file_sha256,
+    open_file,
+    run_root_of,
+)
 from tacauchy_rig.core.store.run_store import RunStore
 
 _CHUNK_SIZE = 4 << 20  # [bytes] of a finished file, which nobody kills while it is written

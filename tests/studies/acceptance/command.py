@@ -17,8 +17,7 @@ from typing import Annotated, Any
 import psutil
 import typer
 
-from tacauchy_rig.app.cli.options import JsonFile
-from tacauchy_rig.app.cli.output import say, show_table, write_json
+from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json
 from tacauchy_rig.core.tables import Table
 from tests.studies.acceptance.folder import SENSOR, Written, write_folder
 

@@ -20,8 +20,7 @@ from sim.press import PressResult, press
 from sim.press_command import scene_from
 from sim.scene.indenter import MeshIndenter, describe, mesh_indenter
 from sim.scene.scene import Scene, Target
-from tacauchy_rig.app.cli.options import Jobs, JsonFile
-from tacauchy_rig.app.cli.output import say, show_table, write_json
+from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json
 from tacauchy_rig.core import long_task
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RigError

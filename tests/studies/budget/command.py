@@ -17,8 +17,15 @@ from reports.scores.force_agreement import ForceAgreement, compare_force, scatte
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from sim.sensitivity import forces_at
-from tacauchy_rig.app.cli.options import ConfigFile, Jobs, JsonFile, Overrides
-from tacauchy_rig.app.cli.output import say, show_table, write_json
+from tacauchy_rig.app.cli.output import (
+    ConfigFile,
+    Jobs,
+    JsonFile,
+    Overrides,
+    say,
+    show_table,
+    write_json,
+)
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.uncertainty import force_inputs, variations
 from tacauchy_rig.core.config.model import RigConfig

@@ -15,8 +15,7 @@ from typing import Annotated
 import typer
 
 from tacauchy_rig import __version__
-from tacauchy_rig.app.cli.options import Jobs, JsonFile
-from tacauchy_rig.app.cli.output import say, write_json, write_text
+from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, write_json, write_text
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError
 from tacauchy_rig.core.page import page

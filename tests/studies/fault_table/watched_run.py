@@ -20,7 +20,7 @@ from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import DeviceError, RecordError
 from tacauchy_rig.core.run import JournalEvent, Phase
 from tacauchy_rig.core.store.journal import read_journal
-from tacauchy_rig.core.store.layout import RunPaths
+from tacauchy_rig.core.store.run_files import RunPaths
 from tests.studies.fault_table.cases import Blow, BlowKind, Victim
 
 _LOOK_S = 0.005

@@ -29,8 +29,7 @@ from tacauchy_rig.app.calibration.material.fit import (
     respond,
 )
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
-from tacauchy_rig.app.cli.options import Jobs, JsonFile
-from tacauchy_rig.app.cli.output import say, show_table, write_json
+from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import load_config

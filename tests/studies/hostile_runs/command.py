@@ -27,8 +27,7 @@ from matplotlib.figure import Figure
 from sim.solve.descents import Descents
 from sim.solve.equilibrium import EquilibriumSolver
 from tacauchy_rig.app.cli.app import app
-from tacauchy_rig.app.cli.options import Jobs, JsonFile
-from tacauchy_rig.app.cli.output import complain, say, write_json
+from tacauchy_rig.app.cli.output import Jobs, JsonFile, complain, say, write_json
 from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg
 from tacauchy_rig.core.run import ImageFrame

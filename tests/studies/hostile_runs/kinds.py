@@ -21,10 +21,10 @@ import numpy as np
 from tacauchy_rig.core.run import JournalEvent
 from tacauchy_rig.core.simulated import REPLAY_NAME
 from tacauchy_rig.core.store.journal import append_event
-from tacauchy_rig.core.store.layout import RunPaths
 from tacauchy_rig.core.store.recording.messages import RawMessage, Topic
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.run_files import RunPaths
 
 Change = Callable[[Path, Path, Random], object]
 """Changes a run (first) with the help of what lies outside of it (second)."""

@@ -28,8 +28,7 @@ from sim.studies.bench.scenes import (
     scene_tables,
 )
 from sim.studies.bench.study import REFERENCE_FILE, SCENE_LIMIT_S
-from tacauchy_rig.app.cli.options import JsonFile
-from tacauchy_rig.app.cli.output import complain, say, show_table, write_json, write_text
+from tacauchy_rig.app.cli.output import JsonFile, complain, say, show_table, write_json, write_text
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.page import criteria_page, table_prose
 from tacauchy_rig.core.parallel import IsolatedWorker, ProcessFailedError

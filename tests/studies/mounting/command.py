@@ -20,8 +20,7 @@ from reports.comparison.compare import compare
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.emulation import emulated_unit
-from tacauchy_rig.app.cli.options import JsonFile
-from tacauchy_rig.app.cli.output import say, show_table, write_json, write_text
+from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json, write_text
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.mounting import TAKEN_FROM, Dwell, tilt_of
 from tacauchy_rig.app.replay.optics import Say
@@ -244,7 +243,7 @@ def mounting_check(
     Example: python -m tests.studies mounting runs/20261123-dry-run
     """
     from tacauchy_rig.app.cli.emulation import emulated_calibration
-    from tacauchy_rig.app.replay.opening import open_run
+    from tacauchy_rig.app.replay.parts import open_run
     from tacauchy_rig.core.page import page
     from tests.studies.verdict.bench import bench_of
 

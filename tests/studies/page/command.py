@@ -25,8 +25,7 @@ from drivers.emulators.process import hang_weight
 from protocols.guard.abort import Abort, AbortWatch
 from protocols.processes.messages import PageOptions, ViewerOptions
 from protocols.processes.supervisor import SessionResult, run_session
-from tacauchy_rig.app.cli.options import JsonFile
-from tacauchy_rig.app.cli.output import say, show_table, write_json, write_text
+from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json, write_text
 from tacauchy_rig.app.twin.twin import Follows, twin_options
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import DeviceError

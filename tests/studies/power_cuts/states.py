@@ -15,11 +15,9 @@ from pathlib import Path
 from random import Random
 
 from tacauchy_rig.core.store.journal import Journal
-from tacauchy_rig.core.store.layout import RunPaths
-from tacauchy_rig.core.store.recording.reading import Recording
-from tacauchy_rig.core.store.recording.scan import scan_file
+from tacauchy_rig.core.store.recording.reading import Recording, scan_file
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
-from tacauchy_rig.core.store.run_files import open_file
+from tacauchy_rig.core.store.run_files import RunPaths, open_file
 
 VOLATILE_S = 3.0
 SPILL = "unacknowledged-control.mcap"

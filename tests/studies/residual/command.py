@@ -18,12 +18,11 @@ from sim.optics.colour.photometric import PhotometricModel
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__
-from tacauchy_rig.app.cli.options import Jobs, JsonFile
-from tacauchy_rig.app.cli.output import say, show_table, write_json, write_text
-from tacauchy_rig.app.replay.image_causes import SplitPart, split_images
+from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say
 from tacauchy_rig.app.replay.parts import measured_attempts
+from tacauchy_rig.app.replay.replay import SplitPart, split_images
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.simulated import REPLAY_NAME, ResidualSplit
@@ -218,7 +217,7 @@ def residual_check(
     Example: python -m tests.studies residual runs/20261123-dry-run
     """
     from tacauchy_rig.app.cli.emulation import emulated_calibration
-    from tacauchy_rig.app.replay.opening import open_run
+    from tacauchy_rig.app.replay.parts import open_run
     from tacauchy_rig.core.page import page
     from tacauchy_rig.core.parallel import parallel_map
     from tests.studies.verdict.bench import bench_of

@@ -24,7 +24,7 @@ from typing import Annotated, Any
 import pyarrow.parquet as pq
 import typer
 
-from tacauchy_rig.app.cli.study_command import study_command
+from tacauchy_rig.app.cli.studies import study_command
 from tacauchy_rig.core.study import Case, Result, Study, founds
 from tacauchy_rig.core.tables import Table, table_of
 

@@ -17,10 +17,10 @@ from mcap.opcode import Opcode
 from tacauchy_rig.core.store.codec import dumps
 from tacauchy_rig.core.store.durable import bytes_sha256
 from tacauchy_rig.core.store.journal import StoreEvent
-from tacauchy_rig.core.store.layout import RunPaths
 from tacauchy_rig.core.store.recording.messages import RawMessage
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
+from tacauchy_rig.core.store.run_files import RunPaths
 from tacauchy_rig.core.store.run_store import RunStore
 
 Messages = list[RawMessage]

@@ -20,8 +20,8 @@ from protocols.processes.messages import PageOptions
 from protocols.processes.supervisor import run_session
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.cli.emulation import emulated_unit
-from tacauchy_rig.app.cli.options import JsonFile
 from tacauchy_rig.app.cli.output import (
+    JsonFile,
     complain,
     say,
     show_table,

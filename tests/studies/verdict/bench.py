@@ -21,7 +21,7 @@ from tacauchy_rig.app.replay.optics import (
     say_nothing,
 )
 from tacauchy_rig.app.replay.parts import Part, measured_attempts, measured_records
-from tacauchy_rig.app.replay.pressing import press_together
+from tacauchy_rig.app.replay.places import press_together
 from tacauchy_rig.app.replay.rendering import rendered as rendered_trials
 from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import ImageArray

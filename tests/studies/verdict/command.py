@@ -17,8 +17,7 @@ from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import RunEvidence
 from sim.scene.scene import Preset
 from tacauchy_rig import __version__
-from tacauchy_rig.app.cli.options import Jobs, JsonFile
-from tacauchy_rig.app.cli.output import say, show_table, write_json, write_text
+from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json, write_text
 from tacauchy_rig.app.replay.report import evidence_of
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.page import page
@@ -244,7 +243,7 @@ def verdict_check(
 ) -> None:
     """Say which wrong models the verdict catches, and the smallest change of each that it does."""
     from tacauchy_rig.app.cli.emulation import emulated_calibration
-    from tacauchy_rig.app.replay.opening import open_run
+    from tacauchy_rig.app.replay.parts import open_run
     from tacauchy_rig.core.parallel import parallel_map
     from tests.studies.verdict.bench import bench_of
     from tests.studies.verdict.wrong_models import WRONG_MODELS

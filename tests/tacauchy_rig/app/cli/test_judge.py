@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tacauchy_rig.app.cli.others import Baseline, judge
-from tacauchy_rig.app.judging.layout import write_outputs
+from tacauchy_rig.app.judging.of_run import write_outputs
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.rgb import decode_rgb
 from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from sim.scene.material import LawName
 from sim.scene.scene import SceneTerms
 from tacauchy_rig.app.cli.app import app
-from tacauchy_rig.app.cli.scene_options import states_a_scene
+from tacauchy_rig.app.cli.press import states_a_scene
 from tacauchy_rig.core.errors import ConfigError
 
 DISC = ("--pad", "disc:radius=6mm,height=2mm", "--young", "0.43MPa", "--poisson", "0.45")

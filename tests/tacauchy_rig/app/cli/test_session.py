@@ -12,9 +12,8 @@ import typer
 from drivers.force_sensor.weighing import Load
 from protocols.processes.supervisor import SessionResult
 from tacauchy_rig.app.cli import session
-from tacauchy_rig.app.cli.operator import ask_for_weight, confirm
-from tacauchy_rig.app.session.cell import ForceCheckError
-from tacauchy_rig.app.session.record import missed_lines
+from tacauchy_rig.app.cli.progress import ask_for_weight, confirm
+from tacauchy_rig.app.session.record import ForceCheckError, missed_lines
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.force_check import Weight, parse_weight

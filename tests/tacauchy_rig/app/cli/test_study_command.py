@@ -13,7 +13,7 @@ import pytest
 import typer
 from typer.testing import CliRunner, Result
 
-from tacauchy_rig.app.cli.study_command import study_command
+from tacauchy_rig.app.cli.studies import study_command
 from tacauchy_rig.core import study as core
 from tacauchy_rig.core.errors import AbortedError, ConfigError, ConvergenceError, RigError
 from tacauchy_rig.core.study import Case, Study

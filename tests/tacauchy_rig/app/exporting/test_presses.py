@@ -19,7 +19,7 @@ from tacauchy_rig.app.exporting.formats import export
 from tacauchy_rig.app.exporting.names import Format
 from tacauchy_rig.app.replay.press_folder import STATES_NAME
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.store.replay_files import pack_arrays
+from tacauchy_rig.core.store.run_store import pack_arrays
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from tacauchy_rig.app.importing.importer import import_run
-from tacauchy_rig.app.replay.opening import open_run
+from tacauchy_rig.app.replay.parts import open_run
 from tacauchy_rig.app.replay.report import report_run
 from tacauchy_rig.core.run import Outcome
 from tacauchy_rig.core.store.check.run import check_run

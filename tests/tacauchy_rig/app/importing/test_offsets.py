@@ -19,7 +19,8 @@ from drivers.emulators.camera.stream import DEPTH_STEP_M, FrameFactory, PressKey
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
-from tacauchy_rig.app.importing.offset import (
+from tacauchy_rig.app.importing.presses import PressFinding, S, Samples, find_presses
+from tacauchy_rig.app.importing.video import (
     MEMORY_S,
     MEMORY_SHARE,
     SMALL,
@@ -28,7 +29,6 @@ from tacauchy_rig.app.importing.offset import (
     offset_to_force,
     without_memory,
 )
-from tacauchy_rig.app.importing.presses import PressFinding, S, Samples, find_presses
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.run import FZ, CameraClock, Pose
 

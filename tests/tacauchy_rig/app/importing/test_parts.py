@@ -12,8 +12,7 @@ from sim.scene.indenter import MeshIndenter, Sphere
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.app.replay import replay as replaying
 from tacauchy_rig.app.replay.inputs import inputs_of
-from tacauchy_rig.app.replay.opening import open_run
-from tacauchy_rig.app.replay.parts import parts_of
+from tacauchy_rig.app.replay.parts import open_run, parts_of
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report import report_run
 from tacauchy_rig.core.errors import RecordError

@@ -16,12 +16,11 @@ from sim.fields.surface import IntermediateState, SurfaceState
 from sim.scene.indenter import Sphere
 from tacauchy_rig.app.calibration.optics.of_run import request_of
 from tacauchy_rig.app.replay import places
-from tacauchy_rig.app.replay.opening import open_run
 from tacauchy_rig.app.replay.optics import nominal_optics
-from tacauchy_rig.app.replay.parts import parts_of
+from tacauchy_rig.app.replay.parts import open_run, parts_of
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.simulated import Replay
-from tacauchy_rig.core.store.replay_files import ReplayFields
+from tacauchy_rig.core.store.run_store import ReplayFields
 from tests.reports.conftest import record, replay_of
 from tests.tacauchy_rig.app.importing.test_parts import blob, imported
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tacauchy_rig.app.importing.offset import Signal, offset_to_force
 from tacauchy_rig.app.importing.presses import Frame, PressFinding, S, Samples, cut, find_presses
+from tacauchy_rig.app.importing.video import Signal, offset_to_force
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import FZ
 

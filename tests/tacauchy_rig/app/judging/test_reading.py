@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tacauchy_rig.app.judging.layout import write_outputs
+from tacauchy_rig.app.judging.of_run import write_outputs
 from tacauchy_rig.app.judging.reading import Asked, read_outputs
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.simulated import Driven, Outputs, PressOutput, Simulator

@@ -15,10 +15,10 @@ from reports.evidence.evidence import TrialImages
 from reports.scores.residual_split import UNMENDABLE, Cause
 from sim.replay import replay_forces
 from sim.scene.scene import Preset
-from tacauchy_rig.app.replay.image_causes import SplitPart, split_images
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.app.replay.optics import nominal_optics
 from tacauchy_rig.app.replay.rendering import replay_images
+from tacauchy_rig.app.replay.replay import SplitPart, split_images
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.simulated import ResidualSplit

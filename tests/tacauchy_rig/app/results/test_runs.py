@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tacauchy_rig.app.results.comparison import differing
-from tacauchy_rig.app.results.runs import ListedRun, find_runs, folder_of_runs
+from tacauchy_rig.app.results.runs import ListedRun, differing, find_runs, folder_of_runs
 from tacauchy_rig.core.config.load import default_text, load_config
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.store.run_store import RunStore

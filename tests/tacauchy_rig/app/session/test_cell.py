@@ -8,17 +8,16 @@ from datetime import datetime, timedelta
 
 import pytest
 
-from tacauchy_rig.app.session import cell
-from tacauchy_rig.app.session.cell import (
+from tacauchy_rig.app.session.record import (
     ForceCheckError,
     check_cell,
     mark_expired,
     needs_weight,
+    record_run,
     require_bounded_force,
     require_right_cell,
     standing_check,
 )
-from tacauchy_rig.app.session.record import record_run
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.force_check import Weight
 from tacauchy_rig.core.run import Tare
@@ -43,7 +42,7 @@ def tare(fz_n: float) -> Tare:
 def weighs(monkeypatch: pytest.MonkeyPatch, scale: float) -> None:
     """Let the cell read ``scale`` of what hangs on it."""
     readings = (tare(1.4), tare(1.4 - scale * WEIGHT.force_n), tare(1.4))
-    monkeypatch.setattr(cell, "weigh", lambda _config, **_: readings)
+    monkeypatch.setattr("tacauchy_rig.app.session.record.weigh", lambda _config, **_: readings)
 
 
 def _journalled(store: RunStore) -> int:

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from tacauchy_rig.app.sweep.engines import Dask, Folder, InterruptedSweepError, Processes
+from tacauchy_rig.app.sweep.files import Shard
 from tacauchy_rig.app.sweep.plan import Simulation
-from tacauchy_rig.app.sweep.shard import Shard
 
 SHARDS = [Shard(name=f"{k:032x}", rows=(), hashes=(), simulation=Simulation()) for k in range(6)]
 EXPECTED = {shard.name: shard.name.encode() for shard in SHARDS}

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tacauchy_rig.app.sweep.plan import read_plan
-from tacauchy_rig.app.sweep.rows import Row, row_hash, rows_of
+from tacauchy_rig.app.sweep.plan import Row, read_plan, row_hash, rows_of
 from tacauchy_rig.core.errors import ConfigError
 
 _HEAD = 'design = "{design}"\n{count}\n[press]\nsensor = "gelsight-mini"\n'

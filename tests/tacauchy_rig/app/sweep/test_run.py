@@ -20,9 +20,8 @@ from rocrate.rocrate import ROCrate
 
 from tacauchy_rig.app.sweep import run
 from tacauchy_rig.app.sweep.engines import Processes, Work
-from tacauchy_rig.app.sweep.plan import Plan, read_plan
-from tacauchy_rig.app.sweep.rows import rows_of
-from tacauchy_rig.app.sweep.shard import Shard
+from tacauchy_rig.app.sweep.files import Shard
+from tacauchy_rig.app.sweep.plan import Plan, read_plan, rows_of
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from protocols.processes.messages import Shown
-from tacauchy_rig.app.twin.following import MAPS_EVERY, STALE_NS, RunFollower
-from tacauchy_rig.app.twin.twin import Follows, Twin, twin_of
+from tacauchy_rig.app.twin.twin import MAPS_EVERY, STALE_NS, Follows, RunFollower, Twin, twin_of
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.run import JournalEvent, Phase
 

@@ -13,8 +13,8 @@ import pytest
 
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.twin import follower
-from tacauchy_rig.app.replay.opening import open_run
-from tacauchy_rig.app.twin.images import CameraImages, contact_residual
+from tacauchy_rig.app.replay.parts import open_run
+from tacauchy_rig.app.twin.twin import CameraImages, contact_residual
 from tacauchy_rig.app.twin.watch import FRAMES_PER_S, _lasting, watch_run
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RecordError

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tacauchy_rig.core.simulated import REPLAY_NAME, Replay, ReplayTrial
-from tacauchy_rig.core.store.replay_files import ReplayFields
-from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
 from tests.made_model import made_model
 
 

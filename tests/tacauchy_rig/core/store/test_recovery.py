@@ -16,11 +16,11 @@ from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import JournalEvent, Outcome, TrialRecord
 from tacauchy_rig.core.store.codec import dumps
 from tacauchy_rig.core.store.journal import append_event
-from tacauchy_rig.core.store.layout import RunPaths
 from tacauchy_rig.core.store.recording.messages import Recorded
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.recovery import recover_recording, recover_recordings
+from tacauchy_rig.core.store.run_files import RunPaths
 
 
 def spilled(folder: Path, source: str, *items: Recorded, **metadata: str) -> None:

@@ -18,8 +18,7 @@ from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.journal import read_journal
-from tacauchy_rig.core.store.replay_files import ReplayFields
-from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
 from tests.made_model import made_model
 from tests.tacauchy_rig.core.store.made_replay import made_trial
 

@@ -1,20 +1,33 @@
-"""A LeRobot dataset of version 3: one press an episode, rows at the camera's rate.
+"""Presses as LeRobot, HDF5 and WebDataset: what policies are trained with.
 
-A row has what was newest at its time; ``observation.wrench_window`` has the samples of force since
-the row before. Forces are without their zero before the press. Layout of codebase_version v3.0.
+LeRobot is of version 3 (codebase_version v3.0): one press an episode, rows at the camera's rate. A
+row has what was newest at its time, ``observation.wrench_window`` the samples of force since the
+row before. Forces are without their zero before the press. HDF5 has robomimic's layout, one demo a
+press; beside its even rows ``samples`` has all samples at their own times, ``simulated`` the fields
+of the replay, and the attribute ``unit`` says what numbers are in. WebDataset is a tar file, one
+sample a press under one key; ``rest`` is the newest image without contact, ``pressed`` the middle
+one of the dwell.
 """
 
 from __future__ import annotations
 
+import io
 import json
+import tarfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tacauchy_rig.app.exporting.episode import Episode, Rows, even_rows, images_of, needed
-from tacauchy_rig.app.exporting.import_spec import write_spec
+from tacauchy_rig.app.exporting.episode import (
+    Episode,
+    Rows,
+    even_rows,
+    images_of,
+    needed,
+    write_spec,
+)
 from tacauchy_rig.app.importing.lerobot import (
     DATA,
     EPISODES,
@@ -26,6 +39,8 @@ from tacauchy_rig.app.importing.lerobot import (
     VIDEOS,
 )
 from tacauchy_rig.core.arrays import AnyArray, ImageArray
+from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.run import ImageFrame
 from tacauchy_rig.core.store.recording.messages import POSE_FIELDS, WRENCH_FIELDS
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -173,3 +188,104 @@ def _column(arrow: Any, values: Any) -> Any:
     for _ in values.shape[1:]:
         kind = arrow.list_(kind)
     return arrow.array(values.tolist(), type=kind)
+
+
+WRENCH_UNIT, STATE_UNIT = "N, N, N, N m, N m, N m", "m, m, m, rad, rad, rad"
+_UNITS = {"_m": "m", "_pa": "Pa", "_n": "N", "_s": "s"}
+_IMAGE = {"compression": "gzip", "compression_opts": 1}
+
+
+def write_hdf5(presses: Iterable[Episode], out: Path, _store: RunStore | None) -> None:
+    """Write presses into ``presses.hdf5``."""
+    h5py, episodes = needed("h5py"), list(presses)
+    rate, rows = even_rows(episodes)
+    with h5py.File(out / "presses.hdf5", "w") as file:
+        data = file.create_group("data")
+        data.attrs["total"] = sum(len(each.time_s) for each in rows)
+        data.attrs["rate_hz"] = rate
+        about: dict[str, Any] = {
+            "env_name": episodes[0].outputs["sensor"],
+            "type": 2,
+            "env_kwargs": {},
+        }
+        data.attrs["env_args"] = json.dumps(about)
+        for number, (episode, own) in enumerate(zip(episodes, rows, strict=True)):
+            _write_demo(data.create_group(f"demo_{number}"), episode, own)
+
+
+def _write_demo(group: Any, episode: Episode, rows: Rows) -> None:
+    """Write one press."""
+    count = len(rows.time_s)
+    group.attrs["num_samples"] = count
+    for name, value in episode.outputs.items():
+        group.attrs[name] = np.nan if value is None else value
+    for name, (start_ns, end_ns) in episode.windows.items():
+        group.attrs[f"{name}_ns"] = [start_ns, end_ns]
+    units = {"obs/time": "s", "obs/wrench": WRENCH_UNIT, "obs/wrench_window": WRENCH_UNIT}
+    values: dict[str, AnyArray] = {"obs/time": rows.time_s, "obs/wrench": rows.wrench}
+    values["obs/wrench_window"] = rows.window
+    ends = (np.arange(count) == count - 1).astype(np.int64)
+    values |= {"dones": ends, "rewards": np.zeros(count), "samples/image_stamp": episode.stamps_ns}
+    samples = {"force": (episode.force, WRENCH_UNIT), "pose": (episode.pose, STATE_UNIT)}
+    for name, (stream, unit) in samples.items():
+        if stream is not None:
+            values |= {f"samples/{name}": stream.value, f"samples/{name}_stamp": stream.stamp_ns}
+            units |= {f"samples/{name}": unit, f"samples/{name}_stamp": "ns"}
+    if rows.state is not None:
+        values |= {"obs/state": rows.state, "actions": np.vstack([rows.state[1:], rows.state[-1:]])}
+        units |= {"obs/state": STATE_UNIT, "actions": STATE_UNIT}
+    units["samples/image_stamp"] = "ns"
+    for name, array in episode.fields().items():
+        values[f"simulated/{name}"] = array
+        units |= {f"simulated/{name}": unit for end, unit in _UNITS.items() if name.endswith(end)}
+    for name, array in values.items():
+        group.create_dataset(name, data=array).attrs["unit"] = units.get(name, "1")
+    images = None
+    for number, image in enumerate(images_of(episode, rows)):
+        if images is None:
+            shape = (count, *image.shape)
+            images = group.create_dataset(
+                "obs/tactile", shape, np.uint8, chunks=(1, *image.shape), **_IMAGE
+            )
+            images.attrs["unit"] = "grey levels, RGB"
+        images[number] = image
+
+
+def write_webdataset(presses: Iterable[Episode], out: Path, _store: RunStore | None) -> None:
+    """Write presses into ``presses-000000.tar``."""
+    with tarfile.open(out / "presses-000000.tar", "w") as tar:
+        for episode in presses:
+            for ending, content in _members(episode):
+                member = tarfile.TarInfo(f"{episode.outputs['run']}-{episode.name}.{ending}")
+                member.size = len(content)
+                tar.addfile(member, io.BytesIO(content))
+
+
+def _members(episode: Episode) -> Iterator[tuple[str, bytes]]:
+    """Yield what makes the sample of a press, each with its ending."""
+    for name, window, share in (("rest", "reference", 1.0), ("pressed", "dwell", 0.5)):
+        frame = _image(episode, window, share)
+        yield f"{name}.{frame.kind.replace('jpeg', 'jpg')}", frame.jpeg
+    yield "json", json.dumps(dict(episode.outputs), allow_nan=False).encode()
+    arrays = {"wrench_n_nm": episode.tared.within(episode.windows["dwell"]).value}
+    for name, array in {**arrays, **episode.fields()}.items():
+        file = io.BytesIO()
+        np.save(file, array, allow_pickle=False)
+        yield f"{name}.npy", file.getvalue()
+
+
+def _image(episode: Episode, window: str, share: float) -> ImageFrame:
+    """Return the image at a share of a window.
+
+    Raises:
+        RecordError: There is none.
+    """
+    start_ns, end_ns = episode.windows.get(window, (1, 0))
+    inside = np.flatnonzero((episode.stamps_ns >= start_ns) & (episode.stamps_ns <= end_ns))
+    if not len(inside):
+        raise RecordError(
+            f"{episode.name}: has no image in its {window}",
+            remedy="leave the trial out of the run, or export it --to csv",
+        )
+    wanted = inside[round(share * (len(inside) - 1))]
+    return next(f for n, f in enumerate(episode.frames()) if n == wanted)

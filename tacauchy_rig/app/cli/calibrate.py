@@ -1,0 +1,528 @@
+"""``tacauchy-rig calibrate``: optics, scale, the gel's material, and the delays of streams."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sim.scene.scene import Preset
+from tacauchy_rig.app.cli.output import (
+    Jobs,
+    JsonFile,
+    Overrides,
+    Steps,
+    complain,
+    say,
+    writable_folder,
+    write_json,
+    write_text,
+)
+from tacauchy_rig.core.config.uncertainty import stated_uncertainty
+from tacauchy_rig.core.errors import ConfigError, command_line
+from tacauchy_rig.core.quantities import Dimension, parse_quantity
+
+if TYPE_CHECKING:
+    from sim.optics.calibrate.cross_validation import PressScores, RenderedPress
+    from tacauchy_rig.app.calibration.optics.run import OpticsResult
+
+if TYPE_CHECKING:
+    from sim.optics.calibrate.scale_fit import ScaleFit
+    from sim.sensor.sensor import Sensor
+
+if TYPE_CHECKING:
+    from tacauchy_rig.app.calibration.material.fit import GelFit, Interval
+    from tacauchy_rig.app.calibration.material.presses import IndenterPresses
+
+
+def latency(
+    path: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="CONFIG|RUN",
+            help="A rig.toml to press by, or a run that swayed; the dry run's if absent.",
+        ),
+    ] = None,
+    sway: Annotated[str, typer.Option(help="For how long the arm sways.")] = "12s",
+    force: Annotated[str, typer.Option(help="Pressed to before it sways.")] = "2N",
+    overrides: Overrides = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Press once, sway up and down, and print the delay of force and image against the arm.
+
+    Example: tacauchy-rig calibrate latency rig.toml --json latency.json
+    """
+    from tacauchy_rig.app.calibration.latency import find_latency
+    from tacauchy_rig.app.cli.session import recorded
+
+    swaying = (f'protocol.force_targets=["{force}"]', f'protocol.sway="{sway}"')
+    store = recorded(path, [*(overrides or ()), *swaying, 'run.name="latency"'])
+    found = find_latency(store)
+    for name, each in (("force", found.force), ("image", found.image)):
+        say(
+            f"{name} is {each.delay_s * 1e3:+.2f} ms behind the arm, standard uncertainty "
+            f"{each.uncertainty_s * 1e3:.2f} ms ({each.sample_count} samples, motion explains "
+            f"{each.explained:.1%}{_stale(each.stale_count)})"
+        )
+    worst_s = math.hypot(found.force.uncertainty_s, found.image.uncertainty_s)
+    say("for rig.toml:")
+    say(f'[force_sensor]\ndelay = "{found.force.delay_s * 1e3:.2f} ms"')
+    say(f'[camera]\ndelay = "{found.image.delay_s * 1e3:.2f} ms"')
+    say(f'[uncertainty]\ndelay = "{worst_s * 1e3:.2f} ms"')
+    write_json(json_file, {"run": str(store.paths.root), "latency": found})
+    if found.trigger_missed:
+        complain(found.trigger_missed)
+        raise typer.Exit(1)
+
+
+def _stale(count: int) -> str:
+    return f"; {count} more show another moment and are left out" if count else ""
+
+
+def scale(
+    image: Annotated[
+        Path | None, typer.Argument(metavar="[IMAGE]", help="Image of a target on the gel.")
+    ] = None,
+    target: Annotated[
+        str | None,
+        typer.Option(
+            help="charuco:columns=8,rows=6,square=2mm,marker=1.5mm[,dictionary=4X4_50], "
+            "aruco:columns=5,rows=4,marker=2mm,gap=0.5mm or dots:columns=7,rows=5,pitch=2mm"
+        ),
+    ] = None,
+    presses: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder with positions.csv (image, x_m, y_m), circles.csv and the images."
+        ),
+    ] = None,
+    sensor: Annotated[
+        str | None,
+        typer.Option(
+            help="Bring a raw image of a target to the crop and size of this sensor's camera; "
+            "without it the image is taken as it is."
+        ),
+    ] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Fit mm per pixel in x and y, rotation and centre of a camera.
+
+    Example: tacauchy-rig calibrate scale target.png --target dots:columns=7,rows=5,pitch=2mm
+    """
+    from sim.sensor.sensor import load_sensor
+
+    if presses is not None and sensor is not None:
+        raise ConfigError(
+            "--sensor crops the image of a target; images of --presses are taken as they are",
+            remedy="leave --sensor out, and give presses at the size that is scored",
+        )
+    if presses is not None and image is None and target is None:
+        fit, points = _from_presses(presses)
+    elif presses is None and image is not None and target is not None:
+        fit, points = _from_target(image, target, None if sensor is None else load_sensor(sensor))
+    else:
+        raise ConfigError(
+            "calibrate scale needs an image with --target, or --presses",
+            remedy="tacauchy-rig calibrate scale target.png --target "
+            "charuco:columns=8,rows=6,square=2mm,marker=1.5mm",
+        )
+    _show_scale(fit, points)
+    geometry = fit.geometry
+    found = {
+        "scale_x_m_px": geometry.scale_x_m,
+        "scale_y_m_px": geometry.scale_y_m,
+        "scale_error_m_px": list(fit.scale_error_m),
+        "rotation_rad": geometry.rotation_rad,
+        "rotation_error_rad": fit.rotation_error_rad,
+        "mirrored": geometry.mirrored,
+        "centre_x_px": geometry.centre_x_px,
+        "centre_y_px": geometry.centre_y_px,
+        "centre_error_px": fit.centre_error_px,
+        "shear_rad": fit.shear_rad,
+        "residual_px": fit.residual_px,
+        "width_px": geometry.width,
+        "height_px": geometry.height,
+        "points": points,
+    }
+    write_json(json_file, found)
+
+
+def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFit, str]:
+    from reports.evidence.attempt import crop_and_resize
+    from sim.optics.calibrate.ball_press import read_rgb
+    from sim.optics.calibrate.scale_fit import find_target, fit_scale, parse_target
+    from tacauchy_rig.app.replay.parts import scored_geometry
+    from tacauchy_rig.core.rgb import to_grey
+
+    seen = read_rgb(image)
+    if sensor is not None:
+        seen = crop_and_resize(seen, scored_geometry(sensor))
+    grey = to_grey(seen)
+    found = find_target(parse_target(text), grey, name=str(image))
+    fit = fit_scale(found.positions_m, found.pixels, width=grey.shape[1], height=grey.shape[0])
+    return fit, f"{len(found.pixels)} of {found.wanted} points of the target"
+
+
+def _from_presses(folder: Path) -> tuple[ScaleFit, str]:
+    import numpy as np
+
+    from sim.optics.calibrate.ball_press import read_ball_presses
+    from sim.optics.calibrate.scale_fit import fit_scale, read_positions
+
+    places = read_positions(folder / "positions.csv")
+    known = [p for p in read_ball_presses(folder, folder / "circles.csv") if p.name in places]
+    if not known:
+        raise ConfigError(
+            f"{folder}: no image of circles.csv is in positions.csv",
+            remedy="name the same images in both",
+        )
+    height, width = known[0].image.shape[:2]
+    fit = fit_scale(
+        np.array([places[press.name] for press in known]),
+        np.array([(press.circle.x_px, press.circle.y_px) for press in known]),
+        width=width,
+        height=height,
+    )
+    return fit, f"{len(known)} presses"
+
+
+def _show_scale(fit: ScaleFit, points: str) -> None:
+    geometry = fit.geometry
+    off_x = geometry.centre_x_px - 0.5 * (geometry.width - 1)
+    off_y = geometry.centre_y_px - 0.5 * (geometry.height - 1)
+    size = f"{geometry.width} x {geometry.height} px"
+    say(f"from {points}, residual {fit.residual_px:.2f} px rms in an image of {size}")
+    scales = tuple(
+        zip("xy", (geometry.scale_x_m, geometry.scale_y_m), fit.scale_error_m, strict=True)
+    )
+    for axis, value, error in scales:
+        say(
+            f"scale {axis}    {value * 1e3:.5f} mm/px +- {error / value:.2%}, "
+            f"{1e-3 / value:.3f} px/mm"
+        )
+    say(
+        f"rotation   {math.degrees(geometry.rotation_rad):.3f} +- "
+        f"{math.degrees(fit.rotation_error_rad):.3f} deg{', mirrored' * geometry.mirrored}, "
+        f"axes {math.degrees(fit.shear_rad):.3f} deg from a right angle"
+    )
+    say(
+        f"centre     column {geometry.centre_x_px:.2f}, row {geometry.centre_y_px:.2f} "
+        f"(+- {fit.centre_error_px:.2f} px), {off_x:.2f}, {off_y:.2f} px from the image's middle"
+    )
+    say("for the sensor's file:")
+    for axis, value, error in scales:
+        say(_sensor_line(f"pixel_{axis}", value, error))
+    for (axis, value, _), off in zip(scales, (off_x, off_y), strict=True):
+        say(_sensor_line(f"centre_{axis}", -off * value, fit.centre_error_px * value))
+
+
+def _sensor_line(key: str, value_m: float, error_m: float) -> str:
+    return (
+        f'{key} = {{ value = "{value_m * 1e3:.5f} mm", '
+        f'uncertainty = "{max(error_m * 1e3, 1e-5):.5f} mm", source = "calibrate scale" }}'
+    )
+
+
+ADVISED = 3
+"""Next presses that are shown, the best first."""
+
+
+def material(
+    presses: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PRESSES...",
+            help="Run folders; CSV files of indenter,depth_mm,force_n and perhaps press.",
+        ),
+    ],
+    sensor: Annotated[
+        str | None, typer.Option(help="Of the CSV files; a run knows its own.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the sensor's file with this gel.")] = None,
+    noise: Annotated[str, typer.Option(help="Of a force of a CSV file.")] = "0.01N",
+    contact_force: Annotated[
+        str, typer.Option(help="From which the depths of CSV files count.")
+    ] = "0N",
+    overrides: Overrides = None,
+    jobs: Jobs = 1,
+    json_file: JsonFile = None,
+) -> None:
+    """Fit E, nu and friction of a gel to forces at depths, and say what they leave open.
+
+    Example: tacauchy-rig calibrate material runs/ball runs/punch --out my-sensor.toml
+    """
+    from tacauchy_rig.app.calibration.material.fit import (
+        MU,
+        NU,
+        YOUNG,
+        GelFit,
+        contradictions,
+        next_presses,
+        predict_left_out,
+        respond,
+    )
+    from tacauchy_rig.app.calibration.material.presses import read_presses
+    from tacauchy_rig.app.calibration.material.results import relaxation_of
+
+    noise_n, contact_n = (
+        parse_quantity(text, dimension=Dimension.FORCE, field=field)
+        for text, field in ((noise, "--noise"), (contact_force, "--contact-force"))
+    )
+    chosen = () if sensor is None else (f'sensor.name="{sensor}"',)
+    groups = read_presses(
+        presses, overrides=(*chosen, *(overrides or ())), noise_n=noise_n, contact_force_n=contact_n
+    )
+    data = []
+    for group in groups:
+        say(f"{group.name}: {len(group.force_n)} forces; solving")
+        data.append((group, respond(group, jobs=jobs)))
+        mesh, own = data[-1][1].uncertain
+        say(f"  surrogate uncertain by {mesh:.1%} of all forces, {own:.1%} of each (standard)")
+        if group.scatter_n is not None:
+            say(f"  repeats scatter by {group.scatter_n:.2g} N")
+    fit = GelFit(data=data)
+    told = [fit.interval(place) for place in (YOUNG, NU, MU)]
+    stated = groups[0].inputs.sensor.numbers["material.poisson"]
+    rubbing = stated_uncertainty(groups[0].config, "friction").value
+    beliefs = {NU: (stated.value, stated.uncertainty), MU: (groups[0].inputs.friction, rubbing)}
+    priors = {place: belief for place, belief in beliefs.items() if not told[place].is_bounded}
+    _show_gel(fit, told, priors)
+    left_out = list(predict_left_out(fit))
+    held = sum(each.held for each in left_out)
+    say(f"left out and predicted: {held} of {len(left_out)} within their 95 % interval")
+    terms = {str(path): relaxation_of(path) for path in presses if path.is_dir()}
+    for path, term in terms.items():
+        say(f"{path}: {term or 'the dwells show no relaxation'}")
+    wrong = contradictions(fit, left_out)
+    for sentence in wrong:
+        say(sentence)
+    advice = [] if wrong else sorted(next_presses(fit), key=lambda each: each.young)
+    for each in advice[:ADVISED]:
+        say(f"next: {each}")
+    if out is not None and not wrong:
+        _write(out, GelFit(data=data, priors=priors).best.tolist(), told, groups)
+    names = ("young", "poisson", "friction")
+    found = {
+        "told": dict(zip(names, told, strict=True)),
+        "left_out": left_out,
+        "next": advice,
+        "relaxation": terms,
+        "contradictions": wrong,
+    }
+    write_json(json_file, found)
+    raise typer.Exit(1 if wrong else 0)
+
+
+def _write(
+    out: Path, best: list[float], told: list[Interval], groups: list[IndenterPresses]
+) -> None:
+    """Write E, and nu if it is told, as they predict the forces together."""
+    from tacauchy_rig.app.calibration.material.results import sensor_text, with_gel
+
+    log_young, nu, mu = best[:3]
+    young, poisson = (
+        replace(found, best=value)
+        for found, value in zip(told, (math.exp(log_young), nu), strict=False)
+    )
+    emulated = ", emulated" if any(group.simulated for group in groups) else ""
+    count = f"{sum(len(group.force_n) for group in groups)} forces, {len(groups)} indenters"
+    text = sensor_text(groups[0].config.sensor.name)
+    source = f"calibrate material{emulated}: {count}; with nu {nu:.4g}, friction {mu:.2g}"
+    write_text(out, with_gel(text, young=young, poisson=poisson, source=source))
+    say(f"sensor's file {out}; it predicts these forces with replay.friction = {mu:.2g}")
+
+
+def _show_gel(fit: GelFit, told: list[Interval], priors: dict[int, tuple[float, float]]) -> None:
+    say(f"chi^2 {fit.misfit:.1f} of {len(fit.measured)} forces")
+    rows = (("modulus E", 1e-6, " MPa"), ("Poisson's ratio nu", 1.0, ""), ("friction mu", 1.0, ""))
+    for place, (name, factor, unit) in enumerate(rows):
+        assumed = ""
+        if place in priors:
+            mean, uncertainty = priors[place]
+            assumed = f"; the written file assumes {mean:.3g} +- {uncertainty:.2g}"
+        say(f"{name:19} {_written(told[place], factor, unit)}{assumed}")
+    for presses, zeros_m in fit.zeros():
+        shown = ", ".join(f"{1e3 * zero:+.3f}" for zero in zeros_m.tolist())
+        say(f"{presses.name}: forces fit depths that count {shown} mm more")
+
+
+def _written(found: Interval, factor: float, unit: str) -> str:
+    low, high = (
+        None if end is None else f"{end * factor:.4g}{unit}" for end in (found.low, found.high)
+    )
+    if low is not None and high is not None:
+        return f"{found.best * factor:.4g}{unit}, 95 % from {low} to {high}"
+    side = f" (95 %: below {high})" if high else f" (95 %: above {low})" if low else ""
+    return f"not determined by these presses{side}"
+
+
+def optics(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Images of a pressed ball, or such a run.")
+    ],
+    background: Annotated[
+        Path | None, typer.Option(help="Frame without contact; in FOLDER or a path.")
+    ] = None,
+    ball_diameter: Annotated[
+        str | None, typer.Option(help="Such as 4.70mm; a run knows it.")
+    ] = None,
+    scale: Annotated[
+        str | None,
+        typer.Option(
+            help="Such as 19.58px/mm, or for x and y 19.6,19.4px/mm; a run's sensor knows it."
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Calibration file to write (.npz).")] = None,
+    circles: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV: image, center_x_px, center_y_px, radius_px; in FOLDER or a path. "
+            "Without it FOLDER's circles.csv, and where there is none the contacts are found."
+        ),
+    ] = None,
+    check: Annotated[
+        Path | None, typer.Option(help="Folder of other labelled presses to score.")
+    ] = None,
+    sensor: Annotated[
+        str | None, typer.Option(help="Whose pad is pressed: a run's own, or else gelsight-mini.")
+    ] = None,
+    preset: Annotated[Preset, typer.Option(help="Of those presses.")] = Preset.BALANCED,
+    folds: Annotated[int, typer.Option(min=2, help="Of the cross-validation.")] = 7,
+    outputs: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Write each press as rendered by a model that had not seen it, for `judge`.",
+        ),
+    ] = None,
+    jobs: Jobs = 2,
+    json_file: JsonFile = None,
+) -> None:
+    """Fit the optics to ball presses, cross-validate, and write a calibration file.
+
+    Example: tacauchy-rig calibrate optics presses --ball-diameter 4.70mm --out optics.npz
+    """
+    from tacauchy_rig.app.calibration.optics.of_run import keep_optics, request_of
+    from tacauchy_rig.app.calibration.optics.run import calibrate_and_check
+    from tacauchy_rig.app.judging.of_run import check_empty
+    from tacauchy_rig.app.replay.parts import open_run
+
+    run = open_run(folder) if (folder / "run.json").is_file() else None
+    request = request_of(
+        folder,
+        run,
+        background=background,
+        ball_diameter_m=None
+        if ball_diameter is None
+        else parse_quantity(ball_diameter, dimension=Dimension.LENGTH, field="--ball-diameter"),
+        scale_px_m=None if scale is None else _scale(scale),
+        out=out,
+        sensor=sensor,
+        circles=circles,
+        check=check,
+        preset=preset,
+        folds=folds,
+        jobs=jobs,
+    )
+    writable_folder(request.out.parent)
+    if run is not None:
+        others = len(run.records) - len(request.trials)
+        say(
+            f"{len(request.trials)} presses of a ball of {request.ball_diameter_m * 1e3:g} mm"
+            + (f"; {others} others of the run are left out" if others else "")
+        )
+    if outputs is not None:
+        check_empty(outputs)
+    with Steps() as steps:
+        result, held_out = calibrate_and_check(request, on_step=steps)
+    if outputs is not None:
+        _write_outputs(outputs, held_out, folds=folds, trials=request.trials)
+    for warning in result.warnings:
+        complain(f"warning: {warning}")
+    _show_optics(result)
+    if run is not None:
+        keep_optics(run, request, result)
+        say(f"next: {command_line('replay', folder, '--optics', request.out)}")
+    write_json(json_file, result)
+
+
+def _write_outputs(
+    folder: Path, images: Mapping[int, RenderedPress], *, folds: int, trials: Mapping[str, int]
+) -> None:
+    """Write presses held out as a simulator's outputs."""
+    from tacauchy_rig import __version__
+    from tacauchy_rig.app.judging.of_run import write_outputs
+    from tacauchy_rig.core.simulated import Outputs, PressOutput, Simulator
+    from tacauchy_rig.core.versions import machine
+
+    simulator = Simulator(
+        name="tacauchy_rig's optics",
+        version=__version__,
+        milliseconds_an_image=1e3 * sum(each.seconds for each in images.values()) / len(images),
+        machine=f"cpu, {machine()}, the formula in NumPy",
+        note=f"Cross-validated, {folds} folds: of each press nothing is used but its contact's "
+        "circle, as drawn or as found in its image, and how its markers say that ball and image "
+        "moved sideways.",
+    )
+    presses = {
+        trials.get(each.press.name, k): PressOutput(image=each.image)
+        for k, each in sorted(images.items())
+    }
+    write_outputs(folder, Outputs(simulator=simulator, presses=presses))
+    say(f"wrote {folder}")
+
+
+def _show_optics(result: OpticsResult) -> None:
+    say(
+        f"coverage   {result.coverage.slopes_seen_share:.0%} of the slopes, "
+        f"{result.coverage.image_share:.0%} of the image"
+    )
+    say("                                  R2      error   SSIM    (no-contact frame)")
+    for name, scores in (("cross-validated", result.cross_validation), ("check", result.check)):
+        if scores is None:
+            continue
+        say(f"{name}: {scores.press_count} presses")
+        for how, values in (
+            ("circles nudged, frame's light", scores),
+            ("as labelled, frame's light", scores.as_labelled),
+            ("as labelled, no-contact light", scores.as_labelled_frames_as_they_came),
+        ):
+            say(f"  {how:32}{_line_of(values)}")
+        say(
+            f"  light {scores.light_rms_levels:.1f} grey levels rms, circles moved "
+            f"{scores.nudge_rms_px:.1f} px rms"
+        )
+        if (markers := scores.markers) is not None:
+            say(
+                f"  markers: {markers.tracked} tracked to {markers.tracking_error_px:.2f} px, "
+                f"{markers.lost} lost; drawn {markers.error_px:.2f} px "
+                f"({markers.error_m * 1e3:.3f} mm) off in the median; at the contact they moved "
+                f"{markers.moved_px:.1f} px and are {markers.near_error_px:.2f} px off, nine of "
+                f"ten up to {markers.near_error_p90_px:.2f} px"
+            )
+    for path in result.files:
+        say(f"wrote {path}")
+
+
+def _line_of(scores: PressScores) -> str:
+    without = f"{scores.r2_no_contact:.2f}, {scores.mae_no_contact:.1f}"
+    return (
+        f"{scores.r2:.4f}  {scores.mae:5.2f}   {scores.ssim_crop:.4f}  "
+        f"({without}, {scores.ssim_crop_no_contact:.3f})"
+    )
+
+
+def _scale(text: str) -> tuple[float, float]:
+    from sim.scene.terms import parse_pair
+
+    x, y = parse_pair(text, Dimension.IMAGE_SCALE, "--scale")
+    y = y if "," in text else x
+    if not (x > 0.0 and y > 0.0):
+        raise ConfigError(
+            f'--scale: "{text}" is not positive', remedy="give pixels per mm, such as 19.58px/mm"
+        )
+    return x, y

@@ -1,1 +1,0 @@
-"""``tacauchy-rig calibrate``: a command a module."""
