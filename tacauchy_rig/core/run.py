@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any
+from typing import Any, Literal
 
 SIMULATED_MARK = "SIMULATED: emulated devices"
 IMPORTED_MARK = "IMPORTED: recorded elsewhere"
@@ -326,6 +326,9 @@ SAME_PLACE_M = 3e-5
 """Presses nearer to each other are at one place: half a pixel of a GelSight Mini."""
 
 
+Stream = Literal["force", "arm", "image"]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportedTrial:
     """One press of theirs.
@@ -334,7 +337,7 @@ class ImportedTrial:
         name: What the source calls it.
         place_m: Where the indenter's tip came down beside the pad's centre [m]; None: not known.
         indenter: As ``press --indenter`` has it; empty is the run's.
-        streams: Those of ``force``, ``image`` and ``arm`` that its recording has.
+        streams: Those that its recording has.
         contact_px: Column, row and radius of the contact's edge as somebody drew it into the
             image, in its own pixels [px]; None where nobody did.
         image: What the source calls its last image; empty where it has none.
@@ -344,7 +347,7 @@ class ImportedTrial:
     name: str
     place_m: tuple[float, float] | None = None
     indenter: str = ""
-    streams: tuple[str, ...] = ()
+    streams: tuple[Stream, ...] = ()
     contact_px: tuple[float, float, float] | None = None
     image: str = ""
 

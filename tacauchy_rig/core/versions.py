@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
+from typing import Any
 
 from tacauchy_rig import __version__
+from tacauchy_rig.core.errors import ConfigError
 
 ABSENT = "absent"
 _DISTRIBUTIONS = (
@@ -46,6 +48,21 @@ def versions() -> dict[str, str]:
         "platform": platform.platform(),
         **libraries,
     }
+
+
+def library(name: str, *, extra: str) -> Any:
+    """Import a library that an extra of this package installs.
+
+    Raises:
+        ConfigError: It is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ConfigError(
+            f"{name.partition('.')[0]}, which this needs, is not installed",
+            remedy=f'pip install "tacauchy-rig[{extra}]"',
+        ) from error
 
 
 def machine() -> str:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from importlib import import_module
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from tacauchy_rig.app.importing.presses import Samples, Window
 from tacauchy_rig.app.importing.table import as_toml
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray, IndexArray, Int64Array
 from tacauchy_rig.core.config.model import IndenterKind
-from tacauchy_rig.core.errors import ConfigError, RecordError, command_line
+from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.registry import Kind, unknown
 from tacauchy_rig.core.rgb import decode_rgb
@@ -24,6 +23,7 @@ from tacauchy_rig.core.run import ImageFrame, TrialRecord
 from tacauchy_rig.core.simulated import REPLAY_NAME
 from tacauchy_rig.core.store.durable import write_atomically
 from tacauchy_rig.core.store.run_store import RunStore
+from tacauchy_rig.core.versions import library
 
 _NUMBERS = (
     *("force_target_n", "force_measured_n", "force_deviation_n", "force_drift_n"),
@@ -199,19 +199,8 @@ def images_of(episode: Episode, rows: Rows) -> Iterator[ImageArray]:
         yield from [image] * repeats[number] if image is not None else ()
 
 
-def needed(name: str) -> Any:
-    """Return a library of the extra ``export``.
-
-    Raises:
-        ConfigError: It is not installed.
-    """
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise ConfigError(
-            f"{name} is not installed, which writes this format",
-            remedy='pip install "tacauchy-rig[export]"',
-        ) from error
+needed = partial(library, extra="export")
+"""Imports a library that a format needs."""
 
 
 _EXACT_SHARE = 1e-9

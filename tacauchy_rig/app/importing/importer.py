@@ -18,7 +18,7 @@ from sim.scene.indenter import Indenter
 from sim.scene.terms import parse_indenter
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.importing.images import Converter, Images
-from tacauchy_rig.app.importing.plausible import Keys, check_presses
+from tacauchy_rig.app.importing.plausible import check_presses
 from tacauchy_rig.app.importing.presses import Press, Recorded
 from tacauchy_rig.app.importing.source import MIB, Problems, Source
 from tacauchy_rig.app.importing.table import as_toml, read_section
@@ -37,6 +37,7 @@ from tacauchy_rig.core.run import (
     ImportedTrial,
     Outcome,
     Pose,
+    Stream,
     Tare,
     TrialRecord,
     vector6,
@@ -67,7 +68,19 @@ def write_presses(
         trials = []
         for index, press in enumerate(recorded.presses[:PRESSES_MOST], start=1):
             _write_press(store, index, press, converter, source)
-            trials.append(_trial_entry(index, press))
+            there: dict[Stream, object] = {"force": press.force, "arm": press.pose}
+            there |= {"image": press.frames}
+            trials.append(
+                ImportedTrial(
+                    index=index,
+                    name=press.name,
+                    place_m=press.place_m,
+                    indenter=press.indenter,
+                    streams=tuple(name for name, stream in there.items() if stream),
+                    contact_px=press.contact_px,
+                    image=press.frames[-1].name if press.frames else "",
+                )
+            )
         converter.check_colours(source.problems)
         source.problems.refuse()
         store.imported.save(
@@ -110,19 +123,6 @@ def check_counts(recorded: Recorded) -> None:
                     f"press {press.name}: has no {what} frame",
                     remedy="every press needs an image of the gel without contact and one with it",
                 )
-
-
-def _trial_entry(index: int, press: Press) -> ImportedTrial:
-    there = {"force": press.force, "arm": press.pose, "image": press.frames}
-    return ImportedTrial(
-        index=index,
-        name=press.name,
-        place_m=press.place_m,
-        indenter=press.indenter,
-        streams=tuple(name for name, stream in there.items() if stream),
-        contact_px=press.contact_px,
-        image=press.frames[-1].name if press.frames else "",
-    )
 
 
 def _write_press(
@@ -266,24 +266,28 @@ READERS: Mapping[SourceKind, tuple[str, str, str]] = {
 BARE = {".whl": SourceKind.TAXIM, ".npz": SourceKind.TAXIM}
 BARE |= {".mcap": SourceKind.BAG, ".db3": SourceKind.BAG}
 """Files that can be imported without an ``import.toml``."""
-KEYS = Keys(
-    force_sign="rig.force_sensor.compression_sign = -1",
-    force="the unit of forces (data.columns.force.unit)",
-    depth_sign="data.columns.depth.sign = -1",
-    depth="the unit of depths (data.columns.depth.unit)",
-    place="data.columns.x and y, their unit or sign",
-)
-_STREAM = replace(KEYS, depth_sign="that the pose's z grows upwards, away from the gel")
-_KEYS = {
-    SourceKind.BAG: replace(
-        _STREAM, force="what publishes the force (bags are in N)", place="data.pad_centre"
-    ),
-    SourceKind.LEROBOT: replace(_STREAM, force="data.force.unit", depth="data.pose.unit"),
-    SourceKind.VIDEO: replace(
-        _STREAM, depth_sign="data.columns.z.sign = -1", depth="data.columns.z.unit"
-    ),
+KEYS = {
+    "force_sign": "rig.force_sensor.compression_sign = -1",
+    "force": "the unit of forces (data.columns.force.unit)",
+    "depth_sign": "data.columns.depth.sign = -1",
+    "depth": "the unit of depths (data.columns.depth.unit)",
+    "place": "data.columns.x and y, their unit or sign",
 }
-"""What declares conventions, by the source's format."""
+_UPWARDS = "that the pose's z grows upwards, away from the gel"
+_KEYS = {
+    SourceKind.BAG: {
+        "force": "what publishes the force (bags are in N)",
+        "depth_sign": _UPWARDS,
+        "place": "data.pad_centre",
+    },
+    SourceKind.LEROBOT: {
+        "force": "data.force.unit",
+        "depth_sign": _UPWARDS,
+        "depth": "data.pose.unit",
+    },
+    SourceKind.VIDEO: {"depth_sign": "data.columns.z.sign = -1", "depth": "data.columns.z.unit"},
+}
+"""What declares conventions, and what else does by the source's format."""
 
 
 class Spec(Section):
@@ -348,7 +352,7 @@ def import_run(
         recorded.presses,
         _indenters(recorded, rig.config, problems),
         replace(sensor, material=replace(sensor.material, young_pa=young_pa)),
-        _KEYS.get(spec.kind, KEYS),
+        KEYS | _KEYS.get(spec.kind, {}),
         sign=rig.config.force_sensor.compression_sign,
         problems=problems,
     )

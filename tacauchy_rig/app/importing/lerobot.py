@@ -10,7 +10,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,6 +34,7 @@ from tacauchy_rig.core.arrays import FloatArray, Int64Array
 from tacauchy_rig.core.config.fields import Section
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError
 from tacauchy_rig.core.quantities import Dimension
+from tacauchy_rig.core.versions import library
 
 if TYPE_CHECKING:
     import pyarrow
@@ -170,13 +170,7 @@ def _episodes(
 
 def _read_parquet(source: Source, name: str, columns: Sequence[str]) -> pyarrow.Table:
     """Return columns of a file."""
-    try:
-        arrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
-    except ImportError as error:
-        raise ConfigError(
-            f"{name}: Parquet is read by pyarrow, which is not installed",
-            remedy='pip install "tacauchy-rig[lerobot]", or: pip install pyarrow',
-        ) from error
+    arrow, parquet = (library(each, extra="lerobot") for each in ("pyarrow", "pyarrow.parquet"))
     path = source.path(name, field="the dataset", most_bytes=FILE_BYTES)
     try:
         with parquet.ParquetFile(path) as file:

@@ -7,8 +7,7 @@ makes it several times stiffer, a wrong unit a hundred or a thousand times.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -35,22 +34,11 @@ SHALLOW_M = 2e-6
 """A deepest press that is shallower leaves no image: its unit is larger than is stated."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Keys:
-    """What declares conventions, for messages."""
-
-    force_sign: str  # key and value that turn the sign of forces; likewise of depths
-    force: str  # key of their unit; likewise of depths and places
-    depth_sign: str
-    depth: str
-    place: str
-
-
 def check_presses(
     presses: Sequence[Press],
     indenters: Sequence[Indenter | None],
     sensor: Sensor,
-    keys: Keys,
+    keys: Mapping[str, str],
     *,
     sign: int,
     problems: Problems,
@@ -59,6 +47,8 @@ def check_presses(
 
     Args:
         indenters: Of each press; None is not known.
+        keys: What declares conventions, for messages: of ``force`` and ``depth`` their unit, of
+            ``force_sign`` and ``depth_sign`` what turns them, of ``place`` its columns.
         sign: Of forces in compression.
     """
     where = [press.where or press.name for press in presses]
@@ -67,15 +57,15 @@ def check_presses(
     wrenches = np.array([wrench.mean(axis=0) for wrench in held]).reshape(-1, 6)
     forces = sign * wrenches[:, FZ]
     depths = np.array([press.measured_depth_m for press in presses], dtype=np.float64)
-    is_pulled = _check_sign(where, "force", "N", forces, LEAST_N, keys.force_sign, problems)
+    is_pulled = _check_sign(where, "force", "N", forces, LEAST_N, keys["force_sign"], problems)
     is_raised = _check_sign(
-        where, "depth", "mm", 1e3 * depths, 1e3 * LEAST_DEPTH_M, keys.depth_sign, problems
+        where, "depth", "mm", 1e3 * depths, 1e3 * LEAST_DEPTH_M, keys["depth_sign"], problems
     )
-    is_odd = _check_depths(where, np.abs(depths), sensor.pad.height_m, keys.depth, problems)
+    is_odd = _check_depths(where, np.abs(depths), sensor.pad.height_m, keys["depth"], problems)
     if not (is_pulled or is_raised or is_odd):
-        _check_forces(where, indenters, forces, depths, sensor, keys.force, problems)
+        _check_forces(where, indenters, forces, depths, sensor, keys["force"], problems)
     _check_axis(wrenches[np.isfinite(forces), :3], problems)
-    _check_places(where, presses, sensor, keys, problems)
+    _check_places(where, presses, sensor, keys["place"], problems)
 
 
 def _check_sign(
@@ -230,7 +220,7 @@ def _check_axis(forces: FloatArray, problems: Problems) -> None:
 
 
 def _check_places(
-    where: Sequence[str], presses: Sequence[Press], sensor: Sensor, keys: Keys, problems: Problems
+    where: Sequence[str], presses: Sequence[Press], sensor: Sensor, key: str, problems: Problems
 ) -> None:
     """Note places beside the gel."""
     half = np.array(sensor.pad.half_extents())
@@ -243,5 +233,5 @@ def _check_places(
     ]
     if told:
         problems.add(
-            shown(told), remedy=f"correct {keys.place}: places are of the tip from the pad's centre"
+            shown(told), remedy=f"correct {key}: places are of the tip from the pad's centre"
         )

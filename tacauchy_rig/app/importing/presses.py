@@ -129,16 +129,11 @@ VALLEY = 0.5
 MAX_PRESSES = 10_000
 
 
-def _text(quantity: str) -> Any:
-    """Return a default as a file would have it, which is read as one."""
-    return Field(default=quantity, validate_default=True)
-
-
 class PressFinding(Section):
     """``[data.presses]``: how presses are found in a recording, which begins with less force."""
 
-    press_force: Force = _text("0.2 N")
-    contact_force: Force = _text("0.05 N")
+    press_force: Force = Field(default=0.2, validate_default=False)
+    contact_force: Force = Field(default=0.05, validate_default=False)
     held_share: float = Field(default=0.99, gt=0.0, lt=1.0)
 
 
@@ -365,43 +360,38 @@ def cut(
     Raises:
         RecordError: One has no image of the gel at rest.
     """
-    return tuple(_press(each, force, frames, pose, pad_centre) for each in found)
-
-
-def _press(
-    found: PressSpan,
-    force: Samples,
-    frames: Sequence[Frame],
-    pose: Samples | None,
-    pad_centre: tuple[float, float] | None,
-) -> Press:
-    rest, whole = found.rest, (found.rest[0], found.pressed[1])
-    own = tuple(each for each in frames if whole[0] <= each.stamp_ns <= whole[1])
-    unloaded = [each.stamp_ns for each in own if each.stamp_ns <= rest[1]]
-    if not unloaded:
-        raise RecordError(
-            f"{found.name}: no image of the gel at rest before it",
-            remedy="record images for at least a second without contact before each press",
+    presses = []
+    for span in found:
+        rest, whole = span.rest, (span.rest[0], span.pressed[1])
+        own = tuple(each for each in frames if whole[0] <= each.stamp_ns <= whole[1])
+        unloaded = [each.stamp_ns for each in own if each.stamp_ns <= rest[1]]
+        if not unloaded:
+            raise RecordError(
+                f"{span.name}: no image of the gel at rest before it",
+                remedy="record images for at least a second without contact before each press",
+            )
+        felt = force.within(whole)
+        felt.value[:, FZ] -= span.drift_n_s * (felt.stamp_ns - sum(rest) / 2.0) / S
+        moved = None if pose is None else pose.within(whole)
+        held = np.empty((0, 6)) if moved is None else moved.within(span.held).value
+        place = None
+        if pad_centre is not None and len(held):
+            x, y = (held[:, :2].mean(axis=0) - pad_centre).tolist()
+            place = (x, y)
+        presses.append(
+            Press(
+                name=span.name,
+                frames=own,
+                reference=(unloaded[0], unloaded[-1]),
+                dwell=span.held,
+                force=felt,
+                pose=moved if moved is not None and len(moved.stamp_ns) else None,
+                tare=rest,
+                contact_z_m=_height(moved, span.touched_ns),
+                place_m=place,
+            )
         )
-    force = force.within(whole)
-    force.value[:, FZ] -= found.drift_n_s * (force.stamp_ns - sum(rest) / 2.0) / S
-    pose = None if pose is None else pose.within(whole)
-    held = np.empty((0, 6)) if pose is None else pose.within(found.held).value
-    place = None
-    if pad_centre is not None and len(held):
-        x, y = (held[:, :2].mean(axis=0) - pad_centre).tolist()
-        place = (x, y)
-    return Press(
-        name=found.name,
-        frames=own,
-        reference=(unloaded[0], unloaded[-1]),
-        dwell=found.held,
-        force=force,
-        pose=pose if pose is not None and len(pose.stamp_ns) else None,
-        tare=rest,
-        contact_z_m=_height(pose, found.touched_ns),
-        place_m=place,
-    )
+    return tuple(presses)
 
 
 def _height(pose: Samples | None, at_ns: int) -> float | None:

@@ -9,9 +9,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -36,9 +34,10 @@ from tacauchy_rig.app.importing.source import IMAGE_PIXELS, LARGE_BYTES, MIB, So
 from tacauchy_rig.app.importing.table import Column, Dialect, Table, read_table
 from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.config.fields import Frequency
-from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import encode_png
 from tacauchy_rig.core.run import FZ, CameraClock
+from tacauchy_rig.core.versions import library
 
 FINER = 4
 """Steps of the search in an interval of the coarser signal."""
@@ -384,13 +383,7 @@ def _decoded(path: Path, name: str) -> Frames:
 
 
 def _decoded_by_av(path: Path, name: str) -> Frames:
-    try:
-        av: Any = import_module("av")
-    except ImportError as error:
-        raise ConfigError(
-            f"{name}: is coded as AV1, which PyAV reads, which is not installed",
-            remedy='pip install "tacauchy-rig[lerobot]", or: pip install av',
-        ) from error
+    av = library("av", extra="lerobot")
     try:
         with av.open(str(path)) as file:
             for frame in file.decode(video=0):

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any, Protocol
@@ -21,6 +20,7 @@ from typing import Any, Protocol
 from tacauchy_rig.app.sweep.files import Shard
 from tacauchy_rig.core.errors import ConfigError, RigError
 from tacauchy_rig.core.parallel import worker_process
+from tacauchy_rig.core.versions import library
 
 Work = Callable[[Shard, str], bytes]
 """Returns a shard's file, computed on a device."""
@@ -83,13 +83,7 @@ class Dask:
         Raises:
             ConfigError: Dask is not installed, or no scheduler answers for five minutes.
         """
-        try:
-            distributed: Any = import_module("distributed")  # an extra
-        except ImportError as error:
-            raise ConfigError(
-                "--engine dask needs distributed, which is not installed",
-                remedy="install the extra: pip install 'tacauchy-rig[sweep]'",
-            ) from error
+        distributed = library("distributed", extra="sweep")
         lost = (OSError, TimeoutError, distributed.CancelledError)
         left, since = {shard.name: shard for shard in shards}, time.monotonic()
         while left:

@@ -39,9 +39,10 @@ from tacauchy_rig.app.sweep.plan import (
     sensor_of,
 )
 from tacauchy_rig.core.arrays import AnyArray, FloatArray, ImageArray
-from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import encode_png
 from tacauchy_rig.core.store.durable import write_atomically
+from tacauchy_rig.core.versions import library
 
 # Where a press by force begins, below first touch [m].
 _FIRST_M = 0.05e-3
@@ -236,20 +237,9 @@ _EFFECTS = {Effect.FINITE_STRAIN, Effect.LOCKING_FREE_ELEMENT}
 
 
 def parquet() -> Any:
-    """Return ``pyarrow`` with its Parquet.
-
-    Raises:
-        ConfigError: It is not installed.
-    """
-    try:
-        import pyarrow  # noqa: PLC0415 - an extra
-        import pyarrow.parquet  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise ConfigError(
-            "a sweep needs pyarrow, which is not installed",
-            remedy="install the extra: pip install 'tacauchy-rig[sweep]'",
-        ) from error
-    return pyarrow
+    """Return ``pyarrow`` with its Parquet; raises as ``library``."""
+    library("pyarrow.parquet", extra="sweep")
+    return library("pyarrow", extra="sweep")
 
 
 def make_shard(shard: Shard, device: str) -> bytes:

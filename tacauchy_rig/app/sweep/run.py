@@ -33,6 +33,7 @@ from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg
 from tacauchy_rig.core.store.durable import free_bytes, write_atomically
+from tacauchy_rig.core.versions import library
 
 _CROISSANT = "http://mlcommons.org/croissant/1.1"
 PLAN, SUMS = "plan.json", "SHA256SUMS"
@@ -81,10 +82,7 @@ def _facts(plan: Plan, table: Any) -> dict[str, str]:
 
 
 def _croissant(plan: Plan, table: Any, sums: dict[str, str], facts: dict[str, str]) -> Any:
-    try:
-        import mlcroissant as mlc  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise _missing("mlcroissant") from error
+    mlc = library("mlcroissant", extra="sweep")
     kind = "application/x-parquet"
     files = [
         mlc.FileObject(id=name, name=name, content_url=name, encoding_formats=[kind], sha256=digest)
@@ -130,32 +128,21 @@ def _croissant(plan: Plan, table: Any, sums: dict[str, str], facts: dict[str, st
 
 
 def _write_crate(folder: Path, plan: Plan, sums: dict[str, str], facts: dict[str, str]) -> None:
-    try:
-        from rocrate.model import File, Person  # noqa: PLC0415 - an extra
-        from rocrate.rocrate import ROCrate  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise _missing("rocrate") from error
-    crate = ROCrate()
+    model = library("rocrate.model", extra="sweep")
+    crate = library("rocrate.rocrate", extra="sweep").ROCrate()
     crate.name, crate.description = plan.dataset.name, facts["description"]
     crate.license, crate.datePublished = plan.dataset.licence, _today()
     if plan.dataset.creator:
         crate.creator = crate.add(
-            Person(crate, "#creator", properties={"name": plan.dataset.creator})
+            model.Person(crate, "#creator", properties={"name": plan.dataset.creator})
         )
     for name, digest in sums.items():
-        crate.add(File(crate, folder / name, name, properties={"sha256": digest}))
+        crate.add(model.File(crate, folder / name, name, properties={"sha256": digest}))
     write_atomically(folder / "ro-crate-metadata.json", _json(crate.metadata.generate()))
 
 
 def _today() -> datetime.datetime:
     return datetime.datetime.combine(datetime.datetime.now(datetime.UTC).date(), datetime.time())
-
-
-def _missing(name: str) -> ConfigError:
-    return ConfigError(
-        f"a datasheet needs {name}, which is not installed",
-        remedy="install the extra: pip install 'tacauchy-rig[sweep]'",
-    )
 
 
 SHOWN = 50

@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import NoneType
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Any, Literal, TypeVar, get_args, get_type_hints
 
 import numpy as np
 import pydantic_core
@@ -37,47 +38,36 @@ _NON_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 _MAX_NESTING = 64
 _MAX_INTEGER = 2**1023
 """The largest that a float can still hold, roughly."""
+_SHOWN = 120
+"""Characters of a value or a name in a message; a file may hold millions."""
 _REMEDY = "the file was edited, or written by another version of this program"
 
 
 def to_json(value: object) -> Any:
     """Return ``value`` as dictionaries, lists, text and numbers that ``from_json`` takes back."""
-    return _without_non_finite(_plain(value), keep_as_text=True)
+    return _plain(value, "strings")
 
 
 def to_plain(value: object) -> Any:
     """Return ``value`` as dictionaries, lists, text and numbers; numbers that are none are null."""
-    return _without_non_finite(_plain(value), keep_as_text=False)
+    return _plain(value, "null")
 
 
-def _plain(value: object) -> Any:
+def _plain(value: object, non_finite: Literal["strings", "null"]) -> Any:
+    def other(part: Any) -> Any:
+        if isinstance(part, np.generic | np.ndarray):
+            return part.tolist()
+        if isinstance(part, Mapping):
+            return dict(part)
+        raise TypeError(f"{type(part).__name__} has no JSON form")
+
     try:
-        return pydantic_core.to_jsonable_python(
-            value, inf_nan_mode="constants", fallback=_arrays_and_mappings
-        )
+        return json.loads(pydantic_core.to_json(value, inf_nan_mode=non_finite, fallback=other))
     except (pydantic_core.PydanticSerializationError, TypeError) as error:
         raise RecordError(
             f"a {type(value).__name__} cannot be written as JSON: {error}",
             remedy="this is a defect of the program: please report it",
         ) from error
-
-
-def _without_non_finite(plain: Any, *, keep_as_text: bool) -> Any:
-    if isinstance(plain, dict):
-        return {k: _without_non_finite(v, keep_as_text=keep_as_text) for k, v in plain.items()}
-    if isinstance(plain, list):
-        return [_without_non_finite(item, keep_as_text=keep_as_text) for item in plain]
-    if isinstance(plain, float) and not math.isfinite(plain):
-        return json.dumps(plain) if keep_as_text else None
-    return plain
-
-
-def _arrays_and_mappings(value: Any) -> Any:
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return dict(value)
-    raise TypeError(f"{type(value).__name__} has no JSON form")
 
 
 def dumps(value: object, *, indent: int | None = 2) -> bytes:
@@ -93,11 +83,26 @@ def loads(data: bytes, *, source: str) -> Any:
         RecordError: It is no such JSON; the message names ``source`` and the place.
     """
     try:
-        found = json.loads(data)
+        found = json.loads(data, object_pairs_hook=_once)
         _check_bounds(found)
     except (ValueError, RecursionError) as error:
         raise RecordError(f"{source}: not valid JSON: {error}", remedy=_REMEDY) from error
     return found
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object whose keys stand in it once: of two values a reader would take either."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        key, count = Counter(name for name, _ in pairs).most_common(1)[0]
+        raise ValueError(f"{_shown(key)} stands {count} times in one object")
+    return found
+
+
+def _shown(value: object) -> str:
+    """Return a value of a file as a terminal can print it, cut where it is long."""
+    text = ascii(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}... ({len(text)} characters)"
 
 
 def _check_bounds(found: Any) -> None:
@@ -135,8 +140,8 @@ def read_json(kind: type[T], path: Path, *, what: str) -> T:
 def read_value(kind: type[T], data: Any, *, source: str) -> T:
     """Build ``kind`` as ``from_json`` does, of numbers that can be.
 
-    An infinite number is none, nor is NaN where None could say that nothing is known. A window
-    does not end before it starts.
+    An infinite number is none, nor is NaN where None could say that nothing is known, or in a list
+    of any length. A window does not end before it starts.
 
     Raises:
         RecordError: Names source, field and value.
@@ -193,11 +198,16 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def _unfit(problem: ErrorDetails, source: str) -> RecordError:
-    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in problem["loc"])
+    parts = (f"[{each}]" if isinstance(each, int) else _member(each) for each in problem["loc"])
     name = "".join(parts).removeprefix(".") or "the whole of it"
     whats = {_UNKNOWN: "unknown field", "missing": "missing field"}
-    message = whats.get(problem["type"]) or f"{problem['input']!r}: {problem['msg']}"
+    message = whats.get(problem["type"]) or f"{_shown(problem['input'])}: {problem['msg']}"
     return RecordError(f"{source}: {name}: {message}", remedy=_REMEDY)
+
+
+def _member(key: object) -> str:
+    """Return how a message names a field or a key."""
+    return f".{_shown(key).removeprefix(chr(39)).removesuffix(chr(39))}"
 
 
 _LIMITS = {
@@ -228,7 +238,7 @@ def _check(value: Any, source: str, place: str, name: str, *, is_optional: bool)
         _check_fields(value, source, place)
     elif isinstance(value, Mapping):
         for key, item in value.items():
-            _check(item, source, f"{place}.{key}", str(key), is_optional=is_optional)
+            _check(item, source, f"{place}{_member(key)}", str(key), is_optional=is_optional)
     elif isinstance(value, tuple | list):
         for index, item in enumerate(value):
             _check(item, source, f"{place}[{index}]", name, is_optional=is_optional)
@@ -243,7 +253,8 @@ def _check_fields(value: Any, source: str, place: str) -> None:
         if field.metadata.get(FREE):
             continue
         where = f"{place}.{field.name}" if place else field.name
-        is_optional = NoneType in get_args(hints[field.name])
+        # Of a list of any length what is not known is left out.
+        is_optional = not {NoneType, Ellipsis}.isdisjoint(get_args(hints[field.name]))
         found = getattr(value, field.name)
         _check(found, source, where, field.name, is_optional=is_optional)
         if field.name.endswith(_END):

@@ -14,14 +14,14 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tacauchy_rig.core.config.load import LoadedConfig, restore_config
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.errors import RecordError, command_line
+from tacauchy_rig.core.errors import RecordError, command_line, naming
 from tacauchy_rig.core.force_check import ForceCheck
 from tacauchy_rig.core.rgb import decode_rgb, encode_png
 from tacauchy_rig.core.run import (
@@ -116,6 +116,9 @@ logger = logging.getLogger(__name__)
 
 FORMAT = 1
 _DESCRIPTION = "the run's description"
+_DEEPEST_M = 0.1
+"""Of a press: no gel is a tenth as thick."""
+T = TypeVar("T")
 
 
 class RunStore:
@@ -139,23 +142,22 @@ class RunStore:
     def __init__(self, root: Path, description: dict[str, Any]) -> None:
         self.paths = RunPaths(root)
         self.description = description
-        self.config: RigConfig = restore_config(description["written"])
+        with naming(f"{self.paths.run_json}: written"):
+            self.config: RigConfig = restore_config(description["written"])
         self.config_hash: str = description["config_hash"]
         self.simulated: bool = description["simulated"]
         self._recordings: dict[Any, Recording] = {}
-        paths, journal = self.paths, self.paths.journal
-        self._run_json = HashedFile(paths.run_json, dict[str, Any], journal, _DESCRIPTION)
-        self.expected = HashedFile(paths.expected, ExpectedPress, journal, "the expectation")
-        self.force_check = HashedFile(
-            paths.force_check, ForceCheck, journal, "the check of the cell"
-        )
-        self.imported = HashedFile(
-            paths.imported, Imported, journal, "the word on what was imported"
-        )
-        self.optics = HashedFile(
-            paths.optics_json, CalibratedOptics, journal, "the calibration of its optics"
-        )
-        self.truth = HashedFile(paths.truth, dict[str, Any], journal, "the emulated world's truth")
+        paths = self.paths
+
+        def hashed(path: Path, kind: type[T], what: str) -> HashedFile[T]:
+            return HashedFile(path, kind, paths.journal, what)
+
+        self._run_json = hashed(paths.run_json, dict[str, Any], _DESCRIPTION)
+        self.expected = hashed(paths.expected, ExpectedPress, "the expectation")
+        self.force_check = hashed(paths.force_check, ForceCheck, "the check of the cell")
+        self.imported = hashed(paths.imported, Imported, "the word on what was imported")
+        self.optics = hashed(paths.optics_json, CalibratedOptics, "the calibration of its optics")
+        self.truth = hashed(paths.truth, dict[str, Any], "the emulated world's truth")
 
     @classmethod
     def create(
@@ -306,6 +308,14 @@ class RunStore:
                 f"{path}: index, attempt: {record.index}, {record.attempt} are not those of the "
                 f"folder, {trial}, {attempt}",
                 remedy="the file was moved or edited: take it from a copy of the run",
+            )
+        depths_m, forces_n = record.press_depth_m, record.press_force_n
+        deepest_m = max(map(abs, depths_m), default=0.0)
+        if len(depths_m) != len(forces_n) or deepest_m > _DEEPEST_M:
+            raise RecordError(
+                f"{path}: press_depth_m: {len(depths_m)} depths, to {1e3 * deepest_m:.4g} mm, of "
+                f"{len(forces_n)} forces; each force has one, of {1e3 * _DEEPEST_M:g} mm at most",
+                remedy="the file was edited: take it from a copy of the run",
             )
         return record
 

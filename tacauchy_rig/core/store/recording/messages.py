@@ -19,7 +19,7 @@ from google.protobuf.message_factory import GetMessageClass
 
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.run import ArmSample, ForceSample, ImageFrame, JournalEvent
-from tacauchy_rig.core.store.codec import loads, to_json
+from tacauchy_rig.core.store.codec import loads, read_value, to_json
 
 PACKAGE = "tacauchy_rig"
 WRENCH_FIELDS = ("fx_n", "fy_n", "fz_n", "mx_n_m", "my_n_m", "mz_n_m")
@@ -157,29 +157,25 @@ def _encoded_frame(frame: ImageFrame) -> RawMessage:
     )
 
 
-def decode(topic: Topic, data: bytes) -> Any:
-    """Decode a message."""
+def decode(topic: Topic, data: bytes, *, source: object = "the recording") -> Any:
+    """Decode a message; errors name the source."""
     try:
         return MESSAGES[topic].FromString(data)
     except DecodeError as error:
         raise RecordError(
-            f"a message of {topic} does not decode: {error}",
+            f"{source}: a message of {topic} does not decode: {error}",
             remedy="the recording was edited, or written by another program",
         ) from error
 
 
-def decode_event(data: bytes) -> JournalEvent:
+def decode_event(data: bytes, *, source: object = "the recording") -> JournalEvent:
     """Decode a journal event; errors as for ``decode``."""
-    message = decode(Topic.EVENT, data)
-    return JournalEvent(
-        stamp_ns=message.stamp_ns,
-        name=message.name,
-        trial=message.trial,
-        attempt=message.attempt,
-        detail=loads(message.detail_json.encode(), source="an event of the recording"),
-    )
+    message, source = decode(Topic.EVENT, data, source=source), f"{source}: an event"
+    plain = {name: getattr(message, name) for name in ("stamp_ns", "name", "trial", "attempt")}
+    plain["detail"] = loads(message.detail_json.encode(), source=source)
+    return read_value(JournalEvent, plain, source=source)
 
 
-def decode_jpeg(data: bytes) -> bytes:
+def decode_jpeg(data: bytes, *, source: object = "the recording") -> bytes:
     """Return the JPEG bytes of an encoded frame; errors as for ``decode``."""
-    return bytes(decode(Topic.IMAGE, data).data)
+    return bytes(decode(Topic.IMAGE, data, source=source).data)

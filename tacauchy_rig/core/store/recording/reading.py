@@ -469,12 +469,13 @@ class Recording:
                 device_stamp_s=frame.publish_time / 1e9 if has_stamp else None,
                 width=frame.width,
                 height=frame.height,
-                jpeg=decode_jpeg(frame.data),
+                jpeg=decode_jpeg(frame.data, source=self.path),
             )
 
     def events(self) -> list[JournalEvent]:
         """Return the journal events that were recorded beside the streams."""
-        return [decode_event(each.data) for each in self._read(self._entries[Topic.EVENT])]
+        events = self._read(self._entries[Topic.EVENT])
+        return [decode_event(each.data, source=self.path) for each in events]
 
     def raw_messages(self) -> Iterator[RawMessage]:
         """Yield all messages as they were encoded, in order of arrival."""
@@ -482,7 +483,8 @@ class Recording:
         return self._read(sorted(entries, key=lambda entry: (entry.log_time, entry.offset)))
 
     def _decoded(self, topic: Topic) -> list[Any]:
-        return [decode(topic, each.data) for each in self._read(self._entries[topic])]
+        found = self._read(self._entries[topic])
+        return [decode(topic, each.data, source=self.path) for each in found]
 
     def _read(self, entries: Iterable[Entry]) -> Iterator[RawMessage]:
         with open_file(self.path, what="the recording") as descriptor:
