@@ -1,7 +1,8 @@
-"""What every command prints and writes."""
+"""What commands print and write: results, configurations, and lines that follow a press."""
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 from enum import StrEnum
@@ -9,11 +10,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
 from typer.testing import CliRunner
 
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.app.cli.output import Steps, compilation_told, writable_folder, write_json
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.app.cli.progress import (
+    EMPTY,
+    FULL,
+    HOW_TO_STOP,
+    MARK,
+    PHASES,
+    force_bar,
+    live_lines,
+)
+from tacauchy_rig.core.config.fields import ceilings
+from tacauchy_rig.core.config.load import example_text, load_config
+from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.run import Phase
 
 
 class _Colour(StrEnum):
@@ -78,3 +94,118 @@ def test_a_new_folder_is_made_and_left_empty(tmp_path: Path) -> None:
     """The probe leaves nothing behind."""
     folder = writable_folder(tmp_path / "a" / "b")
     assert list(folder.iterdir()) == []
+
+
+runner = CliRunner()
+
+
+def test_show_names_the_source_of_each_value(tmp_path: Path) -> None:
+    """A value from the file is told from a built-in default and from --set."""
+    path = tmp_path / "rig.toml"
+    path.write_text('[robot]\npress_speed = "0.2 mm/s"\n')
+    out = tmp_path / "show.json"
+    arguments = ["config", "show", str(path), "--set", "camera.width=1280", "--json", str(out)]
+    assert runner.invoke(app, arguments).exit_code == 0
+    sources = {row["field"]: row["source"] for row in json.loads(out.read_text())["fields"]}
+    assert sources["robot.press_speed"] == str(path)
+    assert sources["camera.width"] == "--set"
+    assert sources["camera.height"] == "built-in default"
+
+
+@pytest.mark.parametrize(
+    "setting",
+    ["sensor.name=gelsight-maxi", "replay.preset=finest", "sensor.optics_calibration=gone.npz"],
+)
+def test_show_refuses_what_no_replay_is_made_with(setting: str) -> None:
+    """The fields are listed all the same: that is where the wrong one is found."""
+    done = runner.invoke(app, ["config", "show", "--set", setting])
+    assert isinstance(done.exception, ConfigError)
+    assert setting.partition("=")[2] in done.exception.message
+    assert "replay.preset" in done.stdout
+
+
+@pytest.mark.parametrize("out", [None, "rig.toml"])
+def test_example_is_written_and_overwrites_nothing(tmp_path: Path, out: str | None) -> None:
+    """It waits to be filled in; the JSON has the text and where it was written."""
+    file = tmp_path / "example.json"
+    arguments = [] if out is None else [str(tmp_path / out)]
+    command = ["config", "example", *arguments, "--json", str(file)]
+    assert runner.invoke(app, command).exit_code == 0
+    place = None if out is None else str(tmp_path / out)
+    assert json.loads(file.read_text("utf-8")) == {"file": place, "text": example_text()}
+    if place is not None:
+        assert Path(place).read_text("utf-8") == example_text()
+        with pytest.raises(ConfigError, match="is not filled in"):
+            load_config(Path(place))
+        Path(place).write_text("precious")
+        with pytest.raises(ConfigError, match="cannot be written"):
+            runner.invoke(app, command, catch_exceptions=False)
+        assert Path(place).read_text() == "precious"
+
+
+def test_every_ceiling_is_printed_with_its_reason() -> None:
+    """A person sees all that can refuse a file before writing one."""
+    printed = runner.invoke(app, ["config", "ceilings"]).stdout
+    for field, ceiling in ceilings():
+        assert f"`{field}`" in printed
+        assert ceiling.because in printed
+
+
+FACTS = {
+    "step": "pressing to the target",
+    "trial": "trial 2 of 6",
+    "force_n": 1.5,
+    "target_n": 2.0,
+    "tolerance_n": 0.03,
+    "limit_n": 6.0,
+    "height_m": 0.1997,
+    "left_s": 75.4,
+}
+
+
+def shown(width, **changes):
+    """Return the lines as a terminal of that width shows them."""
+    out = io.StringIO()
+    Console(file=out, width=width, force_terminal=False).print(
+        live_lines(**{**FACTS, **changes}, width=width)
+    )
+    return out.getvalue().splitlines()
+
+
+def test_force_target_time_and_the_way_to_stop_are_told():
+    """Four lines of a usual terminal."""
+    step, force, when, how = shown(100)
+    assert step == "  pressing to the target   trial 2 of 6"
+    assert force.startswith("   1.500 N " + FULL)
+    assert force.endswith(" of 2.000 ± 0.03 N, limit 6 N")
+    assert when == "  about 1 min 15 s left   z 199.700 mm"
+    assert how.strip() == HOW_TO_STOP
+
+
+def test_nothing_is_wrapped_on_a_narrow_terminal():
+    """A line that wraps would push the others away: ends are cut off."""
+    lines = shown(30)
+    assert len(lines) == 4
+    assert lines[-1].startswith("  any key stops")
+
+
+def test_before_the_first_force_nothing_is_made_up():
+    """No target, no height, no time: those parts are left out."""
+    lines = shown(80, force_n=None, target_n=None, height_m=None, left_s=None)
+    assert MARK not in lines[1]
+    assert lines[2].strip() == ""
+
+
+@given(force_n=st.floats(-20.0, 20.0), target_n=st.floats(0.0, 8.0), width=st.integers(10, 200))
+def test_a_bar_is_as_wide_as_asked(force_n, target_n, width):
+    """Whatever the force: beyond the limit the bar is full, below nothing it is empty."""
+    bar = force_bar(force_n, target_n, limit_n=6.0, width=width)
+    assert len(bar) == width
+    assert set(bar) <= {FULL, EMPTY, MARK}
+    assert (MARK in bar) == (target_n <= 6.0)
+
+
+def test_every_phase_has_words() -> None:
+    """An operator reads no name of the program's."""
+    assert set(PHASES) == {phase.value for phase in Phase}
+    assert all(" " in words or words == "judging" for words in PHASES.values())

@@ -1,21 +1,31 @@
-"""A run that went through to its end, and what is asked of a person before and after it."""
+"""A run that went through, what it refuses before it moves, and what is computed meanwhile."""
 
 from __future__ import annotations
 
 import io
+import json
+import os
+from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
 from drivers.force_sensor.weighing import Load
 from protocols.processes.supervisor import SessionResult
-from tacauchy_rig.app.cli import session
+from tacauchy_rig.app.cli import emulation, folders, session
+from tacauchy_rig.app.cli.app import app
+from tacauchy_rig.app.cli.emulation import begin_calibration
 from tacauchy_rig.app.cli.progress import ask_for_weight, confirm
 from tacauchy_rig.app.session.record import ForceCheckError, missed_lines
 from tacauchy_rig.core.config.load import default_text, load_config
-from tacauchy_rig.core.errors import AbortedError, RigError
+from tacauchy_rig.core.config.rules import ARM_REQUIRES
+from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, RigError
 from tacauchy_rig.core.force_check import Weight, parse_weight
 from tacauchy_rig.core.run import Criterion, Outcome, TrialRecord
 from tacauchy_rig.core.store.run_store import RunStore
@@ -132,3 +142,154 @@ def test_an_input_that_ends_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> Non
         ask_for_weight(WEIGHT)(Load.NONE)
     with pytest.raises(AbortedError, match="not confirmed"):
         confirm(load_config().config)
+
+
+runner = CliRunner()
+
+
+def refuse(*arguments: str) -> None:
+    """Run the command; its error comes out."""
+    runner.invoke(app, list(arguments), catch_exceptions=False)
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("replay.preset=finest", r"replay\.preset: 'finest' is no preset"),
+        ("sensor.name=gelsight-maxi", "gelsight-maxi"),
+    ],
+)
+def test_what_no_replay_is_made_with_is_refused_before_the_presses(
+    tmp_path: Path, setting: str, message: str
+) -> None:
+    """Six presses are not made for a replay that cannot start."""
+    with pytest.raises(ConfigError, match=message):
+        refuse("dry-run", "--set", setting, "--set", f"run.output_directory={tmp_path}")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no calibration"])
+def test_lost_calibration_is_refused_before_the_presses(
+    tmp_path: Path, content: bytes | None
+) -> None:
+    """A missing, an empty and a damaged file are named before a run folder is made."""
+    file, runs = tmp_path / "calibration.npz", tmp_path / "runs"
+    if content is not None:
+        file.write_bytes(content)
+    settings = [f"sensor.optics_calibration={file}", f"run.output_directory={runs}"]
+    with pytest.raises(ConfigError, match=r"calibration\.npz") as caught:
+        refuse("dry-run", *(part for text in settings for part in ("--set", text)))
+    assert "tacauchy-rig calibrate optics" in caught.value.remedy
+    assert not runs.exists()
+
+
+@pytest.mark.parametrize("command", ["replay", "resume"])
+def test_lost_calibration_of_a_recorded_run_is_told_at_once(tmp_path: Path, command: str) -> None:
+    """Neither the simulation nor the missing presses come first."""
+    loaded = load_config(overrides=[f"sensor.optics_calibration={tmp_path / 'gone.npz'}"])
+    store = RunStore.create(tmp_path, loaded, config_text="", simulated=True, versions={})
+    with pytest.raises(ConfigError, match=r"gone\.npz does not exist"):
+        refuse(command, str(store.paths.root))
+    assert not list(store.paths.root.glob("trials/*/*"))
+
+
+def test_dry_run_never_moves_a_real_arm(tmp_path: Path) -> None:
+    """robot.driver = "ur5" belongs to ``run``."""
+    settings = ["robot.driver=ur5", "robot.host=192.0.2.1", f"run.output_directory={tmp_path}"]
+    written = load_config().written
+    settings += [f"{field}={json.dumps(written[field])}" for field in ARM_REQUIRES]
+    with pytest.raises(AbortedError, match="never moves a real arm"):
+        refuse("dry-run", *(part for text in settings for part in ("--set", text)))
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_folder_without_permission_is_named(tmp_path: Path) -> None:
+    """The folder and what to do stand in the message."""
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o500)
+    with pytest.raises(RecordError, match="closed"):
+        refuse("dry-run", "--set", f"run.output_directory={closed}")
+
+
+def test_output_folder_that_is_a_file_is_named(tmp_path: Path) -> None:
+    """A file in the way is no fault of the program."""
+    (tmp_path / "runs").write_text("")
+    with pytest.raises(RecordError, match="runs"):
+        refuse("dry-run", "--set", f"run.output_directory={tmp_path / 'runs'}")
+
+
+def test_a_lost_calibration_fails_with_what_to_do(tmp_path: Path) -> None:
+    """The replay is looked at like a device: what would fail after the presses fails here."""
+    settings = ["--set", "sensor.optics_calibration=gone.npz"]
+    settings += ["--set", f"run.output_directory={tmp_path}"]
+    done = CliRunner().invoke(app, ["doctor", "--host-only", *settings])
+    assert done.exit_code == 1
+    assert "FAIL  replay: optics calibration gone.npz does not exist" in done.stdout
+    assert "-> write one with: tacauchy-rig calibrate optics" in done.stdout
+
+
+FOUND: Any = object()
+HERE: Any = SimpleNamespace(name="here")
+
+
+def _store(*overrides: str) -> Any:
+    config = load_config(None, overrides=overrides).config
+    return SimpleNamespace(config=config, paths=SimpleNamespace(root="runs/7"))
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Each calibration of a sensor, by name."""
+    made: list[str] = []
+
+    def calibrate(sensor: Any, say: Any) -> Any:
+        made.append(sensor.name)
+        say("calibrating")
+        return FOUND
+
+    monkeypatch.setattr(emulation, "emulated_calibration", lambda _: calibrate)
+    return made
+
+
+def test_what_began_while_recording_is_not_done_again(calls: list[str]) -> None:
+    """What it said is said when it is asked for."""
+    said: list[str] = []
+    with ThreadPoolExecutor(1) as worker:
+        calibrate = begin_calibration(_store(), worker)
+        assert calibrate is not None
+        assert calibrate(HERE, said.append) is FOUND
+    assert (calls, said) == (["gelsight-mini"], ["calibrating"])
+
+
+def test_a_killed_worker_is_named_and_the_calibration_done_here(calls: list[str]) -> None:
+    """The replay does not end because of it."""
+    gone: Future[Any] = Future()
+    gone.set_exception(BrokenProcessPool("gone"))
+    broken: Any = SimpleNamespace(submit=lambda *_: gone)
+    calibrate = begin_calibration(_store(), broken)
+    said: list[str] = []
+    assert calibrate is not None
+    assert calibrate(HERE, said.append) is FOUND
+    assert calls == ["here"]
+    assert "calibrating again" in said[0]
+
+
+def test_a_calibration_file_leaves_nothing_to_begin(calls: list[str]) -> None:
+    """Its optics are read, not fitted."""
+    with ThreadPoolExecutor(1) as worker:
+        store = _store('sensor.optics_calibration="optics.npz"')
+        begin_calibration(store, worker)
+    assert calls == []
+
+
+def test_ctrl_c_tells_how_the_replay_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was recorded is whole, and the command names it."""
+
+    def replay_run(*_: Any, **__: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tacauchy_rig.app.replay.replay.replay_run", replay_run)
+    run: Any = SimpleNamespace(store=_store())
+    with pytest.raises(AbortedError, match="Ctrl-C during the replay") as ended:
+        folders.replay_and_show(run, None)
+    assert "tacauchy-rig replay runs/7" in ended.value.remedy

@@ -1,24 +1,30 @@
-"""A ROS 2 bag comes back as the presses that it holds; chunks of MCAP are bounded first."""
+"""A bag, a LeRobot dataset, and a video with its log come back as the presses that they hold."""
 
 from __future__ import annotations
 
 import math
+import re
 import struct
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import lz4.frame
+import numpy as np
 import pytest
 from backports import zstd
 from rosbags.rosbag2 import StoragePlugin
 
 from tacauchy_rig.app.importing.bag import CHUNK_BYTES, MAGIC, check_chunks
 from tacauchy_rig.app.importing.importer import import_run
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.rgb import decode_rgb
 from tacauchy_rig.core.store.check.run import check_run
+from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.run_store import RunStore
-from tests.tacauchy_rig.app.importing.sources import counting, header, write_bag
+from tests.tacauchy_rig.app.importing.made import make_lerobot
+from tests.tacauchy_rig.app.importing.sources import counting, header, write_bag, write_video
 
 
 @pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
@@ -148,3 +154,94 @@ def test_an_import_looks_before_it_reads(ours: RunStore, tmp_path: Path) -> None
     with pytest.raises(RecordError, match="unpacks to"):
         import_run(folder, parent=tmp_path / "runs")
     assert not list((tmp_path / "runs").glob("*"))
+
+
+LOSS = 5.0  # grey levels that the codec takes; the presses are 20 apart
+
+
+@pytest.mark.parametrize("kind", ["image", "video"])
+def test_episodes_become_presses(kind: str, tmp_path: Path) -> None:
+    """Each with its force, its depth, and images of its own time in files of many episodes."""
+    store = import_run(make_lerobot(tmp_path / "source", kind=kind), parent=tmp_path)
+    assert check_run(store).passed, list(check_run(store).missed())
+    trials = counting(store)
+    assert [each.force_measured_n for each in trials] == pytest.approx([2.0, 3.0])
+    depths = [each.depth_measured_m for each in trials]
+    assert depths == pytest.approx([0.2e-3, 0.3e-3], abs=1e-9)
+    for trial, newton in zip(trials, (2.0, 3.0), strict=True):
+        recording = Recording.open(store.paths.recording(trial.index, 1))
+        held = recording.frames(trial.dwell_start_ns, trial.dwell_end_ns)
+        images = [decode_rgb(frame.jpeg) for frame in held]
+        levels = [float(np.mean(image)) for image in images if image is not None]
+        assert len(levels) == 50
+        assert levels == pytest.approx([90 + 20 * newton] * len(levels), abs=LOSS)
+    assert store.imported_trials[2].name.startswith("episode 1, press 1")
+
+
+def test_episodes_are_taken_by_number(tmp_path: Path) -> None:
+    """One of them alone."""
+    source = make_lerobot(tmp_path / "source")
+    store = import_run(source, parent=tmp_path, overrides=["data.episodes=[1]"])
+    assert [each.force_measured_n for each in counting(store)] == pytest.approx([3.0])
+
+
+def test_without_its_extra_it_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The reader of Parquet is no part of a plain installation."""
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ConfigError, match="pyarrow") as refused:
+        import_run(make_lerobot(tmp_path / "source"), parent=tmp_path)
+    assert "pip install" in refused.value.remedy
+
+
+LOG = b"t,fx,fy,fz,mx,my,mz,x,y,z\n"
+LATER_S = 0.7  # that the log begins after the video
+
+
+def test_a_video_of_a_run_of_ours_comes_back(ours: RunStore, tmp_path: Path) -> None:
+    """The offset is found to within three times what it says, and forces and depths are kept."""
+    folder = write_video(ours, tmp_path / "source", later_s=LATER_S)
+    store = import_run(folder, parent=tmp_path)
+    assert check_run(store).passed, list(check_run(store).missed())
+    assert store.config.run.sync_mode == "contact_onset"
+    for theirs, own in zip(counting(store), counting(ours), strict=True):
+        assert theirs.force_measured_n == pytest.approx(own.force_measured_n, rel=5e-3)
+        assert theirs.depth_measured_m == pytest.approx(own.depth_measured_m, abs=1e-5)
+    imported = store.imported.load()
+    assert imported is not None
+    told = re.search(r"is ([-+.\d]+) s from.*uncertainty (\d+) ms", imported.notes[0])
+    assert told is not None
+    offset_s, uncertainty_s = float(told[1]), float(told[2]) / 1e3
+    assert offset_s == pytest.approx(-LATER_S, abs=3.0 * uncertainty_s)
+    assert 0.005 < uncertainty_s < 0.05
+
+
+def test_a_log_of_other_presses_is_refused(ours: RunStore, tmp_path: Path) -> None:
+    """The correlation is said."""
+    folder = write_video(ours, tmp_path / "source", later_s=0.0)
+    lines = (folder / "force.csv").read_text().splitlines()
+    times, rest = zip(*(line.split(",", 1) for line in lines[1:]), strict=True)
+    mixed = [*rest[len(rest) // 3 :: 3], *rest[: len(rest) // 3], *rest[len(rest) // 3 :: 4]]
+    rows = [f"{time},{row}" for time, row in zip(times, mixed, strict=False)]
+    (folder / "force.csv").write_text("\n".join([lines[0], *rows]))
+    with pytest.raises(RecordError):
+        import_run(folder, parent=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("gel.avi", b"RIFF....AVI no video at all", "0 frames"),
+        ("force.csv", LOG + b"0" + b",0" * 9 + b"\n0" + b",0" * 9, "too coarse"),
+        ("force.csv", LOG + b"1" + b",0" * 9 + b"\n0" + b",0" * 9, "line 3"),
+    ],
+)
+def test_what_is_damaged_is_named(
+    name: str, content: bytes, told: str, ours: RunStore, tmp_path: Path
+) -> None:
+    """A video that is none; times that do not ascend."""
+    folder = write_video(ours, tmp_path / "source", later_s=0.0)
+    (folder / name).write_bytes(content)
+    with pytest.raises(RecordError, match=told):
+        import_run(folder, parent=tmp_path)

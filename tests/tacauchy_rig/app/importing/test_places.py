@@ -1,7 +1,8 @@
-"""Presses at many places are kept one by one."""
+"""Indenter and place of presses are what a replay presses, and are kept one by one."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,16 +14,22 @@ import pytest
 from reports.evidence.attempt import RunReading
 from sim.fields.press_fields import TrialFields
 from sim.fields.surface import IntermediateState, SurfaceState
-from sim.scene.indenter import Sphere
+from sim.scene.indenter import MeshIndenter, Sphere
 from tacauchy_rig.app.calibration.optics.of_run import request_of
+from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.app.replay import places
+from tacauchy_rig.app.replay import replay as replaying
+from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.optics import nominal_optics
 from tacauchy_rig.app.replay.parts import open_run, parts_of
-from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.simulated import Replay
-from tacauchy_rig.core.store.run_store import ReplayFields
+from tacauchy_rig.app.replay.replay import replay_run
+from tacauchy_rig.app.replay.report import report_run
+from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.rgb import encode_png
+from tacauchy_rig.core.simulated import ForceInput, Replay
+from tacauchy_rig.core.store.check.run import check_run
+from tacauchy_rig.core.store.run_store import ReplayFields, RunStore
 from tests.reports.conftest import record, replay_of
-from tests.tacauchy_rig.app.importing.test_parts import blob, imported
 
 BALL = Sphere(diameter_m=6e-3)
 
@@ -180,3 +187,158 @@ def test_optics_are_calibrated_from_the_balls_of_a_mixed_run(small: Path) -> Non
     assert request.trials == {"b.png": 2}
     with pytest.raises(ConfigError, match="balls of this run: 4 mm, 6 mm"):
         request_of(small, run, ball_diameter_m=5e-3, **asked, **further)
+
+
+HEAD = "image,fz,depth,x,y,tool"
+_CORNERS = [(x, y, z) for z in (0, 4) for y in (-2, 2) for x in (-2, 2)]
+_SIDES = ("023 031", "457 476", "015 054", "267 273", "046 062", "137 175")
+
+
+def _stl() -> bytes:
+    """Return a cube of 4 mm as an STL of text; normals are found from the corners."""
+    faces = [face for side in _SIDES for face in side.split()]
+    lines = ["solid cube"]
+    for face in faces:
+        lines += ["facet normal 0 0 0", "outer loop"]
+        lines += [f"vertex {' '.join(map(str, _CORNERS[int(c)]))}" for c in face]
+        lines += ["endloop", "endfacet"]
+    return "\n".join([*lines, "endsolid cube", ""]).encode()
+
+
+CUBE = _stl()
+
+
+def imported(folder: Path, *rows: str, force: bool = True, images: bool = False) -> RunStore:
+    """Import presses, each by its force, depth, place and tool, and before that its image."""
+    told = rows if images else [f"press.png,{row}" for row in rows]
+    (folder / "presses.csv").write_text("\n".join([HEAD, *told]))
+    text = (folder / "import.toml").read_text().replace("[rig.replay]\nindenter", "[rig.replay]\n#")
+    axes = "\n".join(f'{axis} = {{ column = "{axis}", unit = "mm" }}' for axis in "xy")
+    if not force:
+        text = text.replace('force = { column = "fz", unit = "N" }', "")
+    text = text.replace("[rig.replay]", '[rig.replay]\npreset = "fast"\npose = "stated"')
+    text = text.replace("[rig.sensor]", f'{axes}\nindenter = "tool"\n[rig.sensor]')
+    (folder / "import.toml").write_text(text)
+    return import_run(folder, parent=folder.parent, check=inputs_of)
+
+
+def blob(folder: Path, name: str, *, x_px: int = 0) -> None:
+    """Write an image of the gel with something pressed beside the middle."""
+    there = np.hypot(*np.mgrid[-240:240, -320 - x_px : 320 - x_px]) < 60
+    pressed = np.where(there[..., None], np.uint8((150, 90, 60)), np.uint8(90))
+    (folder / name).write_bytes(encode_png(np.asarray(pressed, np.uint8)))
+
+
+def test_what_all_presses_share_is_replayed(small: Path) -> None:
+    """One ball at one place, to a few micrometres."""
+    ball = "sphere:diameter=6mm"
+    store = imported(small, f"1,0.2,1.5,-2,{ball}", f"2,0.3,1.51,-2,{ball}")
+    (part,) = parts_of(open_run(store.paths.root))
+    assert isinstance(part.inputs.indenter, Sphere)
+    assert part.inputs.indenter.diameter_m == pytest.approx(6e-3)
+    assert part.inputs.offset_m == pytest.approx((1.505e-3, -2e-3))
+    assert part.place_known
+
+
+def test_presses_unlike_each_other_are_parts(small: Path) -> None:
+    """Each has its indenter and its place; where no place is stated, none is made up."""
+    (small / "cube.stl").write_bytes(CUBE)
+    rows = (
+        "1,,0,0,sphere:diameter=6mm",
+        "1,,2,-1,sphere:diameter=6mm",
+        '1,,0,0,"mesh:cube.stl,unit=mm"',
+        "1,,0,0.01,sphere:diameter=6mm",
+        "1,,,,sphere:diameter=6mm",
+    )
+    parts = parts_of(open_run(imported(small, *rows).paths.root))
+    assert [list(part.trials) for part in parts] == [[1, 4], [2], [3], [5]]
+    assert [type(part.inputs.indenter) for part in parts] == [Sphere, Sphere, MeshIndenter, Sphere]
+    assert parts[1].inputs.offset_m == pytest.approx((2e-3, -1e-3))
+    assert [part.place_known for part in parts] == [True, True, True, False]
+
+
+def test_an_indenter_that_is_none_is_refused_at_once(small: Path) -> None:
+    """By import, not by a replay hours later."""
+    rows = ("1,,0,0,sphere:diameter=6mm", "1,,0,0,star:diameter=6mm")
+    with pytest.raises(RecordError, match=r'line 3, column "tool": .star'):
+        imported(small, *rows)
+
+
+def no_inputs(*_: object) -> tuple[ForceInput, ...]:
+    """Return what no uncertain input changes: trying each takes most of a replay's time."""
+    return ()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_two_balls_at_two_places_with_and_without_force(
+    small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each is pressed with its own, and compared with its like alone."""
+    monkeypatch.setattr(replaying, "force_inputs", no_inputs)
+    blob(small, "press.png")
+    blob(small, "beside.png", x_px=40)
+    rows = (
+        "press.png,1,0.2,0,0,sphere:diameter=6mm",
+        "press.png,2,0.35,0,0,sphere:diameter=6mm",
+        "beside.png,1.5,0.35,2.5,0,sphere:diameter=4mm",
+        "beside.png,,0.3,2.5,0,sphere:diameter=4mm",
+    )
+    run = open_run(imported(small, *rows, images=True).paths.root)
+    replay = replay_run(run)
+    assert [model.indenter for model in replay.models] == [
+        "sphere:diameter=6mm",
+        "sphere:diameter=4mm",
+    ]
+    assert [model.trials for model in replay.models] == [(1, 2), (3, 4)]
+    assert replay.others[0].centre_x_m == pytest.approx(2.5e-3)
+    assert replay.others[0].modulus_factor == replay.model.modulus_factor is not None
+    assert math.isnan(replay.trials[3].force_measured_n)
+    assert check_run(run.store).passed, list(check_run(run.store).missed())
+    report, paths = report_run(open_run(run.store.paths.root))
+    floors = [trial.floors for trial in report.trials]
+    assert [each is not None and each.wrong_force is not None for each in floors] == [True] * 4
+    matrix = report.matrices[0]
+    assert math.isfinite(matrix.values[0][1])
+    assert math.isnan(matrix.values[0][2])
+    page = paths.html.read_text()
+    assert "sphere:diameter=4mm" in page
+    assert "2.50, 0.00" in page
+
+
+@pytest.mark.slow
+def test_presses_without_a_force_are_replayed_to_their_depths(
+    small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The simulator meets the depths, and no force is made up as measured."""
+    # Nothing here reads the coarse presses that tell uncertainties; they take most of the time.
+    monkeypatch.setattr(
+        replaying, "_uncertainties", lambda _run, parts, *_: ([() for _ in parts], None)
+    )
+    blob(small, "press.png")
+    ball = "sphere:diameter=6mm"
+    rows = (f",0.2,0,0,{ball}", f",0.3,0,0,{ball}")
+    run = open_run(imported(small, *rows, force=False).paths.root)
+    replay = replay_run(run)
+    depths = [trial.depth_simulated_m for trial in replay.trials]
+    assert depths == pytest.approx([0.2e-3, 0.3e-3], rel=1e-6)
+    assert all(math.isnan(trial.force_measured_n) for trial in replay.trials)
+    assert replay.trials[1].force_simulated_n > replay.trials[0].force_simulated_n > 0.1
+    assert check_run(run.store).passed, list(check_run(run.store).missed())
+    report, paths = report_run(open_run(run.store.paths.root))
+    assert [trial.force_measured_n for trial in report.trials] == [None, None]
+    assert all(trial.metrics is not None for trial in report.trials)
+    assert "NaN" not in paths.summary.read_text()
+
+
+def test_presses_with_neither_are_not_replayed(small: Path) -> None:
+    """There is nothing to press to."""
+    run = open_run(imported(small, ",,0,0,", force=False).paths.root)
+    with pytest.raises(RecordError, match="force"):
+        replay_run(run)
+
+
+def test_a_tool_of_a_press_lies_within_the_folder(small: Path) -> None:
+    """As one of import.toml does."""
+    with pytest.raises(RecordError, match="the presses' indenter"):
+        imported(small, '1,0.2,0,0,"mesh:/etc/hostname,unit=mm"')

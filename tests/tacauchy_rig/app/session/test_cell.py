@@ -1,4 +1,4 @@
-"""The check of the cell in a run: kept whatever it found, and asked again when it is resumed."""
+"""The check of the cell in a run, and what a run notes beside its presses."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from tacauchy_rig.app.session.record import (
     check_cell,
     mark_expired,
     needs_weight,
+    note_changes,
     record_run,
     require_bounded_force,
     require_right_cell,
     standing_check,
 )
-from tacauchy_rig.core.config.load import load_config
+from tacauchy_rig.core.config.load import Change, load_config
 from tacauchy_rig.core.force_check import Weight
 from tacauchy_rig.core.run import Tare
 from tacauchy_rig.core.store.journal import read_journal
@@ -119,3 +120,16 @@ def test_an_arm_that_feels_bounds_all_but_the_smallest_target(target: str, needs
     """An e-Series: 1.5 T + 0.5 N less T are 0.6 N and a tenth of the first at T = 0.43 N."""
     config = load_config(overrides=[f'protocol.force_targets=["4.7 N", "{target}"]']).config
     assert needs_weight(config) is needs
+
+
+def test_what_was_changed_stands_in_the_journal(new_store: Callable[..., RunStore]) -> None:
+    """Old and new value, and run.json stays as it was recorded."""
+    store = new_store()
+    before = store.paths.run_json.read_bytes()
+    note_changes(store, ())
+    note_changes(store, [Change(field="limits.stale_image", old="500 ms", new="1 s")])
+    (event,) = [e for e in read_journal(store.paths.journal) if e.name == "resume-set"]
+    assert event.detail == {
+        "changes": [{"field": "limits.stale_image", "old": "500 ms", "new": "1 s"}]
+    }
+    assert store.paths.run_json.read_bytes() == before

@@ -1,4 +1,4 @@
-"""Values that are well formed and that no rig can honour, and who is asked about them."""
+"""Values that no rig can honour, and defaults that say where they are from."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import pytest
 
 from tacauchy_rig.core.config.fields import ceilings
 from tacauchy_rig.core.config.load import check_config, load_config, restore_config
+from tacauchy_rig.core.config.model import UncertaintySection
+from tacauchy_rig.core.config.uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import parse_quantity
 
@@ -78,3 +80,27 @@ def test_a_message_stays_readable() -> None:
     lines = caught.value.message.split("\n")
     assert len(lines) == 41
     assert lines[-1].startswith("... and 5")
+
+
+@pytest.mark.parametrize("field", UncertaintySection.model_fields)
+def test_every_field_has_a_default_with_its_source(field: str) -> None:
+    """None is zero, and none is silent."""
+    found = stated_uncertainty(load_config().config, field)
+    assert found.value > 0.0
+    assert found.source.startswith("default: ")
+
+
+def test_rig_toml_overrules_and_unstated_fields_change_no_hash() -> None:
+    """Runs that were recorded before there was such a table keep theirs."""
+    plain = load_config()
+    assert "uncertainty" not in plain.config.model_dump(mode="json")
+    config = load_config(overrides=['uncertainty.fillet="10 um"']).config
+    found = stated_uncertainty(config, "fillet")
+    assert found.value == pytest.approx(1e-5)
+    assert "rig.toml" in found.source
+
+
+def test_a_tilt_that_no_workspace_allows_is_refused() -> None:
+    """So uncertain that the verdict would say nothing."""
+    with pytest.raises(ConfigError, match=r"uncertainty\.tilt"):
+        load_config(overrides=['uncertainty.tilt="20 deg"'])

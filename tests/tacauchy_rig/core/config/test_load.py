@@ -1,12 +1,23 @@
-"""Reading rig.toml: where values come from, and what is said of those that cannot stay."""
+"""Reading rig.toml: where values come from, what cannot stay or change, and what devices need."""
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import pytest
 
-from tacauchy_rig.core.config.load import BUILT_IN, example_text, load_config, restore_config
+from tacauchy_rig.core.config.load import (
+    BUILT_IN,
+    OF_DEVICES,
+    Change,
+    example_text,
+    load_config,
+    restore_config,
+    resumed_config,
+)
+from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.rules import ARM_REQUIRES, CELL_REQUIRES
 from tacauchy_rig.core.errors import ConfigError
 
@@ -171,3 +182,143 @@ def test_rates_of_the_camera_come_from_the_sensors_file(tmp_path: Path) -> None:
         own.write_text(text)
         assert found("", named) == (25.0, 15.0, {BUILT_IN})
     assert found("", "sensor.name=nowhere") == (25.0, 15.0, {BUILT_IN})
+
+
+BEGUN = load_config().written
+
+
+def test_addresses_and_limits_are_changed_and_told() -> None:
+    """Old and new value stand beside one another; what stays is no change."""
+    config, changes = resumed_config(
+        BEGUN,
+        ["camera.device=GelSight Mini", 'limits.stale_image="1 s"', 'limits.soft_force="6 N"'],
+    )
+    assert config.camera.device == "GelSight Mini"
+    assert config.limits.stale_image == 1.0
+    assert changes == (
+        Change(field="camera.device", old="", new="GelSight Mini"),
+        Change(field="limits.stale_image", old="500 ms", new="1 s"),
+    )
+    assert str(changes[1]) == "limits.stale_image = 1 s, before: 500 ms"
+
+
+def test_without_a_change_it_is_the_runs_own() -> None:
+    """A run that just goes on goes on as it was."""
+    assert resumed_config(BEGUN, []) == (load_config().config, ())
+
+
+def test_what_the_run_is_cannot_be_changed() -> None:
+    """Every such field is refused at once, with what may be changed."""
+    given = ['protocol.force_targets=["2 N"]', "sensor.name=digit", "camera.width=320"]
+    with pytest.raises(ConfigError) as caught:
+        resumed_config(BEGUN, [*given, 'limits.soft_force="7 N"'])
+    fields = [line.split(":")[0] for line in caught.value.message.split("\n")]
+    assert fields == ["protocol.force_targets", "sensor.name", "camera.width"]
+    assert "force_sensor.port" in caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ('limits.hard_force="4000 N"', "above the limit 50 N"),
+        ('limits.soft_force="2 N"', "does not clear the highest target"),
+        ('limits.soft_forse="7 N"', "did you mean soft_force?"),
+    ],
+)
+def test_a_changed_limit_is_checked_as_any_other(override: str, message: str) -> None:
+    """Ceilings, rules and spelling hold for a begun run too."""
+    with pytest.raises(ConfigError, match=message.replace("?", r"\?")):
+        resumed_config(BEGUN, [override])
+
+
+def test_a_run_of_another_time_is_asked_before_it_is_pressed_again() -> None:
+    """What was recorded under wider limits is read; pressing needs narrower ones."""
+    wide = {**BEGUN, "limits.max_depth": "100 mm"}
+    with pytest.raises(ConfigError, match=r"limits\.max_depth"):
+        resumed_config(wide, [])
+    config, (change,) = resumed_config(wide, ['limits.max_depth="2 mm"'])
+    assert config.limits.max_depth == pytest.approx(2e-3)
+    assert change.old == "100 mm"
+
+
+@pytest.mark.parametrize("field", OF_DEVICES)
+def test_each_of_the_devices_fields_is_one(field: str) -> None:
+    """A misspelt name could never be given."""
+    table, _, name = field.partition(".")
+    assert name in RigConfig.model_fields[table].annotation.model_fields
+
+
+WRITTEN = load_config().written
+ARM = {"robot.driver": "ur5", "robot.host": "192.0.2.1"}
+CELL = {"force_sensor.driver": "m3733c", "force_sensor.port": "/dev/ttyUSB0"}
+SHEET = {"force_sensor.capacity": "50 N", "force_sensor.calibration_sheet": "no. 7"}
+
+
+def overrides(values: dict[str, object]) -> list[str]:
+    """Return values as ``--set`` takes them."""
+    return [f"{field}={json.dumps(value)}" for field, value in values.items()]
+
+
+def refused(values: dict[str, object], path: Path | None = None) -> list[str]:
+    """Return the fields that are refused, in their order."""
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, overrides=overrides(values))
+    assert "tacauchy-rig config example" in caught.value.remedy
+    return [line.split(":")[0] for line in caught.value.message.split("\n")]
+
+
+def test_a_real_arm_takes_no_place_from_the_dry_run() -> None:
+    """Everything that is missing is listed at once, each field with what to write."""
+    assert refused(ARM) == list(ARM_REQUIRES)
+    assert {"robot.home", "robot.tcp_offset", "robot.payload", "sensor.surface"} < set(ARM_REQUIRES)
+    assert sum(field.startswith("workspace.") for field in ARM_REQUIRES) == 6
+
+
+@pytest.mark.parametrize("left_out", ARM_REQUIRES)
+def test_each_value_of_an_arm_is_asked_for(left_out: str) -> None:
+    """One that is left out is refused although its built-in value would do."""
+    given = {field: WRITTEN[field] for field in ARM_REQUIRES if field != left_out}
+    assert refused({**ARM, **given}) == [left_out]
+
+
+def test_values_from_file_and_command_line_are_the_users_own(tmp_path: Path) -> None:
+    """Equal to the built-in ones or not: somebody wrote them."""
+    path = tmp_path / "rig.toml"
+    path.write_text('[robot]\npayload = "0.4 kg"\n')
+    given = {field: WRITTEN[field] for field in ARM_REQUIRES if field != "robot.payload"}
+    loaded = load_config(path, overrides=overrides({**ARM, **given}))
+    assert loaded.config.moves_real_hardware
+
+
+def test_places_are_not_compared_with_the_dry_runs() -> None:
+    """A home of one's own is not told to lie outside a box that nobody gave."""
+    home = ["300 mm", "300 mm", "500 mm"]
+    assert refused({**ARM, "robot.home": home}) == [f for f in ARM_REQUIRES if f != "robot.home"]
+
+
+@pytest.mark.parametrize("left_out", CELL_REQUIRES)
+def test_a_real_cell_has_its_own_sheet(left_out: str) -> None:
+    """Neither the capacity nor the sheet of the emulated cell stands for it."""
+    assert refused({**CELL, **{f: v for f, v in SHEET.items() if f != left_out}}) == [left_out]
+    assert load_config(overrides=overrides({**CELL, **SHEET})).config.force_sensor.capacity == 50.0
+
+
+def test_placeholders_of_the_example_are_refused(tmp_path: Path) -> None:
+    """A copied example names the two labels that nobody has read yet."""
+    path = tmp_path / "rig.toml"
+    path.write_text(example_text())
+    assert refused({}, path) == ["force_sensor.calibration_sheet", "force_sensor.port"]
+    emulated = {"robot.driver": "emulated", "force_sensor.driver": "emulated"}
+    assert load_config(path, overrides=overrides(emulated)).config.force_sensor.capacity == 50.0
+
+
+def test_the_documented_file_for_emulated_devices_is_complete(tmp_path: Path) -> None:
+    """docs/reference/devices.md shows one that can be copied."""
+    page = Path(__file__).parents[4] / "docs" / "reference" / "devices.md"
+    found = re.search(r"```toml\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+    assert found is not None
+    path = tmp_path / "rig.toml"
+    path.write_text(found.group(1))
+    config = load_config(path).config
+    assert config.robot.host == config.emulation.robot_host
+    assert config.moves_real_hardware

@@ -1,4 +1,4 @@
-"""One indenter tells a valley, two that feel nu differently a gel; wrong data are refused."""
+"""A gel from presses: told within its intervals, written into its sensor's file, or refused."""
 
 from __future__ import annotations
 
@@ -7,14 +7,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sim.sensor.sensor import parse_sensor
 from tacauchy_rig.app.calibration.material.fit import (
     MU,
     NU,
     YOUNG,
     Data,
     GelFit,
+    Interval,
     contradictions,
     predict_left_out,
+    respond,
+)
+from tacauchy_rig.app.calibration.material.results import fit_term, sensor_text, with_gel
+from tacauchy_rig.core.errors import ConfigError
+from tests.studies.gel.command import BALL as DRAWN_BALL
+from tests.studies.gel.command import (
+    DEPTHS_M,
+    drawn_gel,
+    gel_table,
+    judged_gel,
+    presses_of,
+    true_area_m2,
 )
 from tests.tacauchy_rig.app.calibration.material.made_up import made_presses, made_response
 
@@ -124,3 +138,63 @@ def test_wrong_data_are_refused_by_name(wrong: str) -> None:
         assert "gram-force" in found[0]
     if wrong == "one force":
         assert "cylinder:diameter=8mm,fillet=0.5mm at 0.5 mm" in found[1]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_six_gels_under_a_ball() -> None:
+    """Each of E, nu and mu in its interval; fine presses within 3 %."""
+    response, gel = respond(presses_of(1, DRAWN_BALL)), drawn_gel(1)
+    off = response.area_m2(gel.poisson, gel.friction, DEPTHS_M) / true_area_m2(
+        DRAWN_BALL, gel, DEPTHS_M
+    )
+    assert off == pytest.approx(1.0, abs=0.03)
+    judged = [
+        judged_gel((seed, (DRAWN_BALL,)), responses={DRAWN_BALL: response}) for seed in range(1, 7)
+    ]
+    table = gel_table(judged)
+    assert len(table.rows) == 1
+    assert table.passed, table.rows
+
+
+TOLD = Interval(best=4.1e5, low=3.9e5, high=4.3e5)
+
+
+def test_what_is_told_is_written_and_the_rest_stays() -> None:
+    """The modulus with a standard uncertainty; Poisson's ratio, open above, as it was."""
+    before = sensor_text("gelsight-mini")
+    after = with_gel(
+        before, young=TOLD, poisson=Interval(best=0.48, low=0.46, high=None), source="made up"
+    )
+    old, new = (parse_sensor(text, origin="made up") for text in (before, after))
+    assert new.material.young_pa == pytest.approx(4.1e5)
+    assert new.numbers["material.young"].uncertainty == pytest.approx(0.2e5 / 1.96, rel=0.05)
+    assert new.numbers["material.young"].source == "made up"
+    assert new.material.poisson == old.material.poisson
+    assert len(set(before.splitlines()) ^ set(after.splitlines())) == 2
+
+
+def test_a_file_without_such_a_line_is_refused() -> None:
+    """A gel of layers, or one that is written otherwise."""
+    with pytest.raises(ConfigError, match="0 lines"):
+        with_gel("[material]\n", young=TOLD, poisson=TOLD, source="made up")
+
+
+TIME_S = np.tile(np.linspace(0.0, 2.0, 200), 6)
+NOISE = 0.002 * np.random.default_rng(3).standard_normal(len(TIME_S))
+
+
+def test_share_and_time_are_found() -> None:
+    """3 % in 0.4 s, under noise of 0.2 %."""
+    found = fit_term(TIME_S, 1.0 + 0.03 * np.exp(-TIME_S / 0.4) + NOISE)
+    assert found is not None
+    assert found.share == pytest.approx(0.03, abs=3.0 * found.share_error)
+    assert found.time_s == pytest.approx(0.4, abs=3.0 * found.time_error_s)
+    assert found.share_error < 0.002
+
+
+@pytest.mark.parametrize("rising", [0.0, 0.005])
+def test_noise_and_a_rising_force_tell_none(rising: float) -> None:
+    """A servo that still pushes is no relaxation."""
+    assert fit_term(TIME_S, 1.0 + rising * TIME_S + NOISE) is None
+    assert fit_term(TIME_S[:5], np.ones(5)) is None

@@ -1,4 +1,4 @@
-"""``tacauchy-rig calibrate`` on folders of rendered presses."""
+"""``tacauchy-rig calibrate`` on folders of rendered presses, and on tables of forces."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tests.sim.optics.rendered_targets import photograph, printed_dots
 from tests.sim.optics.synthetic_presses import PROFILE, press_scene, presses
+from tests.tacauchy_rig.app.calibration.material.made_up import SURE, made_presses, made_response
 
 HEADER = ["image", "center_x_px", "center_y_px", "radius_px"]
 OPTIONS = ["--ball-diameter", "4.70mm", "--scale", "10px/mm", "--background", "no_contact.png"]
@@ -238,3 +239,47 @@ def test_contradictory_presses_are_refused(tmp_path: Path) -> None:
     words = [*OPTIONS, "--folds", 2, "--out", tmp_path / "c.npz"]
     message = _refused("optics", folder, *words).message
     assert "of 8 labels contradict their images: 0000.png was left out" in message
+
+
+BALL = {"power": 1.5, "confined": 2.0}
+GEL = {"young_pa": 5e5, "poisson": 0.465, "friction": 0.4}
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_one_ball_from_a_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, wrong: bool
+) -> None:
+    """Modulus and stated nu predict the forces; of wrong ones nothing is written."""
+    monkeypatch.setattr(
+        "tacauchy_rig.app.calibration.material.fit.respond", lambda *_, **__: made_response(**BALL)
+    )
+    candidates = ("sphere:diameter=6mm", "sphere:diameter=10mm")
+    monkeypatch.setattr("tacauchy_rig.app.calibration.material.fit.CANDIDATES", candidates)
+    presses = made_presses("sphere:diameter=6mm", **GEL, **BALL)
+    force_n = presses.force_n.copy()
+    force_n[4] *= 1.2 if wrong else 1.0
+    table = tmp_path / "presses.csv"
+    rows = zip(presses.depth_m, force_n, strict=True)
+    lines = [f"sphere:diameter=6mm,{depth * 1e3},{force}" for depth, force in rows]
+    table.write_text("\n".join(["indenter,depth_mm,force_n", *lines]) + "\n")
+    out, found = tmp_path / "my.toml", tmp_path / "found.json"
+    options = ["--out", str(out), "--json", str(found)]
+    for override in SURE:
+        options += ["--set", override]
+    options += ["--sensor", "gelsight-mini", "--noise", "5mN"]
+    result = CliRunner().invoke(app, ["calibrate", "material", str(table), *options])
+    told = json.loads(found.read_text())
+    assert told["told"]["poisson"]["low"] is None
+    assert len(told["left_out"]) == 8
+    assert "Poisson's ratio nu  not determined by these presses" in result.output
+    assert result.exit_code == int(wrong), result.output
+    assert out.exists() != wrong
+    if wrong:
+        assert "sphere:diameter=6mm at 0.5 mm: " in result.output
+        return
+    assert "next: sphere:diameter=10mm would leave" in result.output
+    assert "next: sphere:diameter=6mm" not in result.output
+    made = load_sensor(str(out))
+    # At nu 0.48 in place of 0.465 the formula's ball is 3 % stiffer, so that E is as much smaller.
+    assert made.material.young_pa == pytest.approx(5e5 * 0.97, rel=0.03)
+    assert made.material.poisson == 0.48
