@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from matplotlib import rc_params_from_file
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -25,44 +26,9 @@ SCREEN_DPI = 200
 BLUE, ORANGE, GREEN, PURPLE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9"
 INK, GREY, LIGHT = "#222222", "#777777", "#D9D9D9"
 
-STYLE: Any = {
-    "font.family": "STIXGeneral",
-    "mathtext.fontset": "stix",
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "figure.titlesize": 8.5,
-    "axes.labelsize": 8,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "legend.fontsize": 7,
-    "legend.frameon": False,
-    "legend.handlelength": 1.6,
-    "axes.linewidth": 0.5,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "xtick.major.width": 0.5,
-    "ytick.major.width": 0.5,
-    "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5,
-    "lines.linewidth": 0.9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "axes.titley": 1.0,  # else each title is placed by all that is drawn of its axes, at each draw
-    "grid.color": LIGHT,
-    "grid.linewidth": 0.4,
-    "axes.unicode_minus": True,
-    # Type 42 embeds the fonts, as IEEE PDF eXpress demands.
-    "pdf.fonttype": 42,
-    "ps.fonttype": 42,
-    "savefig.dpi": PRINT_DPI,
-    # Each figure has a layout of its own, and none once it is saved.
-    "figure.autolayout": False,
-    "figure.constrained_layout.use": False,
-}
+STYLE: Any = dict(
+    rc_params_from_file(Path(__file__).with_name("figures.mplstyle"), use_default_template=False)
+)
 
 
 FRAMED_STYLE: Any = STYLE | {"axes.spines.top": True, "axes.spines.right": True}

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 import re
+import tomllib
 from enum import StrEnum
+from pathlib import Path
 
 from tacauchy_rig.core.errors import ConfigError
 
@@ -31,46 +33,9 @@ class Dimension(StrEnum):
     RATIO = "ratio"
 
 
-UNITS: dict[Dimension, dict[str, float]] = {
-    Dimension.LENGTH: {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    Dimension.FORCE: {
-        "N": 1.0,
-        "mN": 1e-3,
-        "kN": 1e3,
-        "gf": 9.80665e-3,
-        "kgf": 9.80665,
-        "lbf": 4.4482216152605,
-    },
-    Dimension.TORQUE: {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "N mm": 1e-3, "Nmm": 1e-3},
-    Dimension.PRESSURE: {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6},
-    Dimension.TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    Dimension.SPEED: {"m/s": 1.0, "mm/s": 1e-3, "um/s": 1e-6},
-    Dimension.ACCELERATION: {"m/s^2": 1.0, "mm/s^2": 1e-3},
-    Dimension.ANGLE: {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3},
-    Dimension.ANGULAR_SPEED: {"rad/s": 1.0, "deg/s": math.pi / 180.0},
-    Dimension.FREQUENCY: {"Hz": 1.0, "kHz": 1e3, "fps": 1.0},
-    Dimension.FORCE_RATE: {"N/s": 1.0, "mN/s": 1e-3},
-    Dimension.MASS: {"kg": 1.0, "g": 1e-3},
-    Dimension.IMAGE_SCALE: {"px/m": 1.0, "px/mm": 1e3},
-    Dimension.RATIO: {"": 1.0, "%": 1e-2},
-}
-
-_EXAMPLES: dict[Dimension, str] = {
-    Dimension.LENGTH: "5 mm",
-    Dimension.FORCE: "5 N",
-    Dimension.TORQUE: "0.1 N m",
-    Dimension.PRESSURE: "0.3 MPa",
-    Dimension.TIME: "1 s",
-    Dimension.SPEED: "0.3 mm/s",
-    Dimension.ACCELERATION: "100 mm/s^2",
-    Dimension.ANGLE: "3 deg",
-    Dimension.ANGULAR_SPEED: "5 deg/s",
-    Dimension.FREQUENCY: "25 Hz",
-    Dimension.FORCE_RATE: "0.05 N/s",
-    Dimension.MASS: "0.4 kg",
-    Dimension.IMAGE_SCALE: "19.58 px/mm",
-    Dimension.RATIO: "3 %",
-}
+_TABLES = tomllib.loads(Path(__file__).with_name("units.toml").read_text("utf-8"))
+UNITS: dict[Dimension, dict[str, float]] = {each: _TABLES[each]["units"] for each in Dimension}
+"""What numbers of each unit are multiplied by to be SI."""
 
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 _COMMA = re.compile(r"^\s*[-+]?\d*,\d")
@@ -130,4 +95,4 @@ def _scaled(number: str, factor: float) -> float:
 
 def example(dimension: Dimension) -> str:
     """Return a quantity as one writes it, for example ``5 mm``."""
-    return _EXAMPLES[dimension]
+    return str(_TABLES[dimension]["example"])

@@ -6,7 +6,6 @@ looked at, since the reader would make code of them.
 
 from __future__ import annotations
 
-import io
 import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,9 +18,9 @@ from typing import Any
 import numpy as np
 from backports import zstd
 from lz4.frame import LZ4FrameDecompressor
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile
+from mcap.exceptions import McapError
 from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
 from pydantic import Field
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
@@ -322,10 +321,6 @@ def _moved(frames: Sequence[Frame], by_s: float) -> list[Frame]:
 
 CHUNK_BYTES = 256 * MIB
 """Of a chunk, packed or unpacked; writers begin a new one after some megabytes."""
-RECORDS_MOST = 20_000_000
-MAGIC = b"\x89MCAP0\r\n"
-_CHUNK = 6
-_HEAD = struct.Struct("<BQ")
 _UNPACKING = {"lz4": LZ4FrameDecompressor, "zstd": zstd.ZstdDecompressor}
 
 
@@ -338,31 +333,19 @@ def check_chunks(path: Path, *, name: str) -> None:
     Raises:
         RecordError: A record is longer than its file, or a chunk unpacks to too much.
     """
-    size = path.stat().st_size
+    limit = min(path.stat().st_size, 2 * CHUNK_BYTES)
     with path.open("rb") as file:
-        if file.read(len(MAGIC)) != MAGIC:
-            raise _broken(name, "does not begin as one")
-        for _ in range(RECORDS_MOST):
-            at = file.tell()
-            head = file.read(_HEAD.size)
-            if len(head) < _HEAD.size or head == (MAGIC + MAGIC)[: _HEAD.size]:
-                return  # its end, which the reader judges
-            opcode, length = _HEAD.unpack(head)
-            end = file.tell() + length
-            if end > size or (opcode == _CHUNK and length > 2 * CHUNK_BYTES):
-                raise _broken(name, f"its record at byte {at} says to be {length} bytes long")
-            if opcode == _CHUNK and (why := _odd_chunk(file.read(length))):
-                raise _broken(name, f"its chunk at byte {at} {why}")
-            file.seek(end)
-    raise _broken(name, f"more than {RECORDS_MOST} records")
+        records = StreamReader(file, emit_chunks=True, record_size_limit=limit).records
+        try:
+            for chunk in (each for each in records if isinstance(each, Chunk)):
+                if why := _odd_chunk(chunk):
+                    raise _broken(name, f"a chunk before byte {file.tell()} {why}")
+        except (McapError, struct.error, ValueError) as error:
+            raise _broken(name, f"{type(error).__name__} {error}".strip()) from error
 
 
-def _odd_chunk(data: bytes) -> str:
+def _odd_chunk(chunk: Chunk) -> str:
     """Return what is wrong with a chunk's size; never more than it states is unpacked."""
-    try:
-        chunk = Chunk.read(ReadDataStream(io.BytesIO(data)))
-    except (EndOfFile, struct.error, ValueError):
-        return "is cut off"
     if chunk.uncompressed_size > CHUNK_BYTES:
         return f"unpacks to {chunk.uncompressed_size} bytes; at most {CHUNK_BYTES} are read"
     if chunk.compression not in _UNPACKING:
@@ -380,5 +363,6 @@ def _odd_chunk(data: bytes) -> str:
 def _broken(name: str, why: str) -> RecordError:
     return RecordError(
         f"{name}: no MCAP file that is read: {why}",
-        remedy="record it anew in chunks of some megabytes, or copy it anew from its source",
+        remedy="record it anew in chunks of some megabytes, or copy it anew from its source; `mcap "
+        "recover` of the MCAP tools mends a file whose end is missing",
     )

@@ -154,10 +154,10 @@ def _hole_bytes(descriptor: int, found: os.stat_result) -> int:
     return found.st_size - data
 
 
-def read_bytes(path: Path, *, what: str, max_bytes: int = MAX_BYTES) -> bytes:
+def read_bytes(path: Path, *, what: str) -> bytes:
     """Read a file that has to be there; arguments and errors as for ``open_file``."""
-    with open_file(path, what=what, max_bytes=max_bytes) as descriptor:
-        return os.fdopen(descriptor, "rb", closefd=False).read(max_bytes)
+    with open_file(path, what=what, max_bytes=MAX_BYTES) as descriptor:
+        return os.fdopen(descriptor, "rb", closefd=False).read(MAX_BYTES)
 
 
 def file_sha256(path: Path, *, what: str, links: bool = False) -> str:

@@ -14,9 +14,10 @@ import lz4.frame
 import numpy as np
 import pytest
 from backports import zstd
+from mcap.writer import MCAP0_MAGIC
 from rosbags.rosbag2 import StoragePlugin
 
-from tacauchy_rig.app.importing.bag import CHUNK_BYTES, MAGIC, check_chunks
+from tacauchy_rig.app.importing.bag import CHUNK_BYTES, check_chunks
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.rgb import decode_rgb
@@ -109,6 +110,7 @@ def test_a_bag_as_other_tools_leave_it(ours: RunStore, tmp_path: Path) -> None:
 
 
 VAST = bytes(64 * 2**20)
+FOOTER = struct.pack("<BQQQI", 2, 20, 0, 0, 0) + MCAP0_MAGIC
 
 
 def chunk(said: int, packing: bytes, packed: bytes) -> bytes:
@@ -124,14 +126,14 @@ def chunk(said: int, packing: bytes, packed: bytes) -> bytes:
         (chunk(CHUNK_BYTES + 1, b"", b""), f"unpacks to {CHUNK_BYTES + 1} bytes"),
         (chunk(100, b"lz4", lz4.frame.compress(VAST)), "100 bytes and goes on"),
         (chunk(100, b"zstd", zstd.compress(VAST)), "100 bytes and goes on"),
-        (struct.pack("<BQ", 5, 2**60), f"{2**60} bytes long"),
-        (struct.pack("<BQ", 6, 3) + b"abc", "is cut off"),
+        (struct.pack("<BQ", 5, 2**60), f"length {2**60} that exceeds limit"),
+        (struct.pack("<BQ", 6, 3) + b"abc", "no MCAP file that is read"),
     ],
 )
 def test_what_is_too_much_is_refused(record: bytes, told: str, tmp_path: Path) -> None:
     """By what it says, or by what it is where that is more."""
     path = tmp_path / "bag.mcap"
-    path.write_bytes(MAGIC + record)
+    path.write_bytes(MCAP0_MAGIC + record)
     with pytest.raises(RecordError, match=told) as refused:
         check_chunks(path, name="bag.mcap")
     assert refused.value.remedy
@@ -142,7 +144,7 @@ def test_a_whole_file_passes(tmp_path: Path) -> None:
     data = b"abc" * 1000
     path = tmp_path / "bag.mcap"
     packed = [(b"lz4", lz4.frame.compress(data)), (b"zstd", zstd.compress(data)), (b"", data)]
-    path.write_bytes(MAGIC + b"".join(chunk(len(data), *each) for each in packed) + MAGIC)
+    path.write_bytes(MCAP0_MAGIC + b"".join(chunk(len(data), *each) for each in packed) + FOOTER)
     check_chunks(path, name="bag.mcap")
 
 
@@ -150,7 +152,7 @@ def test_an_import_looks_before_it_reads(ours: RunStore, tmp_path: Path) -> None
     """Nothing is left of a run of it."""
     folder = write_bag(ours, tmp_path / "source", storage=StoragePlugin.MCAP)
     (file,) = (folder / "recorded").glob("*.mcap")
-    file.write_bytes(MAGIC + chunk(2**40, b"zstd", zstd.compress(b"")))
+    file.write_bytes(MCAP0_MAGIC + chunk(2**40, b"zstd", zstd.compress(b"")))
     with pytest.raises(RecordError, match="unpacks to"):
         import_run(folder, parent=tmp_path / "runs")
     assert not list((tmp_path / "runs").glob("*"))
