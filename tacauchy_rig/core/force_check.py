@@ -195,16 +195,11 @@ def _causes_along_the_axis(check: ForceCheck, *, uncertainty_n: float) -> Iterat
             "force_sensor.compression_sign has to be the other one (or the weight stood on it)"
         )
     if abs(abs(check.measured_n) - weight_n) > check.tolerance_n:
-        yield _cause_of(abs(check.measured_n) / weight_n)
+        ratio = abs(check.measured_n) / weight_n
+        near = [cause for known, cause in _RATIOS if abs(ratio / known - 1.0) <= RATIO_SHARE]
+        yield f"{near[0]}; {_SET_UP}" if near else f"{_SET_UP}; weigh the weight again"
     if check.sideways_n > SIDE_SHARE * weight_n + uncertainty_n:
         yield (
             f"{check.sideways_n:.3f} N of it went sideways: point the tool straight down, and see "
             "how the cell is mounted and its decoupling matrix (AT+DCPM)"
         )
-
-
-def _cause_of(ratio: float) -> str:
-    for known, cause in _RATIOS:
-        if abs(ratio / known - 1.0) <= RATIO_SHARE:
-            return f"{cause}; {_SET_UP}"
-    return f"{_SET_UP}; weigh the weight again"

@@ -120,7 +120,12 @@ def terminal_table(table: Table, *, width: int) -> RenderableType:
     """
     texts = [[text.replace("**", "") for text in row] for row in table.texts]
     all_columns = [[heading, *(row[k] for row in texts)] for k, heading in enumerate(table.columns)]
-    columns = [column for column in all_columns if not _is_constant(column)] or all_columns
+    # In a constant column all of several rows have the same words.
+    columns = [
+        [heading, *cells]
+        for heading, *cells in all_columns
+        if len(cells) < 2 or len(set(cells)) > 1 or " " not in cells[0]
+    ] or all_columns
     constants = [f"{column[0]}: {column[1]}" for column in all_columns if column not in columns]
     shown: list[RenderableType] = [
         Text(line) for text in (table.title, *constants) for line in textwrap.wrap(text, width)
@@ -148,12 +153,6 @@ def terminal_table(table: Table, *, width: int) -> RenderableType:
     if table.criterion:
         shown += [Text(each) for each in textwrap.wrap(f"{table.result}: {table.criterion}", width)]
     return Group(*shown)
-
-
-def _is_constant(column: Sequence[str]) -> bool:
-    """Return whether a column, heading first, has the same words in all of several rows."""
-    _, *cells = column
-    return len(cells) > 1 and len(set(cells)) == 1 and " " in cells[0]
 
 
 def _least_widths(columns: Sequence[Sequence[str]], width: int) -> list[int]:

@@ -66,21 +66,16 @@ class _LazyGroup(TyperGroup):
                 f"the command {cmd_name} has moved", remedy=f"call {self._moved[cmd_name]}"
             )
         if cmd_name in self._places:
-            self.commands[cmd_name] = _imported(cmd_name, self._places[cmd_name])
+            module, _, attribute = self._places[cmd_name].partition(":")
+            group = typer.Typer(add_completion=False)
+            group.command(cmd_name)(getattr(import_module(module), attribute))
+            self.commands[cmd_name] = typer.main.get_command(group)
+            self.commands[cmd_name].name = cmd_name
         command: Any = super().get_command(ctx, cmd_name)
         for panel, names in self._panels.items():
             if cmd_name in names:
                 command.rich_help_panel = panel
         return command
-
-
-def _imported(name: str, place: str) -> Any:
-    module, _, attribute = place.partition(":")
-    group = typer.Typer(add_completion=False)
-    group.command(name)(getattr(import_module(module), attribute))
-    command = typer.main.get_command(group)
-    command.name = name
-    return command
 
 
 def _of(module: str, *names: str) -> dict[str, str]:

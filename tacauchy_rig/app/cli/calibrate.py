@@ -27,7 +27,7 @@ from tacauchy_rig.core.errors import ConfigError, command_line
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
 if TYPE_CHECKING:
-    from sim.optics.calibrate.cross_validation import PressScores, RenderedPress
+    from sim.optics.calibrate.cross_validation import RenderedPress
     from tacauchy_rig.app.calibration.optics.run import OpticsResult
 
 if TYPE_CHECKING:
@@ -63,10 +63,12 @@ def latency(
     store = recorded(path, [*(overrides or ()), *swaying, 'run.name="latency"'])
     found = find_latency(store)
     for name, each in (("force", found.force), ("image", found.image)):
+        count = each.stale_count
+        stale = f"; {count} more show another moment and are left out" if count else ""
         say(
             f"{name} is {each.delay_s * 1e3:+.2f} ms behind the arm, standard uncertainty "
             f"{each.uncertainty_s * 1e3:.2f} ms ({each.sample_count} samples, motion explains "
-            f"{each.explained:.1%}{_stale(each.stale_count)})"
+            f"{each.explained:.1%}{stale})"
         )
     worst_s = math.hypot(found.force.uncertainty_s, found.image.uncertainty_s)
     say("for rig.toml:")
@@ -77,10 +79,6 @@ def latency(
     if found.trigger_missed:
         complain(found.trigger_missed)
         raise typer.Exit(1)
-
-
-def _stale(count: int) -> str:
-    return f"; {count} more show another moment and are left out" if count else ""
 
 
 def scale(
@@ -491,7 +489,11 @@ def _show_optics(result: OpticsResult) -> None:
             ("as labelled, frame's light", scores.as_labelled),
             ("as labelled, no-contact light", scores.as_labelled_frames_as_they_came),
         ):
-            say(f"  {how:32}{_line_of(values)}")
+            say(
+                f"  {how:32}{values.r2:.4f}  {values.mae:5.2f}   {values.ssim_crop:.4f}  "
+                f"({values.r2_no_contact:.2f}, {values.mae_no_contact:.1f}, "
+                f"{values.ssim_crop_no_contact:.3f})"
+            )
         say(
             f"  light {scores.light_rms_levels:.1f} grey levels rms, circles moved "
             f"{scores.nudge_rms_px:.1f} px rms"
@@ -506,14 +508,6 @@ def _show_optics(result: OpticsResult) -> None:
             )
     for path in result.files:
         say(f"wrote {path}")
-
-
-def _line_of(scores: PressScores) -> str:
-    without = f"{scores.r2_no_contact:.2f}, {scores.mae_no_contact:.1f}"
-    return (
-        f"{scores.r2:.4f}  {scores.mae:5.2f}   {scores.ssim_crop:.4f}  "
-        f"({without}, {scores.ssim_crop_no_contact:.3f})"
-    )
 
 
 def _scale(text: str) -> tuple[float, float]:

@@ -119,13 +119,15 @@ _MAX_LATENESS_S = 0.010
 
 def host_checks(config: RigConfig) -> list[CheckResult]:
     """Return every check of this computer; takes about two seconds."""
+    names = {group.gr_gid: group.gr_name for group in grp.getgrall()}
+    groups = frozenset(names.get(number, str(number)) for number in os.getgroups())
     return [
         version_check(),
         timer_check(),
         core_check(len(os.sched_getaffinity(0))),
         memory_check(int(psutil.virtual_memory().available)),
         descriptor_check(resource.getrlimit(resource.RLIMIT_NOFILE)[0]),
-        *group_checks(config, groups=own_groups(), user_id=os.geteuid()),
+        *group_checks(config, groups=groups, user_id=os.geteuid()),
         *disk_checks(config),
     ]
 
@@ -202,12 +204,6 @@ def descriptor_check(limit: int) -> CheckResult:
         return passed(name, finding, value=limit, unit="files")
     too_few = f"only {finding}; a run needs {_MIN_DESCRIPTORS}"
     return failed(name, RigError(too_few, remedy="`ulimit -n 1024` before the command admits more"))
-
-
-def own_groups() -> frozenset[str]:
-    """Return the names of the groups of this process."""
-    names = {group.gr_gid: group.gr_name for group in grp.getgrall()}
-    return frozenset(names.get(number, str(number)) for number in os.getgroups())
 
 
 def group_checks(config: RigConfig, *, groups: frozenset[str], user_id: int) -> list[CheckResult]:

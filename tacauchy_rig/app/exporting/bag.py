@@ -38,7 +38,11 @@ def write_bag(presses: Iterable[Episode], out: Path, store: RunStore | None) -> 
         }
         for episode in presses:
             for topic, stamp_ns, values in sorted(_messages(episode), key=lambda each: each[1]):
-                message = TYPES.types[KINDS[topic]](header=_header(topic, stamp_ns), **values)
+                sec, nanosec = divmod(stamp_ns, 10**9)
+                stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+                frame = _FRAMES.get(topic, "base")
+                header = TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
+                message = TYPES.types[KINDS[topic]](header=header, **values)
                 raw = TYPES.serialize_cdr(message, KINDS[topic])
                 writer.write(topics[topic], stamp_ns, raw)
     if store is None:
@@ -72,9 +76,3 @@ def _messages(episode: Episode) -> Iterator[tuple[str, int, dict[str, Any]]]:
     for frame in episode.frames():
         data = np.frombuffer(frame.jpeg, np.uint8)
         yield IMAGE_TOPIC, frame.stamp_ns, {"format": frame.kind, "data": data}
-
-
-def _header(topic: str, stamp_ns: int) -> Any:
-    sec, nanosec = divmod(stamp_ns, 10**9)
-    stamp = TYPES.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
-    return TYPES.types["std_msgs/msg/Header"](stamp=stamp, frame_id=_FRAMES.get(topic, "base"))

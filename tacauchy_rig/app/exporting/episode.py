@@ -134,22 +134,16 @@ def even_rows(episodes: list[Episode]) -> tuple[int, list[Rows]]:
     Raises:
         RecordError: No press has two images, or one has no time with all its streams.
     """
-    steps = [np.diff(each.stamps_ns) for each in episodes]
-    between = [np.diff(each.force.stamp_ns) for each in episodes]
-    image_ns, force_ns = (_median(each) for each in (steps, between))
-    if image_ns is None or force_ns is None:
+    images = np.concatenate([np.diff(each.stamps_ns) for each in episodes])
+    forces = np.concatenate([np.diff(each.force.stamp_ns) for each in episodes])
+    if not (len(images) and len(forces)):
         raise RecordError(
             "the presses have fewer than two images or samples of force, so there is no rate",
             remedy="export them --to csv",
         )
-    rate = max(1, round(1e9 / image_ns))
-    count = max(1, round(1e9 / rate / force_ns))
+    rate = max(1, round(1e9 / float(np.median(images))))
+    count = max(1, round(1e9 / rate / float(np.median(forces))))
     return rate, [_rows(each, rate, count) for each in episodes]
-
-
-def _median(steps_ns: list[Int64Array]) -> float | None:
-    steps = np.concatenate(steps_ns)
-    return float(np.median(steps)) if len(steps) else None
 
 
 def _rows(episode: Episode, rate: int, count: int) -> Rows:

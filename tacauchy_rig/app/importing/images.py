@@ -204,7 +204,7 @@ class Converter:
     def _check(self, size: Size, name: str, rest: bytes | None) -> None:
         """Refuse an image of another shape than the camera's or the image at rest."""
         told = f"image {name}: {size[0]} x {size[1]} px"
-        if rest is not None and (still := _size_of(rest)) != size:
+        if rest is not None and (still := opened(rest, name=name)[0]) != size:
             raise RecordError(
                 f"{told}; its image at rest has {still[0]} x {still[1]} px",
                 remedy="take both with one camera mode, and turn none of them",
@@ -228,11 +228,6 @@ class Converter:
 @lru_cache(maxsize=4)
 def _reduced(data: bytes) -> ImageArray | None:
     return decode_rgb(data, reduction=8)
-
-
-def _size_of(data: bytes) -> Size:
-    with Image.open(io.BytesIO(data), formats=_KINDS) as image:
-        return image.size
 
 
 def _apart(image: ImageArray, still: ImageArray) -> float:

@@ -178,7 +178,13 @@ def find_presses(force: Samples, finding: PressFinding) -> list[PressSpan]:
     rests = [each.rest for each in found]
     with suppress(RecordError):  # none is needed behind the last press
         rests.append(_rest(force, (free_ns, int(force.stamp_ns[-1])), finding, "the end"))
-    rates = [_drift(force, *each, finding) for each in zip(found, rests[1:], strict=False)]
+    rates = []
+    for span, later in zip(found, rests[1:], strict=False):
+        apart_s = (sum(later) - sum(span.rest)) / 2.0 / S
+        change_n = zero_of(force, later) - zero_of(force, span.rest)
+        rate = change_n / apart_s if apart_s > 0.0 else 0.0
+        during_n = abs(rate) * (span.held[1] - span.rest[0]) / S
+        rates.append(rate if during_n > DRIFT_TOLD * finding.contact_force else 0.0)
     rates += [rates[-1] if rates else 0.0] * (len(found) - len(rates))
     return [replace(span, drift_n_s=rate) for span, rate in zip(found, rates, strict=True)]
 
@@ -191,15 +197,6 @@ def zero_of(force: Samples, rest: Window) -> float:
 def _axial_force(force: Samples, rest: Window) -> FloatArray:
     """Return how much is felt along the axis above a rest [N]."""
     return np.asarray(np.abs(force.value[:, FZ] - zero_of(force, rest)))
-
-
-def _drift(force: Samples, span: PressSpan, later: Window, finding: PressFinding) -> float:
-    """Return how fast the zero drifts from a press's rest to a later one [N/s]; 0 if hardly."""
-    apart_s = (sum(later) - sum(span.rest)) / 2.0 / S
-    change_n = zero_of(force, later) - zero_of(force, span.rest)
-    rate = change_n / apart_s if apart_s > 0.0 else 0.0
-    during = abs(rate) * (span.held[1] - span.rest[0]) / S
-    return rate if during > DRIFT_TOLD * finding.contact_force else 0.0
 
 
 def drift_note(found: Sequence[PressSpan]) -> list[str]:

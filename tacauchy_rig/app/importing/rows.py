@@ -203,7 +203,12 @@ class _Rows:
         told = f'Times of the column "{column}" go back {back} times; rows were sorted by them.'
         alike = f'{still} rows have the time of the row before (column "{column}").'
         self.notes = [told] * bool(back) + [alike] * bool(still)
-        contradicted = self._contradicted(stamps)
+        contradicted = None
+        for own in self.by_press():
+            rest, held = own[self.at_rest[own]], own[self.pressed[own]]
+            if len(held) and len(among := self._among(rest, held, stamps)):
+                contradicted = int(among[0])
+                break
         if contradicted is None:
             self.stamp_ns = stamps
             return
@@ -219,14 +224,6 @@ class _Rows:
         """Return the rows at rest that stamps put among the rows pressed."""
         first, last = int(stamps[held].min()), int(stamps[held].max())
         return rest[(stamps[rest] >= first) & (stamps[rest] <= last)]
-
-    def _contradicted(self, stamps: Int64Array) -> int | None:
-        """Return a row at rest that its stamp puts among the rows pressed; None where none is."""
-        for own in self.by_press():
-            rest, held = own[self.at_rest[own]], own[self.pressed[own]]
-            if len(held) and len(among := self._among(rest, held, stamps)):
-                return int(among[0])
-        return None
 
     def _window(self, own: IndexArray) -> Window | None:
         """Return first and last stamp of some rows; None of none."""
@@ -362,12 +359,19 @@ def read_records(source: Source, data: RecordsData) -> Recorded:
         decimal=".",
         problems=source.problems,
     )
+
+    def at_rest(name: str, field: str) -> Callable[[], bytes]:
+        if not name.endswith(NPY):
+            return image_files(source)(name, field)
+        found = read_npy(source.read(name, field=field, most_bytes=RECORD_BYTES), name=name)
+        return partial(_png, found, f"{field}: {name}", data.colour_order)
+
     own_columns = {"press": _PRESS, **({"indenter": _INDENTER} if data.indenters else {})}
     recorded = presses_of(
         table,
         data.model_copy(update={"columns": data.columns.model_copy(update=own_columns)}),
         image=lambda name, field: partial(_image, source, name, field, data),
-        at_rest=lambda name, field: _at_rest(source, name, field, data),
+        at_rest=at_rest,
     )
     left_out = len(names) - len(rows)
     note = f"{left_out} records were left out: the indenter went aside or turned in them."
@@ -451,13 +455,6 @@ def _cell(array: AnyArray) -> str:
 def _image(source: Source, name: str, field: str, data: RecordsData) -> bytes:
     key = data.columns.image or ""
     return _png(_read(source, name)[key], f"{field}: {name}: {key}", data.colour_order)
-
-
-def _at_rest(source: Source, name: str, field: str, data: RecordsData) -> Callable[[], bytes]:
-    if not name.endswith(NPY):
-        return image_files(source)(name, field)
-    found = read_npy(source.read(name, field=field, most_bytes=RECORD_BYTES), name=name)
-    return partial(_png, found, f"{field}: {name}", data.colour_order)
 
 
 def _png(image: AnyArray, where: str, order: ColourOrder) -> bytes:

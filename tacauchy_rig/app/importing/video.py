@@ -223,16 +223,14 @@ def _near(
     grid = np.arange(press_s[0] - AROUND_S, press_s[1] + AROUND_S, NEAR_STEP_S)
     order = np.argsort(first.at(grid), kind="stable")
     offsets = about_s + np.arange(-within_s, within_s, NEAR_STEP_S)
-    apart = [_scatter(second.at(grid - offset)[order]) for offset in offsets]
+    begins = np.linspace(0, len(grid), BINS, endpoint=False).astype(np.int64)
+    counts = np.diff(begins, append=len(grid))
+    apart = []
+    for offset in offsets:
+        values = second.at(grid - offset)[order]
+        total, squares = (np.add.reduceat(each, begins) for each in (values, values**2))
+        apart.append(float((squares - total**2 / counts).sum()))
     return float(offsets[int(np.argmin(apart))])
-
-
-def _scatter(values: FloatArray) -> float:
-    """Return how far values are from their means in ``BINS`` bins of equal count."""
-    begins = np.linspace(0, len(values), BINS, endpoint=False).astype(np.int64)
-    counts = np.diff(begins, append=len(values))
-    total, squares = (np.add.reduceat(each, begins) for each in (values, values**2))
-    return float((squares - total**2 / counts).sum())
 
 
 FRAMES_MOST = 108_000

@@ -46,7 +46,6 @@ from tacauchy_rig.core.simulated import (
     Outputs,
     PressOutput,
     Replay,
-    ReplayTrial,
     Simulator,
     model_of,
 )
@@ -293,22 +292,18 @@ def surface_values(
 
 def _who(replay: Replay) -> Simulator:
     model = replay.model
+    known = [trial.wall_s for trial in replay.trials if IMAGE_S in trial.wall_s]
+    total_s = sum(sum(wall.values()) for wall in known)
+    is_timed = bool(known) and math.isfinite(total_s)  # from a press's force to its image
     return Simulator(
         name=OURS,
         version=replay.versions.get("tacauchy-rig", __version__),
-        milliseconds_an_image=_milliseconds(replay.trials),
+        milliseconds_an_image=1e3 * total_s / len(known) if is_timed else None,
         machine=f"{model.device}, {machine()}",
         driven_by=Driven.DEPTH,
         note=f"Replay of the measured forces, preset {model.preset}; its time is the search for "
         "the force, on meshes that bound its error, and the image.",
     )
-
-
-def _milliseconds(trials: tuple[ReplayTrial, ...]) -> float | None:
-    """Return how long a press took from its force to its image [ms]."""
-    known = [t.wall_s for t in trials if IMAGE_S in t.wall_s]
-    total = sum(sum(wall.values()) for wall in known)
-    return 1e3 * total / len(known) if known and math.isfinite(total) else None
 
 
 def rigid_outputs(

@@ -105,7 +105,10 @@ def tilt_of(
         return None, f"{len(known)} presses carry moments; at least {TRIALS_MIN} are needed"
     if not config.force_sensor.is_emulated and config.force_sensor.to_tip is None:
         return None, "force_sensor.to_tip is not stated: moments refer to an unknown point"
-    tried_n = _tried_forces(config)
+    # The forces of the coarse tilted presses enclose what may be measured.
+    targets_n, allowed_n = config.protocol.force_targets, config.protocol.force_tolerance
+    ends_n = {min(targets_n) - allowed_n, max(targets_n) + allowed_n}
+    tried_n = sorted(force_n for force_n in {*targets_n, *ends_n} if force_n > 0.0)
     if config.is_imported or forces_n[0] < tried_n[0] or tried_n[-1] < forces_n[-1]:
         tried_n = forces_n.tolist()
     try:
@@ -128,13 +131,6 @@ def tilt_of(
             f"{_degrees(most)}: check force_sensor.to_tip and how the cell is turned"
         )
     return fit, f"the moments of {len(known)} trials"
-
-
-def _tried_forces(config: RigConfig) -> list[float]:
-    """Return the forces [N] of the coarse tilted presses: they enclose what may be measured."""
-    targets_n, allowed_n = config.protocol.force_targets, config.protocol.force_tolerance
-    ends_n = {min(targets_n) - allowed_n, max(targets_n) + allowed_n}
-    return sorted(force_n for force_n in {*targets_n, *ends_n} if force_n > 0.0)
 
 
 def fits_modulus(config: RigConfig) -> bool:

@@ -119,9 +119,14 @@ def parts_of(run: RunReading, *, tolerance: Tolerance | None = None) -> list[Par
     parts = []
     for group in groups:
         place, indenter = _place(group), group[0].indenter
-        own_config = _with_press(config, indenter, place)
+        stated = {"indenter": indenter or None, "offset": place}
+        known = {name: value for name, value in stated.items() if value is not None}
+        own_replay = config.replay.model_copy(update=known)
+        own_config = config.model_copy(update={"replay": own_replay})
         reading = run.of([trial.index for trial in group])
-        where = "place unknown" if place is None else _millimetres(place)
+        where = "place unknown"
+        if place is not None:
+            where = f"at {place[0] * 1e3:.2f}, {place[1] * 1e3:.2f} mm"
         part = Part(
             inputs=_with(inputs_of(own_config), tolerance),
             records=tuple(_measured(reading)),
@@ -204,15 +209,5 @@ def _place(trials: list[ImportedTrial]) -> Place | None:
     return x, y
 
 
-def _with_press(config: RigConfig, indenter: str, place: Place | None) -> RigConfig:
-    stated = {"indenter": indenter or None, "offset": place}
-    known = {name: value for name, value in stated.items() if value is not None}
-    return config.model_copy(update={"replay": config.replay.model_copy(update=known)})
-
-
 def _with(inputs: ReplayInputs, tolerance: Tolerance | None) -> ReplayInputs:
     return inputs if tolerance is None else replace(inputs, tolerance=tolerance, is_auto=False)
-
-
-def _millimetres(place: Place) -> str:
-    return f"at {place[0] * 1e3:.2f}, {place[1] * 1e3:.2f} mm"

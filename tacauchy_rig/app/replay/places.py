@@ -70,8 +70,13 @@ def press_together(part: Part, *, on_progress: Say = say_nothing) -> Pressed:
     return press_to_measured(part, fit, stated, path, on_progress=on_progress)
 
 
-def stated_history(part: Part) -> History:
-    """Return (depth [m], force [N]) of the gel with the stated modulus, to the measured forces."""
+def stated_history(item: tuple[int, Part]) -> History:
+    """Return (depth [m], force [N]) of the gel with the stated modulus, to the measured forces.
+
+    Args:
+        item: A part, behind its number.
+    """
+    _, part = item
     alone = _alone(part)
     if alone is not None:
         return alone[0].trials[0].force_history
@@ -317,17 +322,13 @@ def _press_stated(
         for k, (part, own) in enumerate(zip(parts, files, strict=True))
         if part.forces_n and not own.stated()
     ]
-    work = parallel_map(_stated_history, items, jobs=jobs, new_process_each=False)
+    work = parallel_map(stated_history, items, jobs=jobs, new_process_each=False)
     with doing("pressing the gel of the stated modulus") as tell:
         for number, ((k, part), history) in enumerate(work, start=1):
             files[k].keep_stated(history)
             left.spend(_cost_s(part))
             say(f"  stated modulus, {number} of {len(items)}{part.label}; {left}")
             tell(str(left))
-
-
-def _stated_history(item: tuple[int, Part]) -> History:
-    return stated_history(item[1])
 
 
 def _press(item: tuple[int, Part, ModulusFit | None, History]) -> Pressed:

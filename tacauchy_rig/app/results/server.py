@@ -90,7 +90,7 @@ class ResultsServer:
         )
         self._pages.filters["in_words"] = in_words
         style = resources.files("tacauchy_rig.app.results").joinpath("templates", "results.css")
-        self._style = style.read_bytes()
+        self._style = Response(style.read_bytes(), media_type="text/css; charset=utf-8")
 
     @property
     def app(self) -> ASGIApp:
@@ -99,7 +99,7 @@ class ResultsServer:
             Route("/", self._answer(self._list)),
             Route("/compare", self._answer(self._compare)),
             Route("/health/{name}", self._answer(self._trend)),
-            Route("/results.css", self._styled),
+            Route("/results.css", lambda _request: self._style),
             Route("/run/{name}/{path:path}", self._file),
         ]
         inner = Starlette(routes=routes)
@@ -159,9 +159,6 @@ class ResultsServer:
         return self._page(
             "trend.html.jinja", base="../", first=first, judged=judged, charts=charts_of(judged)
         )
-
-    def _styled(self, _request: Request) -> Response:
-        return Response(self._style, media_type="text/css; charset=utf-8")
 
     def _file(self, request: Request) -> Response:
         run, path = self._named(self._runs(), request), request.path_params["path"]

@@ -16,7 +16,7 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.error import estimated
 from sim.replay import replay_scene
-from sim.scene.indenter import Cylinder, Indenter
+from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.inputs import indenter_of, sensor_of
@@ -63,7 +63,9 @@ def expected_press(config: RigConfig) -> ExpectedPress:
     found = estimated(scene, plan, outputs_of(path, points[-1])).force
     error = UNKNOWN_ERROR if found is None else found
     spread = 1.0 + UNCERTAINTIES * _stiffness_uncertainty(sensor)
-    overrun_m = config.robot.press_speed * LAG_S
+    overrun_m, lean_m = config.robot.press_speed * LAG_S, 0.0
+    if isinstance(indenter, Cylinder):  # how far the edge of a tilted face is below its middle
+        lean_m = (indenter.radius_m - indenter.fillet_m) * math.sin(MOUNTING_TILT_RAD)
     return ExpectedPress(
         sensor=sensor.name,
         made=f"{sensor.title}, preset {scene.preset.value}, {error:.0%} too stiff at most, "
@@ -73,7 +75,7 @@ def expected_press(config: RigConfig) -> ExpectedPress:
         # A conforming mesh is too stiff, never too soft.
         low=1.0 / (spread * (1.0 + error)),
         high=spread,
-        lean_m=_tilted_edge_m(indenter),
+        lean_m=lean_m,
         depth_error_m=DEPTH_ERROR_M[config.robot.model] + overrun_m,
         gel_height_m=sensor.pad.height_m,
     )
@@ -111,10 +113,3 @@ def _stiffness_uncertainty(sensor: Sensor) -> float:
         parts.append(STIFFNESS_OF_HEIGHT * height.uncertainty / height.value)
     parts.append(STIFFNESS_OF_POISSON * sensor.least_certain_poisson.uncertainty)
     return math.hypot(*parts)
-
-
-def _tilted_edge_m(indenter: Indenter) -> float:
-    """Return how far the edge of a tilted face is below its middle [m]."""
-    if not isinstance(indenter, Cylinder):
-        return 0.0
-    return (indenter.radius_m - indenter.fillet_m) * math.sin(MOUNTING_TILT_RAD)

@@ -277,7 +277,12 @@ def _columns(
 ) -> dict[str, Any]:
     """Return what is no field of a press: inputs, sums, and both images."""
     row, name = of
-    area, valid = float(arrays["contact_area_m2"][place]), bool(arrays["valid"][place])
+    area, found = float(arrays["contact_area_m2"][place]), bool(arrays["valid"][place])
+    valid, reason = found and area > 0.0, ""
+    if not valid:
+        reason = "the indenter does not touch the gel" if found else "no equilibrium was found"
+    on = _EFFECTS | ({Effect.FRICTION} if row.friction else set())
+    on |= {Effect.SECOND_LAYER} if sensor_of(row.sensor).layers else set()
     episode = f"{row.sensor} {row.light!r} {row.noise!r}"
     return {
         "hash": name,
@@ -291,31 +296,20 @@ def _columns(
         "force_error": float(arrays["force_error"][place]),
         "contact_area_m2": area,
         "contact_radius_m": float(np.sqrt(area / np.pi)),
-        "valid": valid and area > 0.0,
-        "reason": "" if valid and area > 0.0 else _why(valid),
+        "valid": valid,
+        "reason": reason,
         "evaluations": int(arrays["evaluations"][place]),
         "edge_m": float(arrays["edge_m"][place]),
-        "effects": json.dumps(_effects(row)),
+        "effects": json.dumps({effect.value: effect in on for effect in Effect}),
         "versions": json.dumps(made_with()),
         "image": _photograph(arrays["image"][place], row, name),
         "reference": _photograph(frame, row, episode),
     }
 
 
-def _why(found: bool) -> str:
-    return "the indenter does not touch the gel" if found else "no equilibrium was found"
-
-
 def _shown(text: str) -> str:
     """Return an indenter without the folder of its file."""
     return describe(indenter_of(text)) if text.startswith("mesh:") else text
-
-
-def _effects(row: Row) -> dict[str, bool]:
-    has_layers = bool(sensor_of(row.sensor).layers)
-    on = _EFFECTS | ({Effect.FRICTION} if row.friction else set())
-    on |= {Effect.SECOND_LAYER} if has_layers else set()
-    return {effect.value: effect in on for effect in Effect}
 
 
 def _photograph(frame: ImageArray, row: Row, seed: str) -> bytes:

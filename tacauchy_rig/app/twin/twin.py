@@ -231,7 +231,10 @@ class RunFollower:
             return
         before, self._phase = self._phase, str(event.detail.get("phase", ""))
         if before == Phase.REFERENCE:
-            self._take_unloaded()
+            found = [self.twin.images.of(picture) for _, picture in self._pictures]
+            if readable := [image for image in found if image is not None]:
+                self._unloaded = median_image(readable)
+                self.twin.follower.unloaded(self._unloaded)
         if self._phase == Phase.PRESS and self._follows is Follows.DEPTH:
             self._began = self._height_m, self._depth_m
         elif self._phase not in FOLLOWED:
@@ -283,13 +286,6 @@ class RunFollower:
     def _put(self, goal: Goal) -> None:
         self.dropped_count += self._goal is not None
         self._goal = goal
-
-    def _take_unloaded(self) -> None:
-        found = [self.twin.images.of(picture) for _, picture in self._pictures]
-        readable = [image for image in found if image is not None]
-        if readable:
-            self._unloaded = median_image(readable)
-            self.twin.follower.unloaded(self._unloaded)
 
     def _left(self, goal: Goal, frame: TwinFrame) -> float | None:
         jpeg = self.picture(goal.stamp_s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from collections.abc import Iterator
 from importlib import resources
 from itertools import pairwise
@@ -18,7 +19,6 @@ from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, say_nothing
 from tacauchy_rig.app.twin.twin import Twin, contact_residual, jpeg_of, maps_of, twin_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.run import ImageFrame
 
 FRAMES_PER_S = 5.0
 _MARGIN_NS = 400_000_000
@@ -92,8 +92,11 @@ def _frames(attempt: AttemptReading, twin: Twin) -> Iterator[dict[str, Any]]:
     background = median_image(unloaded)
     twin.follower.unloaded(background)
     start_ns, end_ns = int(touched[0]) - _MARGIN_NS, int(touched[-1]) + _MARGIN_NS
-    for frame in _thinned(attempt.recording.frames(start_ns, end_ns)):
-        real = images.of(frame.jpeg)
+    shown_ns = -math.inf
+    for frame in attempt.recording.frames(start_ns, end_ns):
+        if frame.stamp_ns - shown_ns < 0.99e9 / FRAMES_PER_S:
+            continue
+        shown_ns, real = frame.stamp_ns, images.of(frame.jpeg)
         if real is None:
             continue
         measured = float(np.interp(frame.stamp_ns, force.stamp_ns, curve.value))
@@ -112,15 +115,6 @@ def _lasting(touching: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, n
         start, stop = max(stretches, key=lambda each: each[1] - each[0])
         kept[start:stop] = True
     return kept
-
-
-def _thinned(frames: Iterator[ImageFrame]) -> Iterator[ImageFrame]:
-    """Yield at most ``FRAMES_PER_S`` of them."""
-    last_ns = None
-    for frame in frames:
-        if last_ns is None or frame.stamp_ns - last_ns >= 0.99e9 / FRAMES_PER_S:
-            last_ns = frame.stamp_ns
-            yield frame
 
 
 def _row(

@@ -72,7 +72,12 @@ class Topics:
         if shown.stream == "force":
             self._force(shown.numbers)
         elif shown.stream == "arm":
-            self._tip(shown)
+            w, x, y, z = quaternion(shown.numbers["rotation_rad"])
+            place = Vector3(**dict(zip("xyz", shown.numbers["position_m"], strict=True)))
+            pose = Pose(position=place, orientation=Quaternion(x=x, y=y, z=z, w=w))
+            at_ns = self._at_ns(shown.stamp_ns)
+            tip = PoseInFrame(timestamp=_stamp(at_ns), frame_id=BASE_FRAME, pose=pose)
+            self._arm.log(tip, log_time=at_ns)
         elif shown.stream == "twin":
             message = {name: value for name, value in shown.numbers.items() if name != "note"}
             self._log("/twin", message, shown.stamp_ns)
@@ -96,14 +101,6 @@ class Topics:
             )
         axes = dict(zip(AXES, numbers["wrench"], strict=True))
         self._log("/wrench", axes, numbers["stamp_ns"][-1])
-
-    def _tip(self, shown: Shown) -> None:
-        w, x, y, z = quaternion(shown.numbers["rotation_rad"])
-        place = Vector3(**dict(zip("xyz", shown.numbers["position_m"], strict=True)))
-        pose = Pose(position=place, orientation=Quaternion(x=x, y=y, z=z, w=w))
-        at_ns = self._at_ns(shown.stamp_ns)
-        message = PoseInFrame(timestamp=_stamp(at_ns), frame_id=BASE_FRAME, pose=pose)
-        self._arm.log(message, log_time=at_ns)
 
     def _picture(self, shown: Shown) -> None:
         data, at_ns = shown.picture or b"", self._at_ns(shown.stamp_ns)

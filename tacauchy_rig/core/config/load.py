@@ -77,11 +77,18 @@ def _line(problem: Any, tables: Mapping[str, Any]) -> str:
     if kind == "ceiling":
         return _above_ceiling(problem["ctx"], location, written)
     if kind == "extra_forbidden":
-        return f"{name}: unknown key; {_suggestion(location)}"
+        known = _fields(location)
+        close = difflib.get_close_matches(str(location[-1]), known, n=1)
+        meant = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}"
+        return f"{name}: unknown key; {meant}"
     if kind == "missing":
         return _missing(location, tables)
     if kind == "value_error":
-        return f"{name}: {problem['ctx']['error']}{_arm_advice(location, written)}"
+        # An arm may be called by its model, such as UR5e.
+        called, advice = re.sub("[^a-z0-9]", "", str(written).lower()), ""
+        if location == ("robot", "driver") and called in _ARMS:
+            advice = f'; write driver = "ur5" and model = "{_ARMS[called]}"'
+        return f"{name}: {problem['ctx']['error']}{advice}"
     if kind == "enum":
         choices = problem["ctx"]["expected"].replace("'", '"').replace(" or ", ", ")
         return f"{name}: {value} is none of {choices}"
@@ -149,20 +156,6 @@ def _fixed_length(location: tuple[int | str, ...]) -> int | None:
 def _count(needed: int, written: Any) -> str:
     axes = " (x, y, z)" if needed == len("xyz") else ""
     return f"needs {needed} values{axes}; {len(written)} given"
-
-
-def _arm_advice(location: tuple[int | str, ...], written: Any) -> str:
-    """Return what to write for an arm called by its model, such as UR5e."""
-    called = re.sub("[^a-z0-9]", "", str(written).lower())
-    if location != ("robot", "driver") or called not in _ARMS:
-        return ""
-    return f'; write driver = "ur5" and model = "{_ARMS[called]}"'
-
-
-def _suggestion(location: tuple[int | str, ...]) -> str:
-    known = _fields(location)
-    close = difflib.get_close_matches(str(location[-1]), known, n=1)
-    return f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}"
 
 
 def _fields(location: tuple[int | str, ...]) -> dict[str, FieldInfo]:

@@ -38,11 +38,7 @@ def broken_rules(config: RigConfig, *, placed: bool = True) -> Iterator[BrokenRu
         yield from _workspace_rules(config)
         yield from _height_rules(config)
     yield from _device_rules(config)
-    yield from _address_rules(config.camera.device)
-
-
-def _address_rules(device: str) -> Iterator[BrokenRule]:
-    """Yield what is wrong with a camera's address, where it is one."""
+    device = config.camera.device
     try:
         _ = urlsplit(device).port if "://" in device else None
     except ValueError as error:

@@ -7,7 +7,7 @@ import heapq
 import math
 from collections import ChainMap
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
@@ -207,7 +207,12 @@ def _repacked(
     temporary = path.with_name(f".{path.name}.recovered")
     temporary.unlink(missing_ok=True)
     try:
-        counts = _repack(sources, temporary)
+        metadata = dict(ChainMap(*(source.metadata for source in sources)))
+        counts = [0] * len(sources)
+        with RecordingWriter(temporary, metadata=metadata, chunk_size=_CHUNK_SIZE) as writer:
+            for index, message in _merged(sources):
+                writer.write_raw([message])
+                counts[index] += 1
     except RecordError as error:
         temporary.unlink(missing_ok=True)
         size = sum(source.path.stat().st_size for source in sources)
@@ -235,17 +240,6 @@ def _repacked(
         original=original,
         problems=tuple(problems),
     )
-
-
-def _repack(recordings: Sequence[Recording], path: Path) -> list[int]:
-    """Write the messages of recordings to a new file, in order of arrival, each once."""
-    metadata = dict(ChainMap(*(recording.metadata for recording in recordings)))
-    counts = [0] * len(recordings)
-    with RecordingWriter(path, metadata=metadata, chunk_size=_CHUNK_SIZE) as writer:
-        for index, message in _merged(recordings):
-            writer.write_raw([message])
-            counts[index] += 1
-    return counts
 
 
 def _merged(recordings: Sequence[Recording]) -> Iterator[tuple[int, RawMessage]]:
@@ -298,7 +292,10 @@ def recover_run(store: RunStore) -> RunRecovery:
         RecordError: Another program works on the run, or it cannot be written.
     """
     with store.lock():
-        _remove_unfinished(store.paths.root)
+        # What ``write_atomically`` and ``recover`` had not yet given its name.
+        for pattern in (".*.new", ".*.recovered"):
+            for path in store.paths.root.rglob(pattern):
+                path.unlink(missing_ok=True)
         store.mend_files()
         journal = Journal.read(store.paths.journal)
         unfinished = _unfinished(store, journal)
@@ -313,13 +310,6 @@ def recover_run(store: RunStore) -> RunRecovery:
     return RunRecovery(
         recordings=reports, was_cut_off=unfinished is not None, check=check_run(store)
     )
-
-
-def _remove_unfinished(root: Path) -> None:
-    """Remove what ``write_atomically`` and ``recover`` had not yet given its name."""
-    for pattern in (".*.new", ".*.recovered"):
-        for path in root.rglob(pattern):
-            path.unlink(missing_ok=True)
 
 
 def _unfinished(store: RunStore, journal: Journal) -> list[tuple[int, int]] | None:
@@ -385,7 +375,11 @@ def _complete_journal(
     path = store.paths.journal
     known = set(map(_identity, journal.events))
     for key in unfinished:
-        for event in _recorded_events(store.paths.recording(*key)):
+        recorded: list[JournalEvent] = []
+        if (recording := store.paths.recording(*key)).exists():
+            with suppress(RecordError):
+                recorded = Recording.open(recording).events()
+        for event in recorded:
             if (event.trial, event.attempt) == key and _identity(event) not in known:
                 append_event(path, event)
     sealed = {(e.trial, e.attempt) for e in journal.events if e.name == StoreEvent.SEALED}
@@ -397,13 +391,6 @@ def _complete_journal(
 
 def _identity(event: JournalEvent) -> tuple[object, ...]:
     return event.stamp_ns, event.name, event.trial, event.attempt
-
-
-def _recorded_events(path: Path) -> list[JournalEvent]:
-    try:
-        return Recording.open(path).events() if path.exists() else []
-    except RecordError:
-        return []
 
 
 def _note(store: RunStore, report: RecoveryReport) -> None:

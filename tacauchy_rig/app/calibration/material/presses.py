@@ -71,10 +71,6 @@ class IndenterPresses:
         squares = float(np.sum((self.force_n - means[which]) ** 2))
         return math.sqrt(squares / degrees) if degrees else None
 
-    def with_scatter(self) -> IndenterPresses:
-        """Return them with a noise that is at least what repeats scatter by."""
-        return replace(self, noise_n=np.maximum(self.noise_n, self.scatter_n or 0.0))
-
 
 def read_presses(
     paths: Sequence[Path], *, overrides: Sequence[str], noise_n: float, contact_force_n: float
@@ -99,7 +95,10 @@ def read_presses(
         for each in _of_run(path) if path.is_dir() else of_table(path):
             known = found.get(each.name)
             found[each.name] = each if known is None else _together(known, each)
-    groups = [each.with_scatter() for each in found.values()]
+    groups = [  # a noise is at least what repeats scatter by
+        replace(each, noise_n=np.maximum(each.noise_n, each.scatter_n or 0.0))
+        for each in found.values()
+    ]
     _refuse(groups)
     return groups
 

@@ -344,14 +344,19 @@ def _write_files(
 ) -> list[Path]:
     model, out = calibration.model, request.out
     slopes, drawn = request.figures
-    renderings = drawn.with_suffix("")  # the presses held out, each by its own name
+    # The presses held out in their frames' light, each by its own name.
+    renderings = drawn.with_suffix("")
     ordered = sorted(held_out, key=lambda item: item.press.name)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         replace(model, provenance={**model.provenance, **provenance}).save(out)
         draw_coverage(coverage, calibration.circles, calibration.scene, slopes)
         draw_presses(ordered, scene, drawn)
-        write_renderings(ordered, scene, renderings)
+        renderings.mkdir(parents=True, exist_ok=True)
+        for item in ordered:
+            image = as_seen(item.rendered, item.light, scene).astype(np.uint8)
+            name = Path(item.press.name).with_suffix(".png").name
+            (renderings / name).write_bytes(encode_png(image))
     except OSError as error:
         raise RecordError(
             f"{out}: cannot be written: {error.strerror}", remedy="give --out another path"
@@ -414,12 +419,3 @@ def draw_presses(held_out: Sequence[RenderedPress], scene: PressScene, path: Pat
         axis.set_title(item.press.name, fontsize=7)
     figure.suptitle(f"real | rendered | grey + {_DIFFERENCE_GAIN:g} x (rendered - real)", size=8)
     figure.savefig(path, dpi=_DPI)
-
-
-def write_renderings(held_out: Sequence[RenderedPress], scene: PressScene, folder: Path) -> None:
-    """Write each press as rendered in its frame's light by a model that had not seen it, as PNG."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for item in held_out:
-        image = as_seen(item.rendered, item.light, scene).astype(np.uint8)
-        name = Path(item.press.name).with_suffix(".png").name
-        (folder / name).write_bytes(encode_png(image))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -246,7 +246,9 @@ def judge_events(attempt: Attempt, recording: Recording) -> Criterion:
 
 def _event_contradictions(attempt: Attempt, recording: Recording) -> Iterator[str]:
     in_recording = {dumps(event, indent=None): event for event in recording.events()}
-    logged = _until_its_end(attempt.events)
+    # Not those that were logged after the recording of the attempt was closed.
+    ends = [place for place, event in enumerate(attempt.events) if event.name == "attempt-end"]
+    logged = attempt.events[: ends[-1] + 1] if ends else attempt.events
     in_journal = {dumps(event, indent=None): event for event in logged}
     if attempt.journal.exists:
         for key, event in in_recording.items():
@@ -260,12 +262,6 @@ def _event_contradictions(attempt: Attempt, recording: Recording) -> Iterator[st
         for key, event in in_journal.items():
             if key not in in_recording:
                 yield f"the recording lacks {_named(event)}"
-
-
-def _until_its_end(events: Sequence[JournalEvent]) -> Sequence[JournalEvent]:
-    """Leave out events logged after the recording of the attempt was closed."""
-    ends = [place for place, event in enumerate(events) if event.name == "attempt-end"]
-    return events[: ends[-1] + 1] if ends else events
 
 
 def _named(event: JournalEvent) -> str:

@@ -465,16 +465,16 @@ def check_run(store: RunStore) -> RunCheck:
     attempts = [Attempt(store, journal, *key) for key in store.paths.attempts()]
     return RunCheck(
         run=tuple(judge_run(store, journal, attempts)),
-        attempts={(each.trial, each.attempt): tuple(_judge_attempt(each)) for each in attempts},
+        attempts={
+            (each.trial, each.attempt): tuple(
+                replace(criterion, remedy=criterion.remedy.replace(TRIAL, str(each.trial)))
+                for criterion in (*judge_files(each), *_judge_content(each))
+            )
+            for each in attempts
+        },
         notes=tuple(_notes(journal, attempts)),
         journal_head=journal.head,
     )
-
-
-def _judge_attempt(attempt: Attempt) -> Iterator[Criterion]:
-    for criterion in (*judge_files(attempt), *_judge_content(attempt)):
-        remedy = criterion.remedy.replace(TRIAL, str(attempt.trial))
-        yield replace(criterion, remedy=remedy)
 
 
 def _judge_content(attempt: Attempt) -> Iterator[Criterion]:

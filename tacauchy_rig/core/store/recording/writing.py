@@ -171,16 +171,13 @@ class RecordingWriter:
         except OSError as error:
             self._failure = write_error(self.path, error)
             self._was_reported = True
-            self._take_back()
+            try:
+                os.ftruncate(self._descriptor, self._pending.committed)
+            except OSError as torn:
+                logger.warning("%s: a torn message stays at the end: %s", self.path, torn)
             raise self._failure from error
         self._pending.committed += len(data)
         self._hash.update(data)
-
-    def _take_back(self) -> None:
-        try:
-            os.ftruncate(self._descriptor, self._pending.committed)
-        except OSError as error:
-            logger.warning("%s: a torn message stays at the end: %s", self.path, error)
 
     def _sync_often(self) -> None:
         while not self._closed.wait(SYNC_PERIOD_S):
