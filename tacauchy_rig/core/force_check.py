@@ -120,12 +120,10 @@ def judge_weight(
     """Judge size, sign and axis of what a hung weight changed.
 
     Args:
-        weight: What hung there.
         before: Raw wrench of the unloaded cell.
         loaded: With the weight at rest.
         after: Unloaded again.
         compression_sign: Times raw Fz it is positive in compression.
-        checked: When, in UTC.
     """
     x, y, z = (
         held - 0.5 * (first + last)

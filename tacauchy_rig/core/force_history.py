@@ -117,7 +117,6 @@ def judge_forces(
 
     Args:
         records: Trials with a measured force, in the order in which they were pressed.
-        model: Generation of the arm.
         weighed: The check by a known weight after the last of them.
     """
     records = [r for r in records if r.force_measured_n is not None and r.force_measured_n > 0.0]

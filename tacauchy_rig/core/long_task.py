@@ -41,11 +41,7 @@ def time_left_s() -> float:
 
 
 def check_time() -> None:
-    """End where the time is over.
-
-    Raises:
-        TimeLimitError: It is; the message says what was being done.
-    """
+    """End where the time is over. TimeLimitError: It is; the message says what was being done."""
     end, limit_s = _end.get()
     if time.monotonic() > end:
         done = ": ".join(_steps.get() or ["computing"])

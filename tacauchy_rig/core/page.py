@@ -27,8 +27,6 @@ def page(package: str, template: str, facts: Mapping[str, object]) -> str:
 
     Args:
         package: That the template lies in, such as ``tacauchy_rig.app.cli.studies``.
-        template: Its file's name.
-        facts: What it is told.
     """
     return filled(_environment(package).get_template(template).render(**facts))
 
@@ -118,7 +116,6 @@ def criteria_page(
 
     Args:
         note: What a reader has to know before all tables.
-        command: What made the page.
         images: Files of figures that stand before them, beside the page.
     """
     facts = {

@@ -37,7 +37,6 @@ def parallel_map(
 
     Args:
         work: Can be pickled, as items and results can; with one job it is called in this process.
-        items: What to work on.
         jobs: Processes. Times of wall clocks are worth less where several share a processor.
         new_process_each: Begin a process for every item; else what one has loaded serves for more.
     """

@@ -52,8 +52,6 @@ def parse_quantity(text: str, *, dimension: Dimension, field: str = "value") -> 
 
     Args:
         text: For example ``"5 mm"``, ``"0.3MPa"``, ``"3 %"``.
-        dimension: What the number must measure.
-        field: Name used in the error message.
 
     Raises:
         ConfigError: The text has no number, a decimal comma, an infinite number, no unit, or a

@@ -47,7 +47,6 @@ def decode_rgb(data: bytes, *, reduction: int = 1) -> ImageArray | None:
     """Return the image that a JPEG or PNG holds; None when it is no whole image.
 
     Args:
-        data: The bytes of the file.
         reduction: Decode at 1/2, 1/4 or 1/8 of the size, which takes less time.
     """
     image = _decoded(data, _COLOUR[reduction])

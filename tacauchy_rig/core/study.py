@@ -140,8 +140,6 @@ class Study:
         """Return the page.
 
         Args:
-            results: Those that are there, in the order of the cases.
-            about: How the page is made.
             images: Files of the figures, beside the page.
         """
         if self.template:
@@ -193,7 +191,6 @@ def measured(
     """Yield the result of every case as soon as it is there.
 
     Args:
-        cases: What to measure.
         jobs: How many at once; more than one are measured in processes of their own.
         limit_s: Time after which a case has failed [s], in place of its own limit.
     """
@@ -246,7 +243,6 @@ def kept_results(files: Sequence[Path], cases: Sequence[Case]) -> dict[str, Resu
     """Read results of earlier runs, by case; of a case in several files the last counts.
 
     Args:
-        files: What ``--json`` wrote.
         cases: Those that are selected; results of others are left out.
 
     Raises:

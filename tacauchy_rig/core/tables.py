@@ -70,7 +70,6 @@ def table_of(
 
     Args:
         columns: By heading, what a record shows there.
-        about: What the table says beside them.
     """
     rows = tuple(tuple(value(record) for value in columns.values()) for record in records)
     return Table(columns=tuple(columns), rows=rows, **about)
@@ -114,9 +113,6 @@ def terminal_table(table: Table, *, width: int) -> RenderableType:
 
     Where the columns need more than the width they are parted, and the first is repeated. A text of
     several words that every row has, such as a device, is said once above them.
-
-    Args:
-        width: Of the terminal, in characters.
     """
     texts = [[text.replace("**", "") for text in row] for row in table.texts]
     all_columns = [[heading, *(row[k] for row in texts)] for k, heading in enumerate(table.columns)]

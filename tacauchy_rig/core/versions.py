@@ -51,11 +51,7 @@ def versions() -> dict[str, str]:
 
 
 def library(name: str, *, extra: str) -> Any:
-    """Import a library that an extra of this package installs.
-
-    Raises:
-        ConfigError: It is not installed.
-    """
+    """Import a library that an extra of this package installs. ConfigError: It is not installed."""
     try:
         return import_module(name)
     except ImportError as error:

@@ -62,7 +62,6 @@ def find_delay(
     Args:
         depth: Of the arm [m].
         signal: In any unit.
-        name: Of the signal, for errors.
         depth_time_uncertainty_s: Standard uncertainty of the depth's own times [s].
         relaxation_s: Times of the branches that the gel may have [s].
 

@@ -28,7 +28,6 @@ def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
     really like is drawn from the seed, and what they look like is the emulator's own.
 
     Args:
-        sensor: From its file.
         markers: Whether this unit has the markers that the file names.
     """
     if markers and sensor.markers is None:

@@ -103,10 +103,7 @@ class SessionProgress:
     """Says what the arm is doing and what the gel feels; a context.
 
     Args:
-        config: Targets, limits and speeds.
-        plan: What is left to do.
         expected: Expected force against depth; None if unknown.
-        open_page: Whether a browser is opened on the operator's page.
     """
 
     def __init__(

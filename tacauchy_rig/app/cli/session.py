@@ -200,7 +200,6 @@ def recorded(path: Path | None, overrides: Sequence[str]) -> RunStore:
 
     Args:
         path: A run's folder, or a rig.toml; the dry run's if absent.
-        overrides: Changes to the configuration, ``TABLE.FIELD=VALUE`` each.
 
     Raises:
         RecordError: It could not be pressed; also where a trial missed a criterion.
@@ -317,9 +316,7 @@ def press(
     """Run the session of a run folder, with its emulated devices if it has any.
 
     Args:
-        store: The run, new or begun.
         config: Its configuration, with what was changed since it began.
-        request: What the command's options ask for.
         on_start: Called when the emulated devices have started and the cell was checked.
     """
     from drivers.emulators.launch import Emulation, emulated_devices

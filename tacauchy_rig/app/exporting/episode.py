@@ -177,11 +177,7 @@ def _newest(stamps_ns: Int64Array, at_ns: Int64Array) -> IndexArray:
 
 
 def images_of(episode: Episode, rows: Rows) -> Iterator[ImageArray]:
-    """Yield the image of each row, RGB.
-
-    Raises:
-        RecordError: One is damaged.
-    """
+    """Yield the image of each row, RGB. RecordError: One is damaged."""
     repeats = np.bincount(rows.frame, minlength=len(episode.stamps_ns)).tolist()
     for number, frame in enumerate(episode.frames()):
         image = decode_rgb(frame.jpeg) if repeats[number] else None

@@ -275,11 +275,7 @@ def _members(episode: Episode) -> Iterator[tuple[str, bytes]]:
 
 
 def _image(episode: Episode, window: str, share: float) -> ImageFrame:
-    """Return the image at a share of a window.
-
-    Raises:
-        RecordError: There is none.
-    """
+    """Return the image at a share of a window. RecordError: There is none."""
     start_ns, end_ns = episode.windows.get(window, (1, 0))
     inside = np.flatnonzero((episode.stamps_ns >= start_ns) & (episode.stamps_ns <= end_ns))
     if not len(inside):

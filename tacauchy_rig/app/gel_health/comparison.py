@@ -142,7 +142,6 @@ def compare_presses(
 
     Args:
         before: Of the sensor in good order.
-        now: The press to judge.
         depth_uncertainty_m: Standard uncertainty of a depth of one press [m].
 
     Raises:

@@ -327,9 +327,6 @@ _UNPACKING = {"lz4": LZ4FrameDecompressor, "zstd": zstd.ZstdDecompressor}
 def check_chunks(path: Path, *, name: str) -> None:
     """Refuse a file whose records or chunks are larger than they may be.
 
-    Args:
-        name: Of the file, for messages.
-
     Raises:
         RecordError: A record is longer than its file, or a chunk unpacks to too much.
     """

@@ -242,9 +242,6 @@ def exchanged_channels(
 ) -> tuple[float, float] | None:
     """Return how far images are from those at rest as stated, and with red and blue exchanged.
 
-    Args:
-        pairs: An image and its image at rest each.
-
     Returns:
         Medians over the pairs [grey level]; None where they do not look like those at rest only
         with channels exchanged.

@@ -155,11 +155,7 @@ def check_empty(folder: Path) -> None:
 
 
 def write_outputs(folder: Path, outputs: Outputs) -> None:
-    """Write a folder that ``judge`` takes.
-
-    Raises:
-        RecordError: It is not empty, or cannot be written.
-    """
+    """Write a folder that ``judge`` takes. RecordError: It is not empty, or cannot be written."""
     check_empty(folder)
     about = {
         **asdict(outputs.simulator),

@@ -64,8 +64,6 @@ def calibrate_folder(
             ``positions.csv``.
         sensor: Its pad is pressed in the simulator to know the gel around the ball; the camera of
             its file is kept where there are no positions.
-        ball_diameter_m: Diameter of the ball [m].
-        on_progress: Told the scale that was found.
 
     Raises:
         ConfigError: A file is missing or damaged, or there are too few presses.
@@ -120,10 +118,7 @@ def optics_of(
     then the nominal optics of the sensor's file. The model's provenance records which.
 
     Args:
-        given: The calibration file, or nothing.
-        sensor: Its file states where the camera looks.
         calibrate: How the sensor is calibrated without a file.
-        on_progress: Told of what is done.
 
     Raises:
         ConfigError: The calibration file is missing or damaged, or the sensor names no lamps.

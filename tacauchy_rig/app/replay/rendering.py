@@ -138,7 +138,6 @@ def drawn_image(
     Args:
         rest_m: Of the unloaded surface.
         loaded_m: Of the pressed one.
-        optics: How it is seen.
         unloaded: No-contact frame without markers.
     """
     return _renderer(rest_m, optics, unloaded, samples=SAMPLES).render(loaded_m)

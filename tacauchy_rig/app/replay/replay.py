@@ -91,10 +91,6 @@ def split_images(
 
     Args:
         parts: Each has its own coarse presses; the unknowns are common to all.
-        images: What was rendered of them, by trial.
-        optics: What it was rendered with.
-        config: States what is uncertain.
-        on_progress: Told of each group of coarse presses, and why there is no split.
     """
     pressable = [part for part in parts if not isinstance(part.inputs.indenter, MeshIndenter)]
     if len(pressable) < len(parts):
@@ -298,12 +294,10 @@ def replay_run(
     """Replay every trial of a run that has a measured force, and keep fields and images.
 
     Args:
-        run: The run; the replay is written into its folder.
         tolerance: Largest error of F_z; overrides the configured preset.
         optics_file: Calibration in place of the configured one.
         calibrate: How the sensor is calibrated where there is no calibration file; without it the
             file's nominal lamps are used. One part is pressed before it is called.
-        on_progress: Called with a line of text for every step.
 
     Raises:
         RecordError: No trial has a measured force.

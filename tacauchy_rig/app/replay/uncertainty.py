@@ -66,10 +66,8 @@ def force_inputs(
 
     Args:
         inputs: Of the replay, with the stated modulus.
-        config: Says what is uncertain of the indenter and its mounting.
         depths_m: Measured depths [m], counted from the contact force; without any nothing is
             tried.
-        found: Tilt and place as found from moments and images.
     """
     if not depths_m:
         return ()

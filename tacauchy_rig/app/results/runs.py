@@ -63,9 +63,6 @@ class ListedRun:
 def folder_of_runs(path: Path) -> tuple[Path, str]:
     """Return the folder that runs lie in, and the one run that was asked for.
 
-    Args:
-        path: A folder of runs, or a run.
-
     Raises:
         ConfigError: It does not exist, or holds no run.
     """

@@ -71,9 +71,7 @@ class ResultsServer:
     """Answers what a browser asks of a folder of runs; it writes nothing.
 
     Args:
-        root: The folder.
         only: The one run that is shown; empty shows all.
-        access: Which requests are answered.
     """
 
     def __init__(

@@ -35,9 +35,7 @@ def check_cell(
     """Weigh a known weight with the run's cell, and keep what was found, right or wrong.
 
     Args:
-        store: The run, new or begun.
         config: Its configuration with the addresses that hold now.
-        weight: What the operator hangs on the tool.
         ask: Returns once the cell carries what is asked for.
 
     Raises:
@@ -134,7 +132,6 @@ def create_run(loaded: LoadedConfig, config_text: str) -> RunStore:
     """Make a run's folder in the configured output directory.
 
     Args:
-        loaded: The configuration.
         config_text: Its file as it was written, kept in the folder.
 
     Raises:

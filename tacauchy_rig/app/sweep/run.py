@@ -45,9 +45,6 @@ _TYPES = {"string": "Text", "double": "Float", "bool": "Bool", "int64": "Integer
 def write_datasheet(folder: Path, plan: Plan, table: Any) -> None:
     """Write ``plan.json``, ``SHA256SUMS``, ``croissant.json`` and ``ro-crate-metadata.json``.
 
-    Args:
-        table: The index.
-
     Raises:
         ConfigError: mlcroissant or rocrate is not installed.
     """

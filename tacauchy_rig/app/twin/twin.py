@@ -130,9 +130,7 @@ def twin_of(
     """Return what follows the presses of a configuration.
 
     Args:
-        config: Of the run.
         optics: How images are made; None takes the configured calibration, or the nominal lamps.
-        device: Where images are drawn.
 
     Raises:
         ConfigError: There is no such sensor or indenter, or nothing to render with.
@@ -190,10 +188,6 @@ class RunFollower:
 
     Of several goals that came the latest is followed. A depth counts from the height at which the
     press begins, plus the depth that the force has reached by then.
-
-    Args:
-        twin: The simulator.
-        follows: What goals consist of: force or depth.
 
     Attributes:
         dropped_count: Goals that a newer one replaced, or that were too old to be followed.

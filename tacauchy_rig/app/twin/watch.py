@@ -33,7 +33,6 @@ def watch_run(
     Args:
         run: The run; the page is written into its folder.
         optics: How images are made; None takes the configured calibration, or the nominal lamps.
-        on_progress: Told of every trial.
 
     Returns:
         The page: one file that needs no other.

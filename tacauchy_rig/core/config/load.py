@@ -52,12 +52,7 @@ _ARMS = {
 
 
 def explain(error: ValidationError, tables: Mapping[str, Any]) -> Iterator[str]:
-    """Yield one line for each wrong field, shortened where it is long beyond reading.
-
-    Args:
-        error: What pydantic found.
-        tables: The values as they were written.
-    """
+    """Yield one line for each wrong field, shortened where it is long beyond reading."""
     lines = list(dict.fromkeys(_line(problem, tables) for problem in error.errors()))
     for line in lines[:_LINES_MOST]:
         half = _LINE_MOST // 2

@@ -28,7 +28,6 @@ def broken_rules(config: RigConfig, *, placed: bool = True) -> Iterator[BrokenRu
     """Yield each rule that does not hold.
 
     Args:
-        config: The checked configuration.
         placed: Home, gel and workspace box are all known.
     """
     yield from _limit_rules(config)
@@ -229,7 +228,6 @@ def required_but_missing(config: RigConfig, defaulted: Set[str]) -> Iterator[Bro
     """Yield each value that a real device needs and nobody gave.
 
     Args:
-        config: The checked configuration.
         defaulted: Dotted fields that only the built-in defaults give.
     """
     for device, fields, because in (

@@ -126,11 +126,6 @@ def _check_bounds(found: Any) -> None:
 def read_json(kind: type[T], path: Path, *, what: str) -> T:
     """Read a JSON file as a kind of value.
 
-    Args:
-        kind: What it holds.
-        path: The file.
-        what: What it is, for the message.
-
     Raises:
         RecordError: It is missing or damaged, or holds what cannot be; names file and field.
     """
@@ -156,7 +151,6 @@ def from_json(kind: type[T], data: Any, *, source: str = "record") -> T:
 
     Args:
         kind: A dataclass, or any type its fields may have.
-        data: Parsed JSON.
         source: Name of the file (and line), for messages.
 
     Raises:

@@ -230,12 +230,6 @@ class HashedFile(Generic[T]):
     """A file of the run as a whole, whose hash is in the journal.
 
     What it writes raises RecordError where the disk is full or gone.
-
-    Args:
-        path: Where it lies.
-        kind: What it holds.
-        journal: The run's.
-        what: What it is, for messages.
     """
 
     def __init__(self, path: Path, kind: type[T], journal: Path, what: str) -> None:

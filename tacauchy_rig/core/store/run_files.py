@@ -110,7 +110,6 @@ def open_file(
     """Open a plain file for reading and yield its descriptor.
 
     Args:
-        path: The file.
         what: What it is, for the message: ``"the run's description"``.
         max_bytes: More than so many are refused.
         links: Follow links, of a file that is no part of a run.

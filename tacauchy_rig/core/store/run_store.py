@@ -352,7 +352,6 @@ class RunStore:
         """Write a replay, the arrays and images of its trials, and the hashes of all of it.
 
         Args:
-            replay: All of it.
             fields: Of the trials whose files are not there yet.
         """
         folder = self.paths.replays / replay.name

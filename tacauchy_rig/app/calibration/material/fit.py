@@ -110,11 +110,7 @@ def nodes() -> list[tuple[float, float]]:
 
 
 def respond(presses: IndenterPresses, *, jobs: int = 1) -> Response:
-    """Solve an indenter's presses.
-
-    Raises:
-        ConvergenceError: One finds no equilibrium.
-    """
+    """Solve an indenter's presses. ConvergenceError: One finds no equilibrium."""
     inputs = replace(presses.inputs, sensor=presses.inputs.sensor.relaxing(()))
     deepest_m = float(presses.depth_m.max()) + 2.0 * presses.zero_doubt_m
     depths_m = _BEYOND * deepest_m * np.array(_SHARES)

@@ -78,7 +78,6 @@ def read_presses(
     """Read run folders and CSV files; one entry for each indenter.
 
     Args:
-        paths: Of either.
         overrides: ``table.field=value`` of the configuration of CSV files.
         noise_n: Of a force of a CSV file [N].
         contact_force_n: From which the depths of CSV files count [N].
