@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -36,46 +36,38 @@ def lazy_group(
         moved: By a name that was a command once, the command that is to be called instead.
     """
 
-    class LazyGroup(_LazyGroup):
+    class LazyGroup(TyperGroup):
         """A group of these commands."""
 
-        _places, _panels, _moved = places, panels or {}, moved or {}
+        def __init__(self, **attributes: Any) -> None:
+            super().__init__(**attributes)
+            # Misspelt names are compared with these.
+            self.commands = {**{name: TyperCommand(name) for name in places}, **self.commands}
+
+        def list_commands(self, ctx: typer.Context) -> list[str]:  # type: ignore[override]
+            """Return all names in the order of the help."""
+            first = [name for names in (panels or {}).values() for name in names]
+            return first or super().list_commands(ctx)
+
+        def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:  # type: ignore[override]
+            """Return a command; a name that moved is refused with where it went."""
+            if moved and cmd_name in moved:
+                raise ConfigError(
+                    f"the command {cmd_name} has moved", remedy=f"call {moved[cmd_name]}"
+                )
+            if cmd_name in places:
+                module, _, attribute = places[cmd_name].partition(":")
+                group = typer.Typer(add_completion=False)
+                group.command(cmd_name)(getattr(import_module(module), attribute))
+                self.commands[cmd_name] = typer.main.get_command(group)
+                self.commands[cmd_name].name = cmd_name
+            command: Any = super().get_command(ctx, cmd_name)
+            for panel, names in (panels or {}).items():
+                if cmd_name in names:
+                    command.rich_help_panel = panel
+            return command
 
     return LazyGroup
-
-
-class _LazyGroup(TyperGroup):
-    _places: ClassVar[Mapping[str, str]]
-    _panels: ClassVar[Mapping[str, tuple[str, ...]]]
-    _moved: ClassVar[Mapping[str, str]]
-
-    def __init__(self, **attributes: Any) -> None:
-        super().__init__(**attributes)
-        # Misspelt names are compared with these.
-        self.commands = {**{name: TyperCommand(name) for name in self._places}, **self.commands}
-
-    def list_commands(self, ctx: typer.Context) -> list[str]:  # type: ignore[override]
-        """Return all names in the order of the help."""
-        first = [name for names in self._panels.values() for name in names]
-        return first or super().list_commands(ctx)
-
-    def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:  # type: ignore[override]
-        """Return a command; a name that moved is refused with where it went."""
-        if cmd_name in self._moved:
-            raise ConfigError(
-                f"the command {cmd_name} has moved", remedy=f"call {self._moved[cmd_name]}"
-            )
-        if cmd_name in self._places:
-            module, _, attribute = self._places[cmd_name].partition(":")
-            group = typer.Typer(add_completion=False)
-            group.command(cmd_name)(getattr(import_module(module), attribute))
-            self.commands[cmd_name] = typer.main.get_command(group)
-            self.commands[cmd_name].name = cmd_name
-        command: Any = super().get_command(ctx, cmd_name)
-        for panel, names in self._panels.items():
-            if cmd_name in names:
-                command.rich_help_panel = panel
-        return command
 
 
 def _of(module: str, *names: str) -> dict[str, str]:

@@ -52,7 +52,14 @@ def example(
     if out is None:
         say(example_text())
     else:
-        _write_example(out)
+        try:
+            with out.open("x", encoding="utf-8") as file:
+                file.write(example_text())
+        except OSError as error:
+            raise ConfigError(
+                f"{out}: cannot be written: {error.strerror}", remedy="give the path of a new file"
+            ) from error
+        say(f"wrote {out}; fill in what is on the labels, then: tacauchy-rig doctor {out}")
     write_json(json_file, {"file": out, "text": example_text()})
 
 
@@ -77,16 +84,3 @@ def show_ceilings(json_file: JsonFile = None) -> None:
     facts = {"ceilings": table, "depth_share": DEPTH_SHARE, "moduli": PRESSURE_MODULI}
     typer.echo(page("tacauchy_rig.app.cli", "ceilings.md.jinja", facts), nl=False)
     write_json(json_file, {"ceilings": dict(ceilings())})
-
-
-def _write_example(out: Path) -> None:
-    from tacauchy_rig.core.config.load import example_text
-
-    try:
-        with out.open("x", encoding="utf-8") as file:
-            file.write(example_text())
-    except OSError as error:
-        raise ConfigError(
-            f"{out}: cannot be written: {error.strerror}", remedy="give the path of a new file"
-        ) from error
-    say(f"wrote {out}; fill in what is on the labels, then: tacauchy-rig doctor {out}")

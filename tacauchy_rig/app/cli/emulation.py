@@ -44,9 +44,7 @@ def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
         # Of the mean curvature, to the millimetre.
         curvature = 0.5 * (1.0 / pad.dome_radius_x_m + 1.0 / pad.dome_radius_y_m)
         dome_radius_m = round(1.0 / curvature, 3) if curvature > 0.0 else math.inf
-    dots = None
-    if markers and sensor.markers is not None:
-        dots = MarkerGrid(**asdict(sensor.markers))
+    dots = MarkerGrid(**asdict(sensor.markers)) if markers and sensor.markers else None
     return EmulatedUnit(
         name=sensor.name,
         pad_size_m=(2.0 * half_x, 2.0 * half_y),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tacauchy_rig.app.replay.optics import Calibrate
     from tacauchy_rig.core.simulated import MarkerMotion, Replay
     from tacauchy_rig.core.store.check.run import RunCheck
-    from tacauchy_rig.core.store.recovery import RecoveryReport, RunRecovery
+    from tacauchy_rig.core.store.recovery import RunRecovery
 
 
 def replay(
@@ -119,7 +119,14 @@ def recover(folder: RunFolder, json_file: JsonFile = None) -> None:
 def say_recovered(recovery: RunRecovery) -> None:
     """Say what was mended of a run, and what is not to be mended."""
     for report in recovery.recordings:
-        _say_mended(report)
+        if report.changed:
+            merged = f", {report.merged_count} of them from spills" if report.merged_count else ""
+            say(
+                f"{report.path}: was {report.before}; {report.message_count} messages readable"
+                f"{merged}; the original is kept as {report.original}"
+            )
+        for problem in report.problems:
+            say(f"{report.path}: {problem}")
     if recovery.was_cut_off:
         say("the journal had no end: the program was cut off, or lines were taken off; noted in it")
     complain_of(recovery.check)
@@ -129,18 +136,6 @@ def complain_of(check: RunCheck) -> None:
     """Say what contradicts what in a run."""
     for line in check.missed():
         complain(f"error: {line}")
-
-
-def _say_mended(report: RecoveryReport) -> None:
-    """Say what was mended of a recording, and what could not be."""
-    if report.changed:
-        merged = f", {report.merged_count} of them from spills" if report.merged_count else ""
-        say(
-            f"{report.path}: was {report.before}; {report.message_count} messages readable"
-            f"{merged}; the original is kept as {report.original}"
-        )
-    for problem in report.problems:
-        say(f"{report.path}: {problem}")
 
 
 def replay_and_show(

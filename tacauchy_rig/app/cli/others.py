@@ -46,7 +46,13 @@ def import_(
     from tacauchy_rig.core.long_task import doing
 
     if init:
-        _init(source)
+        from tacauchy_rig.app.importing.guess import write_guess
+
+        written, guesses = write_guess(source)
+        say(f"wrote {written}")
+        for question in guesses.asked:
+            say(f"  check {question}")
+        say(f"next: {command_line('import', source)}")
         return
     with doing("importing"):
         from tacauchy_rig.app.importing.importer import import_run
@@ -61,16 +67,6 @@ def import_(
     say(f"next: {command_line('calibrate', 'optics', store.paths.root)} if balls were pressed, or")
     say(f"      {command_line('replay', store.paths.root)}")
     write_json(json_file, {"run": str(store.paths.root), "imported": imported})
-
-
-def _init(folder: Path) -> None:
-    from tacauchy_rig.app.importing.guess import write_guess
-
-    written, guesses = write_guess(folder)
-    say(f"wrote {written}")
-    for question in guesses.asked:
-        say(f"  check {question}")
-    say(f"next: {command_line('import', folder)}")
 
 
 def _check(config: RigConfig) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import json
 import logging
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -33,17 +32,18 @@ def say(text: str = "") -> None:
 
     A terminal that was lost takes no line; what goes on must not end because of that.
     """
-    try:
-        console.print(text, markup=False)
-        sys.stdout.flush()
-    except OSError as error:
-        logger.debug("not printed (%s): %s", error, text)
+    _print(console, text)
 
 
 def complain(text: str) -> None:
     """Print an error, if there is still a terminal to print it on."""
+    _print(error_console, text)
+
+
+def _print(where: Console, text: str) -> None:
     try:
-        error_console.print(text, markup=False)
+        where.print(text, markup=False)
+        where.file.flush()
     except OSError as error:
         logger.debug("not printed (%s): %s", error, text)
 
@@ -91,34 +91,26 @@ def _unwritable(path: Path, error: OSError, *, option: str) -> RecordError:
 _SOURCE = "sim.device.compiled"
 
 
-class _Told(logging.Handler):
-    """Tells of the first module that was compiled, and adds all up."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.INFO)
-        self.seconds = 0.0
-
-    def emit(self, record: logging.LogRecord) -> None:
-        if self.seconds == 0.0:
-            complain("compiling kernels once for this computer; later presses find them")
-        self.seconds += getattr(record, "compiled_s", 0.0)
-
-
 @contextmanager
 def compilation_told() -> Iterator[None]:
     """Say on standard error that kernels are compiled, and in the end how long all of them took."""
-    source, told = logging.getLogger(_SOURCE), _Told()
-    source.addHandler(told)
+    source, spent_s = logging.getLogger(_SOURCE), list[float]()
+
+    def take(record: logging.LogRecord) -> bool:
+        if not spent_s:
+            complain("compiling kernels once for this computer; later presses find them")
+        spent_s.append(getattr(record, "compiled_s", 0.0))
+        return False
+
+    source.addFilter(take)
     source.setLevel(logging.INFO)
-    source.propagate = False
     try:
         yield
     finally:
-        source.removeHandler(told)
+        source.removeFilter(take)
         source.setLevel(logging.NOTSET)
-        source.propagate = True
-        if told.seconds:
-            complain(f"compiling kernels once: {told.seconds:.0f} s")
+        if spent_s:
+            complain(f"compiling kernels once: {sum(spent_s):.0f} s")
 
 
 class Steps:

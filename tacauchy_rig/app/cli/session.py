@@ -291,9 +291,7 @@ def _press_confirmed(
         if note := standing_check(store):
             say(note)
     expected = kept_expectation(store)  # here, so that what is confirmed moves at once
-    made = (
-        "unknown; the arm's estimate and the camera are left" if expected is None else expected.made
-    )
+    made = expected.made if expected else "unknown; the arm's estimate and the camera are left"
     say(f"force expected of the gel: {made}")
     if config.moves_real_hardware:
         confirm(config)
@@ -394,10 +392,8 @@ def _check_force(
     if weight is None:
         mark_expired(store)
         return
-    if emulation is not None and config.force_sensor.is_emulated:
-        ask = hang_emulated(weight, emulation)
-    else:
-        ask = ask_for_weight(weight)
+    hangs = emulation is not None and config.force_sensor.is_emulated
+    ask = hang_emulated(weight, emulation) if emulation and hangs else ask_for_weight(weight)
     check = check_cell(store, config, weight, ask=ask)
     say(f"force checked: {check.finding}")
 

@@ -12,6 +12,7 @@ from enum import StrEnum
 
 import cv2
 import numpy as np
+from scipy.optimize import least_squares
 
 from reports.evidence.attempt import AttemptReading, RunReading
 from tacauchy_rig.core.arrays import FloatArray
@@ -37,7 +38,6 @@ _FIRST_SHARE = 0.3
 """Of the common force: below it the height of first contact decides."""
 _LEVELS = 12
 _BLOCK_PX = 4
-_ROUNDS = 6
 FORCE_DOUBT = 0.01
 """Of the common force, at each level: noise, and creep at another pace."""
 
@@ -199,21 +199,17 @@ def _stiffness(before: PressMeasures, now: PressMeasures, depth_uncertainty_m: f
     order = np.argsort(before.depth_m)
     degree = min(3, len(order) - 1)
     curve = np.polynomial.Polynomial.fit(before.depth_m[order], before.force_n[order], degree)
-    slope = curve.deriv()
-    factor, shift_m, doubt_n = 1.0, 0.0, FORCE_DOUBT * most_n
-    shift_doubt_m = math.sqrt(2.0) * depth_uncertainty_m
-    for _ in range(_ROUNDS):
-        there = depth_m + shift_m
-        terms = np.column_stack([curve(there), factor * slope(there)]) / doubt_n
-        left = (levels - factor * curve(there)) / doubt_n
-        terms = np.vstack([terms, [0.0, 1.0 / shift_doubt_m]])
-        left = np.append(left, -shift_m / shift_doubt_m)
-        step = np.linalg.lstsq(terms, left, rcond=None)[0]
-        factor, shift_m = factor + float(step[0]), shift_m + float(step[1])
-    covariance = np.linalg.inv(terms.T @ terms)
+    doubt_n, doubt_m = FORCE_DOUBT * most_n, math.sqrt(2.0) * depth_uncertainty_m
+
+    def off(parameters: FloatArray) -> FloatArray:
+        factor, shift_m = parameters
+        return np.append((levels - factor * curve(depth_m + shift_m)) / doubt_n, shift_m / doubt_m)
+
+    found = least_squares(off, [1.0, 0.0], x_scale=[1.0, doubt_m])
+    covariance = np.linalg.inv(found.jac.T @ found.jac)
     return Change(
         name="modulus",
-        value=factor - 1.0,
+        value=float(found.x[0]) - 1.0,
         uncertainty=math.sqrt(float(covariance[0, 0])),
         limit=MODULUS_CHANGE,
     )

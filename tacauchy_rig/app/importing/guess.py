@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -201,10 +202,8 @@ def _largest(source: Source, tables: list[str]) -> Table:
     """Return the table with most rows that can be read."""
     read = []
     for name in tables:
-        try:
+        with suppress(RecordError):
             read.append(read_table(source, name, field="a table"))
-        except RecordError:
-            continue
     if not read:
         raise RecordError(
             f"{', '.join(tables)[:200]}: no table with a head line and rows", remedy="look at them"
@@ -304,9 +303,9 @@ def _unit(table: Table, column: str, dimension: Dimension) -> tuple[str, str]:
     cells = [cell for cell in table.cells(column)[:50] if cell.lower() not in UNKNOWN]
     is_number = all(re.fullmatch(r"[+-]?[\d.,eE+-]+", cell) for cell in cells)
     if dimension is Dimension.TIME and not is_number:
-        trial = Table(name="", columns={column: 0}, rows=[[c] for c in cells], places=cells)
+        few = Table(name="", columns={column: 0}, rows=[[c] for c in cells], places=cells)
         for form in _FORMATS:
-            if np.isfinite(_tried(trial, column, form)).all():
+            if np.isfinite(_tried(few, column, form)).all():
                 return form, f"as in {cells[0]}"
     return usual, f"{CHECK}: its head says no unit, and {usual} is usual"
 

@@ -269,24 +269,16 @@ def _images(
 
 
 def _pressure_pa(state: IntermediateState, geometry: CameraGeometry) -> FloatArray:
-    """Return the pressure map of a state at the camera's pixels [Pa]."""
-    places, values = _touched(state)
-    if len(places) == 0:
-        return np.zeros((geometry.height, geometry.width))
-    drawn = LinearNDInterpolator(places, values, fill_value=0.0)(*geometry.pad_grid())
-    return np.asarray(drawn, dtype=np.float64)
-
-
-def _touched(state: IntermediateState) -> tuple[FloatArray, FloatArray]:
-    """Return places and pressures of the nodes in contact and of those around it."""
+    """Return the pressure map of a state at the camera's pixels [Pa], by nodes at the contact."""
     places = state.surface.positions[:, :2]
     touched = places[state.pressure_pa > 0.0]
     if len(touched) == 0:
-        return touched, state.pressure_pa[:0]
+        return np.zeros((geometry.height, geometry.width))
     low, high = touched.min(axis=0), touched.max(axis=0)
     margin = 0.3 * (high - low).max()
     near = np.all((places > low - margin) & (places < high + margin), axis=1)
-    return places[near], state.pressure_pa[near]
+    drawn = LinearNDInterpolator(places[near], state.pressure_pa[near], fill_value=0.0)
+    return np.asarray(drawn(*geometry.pad_grid()), dtype=np.float64)
 
 
 def _small(image: NDArray[Any]) -> NDArray[Any]:

@@ -14,7 +14,7 @@ from tacauchy_rig.app.gel_health.comparison import COVERAGE, Change, GelState, c
 from tacauchy_rig.app.replay.inputs import indenter_of
 from tacauchy_rig.app.replay.parts import open_run
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError, command_line
-from tacauchy_rig.core.run import Outcome, TrialRecord
+from tacauchy_rig.core.run import Outcome
 from tacauchy_rig.core.store.codec import loads
 from tacauchy_rig.core.store.force_series import force_series
 from tacauchy_rig.core.store.run_files import ascii_path, read_bytes
@@ -116,6 +116,11 @@ def _read(folder: Path) -> ListedRun:
     forces = [each.force_measured_n for each in passed if each.force_measured_n is not None]
     config, wanted = store.config, len(store.trial_indices())
     summary = _summary(folder / SUMMARY)
+    todo = None if summary else "report"
+    if not store.replays():
+        todo = "replay"
+    if len(passed) < wanted and not config.is_imported:
+        todo = "resume"
     kind = "imported" if config.is_imported else "dry" if store.simulated else "live"
     return ListedRun(
         name=folder.name,
@@ -134,7 +139,7 @@ def _read(folder: Path) -> ListedRun:
             if each.get("passed") is False
         ),
         figures=tuple(sorted(path.name for path in (folder / FIGURES).glob("*.pdf"))),
-        next_command=_next_command(store, passed, wanted, summary),
+        next_command="" if todo is None else command_line(todo, folder),
     )
 
 
@@ -145,17 +150,6 @@ def _indenter(store: RunStore) -> str:
         return f"{len(kinds)} indenters"
     (kind,) = kinds
     return kind or describe(indenter_of(store.config))
-
-
-def _next_command(
-    store: RunStore, passed: list[TrialRecord], wanted: int, summary: dict[str, Any]
-) -> str:
-    folder = store.paths.root
-    if len(passed) < wanted and not store.config.is_imported:
-        return command_line("resume", folder)
-    if not store.replays():
-        return command_line("replay", folder)
-    return "" if summary else command_line("report", folder)
 
 
 def _summary(path: Path) -> dict[str, Any]:

@@ -18,7 +18,6 @@ from sim.error import estimated
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder
 from sim.scene.scene import Preset
-from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.replay.inputs import indenter_of, sensor_of
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.uncertainty import DEPTH_ERROR_M, LAG_S, MOUNTING_TILT_RAD
@@ -62,7 +61,12 @@ def expected_press(config: RigConfig) -> ExpectedPress:
     points = [path.push(share * most_n) for share in shares]
     found = estimated(scene, plan, outputs_of(path, points[-1])).force
     error = UNKNOWN_ERROR if found is None else found
-    spread = 1.0 + UNCERTAINTIES * _stiffness_uncertainty(sensor)
+    # How stiff the gel is under an indenter, by its standard uncertainties.
+    parts = [sensor.young_uncertainty()[0]]
+    if height := sensor.numbers.get("pad.height"):
+        parts.append(STIFFNESS_OF_HEIGHT * height.uncertainty / height.value)
+    parts.append(STIFFNESS_OF_POISSON * sensor.least_certain_poisson.uncertainty)
+    spread = 1.0 + UNCERTAINTIES * math.hypot(*parts)
     overrun_m, lean_m = config.robot.press_speed * LAG_S, 0.0
     if isinstance(indenter, Cylinder):  # how far the edge of a tilted face is below its middle
         lean_m = (indenter.radius_m - indenter.fillet_m) * math.sin(MOUNTING_TILT_RAD)
@@ -103,13 +107,3 @@ def kept_expectation(store: RunStore) -> ExpectedPress | None:
     with store.lock():
         store.expected.save(made)
     return made
-
-
-def _stiffness_uncertainty(sensor: Sensor) -> float:
-    """Return the relative standard uncertainty of how stiff the gel is under an indenter."""
-    parts = [sensor.young_uncertainty()[0]]
-    height = sensor.numbers.get("pad.height")
-    if height is not None:
-        parts.append(STIFFNESS_OF_HEIGHT * height.uncertainty / height.value)
-    parts.append(STIFFNESS_OF_POISSON * sensor.least_certain_poisson.uncertainty)
-    return math.hypot(*parts)

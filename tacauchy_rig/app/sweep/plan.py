@@ -306,7 +306,11 @@ def _combined(plan: Plan, spreads: dict[str, Spread]) -> Any:
             )
         columns = [spreads[name].choices for name in names]
         count = (math.prod if plan.design is Design.GRID else max)(map(len, columns))
-        _refuse_many(count)
+        if count > PRESSES_MOST:
+            raise ConfigError(
+                f"the plan has {count:,} presses, and at most {PRESSES_MOST:,} fit one",
+                remedy="take fewer steps, or draw them: design = 'sobol' with a count",
+            )
         if plan.design is Design.GRID:
             return (dict(zip(names, values, strict=True)) for values in product(*columns))
         for name, column in zip(names, columns, strict=True):
@@ -326,14 +330,6 @@ def _combined(plan: Plan, spreads: dict[str, Spread]) -> Any:
         still = np.zeros(plan.count)
         columns = [spreads[name].at(shares.get(name, still)) for name in names]
     return (dict(zip(names, values, strict=True)) for values in zip(*columns, strict=True))
-
-
-def _refuse_many(count: int) -> None:
-    if count > PRESSES_MOST:
-        raise ConfigError(
-            f"the plan has {count:,} presses, and at most {PRESSES_MOST:,} fit one",
-            remedy="take fewer steps, or draw them: design = 'sobol' with a count",
-        )
 
 
 def _shares(plan: Plan, dimensions: int, count: int) -> FloatArray:
@@ -428,21 +424,17 @@ def made_with() -> dict[str, str]:
 
 def row_hash(row: Row, simulation: Simulation) -> str:
     """Return what names a press: its inputs, files, settings and versions; 32 hex digits."""
-    body = indenter_of(row.indenter)
+    body, name = indenter_of(row.indenter), row.sensor
     files = (simulation.optics, simulation.background)
     content = {
         "row": asdict(row),
-        "sensor": _sensor_hash(row.sensor),
+        "sensor": _file_hash(Path(name) if unknown(Kind.SENSOR, name) else load(Kind.SENSOR, name)),
         "body": body.content_hash if isinstance(body, MeshIndenter) else "",
         "simulation": simulation.model_dump(exclude={"shard", "optics", "background"}),
         "optics": [None if file is None else _file_hash(file) for file in files],
         "versions": made_with(),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
-
-
-def _sensor_hash(name: str) -> str:
-    return _file_hash(Path(name) if unknown(Kind.SENSOR, name) else load(Kind.SENSOR, name))
 
 
 @lru_cache(maxsize=64)

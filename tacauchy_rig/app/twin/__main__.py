@@ -28,7 +28,15 @@ def follow_run(job: Job, supervisor: Channel) -> None:
     """Do the twin's job."""
     ignore_signals()
     os.nice(NICENESS)
-    pulse = _Pulse(supervisor)
+    beaten_s = time.monotonic()
+
+    def tell() -> None:
+        """Tell the supervisor that this process lives, while it gets on with its work."""
+        while not supervisor.closed and time.monotonic() - beaten_s < HUNG_S:
+            supervisor.send(Order.ALIVE)
+            time.sleep(ALIVE_S)
+
+    threading.Thread(target=tell, name="pulse", daemon=True).start()
     twin = twin_of(job.config, device=job.options[DEVICE])
     logger.info("ready; its force error: %s", twin.follower.stated_error.basis)
     following = RunFollower(twin, Follows(job.options[FOLLOWS]))
@@ -36,7 +44,7 @@ def follow_run(job: Job, supervisor: Channel) -> None:
     writers = FeedWriters(job.descriptors, VIEWERS)
     waiting = [supervisor.fileno(), *(reader.fileno() for reader in readers)]
     while not supervisor.closed:
-        pulse.beat()
+        beaten_s = time.monotonic()
         select.select(waiting, [], [], LOOK_S)
         for reader in readers:
             for shown in reader.receive():
@@ -57,24 +65,6 @@ def follow_run(job: Job, supervisor: Channel) -> None:
                 log.write(dumps(line, indent=None))
         except OSError as error:
             logger.error("a line of twin.jsonl is lost: %s", error.strerror)
-
-
-class _Pulse:
-    """Tells the supervisor that this process lives, while it gets on with its work."""
-
-    def __init__(self, supervisor: Channel) -> None:
-        self._supervisor = supervisor
-        self._beaten_s = time.monotonic()
-        threading.Thread(target=self._tell, name="pulse", daemon=True).start()
-
-    def beat(self) -> None:
-        """Say that work goes on."""
-        self._beaten_s = time.monotonic()
-
-    def _tell(self) -> None:
-        while not self._supervisor.closed and time.monotonic() - self._beaten_s < HUNG_S:
-            self._supervisor.send(Order.ALIVE)
-            time.sleep(ALIVE_S)
 
 
 if __name__ == "__main__":

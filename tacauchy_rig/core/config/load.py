@@ -34,6 +34,7 @@ _LIMITS = {
 }
 _KINDS = {
     "int": "is not a whole number",
+    "literal": "is neither 1 nor -1",
     "float": "is not a number",
     "bool": "is neither true nor false",
     "string": "is not text; write it in quotes",

@@ -5,11 +5,10 @@ Ranges with their reasons stand in ``ceilings.toml``, rules between keys in ``ru
 
 from __future__ import annotations
 
-from collections.abc import Container
 from enum import StrEnum
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from tacauchy_rig.core.config.fields import (
     Acceleration,
@@ -45,17 +44,8 @@ def _driver(kind: Kind) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def _one_of(allowed: Container[int], problem: str) -> AfterValidator:
-    def check(value: int) -> int:
-        if value not in allowed:
-            raise ValueError(f"{value} {problem}")
-        return value
-
-    return AfterValidator(check)
-
-
-Sign = Annotated[int, _one_of((-1, 1), "is neither 1 nor -1")]
-Lamp = Annotated[int, _one_of(range(16), "is no brightness of a lamp; write 0 to 15")]
+Sign = Literal[-1, 1]
+Lamp = Annotated[int, Field(ge=0, le=15)]
 
 
 class DeviceSection(Section):

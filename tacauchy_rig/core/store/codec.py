@@ -14,12 +14,12 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from types import NoneType
-from typing import Any, Literal, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import numpy as np
 import pydantic_core
@@ -45,15 +45,15 @@ _REMEDY = "the file was edited, or written by another version of this program"
 
 def to_json(value: object) -> Any:
     """Return ``value`` as dictionaries, lists, text and numbers that ``from_json`` takes back."""
-    return _plain(value, "strings")
+    return _plain(value, json.dumps)
 
 
 def to_plain(value: object) -> Any:
     """Return ``value`` as dictionaries, lists, text and numbers; numbers that are none are null."""
-    return _plain(value, "null")
+    return _plain(value, lambda _: None)
 
 
-def _plain(value: object, non_finite: Literal["strings", "null"]) -> Any:
+def _plain(value: object, non_finite: Callable[[float], str | None]) -> Any:
     def other(part: Any) -> Any:
         if isinstance(part, np.generic | np.ndarray):
             return part.tolist()
@@ -61,8 +61,19 @@ def _plain(value: object, non_finite: Literal["strings", "null"]) -> Any:
             return dict(part)
         raise TypeError(f"{type(part).__name__} has no JSON form")
 
+    def finite(part: Any) -> Any:
+        if isinstance(part, dict):
+            return {key: finite(each) for key, each in part.items()}
+        if isinstance(part, list):
+            return [finite(each) for each in part]
+        is_none = isinstance(part, float) and not math.isfinite(part)
+        return non_finite(part) if is_none else part
+
     try:
-        return json.loads(pydantic_core.to_json(value, inf_nan_mode=non_finite, fallback=other))
+        kept: Any = pydantic_core.to_jsonable_python(
+            value, inf_nan_mode="constants", fallback=other
+        )
+        return finite(kept)
     except (pydantic_core.PydanticSerializationError, TypeError) as error:
         raise RecordError(
             f"a {type(value).__name__} cannot be written as JSON: {error}",

@@ -89,11 +89,20 @@ def recover_recording(path: Path, *, opener: Opener = Recording.open) -> Recover
         recording, before, error = _opened(path, opener)
         spills = _spills_of(path, recording, problems)
         problems += error
-        closed_sha256, original = _closed_sha256(path), None
+        closed_sha256, original = None, None
+        with suppress(RecordError):  # no result tells what it was when it was closed
+            result = read_json(TrialRecord, path.with_name(RESULT_NAME), what="the result")
+            closed_sha256 = result.recording_sha256
         found_sha256 = "" if recording is None else file_sha256(path, what="the recording")
         if recording is not None and closed_sha256 == found_sha256:
-            for spill in spills:
-                _set_aside_known(spill, recording, problems)
+            for spill in spills:  # a closed recording is never written again
+                if lacking := sum(index for index, _ in _merged([recording, spill])):
+                    told = (
+                        f"{spill.path}: {lacking} of its messages are not in the closed recording"
+                    )
+                    _refuse(spill.path, told, problems)
+                else:
+                    set_aside(spill.path, "merged")
         elif spills or (recording is not None and not recording.is_intact):
             return _repacked(path, recording, spills, problems, before=before)
         elif recording is None and path.exists() and closed_sha256 is None:
@@ -116,15 +125,6 @@ def _opened(path: Path, opener: Opener) -> tuple[Recording | None, str, list[str
     except RecordError as error:
         return None, "unreadable", [str(error)]
     return recording, recording.describe(), []
-
-
-def _closed_sha256(path: Path) -> str | None:
-    """Return the SHA-256 that a recording had when it was closed; None where no result tells it."""
-    try:
-        record = read_json(TrialRecord, path.with_name(RESULT_NAME), what="the result")
-    except RecordError:
-        return None
-    return record.recording_sha256
 
 
 def _spills_of(path: Path, recording: Recording | None, problems: list[str]) -> list[Recording]:
@@ -182,16 +182,6 @@ def _window(path: Path, key: tuple[int, int], recording: Recording | None) -> tu
     first_ns = min(begun, default=-math.inf)
     later = [e.stamp_ns for e in events if e.name == _BEGIN and e.stamp_ns > first_ns]
     return first_ns, max(ended) if ended else min(later, default=math.inf)
-
-
-def _set_aside_known(spill: Recording, recording: Recording, problems: list[str]) -> None:
-    """Set aside a spill beside a closed recording, which is never written again."""
-    lacking = sum(index for index, _ in _merged([recording, spill]))
-    if lacking:
-        reason = f"{spill.path}: {lacking} of its messages are not in the closed recording"
-        _refuse(spill.path, reason, problems)
-    else:
-        set_aside(spill.path, "merged")
 
 
 def _repacked(

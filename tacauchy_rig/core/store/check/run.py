@@ -385,7 +385,13 @@ def _changed_replay(store: RunStore, name: str, journal: Journal) -> Iterator[st
     else:
         yield f"replay/{name} is unknown to journal.jsonl"
     yield from _source_mismatches(store, name, replay)
-    yield from _file_mismatches(store, name, replay)
+    folder = store.paths.replays / name
+    for file, known in replay.files.items():
+        yield from hash_mismatch(folder, file, known, name=f"replay/{name}/{file}")
+    for trial in replay.trials:
+        for made in sorted(store.paths.replay_trial(name, trial.index).glob("*")):
+            if str(made.relative_to(folder)) not in replay.files:
+                yield f"replay/{name}: {made.relative_to(folder)} was not made by this replay"
     yield from _force_mismatches(store, name, replay)
 
 
@@ -398,16 +404,6 @@ def _source_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[s
                 f"replay/{name} was made with the configuration {short_hash(known)}, the run's is "
                 f"{short_hash(store.config_hash)}"
             )
-
-
-def _file_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[str]:
-    folder = store.paths.replays / name
-    for file, known in replay.files.items():
-        yield from hash_mismatch(folder, file, known, name=f"replay/{name}/{file}")
-    for trial in replay.trials:
-        for path in sorted(store.paths.replay_trial(name, trial.index).glob("*")):
-            if str(path.relative_to(folder)) not in replay.files:
-                yield f"replay/{name}: {path.relative_to(folder)} was not made by this replay"
 
 
 def _force_mismatches(store: RunStore, name: str, replay: Replay) -> Iterator[str]:

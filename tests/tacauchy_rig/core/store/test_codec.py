@@ -128,10 +128,32 @@ def test_numpy_values_and_what_has_no_form() -> None:
         to_json({"a": object()})
 
 
-def test_text_that_is_no_json() -> None:
-    """Broken JSON is reported with its file."""
-    with pytest.raises(RecordError, match=r"run\.json: not valid JSON: .*line 1"):
-        loads(b"{", source="run.json")
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (b"{", "line 1"),
+        (b'{"index": 1, "a": {"index": 1, "index": 2}}', "'index' stands 2 times in one object"),
+        (b"[" * 100_000, "recursion"),
+        (b"[" * 100 + b"]" * 100, "nested more than 64 deep"),
+        (b"9" * 5000, "digits"),
+        (b"9" * 4000, "more than 1024 bits"),
+        (rb'"\ud800"', "surrogates not allowed"),
+        (b"\xff", "codec can't decode"),
+    ],
+)
+def test_text_that_is_no_json_of_ours(text: bytes, told: str) -> None:
+    """It is reported with its file."""
+    with pytest.raises(RecordError, match=f"^run.json: not valid JSON: .*{told}"):
+        loads(text, source="run.json")
+
+
+def test_a_message_shows_what_a_terminal_can_print() -> None:
+    """Neither a value nor a key of a file fills the screen or moves its cursor."""
+    for change in ({"\x1b[2J" * 1000: 1}, {"index": "\x1b[2J" * 1000}):
+        with pytest.raises(RecordError) as caught:
+            from_json(TrialRecord, {**RECORD, **change}, source="result.json")
+        assert caught.value.message.isprintable()
+        assert len(caught.value.message) < 300
 
 
 @pytest.mark.parametrize(
@@ -146,6 +168,7 @@ def test_text_that_is_no_json() -> None:
         ({"tare_before": {**TARE, "mean": [math.inf] * 6}}, r"tare_before.mean\[0\]: inf is no"),
         ({"tare_before": {**TARE, "mean": [0.0] * 6, "end_ns": 4}}, "tare_before.end_ns: 4 lies"),
         ({"press_force_n": [1.0, "-Infinity"]}, r"press_force_n\[1\]: -inf is no number"),
+        ({"press_depth_m": ["NaN"]}, r"press_depth_m\[0\]: nan is no number"),
         ({"rates": {"force_count": 1e300}}, r"rates.force_count: 1e\+300 cannot be"),
         ({"attempt": -1}, "attempt: -1 cannot be: 0 to"),
     ],

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tacauchy_rig.core.config.load import default_text, load_config
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.run import Outcome, TrialRecord
 from tacauchy_rig.core.simulated import Replay
 from tacauchy_rig.core.store.journal import read_journal
@@ -186,15 +186,27 @@ def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
         ({"written": 3}, "run.json: written: missing or of the wrong type"),
         ({"format": 2}, "run.json: written in format 2; this program reads 1"),
         ({"config_hash": None}, "run.json: config_hash: missing or of the wrong type"),
+        ({"written": {"robot.host": 3}}, "run.json: written: robot.host: 3 is not text"),
     ],
 )
 def test_a_damaged_description(store: RunStore, change: dict[str, Any], message: str) -> None:
     """A description that was edited is refused with the field."""
     description = json.loads(store.paths.run_json.read_text())
     store.paths.run_json.write_text(json.dumps({**description, **change}))
-    with pytest.raises(RecordError) as caught:
+    with pytest.raises((RecordError, ConfigError)) as caught:
         RunStore.open(store.paths.root)
     assert message in caught.value.message
+
+
+@pytest.mark.parametrize("depths_m", [(0.0, 1e-3), (0.0, 1e-3, 900.0)])
+def test_a_curve_that_no_press_has(store: RunStore, depths_m: tuple[float, ...]) -> None:
+    """Nothing is computed of one: its file and field are named."""
+    store.save_result(replace(_record(1, Outcome.PASSED), press_force_n=(0.0, 1.0, 2.0)))
+    path = store.paths.result(1, 1)
+    text = path.read_text().replace('"press_depth_m": []', f'"press_depth_m": {list(depths_m)}')
+    path.write_text(text)
+    with pytest.raises(RecordError, match=r"result\.json: press_depth_m: \d depths, to"):
+        store.load_result(1, 1)
 
 
 def test_one_program_at_a_time(store: RunStore) -> None:

@@ -12,6 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,8 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import tacauchy_rig
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.run import ForceSample, ImageFrame
+from tacauchy_rig.core.run import ForceSample, ImageFrame, JournalEvent
+from tacauchy_rig.core.store.recording.messages import EventMessage, encode
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.recording.writing import RecordingWriter
 from tacauchy_rig.core.store.recovery import recover_recording
@@ -150,6 +152,17 @@ def test_extreme_values_come_back(tmp_path: Path) -> None:
     (back,) = recording.frames()
     assert (back.counter, back.jpeg, back.device_stamp_s) == (2**32 - 1, b"", None)
     assert recording.metadata == {"ключ": "значение"}
+
+
+def test_an_event_that_says_something_else(tmp_path: Path) -> None:
+    """Whoever made it: file and field are named."""
+    path = tmp_path / "odd.mcap"
+    with RecordingWriter(path, metadata={}) as writer:
+        event = encode(JournalEvent(stamp_ns=5, name="phase"))
+        message = EventMessage(stamp_ns=5, name="phase", detail_json="[1]")
+        writer.write_raw([replace(event, data=message.SerializeToString())])
+    with pytest.raises(RecordError, match=r"odd.mcap: an event: detail: \[1\]: Input should be"):
+        Recording.open(path).events()
 
 
 def test_nothing_is_overwritten(finished: Path) -> None:
