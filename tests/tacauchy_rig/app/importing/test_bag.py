@@ -24,8 +24,13 @@ from tacauchy_rig.core.rgb import decode_rgb
 from tacauchy_rig.core.store.check.run import check_run
 from tacauchy_rig.core.store.recording.reading import Recording
 from tacauchy_rig.core.store.run_store import RunStore
-from tests.tacauchy_rig.app.importing.made import make_lerobot
-from tests.tacauchy_rig.app.importing.sources import counting, header, write_bag, write_video
+from tests.tacauchy_rig.app.importing.sources import (
+    counting,
+    header,
+    make_lerobot,
+    write_bag,
+    write_video,
+)
 
 
 @pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])

@@ -18,7 +18,7 @@ import pytest
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.core.errors import RigError
 from tests.tacauchy_rig.app.importing.conftest import make_small
-from tests.tacauchy_rig.app.importing.made import make_lerobot, make_records, record
+from tests.tacauchy_rig.app.importing.sources import make_lerobot, make_records, record
 
 ROWS = "image,fz,depth\npress.png,{},0.25\n"
 
