@@ -18,8 +18,7 @@ def show(path: ConfigFile = None, overrides: Overrides = None, json_file: JsonFi
 
     Example: tacauchy-rig config show rig.toml
     """
-    from tacauchy_rig.app.replay.inputs import check_replay
-    from tacauchy_rig.app.session.gel_limits import check_gel
+    from tacauchy_rig.app.replay.inputs import check_gel, check_replay
     from tacauchy_rig.core.config.load import load_config
 
     loaded = load_config(path, overrides=overrides or ())
@@ -68,7 +67,7 @@ def show_ceilings(json_file: JsonFile = None) -> None:
 
     Example: tacauchy-rig config ceilings
     """
-    from tacauchy_rig.app.session.gel_limits import DEPTH_SHARE, PRESSURE_MODULI
+    from tacauchy_rig.app.replay.inputs import DEPTH_SHARE, PRESSURE_MODULI
     from tacauchy_rig.core.config.fields import ceilings
     from tacauchy_rig.core.page import page
 

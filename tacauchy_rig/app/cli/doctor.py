@@ -35,8 +35,7 @@ def doctor(
     config = load_config(path, overrides=overrides or ()).config
     from drivers.checks import device_checks
     from tacauchy_rig.app.doctor.host import host_checks
-    from tacauchy_rig.app.replay.inputs import check_replay
-    from tacauchy_rig.app.session.gel_limits import check_gel
+    from tacauchy_rig.app.replay.inputs import check_gel, check_replay
     from tacauchy_rig.core.check_result import checked
 
     checks = [

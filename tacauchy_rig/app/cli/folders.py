@@ -11,7 +11,7 @@ import typer
 
 from tacauchy_rig.app.cli.output import JsonFile, RunFolder, complain, say, write_json
 from tacauchy_rig.app.cli.watching import tell
-from tacauchy_rig.app.exporting.names import Format
+from tacauchy_rig.app.exporting.formats import Format
 from tacauchy_rig.core.errors import AbortedError, command_line
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def _watch(run: RunReading, given: Path | None) -> None:
     from tacauchy_rig.app.cli.emulation import emulated_calibration
     from tacauchy_rig.app.replay.inputs import sensor_of
     from tacauchy_rig.app.replay.optics import optics_of
-    from tacauchy_rig.app.twin.watch import watch_run
+    from tacauchy_rig.app.twin.twin import watch_run
 
     config = run.store.config
     optics = optics_of(

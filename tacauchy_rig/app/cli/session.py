@@ -232,8 +232,7 @@ def _created(loaded: LoadedConfig, text: str, *, press_only: bool) -> RunStore:
 def _check_before(config: RigConfig, *, press_only: bool) -> None:
     """Refuse what must not wait until six presses are done, or until the gel is torn."""
     from tacauchy_rig.app.doctor.host import descriptor_check
-    from tacauchy_rig.app.replay.inputs import check_replay, inputs_of
-    from tacauchy_rig.app.session.gel_limits import check_gel
+    from tacauchy_rig.app.replay.inputs import check_gel, check_replay, inputs_of
 
     descriptors = descriptor_check(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
     if descriptors.status is CheckStatus.FAIL:

@@ -5,15 +5,30 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
 
-from tacauchy_rig.app.exporting.episode import episodes_of
-from tacauchy_rig.app.exporting.names import Format
 from tacauchy_rig.app.sweep.names import INDEX
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.store.durable import write_error
-from tacauchy_rig.core.store.run_store import RunStore
+
+
+class Format(StrEnum):
+    """What can be written."""
+
+    CSV = "csv"
+    LEROBOT = "lerobot"
+    HDF5 = "hdf5"
+    ROSBAG2 = "rosbag2"
+    WEBDATASET = "webdataset"
+    VTU = "vtu"
+    USD = "usd"
+    ISAACLAB = "isaaclab"
+    TAXIM = "taxim"
+    TACEX = "tacex"
+    PRESSURE_LAW = "pressure-law"
+
 
 OF_EPISODES = (Format.LEROBOT, Format.HDF5, Format.ROSBAG2, Format.WEBDATASET)
 """Formats of what a rig recorded or a sweep computed; the latter is a table already."""
@@ -53,6 +68,10 @@ def export(
         RecordError: The source is damaged or no such thing, or ``out`` exists or cannot be written.
         ConfigError: A library is not there.
     """
+    # The command line offers the formats; what they bring is not even loaded for that.
+    from tacauchy_rig.app.exporting.episode import episodes_of  # noqa: PLC0415
+    from tacauchy_rig.core.store.run_store import RunStore  # noqa: PLC0415
+
     module, name = WRITERS[form]
     write = getattr(import_module(f"tacauchy_rig.app.exporting.{module}"), name)
     with _new_folder(out) as folder:

@@ -30,7 +30,7 @@ from tacauchy_rig.app.results.runs import (
     find_runs,
     in_words,
 )
-from tacauchy_rig.app.twin.watch import watch_script
+from tacauchy_rig.app.twin.twin import watch_script
 from tacauchy_rig.core.store.run_files import MAX_BYTES
 
 MEDIA_TYPES = {

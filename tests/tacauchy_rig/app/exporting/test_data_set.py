@@ -13,8 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.exporting.formats import export
-from tacauchy_rig.app.exporting.names import Format
+from tacauchy_rig.app.exporting.formats import Format, export
 from tacauchy_rig.app.exporting.pressure_law import _law, _overlap
 from tacauchy_rig.app.sweep import run
 from tacauchy_rig.app.sweep.engines import Processes

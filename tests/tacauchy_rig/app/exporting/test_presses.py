@@ -15,8 +15,7 @@ from sim.fields.press_fields import passed_states
 from sim.press_command import scene_from
 from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import LoadingPath
-from tacauchy_rig.app.exporting.formats import export
-from tacauchy_rig.app.exporting.names import Format
+from tacauchy_rig.app.exporting.formats import Format, export
 from tacauchy_rig.app.exporting.taxim import ISAAC_BINS, TAXIM_BINS
 from tacauchy_rig.app.replay.press_folder import STATES_NAME
 from tacauchy_rig.core.errors import ConfigError, RecordError

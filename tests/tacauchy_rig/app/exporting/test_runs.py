@@ -17,8 +17,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
-from tacauchy_rig.app.exporting.formats import export
-from tacauchy_rig.app.exporting.names import Format
+from tacauchy_rig.app.exporting.formats import Format, export
 from tacauchy_rig.app.importing.bag import TYPES
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.core.config.load import default_text, load_config

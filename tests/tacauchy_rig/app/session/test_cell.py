@@ -9,9 +9,9 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
+from tacauchy_rig.app.replay.inputs import check_gel
 from tacauchy_rig.app.session import expected as loop_expected
 from tacauchy_rig.app.session.expected import expected_press, kept_expectation
-from tacauchy_rig.app.session.gel_limits import check_gel
 from tacauchy_rig.app.session.record import (
     ForceCheckError,
     check_cell,

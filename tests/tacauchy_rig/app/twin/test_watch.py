@@ -17,16 +17,18 @@ from sim.sensor.camera_geometry import CameraGeometry
 from sim.twin import follower
 from tacauchy_rig.app.replay.parts import open_run
 from tacauchy_rig.app.twin.twin import (
+    FRAMES_PER_S,
     MAPS_EVERY,
     STALE_NS,
     CameraImages,
     Follows,
     RunFollower,
     Twin,
+    _lasting,
     contact_residual,
     twin_of,
+    watch_run,
 )
-from tacauchy_rig.app.twin.watch import FRAMES_PER_S, _lasting, watch_run
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.errors import RecordError
