@@ -28,15 +28,11 @@ from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
 if TYPE_CHECKING:
     from sim.optics.calibrate.cross_validation import RenderedPress
-    from tacauchy_rig.app.calibration.optics.run import OpticsResult
-
-if TYPE_CHECKING:
     from sim.optics.calibrate.scale_fit import ScaleFit
     from sim.sensor.sensor import Sensor
-
-if TYPE_CHECKING:
     from tacauchy_rig.app.calibration.material.fit import GelFit, Interval
     from tacauchy_rig.app.calibration.material.presses import IndenterPresses
+    from tacauchy_rig.app.calibration.optics.run import OpticsResult
 
 
 def latency(

@@ -21,7 +21,10 @@ from tacauchy_rig.app.cli.output import (
 from tacauchy_rig.core.errors import ConfigError, command_line
 
 if TYPE_CHECKING:
+    from reports.evidence.attempt import RunReading
+    from reports.evidence.evidence import RunEvidence
     from tacauchy_rig.core.config.model import RigConfig
+    from tacauchy_rig.core.simulated import Outputs
 
 
 def import_(
@@ -79,12 +82,6 @@ def _check(config: RigConfig) -> None:
         from tacauchy_rig.app.replay.inputs import inputs_of
 
         inputs_of(config)
-
-
-if TYPE_CHECKING:
-    from reports.evidence.attempt import RunReading
-    from reports.evidence.evidence import RunEvidence
-    from tacauchy_rig.core.simulated import Outputs
 
 
 class Baseline(StrEnum):
