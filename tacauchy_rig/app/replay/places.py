@@ -70,13 +70,8 @@ def press_together(part: Part, *, on_progress: Say = say_nothing) -> Pressed:
     return press_to_measured(part, fit, stated, path, on_progress=on_progress)
 
 
-def stated_history(item: tuple[int, Part]) -> History:
-    """Return (depth [m], force [N]) of the gel with the stated modulus, to the measured forces.
-
-    Args:
-        item: A part, behind its number.
-    """
-    _, part = item
+def stated_history(part: Part) -> History:
+    """Return (depth [m], force [N]) of the gel with the stated modulus, to the measured forces."""
     alone = _alone(part)
     if alone is not None:
         return alone[0].trials[0].force_history
@@ -317,17 +312,15 @@ def _press_stated(
     parts: Sequence[Part], files: Sequence[_PartFiles], jobs: int, left: Remaining, say: Say
 ) -> None:
     """Press the gel with the stated modulus at each place where that is not on disk."""
-    items = [
-        (k, part)
-        for k, (part, own) in enumerate(zip(parts, files, strict=True))
-        if part.forces_n and not own.stated()
-    ]
-    work = parallel_map(stated_history, items, jobs=jobs, new_process_each=False)
+    pairs = zip(parts, files, strict=True)
+    lacking = {k: part for k, (part, own) in enumerate(pairs) if part.forces_n and not own.stated()}
+    work = parallel_map(stated_history, list(lacking.values()), jobs=jobs, new_process_each=False)
     with doing("pressing the gel of the stated modulus") as tell:
-        for number, ((k, part), history) in enumerate(work, start=1):
+        found = zip(lacking, work, strict=True)
+        for number, (k, (part, history)) in enumerate(found, start=1):
             files[k].keep_stated(history)
             left.spend(_cost_s(part))
-            say(f"  stated modulus, {number} of {len(items)}{part.label}; {left}")
+            say(f"  stated modulus, {number} of {len(lacking)}{part.label}; {left}")
             tell(str(left))
 
 

@@ -89,7 +89,8 @@ def recover_recording(path: Path, *, opener: Opener = Recording.open) -> Recover
         recording, before, error = _opened(path, opener)
         spills = _spills_of(path, recording, problems)
         problems += error
-        closed_sha256, original = None, None
+        closed_sha256: str | None = None
+        original: Path | None = None
         with suppress(RecordError):  # no result tells what it was when it was closed
             result = read_json(TrialRecord, path.with_name(RESULT_NAME), what="the result")
             closed_sha256 = result.recording_sha256
