@@ -42,9 +42,6 @@ class Problems:
     def __init__(self) -> None:
         self._found: dict[str, RigError] = {}
 
-    def __bool__(self) -> bool:
-        return bool(self._found)
-
     def add(self, message: str, *, remedy: str) -> None:
         """Note a problem."""
         with self.noting():
