@@ -27,10 +27,11 @@ def _gaps(
     # Data in and out:
     gap_io: wp.array2d(dtype=wp.float64),
 ):
-    """Find how far points are at least from indenters that were lowered by what was left [m]."""
+    """Find how far points are at least from indenters that were moved by what was left [m]."""
     b, p = wp.tid()
-    least = gap_io[b, p] - lowered[b]
-    if least <= lowered[b]:
+    by = wp.abs(lowered[b])
+    least = gap_io[b, p] - by
+    if least <= by:
         least, _n = nearby_gap(posed(body, poses, b), points[b, p])
     gap_io[b, p] = least
 

@@ -1,4 +1,4 @@
-"""What a press is worth, from the same press on longer edges."""
+"""Estimated errors of a press, and the settings that keep a tolerance."""
 
 from __future__ import annotations
 
@@ -6,14 +6,26 @@ from dataclasses import replace
 
 import pytest
 
+from sim.correction import Setting
 from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import PressOutputs
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import CoarsePress, coarse_press
-from sim.error import estimate_from, estimated
+from sim.error import (
+    RELATIVE_COSTS,
+    Tolerance,
+    alternatives,
+    estimate_from,
+    estimated,
+    keeping,
+    parse_tolerance,
+    setting_of,
+)
 from sim.press import press
 from sim.press_command import scene_from
+from sim.scene.indenter import Sphere
 from sim.scene.scene import ContactMode, Output, Preset, Scene, Target
+from tacauchy_rig.core.errors import ConfigError
 
 SCENE = scene_from(
     "--pad disc:radius=5mm,height=3mm --young 0.3MPa --poisson 0.46 "
@@ -113,3 +125,124 @@ def test_linear_tetrahedra_are_held_against_quadratic_ones() -> None:
     result = press(replace(SCENE, preset=Preset.PAPER), estimate_error=True)
     assert result.estimated_force_error_relative is not None
     assert result.estimated_force_error_relative > 0.3
+
+
+ROUNDED = scene_from(
+    "--sensor gelsight-mini --indenter cylinder:diameter=5mm,fillet=0.1mm --depth 0.5mm"
+)
+BALL = replace(ROUNDED, indenter=Sphere(diameter_m=10e-3))
+
+
+def order() -> list[Setting]:
+    """Return all settings, the cheapest first."""
+    return list(RELATIVE_COSTS)
+
+
+def test_the_choice_is_the_cheapest_that_is_believed_to_keep_it() -> None:
+    """Half the tolerance takes finer edges, and what is left of it is for effects."""
+    loose, tight = (keeping(BALL, Tolerance(relative=share)) for share in (0.04, 0.02))
+    assert order().index(setting_of(loose)) < order().index(setting_of(tight))
+    for chosen, share in ((loose, 0.04), (tight, 0.02)):
+        assert chosen.tolerance is not None
+        assert 0.0 <= chosen.tolerance < share
+    errors = [RELATIVE_COSTS[setting_of(each)].error_ratio for each in (loose, tight)]
+    assert (0.04 - (loose.tolerance or 0.0)) / errors[0] == pytest.approx(
+        (0.02 - (tight.tolerance or 0.0)) / errors[1]
+    )
+
+
+def test_a_choice_is_kept_by_the_press_that_it_leads_to() -> None:
+    """The press at the settings chosen is itself said to err by no more."""
+    chosen = keeping(BALL, Tolerance(relative=0.08))
+    said = press(chosen, estimate_error=True).estimated_force_error_relative
+    assert said is not None
+    assert said < 0.08
+
+
+def test_newtons_are_taken_relative_to_the_force() -> None:
+    """0.05 N is another preset's business at 0.5 N than at 4 N."""
+    weak = replace(ROUNDED, target=Target(force_n=0.5))
+    strong = replace(ROUNDED, target=Target(force_n=4.0))
+    cheap, dear = (setting_of(keeping(s, Tolerance(force_n=0.08))) for s in (weak, strong))
+    assert order().index(cheap) < order().index(dear)
+
+
+def test_what_no_preset_keeps_is_refused_with_the_best() -> None:
+    """The message names the nearest preset and its estimated error."""
+    with pytest.raises(ConfigError) as refused:
+        keeping(ROUNDED, Tolerance(relative=1e-5))
+    assert "preset fast, edges 0.303 times as long comes nearest" in refused.value.message
+    assert "choose preset fast" in refused.value.remedy
+
+
+def test_what_cannot_be_pressed_has_no_setting() -> None:
+    """The message says what became of the coarse press."""
+    nothing = replace(BALL, target=Target(depth_m=0.0))
+    with pytest.raises(ConfigError, match="no preset is known to keep"):
+        keeping(nothing, Tolerance(relative=0.05))
+
+
+@pytest.mark.parametrize(
+    ("relative", "force_n"), [(None, None), (0.1, 0.1), (0.0, None), (None, -1.0)]
+)
+def test_a_tolerance_is_one_number_above_zero(
+    relative: float | None, force_n: float | None
+) -> None:
+    """Neither none, nor two, nor nothing at all."""
+    with pytest.raises(ConfigError):
+        Tolerance(relative=relative, force_n=force_n)
+
+
+@pytest.mark.parametrize("setting", RELATIVE_COSTS, ids=str)
+def test_neighbours_are_cheaper_and_better(setting: Setting) -> None:
+    """The cheaper one costs less, the better one errs less; times follow the ratios."""
+    found = {each.role: each for each in alternatives(setting.applied(ROUNDED), 0.02, wall_s=10.0)}
+    if "cheaper" in found:
+        assert found["cheaper"].time_ratio < 1.0
+    if "better" in found:
+        assert (found["better"].error_relative or 1.0) < 0.02
+    for each in found.values():
+        assert each.wall_s == pytest.approx(10.0 * each.time_ratio)
+        assert f"{each.wall_s:.2g} s" in str(each)
+    assert set(found) or setting not in RELATIVE_COSTS
+    ends = {order()[0]: {"better"}, Setting(Preset.FAST, 3.3): {"cheaper"}}
+    assert set(found) >= ends.get(setting, {"cheaper"})
+
+
+def test_meshes_nobody_measured_have_no_neighbours() -> None:
+    """Their cost is not known."""
+    assert alternatives(replace(ROUNDED, refinement=0.777), 0.02, wall_s=1.0) == ()
+
+
+def test_where_no_error_is_known_the_neighbours_still_have_a_cost() -> None:
+    """A press whose error nobody asked for."""
+    found = {each.role: each for each in alternatives(ROUNDED, None, wall_s=1.0)}
+    assert found["better"].setting != Preset.BALANCED
+    assert found["better"].error_relative is None
+    assert "force error unknown" in str(found["better"])
+
+
+@pytest.mark.parametrize(
+    ("text", "tolerance"),
+    [("20 mN", Tolerance(force_n=0.02)), (" 0.5 % ", Tolerance(relative=0.005))],
+)
+def test_tolerances_are_forces_or_shares(text: str, tolerance: Tolerance) -> None:
+    """The unit says which."""
+    assert parse_tolerance(text, field="") == tolerance
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("0.01", '"0.01" has no unit'),
+        ("1 mm", '"1 mm" is no tolerance'),
+        ("small", '"small" is no tolerance'),
+        ("0,5%", '"0,5%" is no tolerance'),
+    ],
+)
+def test_a_tolerance_needs_its_unit(text: str, problem: str) -> None:
+    """One could be meant as newtons or percent, and would be all of the force."""
+    with pytest.raises(ConfigError) as caught:
+        parse_tolerance(text, field="replay.tolerance")
+    assert caught.value.message == f"replay.tolerance: {problem}"
+    assert caught.value.remedy == "give 0.02N or 1%"

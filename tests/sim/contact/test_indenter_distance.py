@@ -1,14 +1,32 @@
-"""The gap to a body of triangles on the device, against the formula of what it approximates."""
+"""Distance to indenters: analytic, of triangles, and where they first touch a domed gel."""
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
+import scipy.spatial
+from scipy.spatial.transform import Rotation
 
+from sim.contact.first_touch import first_touch
+from sim.contact.state import ContactOptions
 from sim.mesh.elements import ElementOrder
-from sim.scene.indenter import Cylinder, Indenter, cylinder_triangles, mesh_indenter, tilted
+from sim.scene.indenter import (
+    Cylinder,
+    Indenter,
+    IndenterSet,
+    MeshIndenter,
+    Sphere,
+    TurnedIndenter,
+    cylinder_triangles,
+    mesh_indenter,
+    tilted,
+)
+from sim.sensor.sensor import load_sensor
 from sim.solve.model import Model
 from sim.studies.hard_cases.pads import brick_mesh, pad_model
+from sim.studies.objects.shapes import chisel
 from tacauchy_rig.core.arrays import FloatArray
 
 PUNCH = Cylinder(diameter_m=4e-3)
@@ -54,3 +72,72 @@ def test_a_gap_is_one_away_from_its_body(model: Model, triangles: Indenter) -> N
     under = np.isclose(low_gaps, 1e-3, rtol=1e-9)
     assert under.any()
     np.testing.assert_allclose(lifted[under], 2e-3, rtol=1e-9)
+
+
+HALF_M = np.array([2e-3, 3e-3, 4e-3])
+# A barrier that reaches all around: the direction of its force tells the gradient.
+REACH_M = 50e-3
+
+
+@pytest.fixture(scope="module")
+def wide_block() -> Model:
+    """Return a block of 12 x 12 x 4 mm, whose surface is what is measured from."""
+    options = ContactOptions(distance_m=REACH_M)
+    return pad_model(brick_mesh((6, 6, 4)), order=ElementOrder.P1, contact_options=options)
+
+
+@pytest.fixture(scope="module")
+def box() -> MeshIndenter:
+    """Return the box, its tip in the middle of its underside."""
+    corners = np.array(list(product((-1.0, 1.0), repeat=3))) * HALF_M
+    hull = scipy.spatial.ConvexHull(corners)
+    a, b, c = (corners[hull.simplices[:, k]] for k in range(3))
+    outward = np.einsum("ij,ij->i", hull.equations[:, :3], np.cross(b - a, c - a)) > 0.0
+    faces = np.where(outward[:, None], hull.simplices, hull.simplices[:, ::-1])
+    return mesh_indenter(corners, faces, name="box")
+
+
+def formula(points: FloatArray) -> FloatArray:
+    """Return the signed distance to the box, in its own frame [m]."""
+    beyond = np.abs(points - np.array([0.0, 0.0, HALF_M[2]])) - HALF_M
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
+    return np.asarray(outside + np.minimum(beyond.max(axis=-1), 0.0))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_distance_and_direction_are_those_of_a_box(
+    wide_block: Model, box: MeshIndenter, seed: int
+) -> None:
+    """In the block at any angle, points inside it and around it: sign, size, and the way out."""
+    rotation = Rotation.random(random_state=seed).as_matrix()
+    # The box's middle is that of the block's top.
+    tip = np.array([0.0, 0.0, wide_block.height_m]) - rotation[:, 2] * HALF_M[2]
+    state = wide_block.rest_state(tip=tip, rotation=rotation)
+    found = wide_block.surface.forces(wide_block.nodes, box, state, curved=False)
+    gaps = wide_block.surface.gaps(wide_block.nodes, box, state)
+    points = (found.points - tip) @ rotation
+    assert gaps.min() < -1e-3
+    assert gaps.max() > 1e-3
+    np.testing.assert_allclose(gaps, formula(points), atol=1e-15)
+    normals = -found.forces / np.linalg.norm(found.forces, axis=-1, keepdims=True)
+    on_the_box = points - gaps[..., None] * (normals @ rotation)
+    np.testing.assert_allclose(formula(on_the_box), 0.0, atol=1e-12)
+
+
+BODIES = (Sphere(diameter_m=6e-3), Cylinder(diameter_m=5e-3, fillet_m=1e-3), chisel())
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.1, -0.15)])
+def test_touch_is_where_no_point_of_the_underside_lies_deeper(tilt: tuple[float, float]) -> None:
+    """Over a fine grid of the gel, the deepest point of the underside just touches."""
+    pad, turn = load_sensor("gelsight-mini").pad, tilted(*tilt)
+    places = np.array([[3e-3, -2e-3], [-6e-3, 4e-3], [0.0, 1e-3]])
+    bodies = IndenterSet(bodies=BODIES, which=(0, 1, 2))
+    found = first_touch(pad, bodies, places, np.array([turn] * 3))
+    for (x, y), height, body in zip(places, found, BODIES, strict=True):
+        near = np.linspace(-3e-3, 3e-3, 1201)
+        u, v = np.meshgrid(near, near)
+        beneath = TurnedIndenter(indenter=body, rotation=turn).lower_surface(u, v)
+        deepest = (pad.height_at(x + u, y + v) - beneath).max()
+        # Fillets are arcs here and chords there; grids miss a corner by some micrometres.
+        assert height == pytest.approx(deepest, abs=5e-6)

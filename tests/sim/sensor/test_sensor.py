@@ -1,12 +1,19 @@
-"""Sensor files."""
+"""Sensor files: geometry, optics, and the page that says how to write one."""
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from sim.sensor.camera_geometry import CameraGeometry
+from sim.sensor.optics import parse_optics
 from sim.sensor.sensor import load_sensor, parse_sensor
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.registry import Kind, names
@@ -160,3 +167,135 @@ def test_a_broken_relaxation_is_refused(old: str, new: str, message: str) -> Non
     with pytest.raises(ConfigError, match=message) as caught:
         parse_sensor(RELAXING.replace(old, new), origin="mine.toml")
     assert "mine.toml" in caught.value.message
+
+
+LAMP = {"azimuth": "90 deg", "elevation": "20 deg", "colour": [80, 0, 0], "source": "assumed"}
+GREY = {"kind": "grey-depth", "depth": ["0 mm", "1 mm"], "change": [0, -60], "source": "assumed"}
+
+
+def test_built_in_sensors_have_optics() -> None:
+    """Mini and DIGIT by lamps, DIGIT with shadows, 9DTact by a table that darkens."""
+    mini, digit, tact = (load_sensor(name).optics for name in ("gelsight-mini", "digit", "9dtact"))
+    assert len(mini.lamps) == len(digit.lamps) == 3
+    assert mini.shadows is None
+    assert digit.shadows is not None
+    assert tact.kind == "grey-depth"
+    assert list(tact.model.change) == sorted(tact.model.change, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ({"optics": {"kind": "radar"}}, '"radar" is none of "photometric", "grey-depth"'),
+        ({"optics": {"kind": "grey-depth"}}, "missing or unknown change, depth, source"),
+        ({"optics": {**GREY, "change": [0]}}, "are no table"),
+        ({"optics": {**GREY, "depth": ["0 mm", "0 mm"]}}, "are no table"),
+        ({"optics": {**GREY, "depth": ["0 mm", "1"]}}, "has no unit"),
+        ({"optics": {"kind": "photometric", "shadow_softness": "0.1 mm"}}, "at least one lamp"),
+        ({"lamps": [{"azimuth": "1 deg"}]}, "lamp 1 needs azimuth, elevation"),
+    ],
+)
+def test_damaged_tables_are_refused(data: dict[str, object], message: str) -> None:
+    """The file, the key and what to write are named."""
+    with pytest.raises(ConfigError, match=message) as caught:
+        parse_optics(data, "my.toml")
+    assert "my.toml" in caught.value.message
+    assert caught.value.remedy
+
+
+def test_shadows_are_read() -> None:
+    """A softness with lamps switches shadows on; without it they are off."""
+    table = {"kind": "photometric", "shadow_softness": "0.1 mm"}
+    read = parse_optics({"optics": table, "lamps": [LAMP]}, "my.toml")
+    assert read.shadows is not None
+    assert read.shadows.softness_m == pytest.approx(1e-4)
+    assert parse_optics({"lamps": [LAMP]}, "my.toml").shadows is None
+
+
+PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "add-a-sensor.md"
+
+
+def _file() -> str:
+    return re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)[0]
+
+
+def test_the_page_gives_a_sensor(tmp_path: Path) -> None:
+    """The TOML on the page loads by its path as it stands."""
+    path = tmp_path / "my-sensor.toml"
+    path.write_text(_file(), encoding="utf-8")
+    sensor = load_sensor(str(path))
+    assert sensor.pad.height_m == pytest.approx(3e-3)
+    assert len(sensor.optics.lamps) == 3
+
+
+def test_the_pages_variants_load() -> None:
+    """Markers, shadows and grey depth go in where the page says."""
+    length = '{{ value = "{} mm", uncertainty = "0.1 mm", source = "x" }}'
+    sizes = "".join(
+        f"{key} = {length.format(value)}\n"
+        for key, value in (("pitch_x", 2.4), ("pitch_y", 2.4), ("radius", 0.4))
+    )
+    markers = parse_sensor(
+        f"{_file()}\n[markers]\ncolumns = 5\nrows = 4\n{sizes}", origin="page"
+    ).markers
+    assert markers is not None
+    assert markers.columns == 5
+    kind = 'kind = "photometric"'
+    shady = _file().replace(kind, f'{kind}\nshadow_softness = "0.08 mm"\nsource = "x"')
+    assert parse_sensor(shady, origin="page").optics.shadows.softness_m == pytest.approx(8e-5)
+    grey = (
+        _file()
+        .split("[[lamps]]")[0]
+        .replace(
+            kind,
+            'kind = "grey-depth"\ndepth = ["0 mm", "0.5 mm", "1 mm"]\n'
+            'change = [0, -40, -60]\nsource = "x"',
+        )
+    )
+    assert parse_sensor(grey, origin="page").optics.model.change == (0.0, -40.0, -60.0)
+
+
+MINI = CameraGeometry.centred(320, 240, scale_x_m=6.34e-5, scale_y_m=6.5e-5)
+
+
+@given(
+    rotation=st.floats(-3.1, 3.1),
+    mirrored=st.booleans(),
+    column=st.floats(-50, 400),
+    row=st.floats(-50, 400),
+)
+def test_pixel_to_pad_and_back(rotation: float, mirrored: bool, column: float, row: float) -> None:
+    """The two maps are each other's inverse for every rotation and mirroring."""
+    geometry = replace(MINI, rotation_rad=rotation, mirrored=mirrored)
+    pixel = np.array([column, row])
+    np.testing.assert_allclose(geometry.to_pixels(geometry.to_pad(pixel)), pixel, atol=1e-9)
+
+
+def test_scales_of_columns_and_rows_differ() -> None:
+    """One column is scale_x and one row scale_y from the centre."""
+    pad = MINI.to_pad(np.array([[160.5, 119.5], [159.5, 120.5]]))
+    np.testing.assert_allclose(pad, [[6.34e-5, 0.0], [0.0, 6.5e-5]], atol=1e-15)
+
+
+def test_mirrored_rows_grow_with_minus_y() -> None:
+    """A mirrored camera sees +y above the centre."""
+    y = replace(MINI, mirrored=True).pad_grid()[1]
+    assert y[0, 0] == pytest.approx(119.5 * 6.5e-5)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("width", 0), ("scale_x_m", 6.34), ("crop_fraction", 0.5)]
+)
+def test_impossible_geometry_is_refused(field: str, value: float) -> None:
+    """Millimetres given as metres, empty images and full crops are refused by name."""
+    with pytest.raises(ConfigError, match=field.removesuffix("_m")):
+        replace(MINI, **{field: value})  # type: ignore[arg-type]
+
+
+def test_where_the_pads_centre_is_seen() -> None:
+    """From the image's middle, to the right and down; in the middle it is nought."""
+    assert MINI.centre_from_middle_m == pytest.approx((0.0, 0.0), abs=1e-5)
+    moved = replace(MINI, centre_x_px=MINI.centre_x_px + 10.0, centre_y_px=MINI.centre_y_px - 4.0)
+    x, y = moved.centre_from_middle_m
+    assert x - MINI.centre_from_middle_m[0] == pytest.approx(10.0 * MINI.scale_x_m)
+    assert y - MINI.centre_from_middle_m[1] == pytest.approx(-4.0 * MINI.scale_y_m)

@@ -1,11 +1,17 @@
-"""Traction where layers meet."""
+"""Stress on the surface and where layers meet, and the files of a press."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import pyvista
 
+from sim.effects.presets import build_model
 from sim.fields.interface import InterfaceTraction, interface_traction
+from sim.fields.press_fields import gel_vtu, indenter_vtu, surface_state
+from sim.fields.stress import cauchy_stress
 from sim.material.elastic_body import element_constants
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
@@ -13,9 +19,71 @@ from sim.mesh.revolved import Grading, revolved_mesh
 from sim.scene.indenter import Sphere
 from sim.scene.material import LawName, Material
 from sim.scene.pad import DiscPad
+from sim.scene.scene import Scene
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
+from sim.solve.path_point import PathPoint
 from sim.studies.verification.balance import InterfaceSides, forces_n, interface_sides
+
+
+def test_even_strain_gives_even_stress_without_an_error(
+    pressed: tuple[LoadingPath, PathPoint],
+) -> None:
+    """Nodes on corners and on edges, and cells, have the one stress there is."""
+    model, stretch = pressed[0].model, np.diag([1.05, 0.98, 0.97])
+    found = cauchy_stress(model, model.nodes @ stretch)
+    expected = found.cells_pa[0]
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found.nodes_pa - expected, 0.0, atol=1e-6 * size)
+    np.testing.assert_allclose(found.cells_pa - expected, 0.0, atol=1e-6 * size)
+    assert found.errors_pa.max() < 1e-6 * size
+
+
+def test_the_estimated_error_falls_with_the_edges(ball: Scene) -> None:
+    """As the square of the edges, or nearly: twice shorter, at most 0.45 times the error."""
+
+    def error(refinement: float) -> float:
+        path = LoadingPath(build_model(ball, refinement=refinement), ball.indenter)
+        point = path.advance(0.2e-3)
+        found, volumes = cauchy_stress(path.model, point.state.positions), path.model.discretisation
+        return float(np.sqrt(found.errors_pa**2 @ volumes.volumes))
+
+    assert error(2.0) < 0.45 * error(1.0)
+
+
+def test_the_whole_gel_is_written_with_its_stress(
+    pressed: tuple[LoadingPath, PathPoint], tmp_path: Path
+) -> None:
+    """Four copies of the quarter, none inside out; tensors are mirrored as they must be."""
+    path, point = pressed
+    file = tmp_path / "gel.vtu"
+    file.write_bytes(gel_vtu(path.model, point))
+    grid = pyvista.read(file)
+    assert grid.n_cells == 4 * len(path.model.elements)
+    volumes = grid.linear_copy().compute_cell_sizes()["Volume"]
+    assert volumes.min() > 0.0
+    assert volumes.sum() == pytest.approx(4.0 * path.model.volume_m3, rel=0.01)
+    stress, places = grid.point_data["cauchy_stress_pa"], grid.points
+    assert stress.shape == (grid.n_points, 6)
+    assert grid.cell_data["cauchy_stress_pa"].shape == (grid.n_cells, 6)
+    assert grid.cell_data["cauchy_stress_error_pa"].min() >= 0.0
+    image = [grid.find_closest_point(place) for place in places[:200] * (-1.0, 1.0, 1.0)]
+    np.testing.assert_allclose(
+        stress[:200] * (1.0, 1.0, 1.0, -1.0, 1.0, -1.0), stress[image], atol=1e-6
+    )
+
+
+def test_the_indenter_stands_where_it_presses(
+    pressed: tuple[LoadingPath, PathPoint], tmp_path: Path
+) -> None:
+    """Its lowest point is the tip, moved by the wide barrier's reach, its width the ball's."""
+    surface = surface_state(*pressed)
+    file = tmp_path / "indenter.vtu"
+    file.write_bytes(indenter_vtu(surface))
+    grid = pyvista.read(file)
+    assert grid.bounds[4] == pytest.approx(surface.indenter_position[2], abs=1e-12)
+    assert grid.bounds[1] - grid.bounds[0] == pytest.approx(8e-3, rel=0.02)
+
 
 PAD = DiscPad(radius_m=6e-3, height_m=4e-3)
 
