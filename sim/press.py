@@ -12,9 +12,9 @@ import numpy as np
 
 from sim.correction import Corrected, correction
 from sim.effects.effect_plan import EffectPlan
-from sim.effects.end_state import end_state
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
+from sim.effects.scene_path import end_state
 from sim.error import NOT_ASKED, ErrorEstimate, alternatives, estimated, guaranteed, setting_of
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.stress import surface_stress

@@ -11,13 +11,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from sim.correction import correction
 from sim.effects.effect_plan import EffectPlan
-from sim.effects.end_state import end_state
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
-from sim.effects.scene_path import CoarsePath, path_for
+from sim.effects.scene_path import CoarsePath, end_state, path_for
 from sim.error import (
     ErrorEstimate,
     Tolerance,
@@ -40,8 +40,7 @@ from sim.press import PressResult, measure
 from sim.scene.indenter import Indenter, describe
 from sim.scene.scene import ContactMode, Drive, Effect, Motion, Output, Preset, Scene, Target
 from sim.sensor.sensor import Sensor
-from sim.solve.force_search import ForceMatch, find_force, push_to_force
-from sim.solve.loading_path import LoadingPath
+from sim.solve.loading_path import ForceMatch, LoadingPath, find_force
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.long_task import time_limit
@@ -91,7 +90,7 @@ class ReferencePath:
         known = [point for point in self.path.points if 0.0 < point.force_n[2] <= most_n]
         start = max(known, key=lambda point: float(point.force_n[2]), default=None)
         taken = None if start is None else path.taken_over(start, stiffer=stiffer)
-        match = push_to_force(path, force_n, start=taken)
+        match = ForceMatch.of(path, partial(path.push, force_n, start=taken))
         curve = ((depth, stiffer * force) for depth, force in self.history)
         passed = tuple(each for each in curve if above_n < each[1] < force_n)
         return replace(match, history=passed + match.history[-1:])
@@ -120,7 +119,8 @@ def reference_path(scene: Scene, forces_n: Sequence[float], *, keep_states: bool
     path = path_for(scene, plan, keeps_all=keep_states and not relaxes)
     history: History = ()
     if not relaxes:
-        history = push_to_force(path, max(forces_n)).history
+        path.push(max(forces_n))
+        history = tuple(path.history)
     for force_n in sorted(forces_n) if relaxes else ():
         path = path_for(scene, plan, model=path.model)
         history += _met(scene, plan, path, force_n).history
@@ -222,6 +222,7 @@ def replay_forces(
     if depths_from_n and depths_from_n > _NO_FORCE_N:
         touch = path.push(depths_from_n).depth_m
     errors, last_n = _StatedErrors(scene, plan), 0.0
+    duration_s = scene.duration_s if plan.is_on(Effect.VISCOELASTICITY) else None
     trials: dict[int, tuple[ReplayTrial, TrialFields]] = {}
     for position in sorted(range(len(forces_n)), key=lambda k: forces_n[k]):
         if plan.is_on(Effect.VISCOELASTICITY):
@@ -230,7 +231,8 @@ def replay_forces(
         force_n, solving = forces_n[position], time.perf_counter()
         with time_limit(time_limit_s):
             if depths_from_n is not None:
-                match = _deepened(scene, plan, path, touch + force_n)
+                deepen = partial(path.advance, touch + force_n, duration_s=duration_s)
+                match = ForceMatch.of(path, deepen)
                 passed = IntermediateStates(path, float(match.point.force_n[2]))
             elif reference is None:
                 match = _met(scene, plan, path, force_n)
@@ -326,23 +328,14 @@ def replay_alone(
     return _replay(name, scene, plan, end.path, (trial,), tolerance, wall_s), fields
 
 
-def _deepened(scene: Scene, plan: EffectPlan, path: LoadingPath, depth_m: float) -> ForceMatch:
-    """Go on to a depth [m]; a gel that relaxes takes the scene's time."""
-    spent, known = path.counts.newton_iterations, len(path.history)
-    relaxes = plan.is_on(Effect.VISCOELASTICITY)
-    point = path.advance(depth_m, duration_s=scene.duration_s if relaxes else None)
-    spent = path.counts.newton_iterations - spent
-    return ForceMatch(point=point, history=tuple(path.history[known:]), newton_iterations=spent)
-
-
 def _met(scene: Scene, plan: EffectPlan, path: LoadingPath, force_n: float) -> ForceMatch:
     """Go on to a force [N] in the way that the scene is driven."""
     if plan.is_on(Effect.VISCOELASTICITY):
-        match = push_to_force(path, force_n, duration_s=scene.duration_s)
+        match = ForceMatch.of(path, partial(path.push, force_n, duration_s=scene.duration_s))
         # Before its end a gel that relaxes is pressed more quickly than at its end.
         return replace(match, history=match.history[-1:])
     if scene.drive is Drive.LOAD:
-        return push_to_force(path, force_n)
+        return ForceMatch.of(path, partial(path.push, force_n))
     return find_force(path, force_n, tolerance_n=0.1 * scene.force_tolerance_n)
 
 

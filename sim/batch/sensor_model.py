@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.contact.state import ContactOptions
+from sim.contact.contact_surface import ContactOptions
 from sim.material.elastic_body import element_constants
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder

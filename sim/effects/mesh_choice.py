@@ -18,8 +18,7 @@ import numpy as np
 from sim.effects.estimates import contact_radius, expected_depth
 from sim.mesh.footprint import Footprint, footprint, sizing_field
 from sim.mesh.refinement import bisected_level, brick_mesh, with_rim_fitted, with_top_fitted
-from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh, mesh_key, refuse_flat, stored_mesh
+from sim.mesh.tet_mesh import MirrorSymmetry, TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.indenter import Cylinder, MeshIndenter, Sphere, TurnedIndenter, tilted
 from sim.scene.material import interface_shares

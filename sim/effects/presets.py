@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 
-from sim.contact.state import ContactOptions
+from sim.contact.contact_surface import ContactOptions
 from sim.effects.effect_plan import EffectPlan, full_plan
 from sim.effects.estimates import expected_depth
 from sim.effects.mesh_choice import (
@@ -21,8 +21,7 @@ from sim.material.laws.tangent import law
 from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh
-from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh, mesh_key, refuse_flat, stored_mesh
+from sim.mesh.tet_mesh import MirrorSymmetry, TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
 from sim.scene.indenter import Cylinder, Indenter
 from sim.scene.material import LawName, interface_shares, law_name, sector_factor

@@ -13,9 +13,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.contact.contact_surface import ContactSurface
+from sim.contact.contact_surface import ContactSurface, Grip, State
 from sim.contact.indenter_distance import body_of, poses_at
-from sim.contact.state import Grip, State
 from sim.device import Device, filled
 from sim.scene.indenter import Indenter, IndenterSet
 from sim.solve import descent_state as kernels

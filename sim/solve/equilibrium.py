@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
-from sim.contact.state import ContactForces, Grip, State
+from sim.contact.contact_surface import ContactForces, Grip, State
 from sim.device import on_host
 from sim.scene.indenter import Indenter
 from sim.solve.descent_state import Mode, Status

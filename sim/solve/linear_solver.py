@@ -24,7 +24,7 @@ import scipy.sparse.linalg
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.contact.state import State
+from sim.contact.contact_surface import State
 from sim.device import on_host
 from sim.mesh.discretisation import SparsePattern
 from sim.scene.indenter import Indenter

@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from sim.contact.contact_surface import ContactSurface, contact_rounding_n
-from sim.contact.state import ContactForces, ContactOptions, State
+from sim.contact.contact_surface import (
+    ContactForces,
+    ContactOptions,
+    ContactSurface,
+    State,
+    contact_rounding_n,
+)
 from sim.device import Device, on_host
 from sim.material.elastic_body import ElasticBody
 from sim.material.laws.tangent import Law

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.contact.state import State
+from sim.contact.contact_surface import State
 from sim.solve.equilibrium import Equilibrium
 from tacauchy_rig.core.arrays import FloatArray
 

@@ -18,7 +18,7 @@ import logging
 import numpy as np
 import scipy.sparse.linalg
 
-from sim.contact.state import State
+from sim.contact.contact_surface import State
 from sim.mesh.discretisation import assembled
 from sim.scene.indenter import Indenter, Plane, TurnedIndenter
 from sim.solve.model import Model

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sim.contact.state import State
+from sim.contact.contact_surface import State
 from sim.material.relaxation import Relaxation
 from sim.scene.indenter import Indenter
 from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, Reuse, SolverOptions

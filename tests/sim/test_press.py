@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.contact.state import ContactOptions
+from sim.contact.contact_surface import ContactOptions
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import surface_state

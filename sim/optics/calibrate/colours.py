@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from sim.optics.calibrate.ball_press import BallPress, Circle, check_presses_fit
-from sim.optics.calibrate.marker_motion import ORTHOGRAPHIC, MotionModel
+from sim.optics.calibrate.gel_profile import ORTHOGRAPHIC, MotionModel
 from sim.optics.calibrate.photometric_fit import (
     REFERENCE,
     RIDGE,

@@ -18,7 +18,7 @@ from skimage.metrics import structural_similarity
 
 from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.colours import Calibration
-from sim.optics.calibrate.marker_motion import fit_motions
+from sim.optics.calibrate.gel_profile import fit_motions
 from sim.optics.calibrate.optics_fit import press_image, without_shadows
 from sim.optics.calibrate.press_scene import PlacedPress, PressScene, exposed
 from sim.sensor.camera_geometry import CameraGeometry

@@ -19,7 +19,7 @@ from pydantic import TypeAdapter
 
 from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.colours import Calibration, calibrate_optics, fit_model
-from sim.optics.calibrate.marker_motion import GelMotion, fit_motions, motion_terms
+from sim.optics.calibrate.gel_profile import GelMotion, fit_motions, motion_terms
 from sim.optics.calibrate.photometric_fit import lowest_place
 from sim.optics.calibrate.press_scene import PlacedPress, PredictedPixels, PressScene, exposed
 from sim.optics.render.renderer import darkening, lost_share

@@ -16,8 +16,7 @@ from scipy import ndimage
 from scipy.optimize import least_squares, minimize
 
 from sim.optics.calibrate.ball_press import BallPress, Circle
-from sim.optics.calibrate.gel_profile import GelProfile, ball_profiles, rest_slopes
-from sim.optics.calibrate.marker_motion import GelMotion
+from sim.optics.calibrate.gel_profile import GelMotion, GelProfile, ball_profiles, rest_slopes
 from sim.optics.colour.colour_model import LINEAR, Response
 from sim.optics.colour.nominal import exponents_for, lamp_count_of
 from sim.optics.colour.photometric import PhotometricModel

@@ -28,7 +28,7 @@ from scipy.interpolate import CubicSpline
 
 from sim.contact.indenter_distance import Poses, body_of, poses_at, uploaded_surface
 from sim.device import Device, filled
-from sim.fields.surface import SurfaceState, TopSurface
+from sim.fields.press_fields import SurfaceState, TopSurface
 from sim.mesh.elements import FACE_EDGES, QUARTERS, quadratic_triangle_values
 from sim.optics.height import node_kernel as kernels
 from sim.optics.height.facet_kernel import BARE_M, View, bound_heights, draw_facets

@@ -13,7 +13,7 @@ import warp as wp
 
 from sim.contact.indenter_distance import AnyBody, Body, MeshBody, Poses, body_of, posed, poses_at
 from sim.device import Device
-from sim.fields.surface import SurfaceState
+from sim.fields.press_fields import SurfaceState
 from sim.scene.triangle_rays import BESIDE, lowest_height
 from tacauchy_rig.core.arrays import FloatArray
 

@@ -10,7 +10,7 @@ import warp as wp
 from scipy.spatial import cKDTree
 
 from sim.device import Device, filled
-from sim.fields.surface import SurfaceState, TopSurface
+from sim.fields.press_fields import SurfaceState, TopSurface
 from sim.mesh.elements import linear_facets
 from sim.optics.markers.point_kernel import (
     Projection,

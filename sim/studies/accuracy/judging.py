@@ -15,10 +15,9 @@ from pydantic import TypeAdapter
 
 from sim.correction import correction
 from sim.effects.effect_plan import EffectPlan
-from sim.effects.end_state import EndState, end_state
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
-from sim.effects.scene_path import path_for
+from sim.effects.scene_path import EndState, end_state, path_for
 from sim.fields.contact_traction import surface_traction
 from sim.fields.press_fields import surface_state
 from sim.mesh.elements import ElementOrder

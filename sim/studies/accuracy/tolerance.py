@@ -15,10 +15,9 @@ from importlib import resources
 from typing import Any, NamedTuple
 
 from sim.correction import Corrected, Setting, correction
-from sim.effects.end_state import end_state
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
-from sim.effects.scene_path import coarse_press, follow, path_for
+from sim.effects.scene_path import coarse_press, end_state, follow, path_for
 from sim.error import (
     FAST,
     RELATIVE_COSTS,

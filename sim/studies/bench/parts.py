@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from sim.error import Tolerance, keeping, setting_of
-from sim.fields.surface import SurfaceState
+from sim.fields.press_fields import SurfaceState
 from sim.replay import replay_forces, replay_scene
 from sim.scene.scene import Scene
 from sim.sensor.sensor import load_sensor

@@ -15,10 +15,9 @@ from scipy.spatial.transform import Rotation
 from sim.batch.batch import Batch, BatchForces, BatchOptions
 from sim.batch.sensor_model import sensor_model
 from sim.correction import correction
-from sim.effects.end_state import carried_over, has_own_way, way_of
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import PRESET_TOLERANCE, plan_effects
-from sim.effects.scene_path import path_for
+from sim.effects.scene_path import carried_over, has_own_way, path_for, way_of
 from sim.error import keeping, keeping_corrected, parse_tolerance
 from sim.fields.stress import StressProjection
 from sim.optics.surface_images import SurfaceImages

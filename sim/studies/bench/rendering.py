@@ -15,8 +15,7 @@ from sim.device import Device
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model
 from sim.effects.scene_path import path_for
-from sim.fields.press_fields import surface_state
-from sim.fields.surface import SurfaceState
+from sim.fields.press_fields import SurfaceState, surface_state
 from sim.optics.colour.nominal import nominal_model
 from sim.optics.colour.photometric import BALL_EXPONENTS, NearLamp, PhotometricModel, ShadingTerms
 from sim.optics.height.height_map import height_maps

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sim.contact.state import ContactOptions
+from sim.contact.contact_surface import ContactOptions
 from sim.fields.contact_signature import contact_signature
 from sim.mesh.elements import ElementOrder
 from sim.press import contact_measures

@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from sim.contact.state import ContactOptions, State
+from sim.contact.contact_surface import ContactOptions, State
 from sim.mesh.elements import ElementOrder
 from sim.press import contact_measures
 from sim.scene.indenter import Cylinder, Sphere, describe

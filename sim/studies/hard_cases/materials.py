@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.optimize
 
-from sim.contact.state import ContactOptions
+from sim.contact.contact_surface import ContactOptions
 from sim.mesh.elements import ElementOrder, boundary_faces
 from sim.mesh.tet_mesh import TetMesh, smallest_dihedral_deg
 from sim.press import press

@@ -9,11 +9,10 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
-from sim.contact.state import ContactOptions
+from sim.contact.contact_surface import ContactOptions
 from sim.effects.presets import build_model
 from sim.mesh.elements import ElementOrder, boundary_faces
-from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh
+from sim.mesh.tet_mesh import MirrorSymmetry, TetMesh
 from sim.press import contact_measures, press
 from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.material import LawName, Material

@@ -6,13 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.contact.state import ContactOptions, Grip
+from sim.contact.contact_surface import ContactOptions, Grip
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.refinement import kuhn_tets
 from sim.mesh.revolved import Grading, revolved_mesh
-from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh, oriented
+from sim.mesh.tet_mesh import MirrorSymmetry, TetMesh, oriented
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import BoxPad, DiscPad, ParametricPad

@@ -22,7 +22,7 @@ from typing import Any
 
 import sim
 import tacauchy_rig
-from sim.contact.state import ContactOptions
+from sim.contact.contact_surface import ContactOptions
 from sim.device import KERNEL_EPSILON
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter, describe

@@ -15,8 +15,7 @@ import numpy as np
 
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, path_for
-from sim.fields.press_fields import surface_state
-from sim.fields.surface import SurfaceState
+from sim.fields.press_fields import SurfaceState, surface_state
 from sim.optics.height.height_map import height_maps
 from sim.optics.height.node_kernel import indenter_height
 from sim.scene.indenter import Cylinder, Indenter, Sphere

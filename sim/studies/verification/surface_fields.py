@@ -10,7 +10,7 @@ from typing import NamedTuple
 import matplotlib.tri
 import numpy as np
 
-from sim.contact.state import Grip
+from sim.contact.contact_surface import Grip
 from sim.effects.plan import plan_effects
 from sim.effects.presets import build_model, regularised_indenter
 from sim.fields.contact_traction import surface_traction

@@ -21,8 +21,7 @@ from reports.evidence.attempt import RunReading
 from reports.evidence.fits import ModulusFit, fit_modulus
 from sim.effects.plan import plan_effects
 from sim.error import setting_of
-from sim.fields.press_fields import TrialFields
-from sim.fields.surface import IntermediateState, SurfaceState
+from sim.fields.press_fields import IntermediateState, SurfaceState, TrialFields
 from sim.replay import (
     History,
     ReferencePath,

@@ -18,8 +18,7 @@ from reports.scores.residual_split import Cause, Mode, split_residual
 from sim.effects.effect_plan import full_plan
 from sim.effects.scene_path import path_for
 from sim.error import Tolerance
-from sim.fields.press_fields import surface_state
-from sim.fields.surface import SurfaceState
+from sim.fields.press_fields import SurfaceState, surface_state
 from sim.optics.markers.printed_markers import find_markers
 from sim.scene.indenter import MeshIndenter
 from sim.scene.scene import Preset

@@ -18,8 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from protocols.processes.messages import Shown
-from protocols.processes.messages import ViewerOptions
+from protocols.processes.messages import Shown, ViewerOptions
 from reports.evidence.attempt import AttemptReading, RunReading, crop_and_resize, median_image
 from reports.evidence.evidence import ImageGeometry
 from reports.scores.contact import (

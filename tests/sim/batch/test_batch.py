@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from sim.batch.batch import Batch, BatchOptions
 from sim.batch.sensor_model import sensor_model
-from sim.contact.state import ContactOptions
+from sim.contact.contact_surface import ContactOptions
 from sim.device import on_host
 from sim.fields.stress import StressProjection, surface_stress
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder, quarter_hats
 from sim.mesh.refinement import sensor_mesh
-from sim.mesh.symmetry import MirrorSymmetry
+from sim.mesh.tet_mesh import MirrorSymmetry
 from sim.scene.indenter import Cylinder, Sphere, mesh_indenter, tilted
 from sim.scene.material import LawName, Layer, Material
 from sim.scene.pad import BoxPad

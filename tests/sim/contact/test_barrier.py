@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.contact.state import ContactOptions, State
+from sim.contact.contact_surface import ContactOptions, State
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh
-from sim.mesh.symmetry import MirrorSymmetry
+from sim.mesh.tet_mesh import MirrorSymmetry
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName
 from sim.scene.pad import DiscPad

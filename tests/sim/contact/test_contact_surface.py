@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.contact.contact_surface import contact_rounding_n
-from sim.contact.state import ContactForces, ContactOptions
+from sim.contact.contact_surface import ContactForces, ContactOptions, contact_rounding_n
 from sim.device import KERNEL_EPSILON
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Plane, Sphere

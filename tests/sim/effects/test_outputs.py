@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from sim.effects.effect_plan import full_plan
-from sim.effects.end_state import end_state, has_own_way
 from sim.effects.outputs import PressOutputs, outputs_of
-from sim.effects.scene_path import follow, path_for
+from sim.effects.scene_path import end_state, follow, has_own_way, path_for
 from sim.press_command import scene_from
 from sim.scene.indenter import Cylinder
 from sim.scene.scene import ContactMode, Effect, Motion, Output, Scene, Target

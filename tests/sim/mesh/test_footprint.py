@@ -18,8 +18,7 @@ from sim.mesh.elements import boundary_faces
 from sim.mesh.footprint import footprint
 from sim.mesh.refinement import bisected, with_rim_fitted, with_top_fitted
 from sim.mesh.revolved import Grading, revolved_mesh
-from sim.mesh.symmetry import MirrorSymmetry
-from sim.mesh.tet_mesh import TetMesh, smallest_dihedral_deg, tet_volumes
+from sim.mesh.tet_mesh import MirrorSymmetry, TetMesh, smallest_dihedral_deg, tet_volumes
 from sim.press_command import scene_from
 from sim.scene.indenter import (
     Cylinder,

@@ -20,9 +20,10 @@ from sim.mesh.elements import (
     reference_element,
 )
 from sim.mesh.revolved import Grading, revolved_mesh
-from sim.mesh.symmetry import MirrorSymmetry, WholeSurface
 from sim.mesh.tet_mesh import (
+    MirrorSymmetry,
     TetMesh,
+    WholeSurface,
     cache_folder,
     oriented,
     read_mesh,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from sim.fields.surface import SurfaceState
+from sim.fields.press_fields import SurfaceState
 from sim.scene.indenter import Indenter, Plane
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import FloatArray, IntArray

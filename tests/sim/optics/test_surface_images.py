@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from sim.device import Device
 from sim.effects.presets import build_model
-from sim.fields.press_fields import top_surface
-from sim.fields.surface import SurfaceState
+from sim.fields.press_fields import SurfaceState, top_surface
 from sim.optics.height.height_map import height_maps
 from sim.optics.markers.marker_printer import surface_displacement
 from sim.optics.markers.printed_markers import marker_places

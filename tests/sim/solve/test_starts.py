@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.contact.state import State
+from sim.contact.contact_surface import State
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Sphere
 from sim.solve.loading_path import touch_height

@@ -10,7 +10,7 @@ import numpy as np
 
 from reports.evidence.attempt import RunReading
 from reports.evidence.evidence import RunEvidence
-from sim.fields.surface import SurfaceState
+from sim.fields.press_fields import SurfaceState
 from sim.optics.colour.photometric import PhotometricModel
 from sim.optics.height.node_kernel import indenter_height
 from sim.scene.indenter import Cylinder

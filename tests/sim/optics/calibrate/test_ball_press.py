@@ -18,7 +18,7 @@ from sim.optics.calibrate.ball_press import (
     read_rgb,
 )
 from sim.optics.calibrate.colours import Calibration
-from sim.optics.calibrate.marker_motion import ORTHOGRAPHIC, GelMotion, MotionModel, fit_motions
+from sim.optics.calibrate.gel_profile import ORTHOGRAPHIC, GelMotion, MotionModel, fit_motions
 from sim.optics.calibrate.optics_fit import gel_motion, press_image
 from sim.optics.calibrate.press_scene import PressScene, wrong_label
 from sim.optics.markers.printed_markers import find_markers

@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
-from sim.fields.press_fields import surface_state
-from sim.fields.surface import SurfaceState
+from sim.fields.press_fields import SurfaceState, surface_state
 from sim.mesh.elements import FACE_EDGES, linear_facets, quadratic_nodes
 from sim.optics.height.height_map import cut_face, cut_tables, height_maps
 from sim.optics.height.node_kernel import indenter_height

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sim.error import Tolerance
-from sim.fields.surface import SurfaceState
+from sim.fields.press_fields import SurfaceState
 from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from reports.evidence.attempt import RunReading
-from sim.fields.press_fields import TrialFields
-from sim.fields.surface import IntermediateState, SurfaceState
+from sim.fields.press_fields import IntermediateState, SurfaceState, TrialFields
 from sim.scene.indenter import MeshIndenter, Sphere
 from tacauchy_rig.app.calibration.optics.of_run import request_of
 from tacauchy_rig.app.importing.importer import import_run
