@@ -8,15 +8,12 @@ import numpy as np
 import pytest
 
 from sim.contact.contact_surface import ContactOptions, State
-from sim.material.laws.tangent import law
-from sim.mesh.elements import ElementOrder
-from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.tet_mesh import MirrorSymmetry
 from sim.scene.indenter import Cylinder, Indenter, Plane, Sphere
 from sim.scene.material import LawName
-from sim.scene.pad import DiscPad
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
+from tests.sim.material.small_disc import disc_model
 
 HEIGHT = 2e-3
 INDENTERS: list[Indenter] = [
@@ -29,21 +26,9 @@ INDENTERS: list[Indenter] = [
 
 def contact_model(*, bonded: bool = False, friction: float = 0.0) -> Model:
     """Return a pad whose barrier reaches far, so that many points are in it."""
-    mesh = revolved_mesh(
-        DiscPad(radius_m=3e-3, height_m=HEIGHT),
-        Grading(start_m=1e-3, end_m=1e-3, size_m=0.4e-3, growth=2.0),
-        centre_m=(0.0, 0.0),
-        sector_count=8,
-        name="test",
-        symmetry=MirrorSymmetry(),
-    )
-    return Model(
-        mesh,
-        order=ElementOrder.P2,
-        law=law(LawName.LINEAR),
-        young_pa=4e5,
-        poisson=0.45,
-        contact_options=ContactOptions(distance_m=2e-4, bonded=bonded, friction=friction),
+    options = ContactOptions(distance_m=2e-4, bonded=bonded, friction=friction)
+    return disc_model(
+        LawName.LINEAR, size_m=0.4e-3, symmetry=MirrorSymmetry(), contact_options=options
     )
 
 

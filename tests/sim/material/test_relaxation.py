@@ -15,7 +15,7 @@ from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
-from tests.sim.material.small_disc import disc_model
+from tests.sim.material.small_disc import disc_model, matrix
 
 TERMS = (RelaxationTerm(share=0.3, time_s=0.1), RelaxationTerm(share=0.2, time_s=2.0))
 LEFT = 0.5
@@ -69,13 +69,6 @@ def test_step_has_an_energy(name: LawName, order: str) -> None:
     product = matrix(gel, positions, projected=False) @ gel.pattern.unknowns(motion)
     expected = gel.pattern.unknowns(change)
     assert np.abs(product - expected).max() < 1e-5 * np.abs(expected).max()
-
-
-def matrix(model: Model, positions: FloatArray, *, projected: bool) -> FloatArray:
-    """Return the stiffness of the unknowns without contact, shape [dof_count, dof_count]."""
-    free = np.zeros((*model.surface.areas.shape, 3, 3))
-    upper = model.pattern.upper(model.hessian_data(positions, free, projected=projected)).toarray()
-    return np.asarray(upper + np.triu(upper, 1).T)
 
 
 def test_projected_stiffness_is_positive_definite() -> None:

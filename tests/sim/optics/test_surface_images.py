@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,10 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
+from sim.contact.contact_surface import State
 from sim.device import Device
 from sim.effects.presets import build_model
-from sim.fields.press_fields import SurfaceState, top_surface
+from sim.fields.press_fields import SurfaceState, surface_state
 from sim.optics.height.height_map import height_maps
 from sim.optics.markers.marker_printer import surface_displacement
 from sim.optics.markers.printed_markers import marker_places
@@ -25,7 +27,6 @@ from sim.scene.indenter import (
     IndenterSet,
     Sphere,
     cylinder_triangles,
-    grown,
     mesh_indenter,
     tilted,
 )
@@ -67,18 +68,10 @@ def _surface(
     model: Model, positions: FloatArray, tip: FloatArray, indenter: Indenter, rotation: FloatArray
 ) -> SurfaceState:
     """Return one gel as a press hands it over."""
-    top, options = top_surface(model), model.contact_options
-    reach = options.distance_m if options.is_wide else 0.0
-    return SurfaceState(
-        positions_rest=top.rest,
-        positions=top.of(positions),
-        faces=top.faces,
-        indenter=grown(indenter, reach),
-        indenter_position=tip - reach * rotation[:, 2],
-        indenter_rotation=rotation,
-        standoff_m=options.distance_m - reach,
-        mesh_axis_m=top.mesh_axis_m,
-    )
+    state = State(positions=positions, tip=tip, rotation=rotation)
+    path: Any = SimpleNamespace(model=model, indenter=indenter)
+    point: Any = SimpleNamespace(state=state)
+    return surface_state(path, point)
 
 
 def _together(

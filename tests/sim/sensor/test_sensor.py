@@ -61,26 +61,6 @@ def test_a_section_that_is_no_table_is_refused(line: str) -> None:
     assert key in str(caught.value.remedy)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("[pad]", "[pads]", "unknown pads"),
-        ("poisson =", "poison =", "unknown material.poison"),
-        ('"4.00 mm"', '"4.00 N"', "pad.height.value"),
-        ("columns = 9", "columns = 0", "markers.columns"),
-        ('title = "GelSight Mini"', "", "no title"),
-        ('young = { value = "0.435 MPa", ', "young = { ", "material.young needs"),
-        ("[camera]", "[camera", "not TOML"),
-    ],
-)
-def test_broken_sensor_file_is_refused(old: str, new: str, message: str) -> None:
-    """The message names the file and the key."""
-    with pytest.raises(ConfigError, match=message) as caught:
-        parse_sensor(TEXT.replace(old, new), origin="mine.toml")
-    assert "mine.toml" in caught.value.message
-    assert caught.value.remedy
-
-
 def test_unknown_sensor_lists_the_known() -> None:
     """A misspelt name gets the list."""
     with pytest.raises(ConfigError, match="neither built in") as caught:
@@ -111,23 +91,6 @@ def test_stiffness_is_as_uncertain_as_the_worst_layer() -> None:
     assert load_sensor("gelsight-mini").young_uncertainty()[0] == pytest.approx(0.05 / 0.435)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ('value = "0.925"', 'value = "0.9"', "sum to .* not 1"),
-        ("share =", "thickness =", "layers.1 has thickness"),
-        ("[[layers]]", "[[layer]]", "unknown layer"),
-        ("[camera]", "[material]\n[camera]", "both material and layers"),
-        ('{ value = "0.1 MPa"', '{ value = "0.1 mm"', "layers.1.young.value"),
-    ],
-)
-def test_broken_layers_are_refused(old: str, new: str, message: str) -> None:
-    """The message names the file and the layer."""
-    with pytest.raises(ConfigError, match=message) as caught:
-        parse_sensor(LAYERED.replace(old, new), origin="mine.toml")
-    assert "mine.toml" in caught.value.message
-
-
 RELAXING = (
     LAYERED
     + """
@@ -154,19 +117,33 @@ def test_a_gel_relaxes_as_its_file_says() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("text", "old", "new", "message"),
     [
-        ('time = "0.3 s"', 'time = "0.3 mm"', "relaxation.1.time"),
-        ('time = "3 s"', 'times = "3 s"', "relaxation.2 needs a share, a time"),
-        ('share = "3 %"', 'share = "-3 %"', "relaxation.1: relaxation term of share -0.03"),
-        ('share = "3 %"', 'share = "97 %"', "shares sum to 1.01"),
+        (TEXT, "[pad]", "[pads]", "unknown pads"),
+        (TEXT, "poisson =", "poison =", "unknown material.poison"),
+        (TEXT, '"4.00 mm"', '"4.00 N"', "pad.height.value"),
+        (TEXT, "columns = 9", "columns = 0", "markers.columns"),
+        (TEXT, 'title = "GelSight Mini"', "", "no title"),
+        (TEXT, 'young = { value = "0.435 MPa", ', "young = { ", "material.young needs"),
+        (TEXT, "[camera]", "[camera", "not TOML"),
+        (LAYERED, 'value = "0.925"', 'value = "0.9"', "sum to .* not 1"),
+        (LAYERED, "share =", "thickness =", "layers.1 has thickness"),
+        (LAYERED, "[[layers]]", "[[layer]]", "unknown layer"),
+        (LAYERED, "[camera]", "[material]\n[camera]", "both material and layers"),
+        (LAYERED, '{ value = "0.1 MPa"', '{ value = "0.1 mm"', "layers.1.young.value"),
+        (RELAXING, 'time = "0.3 s"', 'time = "0.3 mm"', "relaxation.1.time"),
+        (RELAXING, 'time = "3 s"', 'times = "3 s"', "relaxation.2 needs a share, a time"),
+        (RELAXING, 'share = "3 %"', 'share = "-3 %"', "relaxation.1: .* term of share -0.03"),
+        (RELAXING, 'share = "3 %"', 'share = "97 %"', "shares sum to 1.01"),
     ],
 )
-def test_a_broken_relaxation_is_refused(old: str, new: str, message: str) -> None:
-    """The message names the file and the term."""
+def test_broken_sensor_file_is_refused(text: str, old: str, new: str, message: str) -> None:
+    """The message names the file, and the key, layer or term."""
+    assert old in text
     with pytest.raises(ConfigError, match=message) as caught:
-        parse_sensor(RELAXING.replace(old, new), origin="mine.toml")
+        parse_sensor(text.replace(old, new), origin="mine.toml")
     assert "mine.toml" in caught.value.message
+    assert caught.value.remedy
 
 
 LAMP = {"azimuth": "90 deg", "elevation": "20 deg", "colour": [80, 0, 0], "source": "assumed"}

@@ -34,6 +34,8 @@ from sim.solve.nodal_energies import (
 from sim.studies.hard_cases.dynamics import energy_j, time_step
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
+from tests.sim.material.small_disc import PAD as DISC
+from tests.sim.material.small_disc import disc_model
 
 PAD = DiscPad(radius_m=8e-3, height_m=4e-3)
 DENSITY = 1070.0
@@ -237,24 +239,14 @@ def test_steps_that_grow_leave_the_base_where_it_is() -> None:
     assert np.array_equal(path.last.state.positions[clamped], path.model.nodes[clamped])
 
 
-DISC = DiscPad(radius_m=3e-3, height_m=2e-3)
-DISC_PA = 4e5
+DISC_PA, WHOLE = 4e5, MirrorSymmetry()
 
 
-def disc(
-    order: ElementOrder, *, symmetric: bool = False, law_name: LawName = LawName.LINEAR
-) -> Model:
+def disc(order: ElementOrder, *, symmetry: MirrorSymmetry | None = WHOLE) -> Model:
     """Return a clamped disc of some hundred elements."""
-    grading = Grading(start_m=1e-3, end_m=1e-3, size_m=0.4e-3, growth=2.0)
-    mesh = revolved_mesh(
-        DISC,
-        grading,
-        centre_m=(0.0, 0.0),
-        sector_count=8,
-        name="test",
-        symmetry=None if symmetric else MirrorSymmetry(),
+    return disc_model(
+        LawName.LINEAR, order=order, young_pa=DISC_PA, poisson=0.3, size_m=0.4e-3, symmetry=symmetry
     )
-    return Model(mesh, order=order, law=law(law_name), young_pa=DISC_PA, poisson=0.3)
 
 
 @pytest.mark.parametrize("shares", [WEIGHT, INERTIA])
@@ -291,7 +283,7 @@ def test_weight_does_the_work_of_a_linear_motion(order: ElementOrder) -> None:
 
 def test_weight_sags_the_pad_as_a_column_does() -> None:
     """A wide clamped layer sinks by rho g H^2 / (2 M), M the modulus without sideways strain."""
-    model = disc(ElementOrder.P2, symmetric=True)
+    model = disc(ElementOrder.P2, symmetry=None)
     positions = unloaded_positions(
         model, options=SolverOptions(residual_floor_n=1e-13), potentials=[weight(model, DENSITY)]
     )
