@@ -272,12 +272,11 @@ def contact_measures(path: LoadingPath, point: PathPoint) -> ContactMeasures:
     strength = np.linalg.norm(contact.forces, axis=2)
     touching = strength > 0.0
     arms = contact.points - point.state.tip
-    gaps = model.surface.gaps(point.state.positions, path.indenter, point.state)
     return ContactMeasures(
         moment_nm=symmetry.whole_moment(np.cross(arms, contact.forces).reshape(-1, 3).sum(axis=0)),
         area_m2=symmetry.copies * float(areas[touching].sum()),
         area_seen_m2=symmetry.copies * float(np.abs(normals[..., 2])[touching].sum()),
-        gap_min_m=float(gaps.min()),
+        gap_min_m=float(contact.gaps.min()),
     )
 
 

@@ -48,14 +48,9 @@ class ContactSignature:
         return float(np.linalg.norm(self.normal_n))
 
     @property
-    def tangential_size_n(self) -> float:
-        """T, the size of the tangential forces' resultant [N]."""
-        return float(np.linalg.norm(self.tangential_n))
-
-    @property
     def mobilised_friction(self) -> float:
         """Tangential resultant over F_n: mu in a slide that has let go."""
-        return self.tangential_size_n / max(self.normal_size_n, 1e-300)
+        return float(np.linalg.norm(self.tangential_n)) / max(self.normal_size_n, 1e-300)
 
     @property
     def sliding_friction(self) -> float:

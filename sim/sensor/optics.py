@@ -106,6 +106,22 @@ def _shadows(table: dict[str, Any], lamps: tuple[Lamp, ...]) -> ShadowCaster | N
     return ShadowCaster(lamps=lamps, softness_m=value)
 
 
+def grey_levels(entry: Any, name: str, count: int | None = None) -> tuple[float, ...]:
+    """Return a list of grey levels, of so many if a count is given.
+
+    Raises:
+        ConfigError: It is none; the message says its name.
+    """
+    levels = entry if isinstance(entry, list) else []
+    are_numbers = all(type(each) in (int, float) and math.isfinite(each) for each in levels)
+    if not levels or not are_numbers or len(levels) != (count or len(levels)):
+        raise ConfigError(
+            f"{name} = {entry!r} is no list of {count or 'two or more'} grey levels",
+            remedy="write numbers, such as [80, 0, 0]",
+        )
+    return tuple(map(float, levels))
+
+
 def _lamps(entries: list[dict[str, Any]]) -> tuple[Lamp, ...]:
     found = []
     for number, entry in enumerate(entries, start=1):
@@ -116,9 +132,9 @@ def _lamps(entries: list[dict[str, Any]]) -> tuple[Lamp, ...]:
                 remedy='write azimuth = "90 deg", elevation = "20 deg", colour = [80, 0, 0]',
             )
         azimuth, elevation = (
-            parse_quantity(entry[key], dimension=Dimension.ANGLE, field=f"{name} {key}")
+            parse_quantity(str(entry[key]), dimension=Dimension.ANGLE, field=f"{name} {key}")
             for key in ("azimuth", "elevation")
         )
-        red, green, blue = (float(level) for level in entry["colour"])
+        red, green, blue = grey_levels(entry["colour"], f"{name} colour", 3)
         found.append(Lamp(azimuth_rad=azimuth, elevation_rad=elevation, colour=(red, green, blue)))
     return tuple(found)

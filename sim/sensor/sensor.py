@@ -129,7 +129,7 @@ def _relaxation(entries: list[dict[str, Any]]) -> tuple[RelaxationTerm, ...]:
 def _count(table: Mapping[str, Any], section: str, key: str) -> int:
     """Return a whole number of a section's table."""
     count = table.get(key)
-    if not isinstance(count, int) or count < 1:
+    if type(count) is not int or count < 1:
         raise ConfigError(
             f"{section}.{key} = {count!r} is not a whole number above 0",
             remedy="give a count such as 320",

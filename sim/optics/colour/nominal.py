@@ -21,7 +21,7 @@ from sim.optics.colour.photometric import (
     PhotometricModel,
     polynomial_exponents,
 )
-from sim.sensor.optics import Lamp, Renderer
+from sim.sensor.optics import Lamp, Renderer, grey_levels
 from sim.sensor.sensor import Sensor
 from tacauchy_rig.core.arrays import Float32Array, IntArray
 from tacauchy_rig.core.errors import ConfigError
@@ -134,9 +134,9 @@ class GreyDepthModel:
 def _read_grey(table: Mapping[str, Any], _lamps: tuple[Lamp, ...], origin: str) -> GreyDepthModel:
     depth = tuple(
         parse_quantity(str(entry), dimension=Dimension.LENGTH, field=f"{origin}: optics.depth")
-        for entry in table["depth"]
+        for entry in (table["depth"] if isinstance(table["depth"], list) else ())
     )
-    change = tuple(float(level) for level in table["change"])
+    change = grey_levels(table["change"], f"{origin}: optics.change")
     rising = all(a < b for a, b in pairwise(depth))
     if len(depth) < 2 or len(depth) != len(change) or depth[0] != 0.0 or not rising:
         raise ConfigError(

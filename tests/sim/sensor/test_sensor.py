@@ -126,6 +126,7 @@ def test_a_gel_relaxes_as_its_file_says() -> None:
         (TEXT, 'title = "GelSight Mini"', "", "no title"),
         (TEXT, 'young = { value = "0.435 MPa", ', "young = { ", "material.young needs"),
         (TEXT, "[camera]", "[camera", "not TOML"),
+        (TEXT, "columns = 9", "columns = true", "markers.columns"),
         (LAYERED, 'value = "0.925"', 'value = "0.9"', "sum to .* not 1"),
         (LAYERED, "share =", "thickness =", "layers.1 has thickness"),
         (LAYERED, "[[layers]]", "[[layer]]", "unknown layer"),
@@ -170,6 +171,12 @@ def test_built_in_sensors_have_optics() -> None:
         ({"optics": {**GREY, "depth": ["0 mm", "1"]}}, "has no unit"),
         ({"optics": {"kind": "photometric", "shadow_softness": "0.1 mm"}}, "at least one lamp"),
         ({"lamps": [{"azimuth": "1 deg"}]}, "lamp 1 needs azimuth, elevation"),
+        ({"lamps": [{**LAMP, "azimuth": 90}]}, "has no unit"),
+        ({"lamps": [{**LAMP, "colour": [80, 0]}]}, "lamp 1 colour = .* no list of 3 grey levels"),
+        ({"lamps": [{**LAMP, "colour": "red"}]}, "lamp 1 colour = 'red' is no list"),
+        ({"lamps": [{**LAMP, "colour": [80, 0, float("nan")]}]}, "lamp 1 colour"),
+        ({"optics": {**GREY, "change": ["dark", "darker"]}}, "optics.change = .* is no list"),
+        ({"optics": {**GREY, "depth": 3}}, "are no table"),
     ],
 )
 def test_damaged_tables_are_refused(data: dict[str, object], message: str) -> None:
