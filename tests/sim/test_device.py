@@ -1,18 +1,25 @@
-"""Devices, and how kernels are put into modules."""
+"""Devices, GPUs among them, and how kernels are put into modules."""
 
 from __future__ import annotations
 
 import logging
 import pkgutil
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import warp as wp
 
 import sim
 from sim.device import start_warp
+from sim.press import press
+from sim.scene.indenter import Cylinder, Sphere
+from sim.scene.material import LawName, Layer, Material, RelaxationTerm
+from sim.scene.pad import BoxPad
+from sim.scene.scene import ContactMode, Effect, Motion, Preset, Scene, Target
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -45,3 +52,46 @@ def test_a_generic_kernel_shares_its_module_with_none() -> None:
     generic = [each for each in kernels if isinstance(each, wp.Kernel) and each.is_generic]
     assert len(generic) > 5
     assert [each.key for each in generic if len(each.module.kernels) > 1] == []
+
+
+_GEL = Material(young_pa=0.435e6, poisson=0.48)
+_PRESS = Scene(
+    pad=BoxPad(size_x_m=20.75e-3, size_y_m=25.25e-3, height_m=4e-3),
+    material=_GEL,
+    indenter=Cylinder(diameter_m=5e-3, fillet_m=0.1e-3),
+    target=Target(force_n=1.2556),
+    preset=Preset.FAST,
+)
+_BALL = replace(_PRESS, indenter=Sphere(diameter_m=8e-3), target=Target(depth_m=0.6e-3))
+_FINITE = ((Effect.FINITE_STRAIN, True),)
+_SLOW_GEL = replace(_GEL, relaxation=(RelaxationTerm(share=0.3, time_s=0.5),))
+_SKIN = Layer(share=0.1, material=replace(_GEL, young_pa=1e6))
+SCENES = {
+    "cylinder to a force": _PRESS,
+    "ball to a depth": _BALL,
+    "bonded": replace(_PRESS, contact=ContactMode.BONDED),
+    "ball slid with friction": replace(
+        _BALL, contact=ContactMode.FRICTION, friction=0.5, motion=Motion(shift_m=(1e-4, 0.0))
+    ),
+    "linear tetrahedra": replace(_BALL, effects=((Effect.LOCKING_FREE_ELEMENT, False),)),
+    "isochoric law": replace(
+        _BALL, material=replace(_GEL, law=LawName.NEO_HOOKEAN), effects=_FINITE
+    ),
+    "relaxing gel": replace(_BALL, material=_SLOW_GEL),
+    "two layers": replace(_BALL, layers=(Layer(share=0.9, material=_GEL), _SKIN)),
+}
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("name", SCENES)
+def test_cuda_and_cpu_agree(name: str) -> None:
+    """F_z, depth and the largest pressure on both devices agree to 1e-6; slid ones to 3e-6.
+
+    Every step balances to 1e-6 of the force, and what slid in one is where the next begins.
+    """
+    allowed = 3e-6 if "slid" in name else 1e-6
+    host, device = press(SCENES[name]), press(SCENES[name], device="cuda:0")
+    assert device.model.device == "cuda:0"
+    assert host.force_n[2] == pytest.approx(device.force_n[2], rel=allowed)
+    assert host.depth_m == pytest.approx(device.depth_m, rel=allowed)
+    assert np.isclose(host.max_pressure_pa, device.max_pressure_pa, rtol=1e-5)

@@ -7,8 +7,7 @@ import numpy as np
 from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.press_scene import PressScene
 from sim.optics.colour.photometric import PhotometricModel, polynomial_exponents
-from tests.sim.optics.analytic_surface import camera
-from tests.sim.optics.exponential_skirt import ExponentialSkirt
+from tests.sim.optics.analytic_surface import ExponentialSkirt, camera
 
 HEIGHT, WIDTH = 150, 180
 PROFILE = ExponentialSkirt(ball_radius_m=2.35e-3, decay_m=0.6e-3)

@@ -19,8 +19,13 @@ from sim.optics.height.height_map import height_maps
 from sim.scene.indenter import Sphere
 from sim.scene.pad import BoxPad
 from tacauchy_rig.core.errors import ConfigError
-from tests.sim.optics.analytic_surface import APEX_M, ball_press, camera, pressed_surface
-from tests.sim.optics.exponential_skirt import ExponentialSkirt
+from tests.sim.optics.analytic_surface import (
+    APEX_M,
+    ExponentialSkirt,
+    ball_press,
+    camera,
+    pressed_surface,
+)
 
 BALL_M = 2.35e-3
 
