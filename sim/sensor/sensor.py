@@ -226,7 +226,13 @@ def load_sensor(name: str) -> Sensor:
             remedy=f"use one of {', '.join(names(Kind.SENSOR))}, or the path of a sensor file from "
             "the folder where the command is run",
         )
-    return parse_sensor(path.read_text("utf-8"), origin=str(path), folder=path.parent)
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(
+            f"sensor {path} cannot be read: {error}", remedy="give a TOML file in UTF-8"
+        ) from error
+    return parse_sensor(text, origin=str(path), folder=path.parent)
 
 
 def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Sensor:
@@ -237,7 +243,7 @@ def parse_sensor(text: str, *, origin: str, folder: Path | None = None) -> Senso
     """
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # a whole number of 5000 digits, lists in lists
         raise ConfigError(f"{origin}: not TOML: {error}", remedy="correct the line") from error
     with naming(origin):
         _refuse_unknown(data)

@@ -48,6 +48,10 @@ def test_sensor_file_of_ones_own(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(TEXT.replace('name = "gelsight-mini"', 'name = "mine"'), "utf-8")
     assert load_sensor(str(path)).name == "mine"
+    path.write_bytes(b"name = '\xff'")
+    with pytest.raises(ConfigError, match=r"mine\.toml cannot be read") as caught:
+        load_sensor(str(path))
+    assert "UTF-8" in caught.value.remedy
 
 
 @pytest.mark.parametrize(
