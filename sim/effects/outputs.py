@@ -76,7 +76,10 @@ class PressOutputs:
         carried, others = (float(each.pressure_pa @ each.areas_m2) for each in (self, other))
         p95 = _relative(self._pressure_p95(), other._pressure_p95())
         pressure = _norm(other.pressure_pa[:, None], other.areas_m2)
-        tops = other.top_m2
+
+        def on_top(mine: FloatArray, its: FloatArray) -> float:
+            return _share(_norm(mine - its, other.top_m2), _norm(its, other.top_m2))
+
         return {
             Output.FORCE: _share(
                 float(np.linalg.norm(self.force_n - other.force_n)),
@@ -85,12 +88,8 @@ class PressOutputs:
             Output.DEPTH: _relative(self.depth_m, other.depth_m),
             Output.PRESSURE: max(p95, _relative(carried, others)),
             Output.SHEAR: _share(_norm(self.shear_pa - other.shear_pa, self.areas_m2), pressure),
-            Output.IMAGE: _share(
-                _norm(self.slopes - other.slopes, tops), _norm(other.slopes, tops)
-            ),
-            Output.MARKERS: _share(
-                _norm(self.motion_m - other.motion_m, tops), _norm(other.motion_m, tops)
-            ),
+            Output.IMAGE: on_top(self.slopes, other.slopes),
+            Output.MARKERS: on_top(self.motion_m, other.motion_m),
         }
 
     def changes(self, other: PressOutputs) -> dict[Output, float]:

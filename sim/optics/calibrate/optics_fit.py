@@ -299,11 +299,8 @@ def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
         seen = image - scene.background[window] - scene.frame_light_image(each.light)[window]
         pixels = PredictedPixels(scene, found.model, columns.ravel(), rows.ravel())
         sharp = pixels.predict(circle).reshape(seen.shape)
-        misfit += [np.abs(seen - _blurred(sharp, s))[known].sum() for s in _TRIED_PX]
+        blurs = [cv2.GaussianBlur(sharp, (0, 0), s) if s > 0.0 else sharp for s in _TRIED_PX]
+        misfit += [np.abs(seen - blurred)[known].sum() for blurred in blurs]
     # A blur beyond those tried is larger than cameras have: something else is wrong then.
     at_an_end = int(np.argmin(misfit)) in (0, len(misfit) - 1)
     return 0.0 if at_an_end else lowest_place(_TRIED_PX, misfit)
-
-
-def _blurred(image: FloatArray, sigma_px: float) -> FloatArray:
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px)) if sigma_px > 0.0 else image

@@ -47,10 +47,6 @@ class PhotometricSamples:
     change: FloatArray
     weights: FloatArray  # of each colour in a fit, zero where it is not known, shape [3, n]
 
-    def thinned(self, step: int) -> PhotometricSamples:
-        """Return every ``step``-th sample."""
-        return replace(self, **{name: getattr(self, name)[..., ::step] for name in _BY_SAMPLE})
-
     def polynomial(self, exponents: IntArray) -> FloatArray:
         """Return the polynomial's monomials as the samples show them, shape [count, n]."""
         return self._seen(lambda at: monomials(at[:2], self.position, at[2], exponents))
@@ -254,7 +250,8 @@ def fit_terms(
     Without lamps to start from they are searched all around. A bend sharper than the length of gel
     that a pixel sees is not seen.
     """
-    few = samples.thinned(max(1, samples.change.shape[1] // _SAMPLES))
+    step = max(1, samples.change.shape[1] // _SAMPLES)
+    few = replace(samples, **{name: getattr(samples, name)[..., ::step] for name in _BY_SAMPLE})
     search = _Search(few, aspect=aspect, crease_limit=1.0 / pixel_m)
     if start is None:
         begin = search.all_around(lamp_count)

@@ -11,14 +11,14 @@ import scipy.sparse.linalg
 from numpy.typing import NDArray
 
 from sim.effects.presets import build_model, finest_edge_m, regularised_indenter
-from sim.fields.interface import (
+from sim.fields.stress import (
     InterfaceTraction,
     StressOnSides,
     interface_traction,
     nodal_forces,
     on_sides,
+    recovered_stress,
 )
-from sim.fields.stress import recovered_stress
 from sim.mesh.discretisation import assembled
 from sim.press import press
 from sim.press_command import scene_from

@@ -298,7 +298,7 @@ def _show(scene: Scene, result: PressResult) -> None:
 
 def _show_interfaces(result: PressResult) -> None:
     """Say what goes through where layers meet; nothing for a gel of one material."""
-    from sim.fields.interface import interface_traction
+    from sim.fields.stress import interface_traction
 
     found = interface_traction(result.model, result.point.state.positions)
     for number, interface in enumerate(found, start=1):

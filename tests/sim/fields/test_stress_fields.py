@@ -11,9 +11,8 @@ import pyvista
 
 from sim.effects.presets import build_model, mesh_for
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
-from sim.fields.interface import InterfaceTraction, interface_traction
 from sim.fields.press_fields import gel_vtu, indenter_vtu, surface_state, trial_fields
-from sim.fields.stress import cauchy_stress
+from sim.fields.stress import InterfaceTraction, cauchy_stress, interface_traction
 from sim.material.elastic_body import element_constants
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder
