@@ -124,16 +124,19 @@ def test_distance_and_direction_are_those_of_a_box(
     np.testing.assert_allclose(formula(on_the_box), 0.0, atol=1e-12)
 
 
-BODIES = (Sphere(diameter_m=6e-3), Cylinder(diameter_m=5e-3, fillet_m=1e-3), chisel())
+_CORNERS = 1e-3 * np.array([[0, 0, 0], [1, 1, 4], [-1, 1, 4], [-1, -1, 4], [1, -1, 4]])
+_FACES = np.array([[0, 2, 1], [0, 3, 2], [0, 4, 3], [0, 1, 4], [1, 2, 3], [1, 3, 4]])
+SPIKE = mesh_indenter(_CORNERS, _FACES, name="spike")
+BODIES = (Sphere(diameter_m=6e-3), Cylinder(diameter_m=5e-3, fillet_m=1e-3), chisel(), SPIKE)
 
 
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.1, -0.15)])
 def test_touch_is_where_no_point_of_the_underside_lies_deeper(tilt: tuple[float, float]) -> None:
     """Over a fine grid of the gel, the deepest point of the underside just touches."""
     pad, turn = load_sensor("gelsight-mini").pad, tilted(*tilt)
-    places = np.array([[3e-3, -2e-3], [-6e-3, 4e-3], [0.0, 1e-3]])
-    bodies = IndenterSet(bodies=BODIES, which=(0, 1, 2))
-    found = first_touch(pad, bodies, places, np.array([turn] * 3))
+    places = np.array([[3e-3, -2e-3], [-6e-3, 4e-3], [0.0, 1e-3], [4.1e-3, -3.3e-3]])
+    bodies = IndenterSet(bodies=BODIES, which=(0, 1, 2, 3))
+    found = first_touch(pad, bodies, places, np.array([turn] * 4))
     for (x, y), height, body in zip(places, found, BODIES, strict=True):
         near = np.linspace(-3e-3, 3e-3, 1201)
         u, v = np.meshgrid(near, near)
