@@ -109,7 +109,7 @@ def layered_model(
     return Model(mesh, order=order, law=law(LawName.LINEAR), young_pa=young, poisson=poisson)
 
 
-def pressed(model: Model) -> tuple[InterfaceTraction, InterfaceSides, float, float]:
+def layered_press(model: Model) -> tuple[InterfaceTraction, InterfaceSides, float, float]:
     """Press a sphere in; return the interface, its sides, the indenter's and the base's force."""
     point = LoadingPath(model, Sphere(diameter_m=16e-3)).advance(0.15e-3)
     (interface,) = interface_traction(model, point.state.positions)
@@ -145,7 +145,7 @@ def test_piecewise_linear_motion_has_the_exact_traction(order: ElementOrder) -> 
 def test_what_goes_through_is_what_is_pressed(ratio: float) -> None:
     """The interface's force is the indenter's and the base's to 1e-6; so is the recovered one's."""
     model = layered_model(ratio)
-    interface, sides, force, base = pressed(model)
+    interface, sides, force, base = layered_press(model)
     assert interface.force_n[2] == pytest.approx(force, rel=1e-6)
     assert interface.force_n[2] == pytest.approx(-base, rel=1e-6)
     assert np.hypot(*interface.force_n[:2]) < 1e-9 * force
@@ -157,8 +157,8 @@ def test_what_goes_through_is_what_is_pressed(ratio: float) -> None:
 def test_jump_shrinks_with_refinement() -> None:
     """Half the edge: the jump and the integrals' gaps to the force shrink."""
     first, second = layered_model(10.0), layered_model(10.0, size_m=0.5e-3, sectors=24)
-    coarse, coarse_sides, force, _ = pressed(first)
-    fine, fine_sides, fine_force, _ = pressed(second)
+    coarse, coarse_sides, force, _ = layered_press(first)
+    fine, fine_sides, fine_force, _ = layered_press(second)
     assert fine.element.jump_relative < 0.75 * coarse.element.jump_relative
     assert fine_sides.smooth.jump_relative < 0.6 * coarse_sides.smooth.jump_relative
     assert fine_sides.smooth.jump_relative < fine.element.jump_relative
