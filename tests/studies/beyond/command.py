@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from types import SimpleNamespace
-from typing import Annotated
+from typing import Annotated, Any
 from unittest import mock
 
 import numpy as np
@@ -20,18 +20,20 @@ from sim.press import PressResult, press
 from sim.press_command import scene_from
 from sim.scene.indenter import MeshIndenter, describe, mesh_indenter
 from sim.scene.scene import Scene, Target
-from tacauchy_rig.app.cli.output import Jobs, JsonFile, say, show_table, write_json
+from tacauchy_rig.app.cli.studies import study_command
 from tacauchy_rig.core import long_task
 from tacauchy_rig.core.arrays import FloatArray
-from tacauchy_rig.core.errors import RigError
-from tacauchy_rig.core.parallel import parallel_map
-from tacauchy_rig.core.tables import Table
+from tacauchy_rig.core.errors import RigError, TimeLimitError
+from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
+from tacauchy_rig.core.tables import Table, table_of
 
 SILENT_MOST_S = 5.0
 # F_z of preset fast is promised to about 5 % in ordinary presses; beyond them to the stated error,
 # and to this at least.
 _WRONG_SHARE = 0.15
 _FINER = 1.6
+_BUSY = 6.0
+"""How many times its processor time a press may take on a busy computer before it is ended."""
 _PADS = (
     "--sensor gelsight-mini",
     "--sensor digit",
@@ -60,36 +62,38 @@ class Answer(StrEnum):
     RIGHT = "right"
     WRONG = "wrong"
     REFUSED = "refused"
+    HELPLESS = "refused without a remedy"
     LATE = "ended by its time limit"
-    UNJUDGED = "no finer press to judge by"
+    UNDECIDED = "undecided"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beyond:
     """A press that is drawn."""
 
-    number: int
     kind: Kind
     scene: Scene
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Judged:
-    """What came of one."""
-
-    case: Beyond
-    answer: Answer
-    silent_s: float  # the longest processor time without a word [s]
-    took_s: float  # until the answer or the error, likewise [s]
-    said: str  # the error's message, or forces [N]
-
-    @property
-    def is_met(self) -> bool:
-        """Right or an error, and not silent."""
-        return self.answer is not Answer.WRONG and self.silent_s <= SILENT_MOST_S
+    def __str__(self) -> str:
+        depth, force = self.scene.target.depth_m, self.scene.target.force_n
+        asked = f"{force:.3g} N" if depth is None else f"{depth * 1e3:.3g} mm"
+        return f"{self.kind.value}, {describe(self.scene.indenter)} to {asked}"
 
 
-def drawn(seed: int, number: int, *, refinement: float = 1.0) -> Beyond:
+Judged = dict[str, Any]
+"""What came of one press: its ``kind`` and ``answer``; the longest processor time without a word
+``silent_s`` and that until the answer or error ``took_s`` [s]; what was ``said``.
+"""
+
+
+def is_met(found: Judged) -> bool:
+    """Return whether an answer is right, or an error with its remedy, and came without silence."""
+    return found["answer"] not in (Answer.WRONG, Answer.HELPLESS) and (
+        found["silent_s"] <= SILENT_MOST_S
+    )
+
+
+def drawn(seed: int, number: int) -> Beyond:
     """Return the press of a number; kinds take turns."""
     random, kind = np.random.default_rng([seed, number]), list(Kind)[number % len(Kind)]
     base = scene_from(
@@ -127,7 +131,7 @@ def drawn(seed: int, number: int, *, refinement: float = 1.0) -> Beyond:
         half = np.array(scene.pad.half_extents())
         x, y = random.uniform(-1.0, 1.0, 2) * half
         scene = replace(scene, centre_m=(float(x), float(y)))
-    return Beyond(number=number, kind=kind, scene=replace(scene, refinement=refinement))
+    return Beyond(kind=kind, scene=scene)
 
 
 def _with_words(base: Scene, indenter: str, target: Target) -> Scene:
@@ -176,6 +180,7 @@ def _by_processor_time() -> Iterator[None]:
 def judged(case: Beyond, *, limit_s: float, finer_limit_s: float) -> Judged:
     """Press a case within a processor time [s], and judge it by a finer mesh within another."""
     heard = [started := time.process_time()]
+    result = None
     try:
         with _by_processor_time():
             result = press(
@@ -185,100 +190,123 @@ def judged(case: Beyond, *, limit_s: float, finer_limit_s: float) -> Judged:
                 on_progress=lambda _: heard.append(time.process_time()),
             )
     except RigError as error:
-        answer, said, result = Answer.REFUSED, error.message, None
-        if type(error).__name__ == "TimeLimitError":
-            answer = Answer.LATE
+        said = str(error)
+        answer = Answer.LATE if isinstance(error, TimeLimitError) else Answer.REFUSED
+        answer = answer if error.remedy else Answer.HELPLESS
     heard.append(time.process_time())
     if result is not None:
         answer, said = _judged_force(case, result, finer_limit_s)
-    silent_s = float(np.diff(heard).max())
-    took_s = heard[-1] - started
-    return Judged(case=case, answer=answer, silent_s=silent_s, took_s=took_s, said=said)
+    return {
+        "kind": case.kind.value,
+        "answer": answer.value,
+        "silent_s": float(np.diff(heard).max()),
+        "took_s": heard[-1] - started,
+        "said": " ".join(said.split()),
+    }
 
 
 def _judged_force(case: Beyond, result: PressResult, limit_s: float) -> tuple[Answer, str]:
-    own = result.force_n[2]
+    own, depth_m = result.force_n[2], result.depth_m
     if not own > 0.0:
         return Answer.WRONG, f"{own:.4f} N"
+    said = f"{own:.4f} N at {depth_m * 1e3:.4f} mm"
     finer = replace(case.scene, refinement=_FINER * case.scene.refinement)
     try:
         with _by_processor_time():
             other = press(finer, time_limit_s=limit_s)
     except RigError as error:
-        return Answer.UNJUDGED, f"{own:.4f} N; finer: {error.message}"
+        return Answer.UNDECIDED, f"{said}; finer: {error.message}"
     values = (own, other.force_n[2])
     if case.scene.target.depth_m is None:
-        values = (result.depth_m, other.depth_m)
-    off = abs(values[0] / values[1] - 1.0)
-    stated = result.estimated_force_error_relative
-    allowed = max(_WRONG_SHARE, stated or 0.0)
-    said = f"{own:.4f} N at {result.depth_m * 1e3:.4f} mm, {off:.1%} off, {stated} stated"
-    return (Answer.RIGHT if off <= allowed else Answer.WRONG), said
+        values = (depth_m, other.depth_m)
+    off, stated = abs(values[0] / values[1] - 1.0), result.estimated_force_error_relative
+    said += f", {off:.1%} off a finer press, {'no error' if stated is None else f'{stated:.1%}'}"
+    is_right = off <= max(_WRONG_SHARE, stated or 0.0)
+    return (Answer.RIGHT if is_right else Answer.WRONG), f"{said} stated"
 
 
-def answers_table(found: Sequence[Judged], *, command: str) -> Table:
-    """Return a line a kind."""
-    rows = []
-    for kind in Kind:
-        own = [each for each in found if each.case.kind is kind]
-        counts = [sum(each.answer is answer for each in own) for answer in Answer]
-        silent_s = max((each.silent_s for each in own), default=0.0)
-        rows.append((kind.value, len(own), *counts, round(silent_s, 1)))
-    return Table(
-        title="Presses beyond what a gel can bear",
-        columns=("press", "drawn", *(answer.value for answer in Answer), "longest silence [s]"),
-        rows=tuple(rows),
-        criterion=f"no answer is wrong, none is silent for more than {SILENT_MOST_S:g} s",
-        passed=all(each.is_met for each in found),
-        command=command,
-    )
+class BeyondStudy(Study):
+    """Presses beyond what a gel can bear."""
+
+    name, title, kind = "beyond", "Presses beyond what a gel can bear", "press"
+
+    def __init__(self, *, count: int, seed: int, limit_s: float, finer_limit_s: float) -> None:
+        self.count, self.seed = count, seed
+        self.limits = {"limit_s": limit_s, "finer_limit_s": finer_limit_s}
+
+    def cases(self) -> Sequence[Case]:
+        """Return the presses, each to be made in a process of its own."""
+        pressed = [drawn(self.seed, number) for number in range(self.count)]
+        longest_s = _BUSY * sum(self.limits.values())
+        return [
+            Case(
+                name=f"{number}",
+                shows=f"{case}, seed {self.seed}",
+                measure=partial(judged, case, **self.limits),
+                limit_s=longest_s,
+                is_isolated=True,
+            )
+            for number, case in enumerate(pressed)
+        ]
+
+    def line(self, result: Result) -> str:
+        """Return what came of a press."""
+        if result.failure:
+            return f"{result.shows}: {result.failure}"
+        found = result.found
+        return (
+            f"{result.shows}: {found['answer']} after {found['took_s']:.1f} s, silent for "
+            f"{found['silent_s']:.1f} s: {found['said']}"
+        )
+
+    def tables(self, results: Sequence[Result]) -> list[Table]:
+        """Return the answers by kind, and the presses that are undecided or miss the criterion."""
+        found, rows = founds(results), []
+        for kind in Kind:
+            own = [each for each in found if each["kind"] == kind]
+            counts = [sum(each["answer"] == answer for each in own) for answer in Answer]
+            silent_s = max((each["silent_s"] for each in own), default=0.0)
+            rows.append((kind.value, len(own), *counts, round(silent_s, 1)))
+        answers = Table(
+            columns=("press", "ended", *(answer.value for answer in Answer), "silent at most [s]"),
+            rows=tuple(rows),
+            criterion=f"no answer is wrong, none is silent for more than {SILENT_MOST_S:g} s",
+            passed=all(map(is_met, found)),
+        )
+        named = [
+            result
+            for result in results
+            if not result.failure
+            and (result.found["answer"] == Answer.UNDECIDED or not is_met(result.found))
+        ]
+        listed = table_of(
+            named,
+            {
+                "press": lambda result: result.name,
+                "": lambda result: result.found["answer"] if is_met(result.found) else "missed",
+                "what came of it": self.line,
+            },
+            title="Undecided and missed",
+        )
+        return [answers, *([listed] if named else []), *failures_table(results, kind=self.kind)]
 
 
-def line(each: Judged) -> str:
-    """Return one press and what came of it."""
-    target = each.case.scene.target
-    depth, force = target.depth_m, target.force_n
-    asked = f"{force:.3g} N" if depth is None else f"{depth * 1e3:.3g} mm"
-    return (
-        f"{each.case.number} {each.case.kind.value}, {describe(each.case.scene.indenter)} to "
-        f"{asked}: {each.answer.value} after {each.took_s:.1f} s, silent for {each.silent_s:.1f} "
-        f"s: {each.said}"
-    )
-
-
-def _judged_number(
-    number: int, *, seed: int, limit_s: float, finer_limit_s: float, refinement: float
-) -> Judged:
-    case = drawn(seed, number, refinement=refinement)
-    return judged(case, limit_s=limit_s, finer_limit_s=finer_limit_s)
-
-
+@study_command
 def beyond_check(
     presses: Annotated[int, typer.Option("--presses", min=1, help="How many are drawn.")] = 200,
     seed: Annotated[int, typer.Option("--seed", help="Of the draw.")] = 1,
-    limit: Annotated[float, typer.Option("--limit", help="Of one press [s of processor].")] = 60.0,
+    press_limit: Annotated[
+        float, typer.Option("--press-limit", help="Of one press [s of processor].")
+    ] = 60.0,
     finer: Annotated[
         float, typer.Option("--finer", help="Of what judges it [s likewise].")
     ] = 120.0,
-    refinement: Annotated[
-        float, typer.Option("--refinement", help="Shorter edges than preset fast's, so many times.")
-    ] = 1.0,
-    jobs: Jobs = 1,
-    json_file: JsonFile = None,
-) -> None:
+) -> Study:
     """Press too deep, too hard, with needles and at steep tilts: right, or an error, in time.
 
-    Example: python -m tests.studies beyond --presses 20 --limit 15 --finer 40
+    A press that its own limit does not end is ended after --limit and has failed. What no finer
+    press judges within its time is undecided and listed.
+
+    Example: python -m tests.studies beyond --presses 20 --press-limit 15 --finer 40 --jobs 2
     """
-    judge = partial(
-        _judged_number, seed=seed, limit_s=limit, finer_limit_s=finer, refinement=refinement
-    )
-    found = []
-    for _, each in parallel_map(judge, range(presses), jobs=jobs, new_process_each=False):
-        found.append(each)
-        say(line(each))
-    command = f"python -m tests.studies beyond --presses {presses} --seed {seed}"
-    table = answers_table(found, command=command)
-    show_table(table)
-    write_json(json_file, {"table": table, "presses": [line(each) for each in found]})
-    raise typer.Exit(0 if table.passed else 1)
+    return BeyondStudy(count=presses, seed=seed, limit_s=press_limit, finer_limit_s=finer)
