@@ -226,11 +226,6 @@ class RunReading:
         part.records = {index: self.records[index] for index in self.records if index in trials}
         return part
 
-    @property
-    def unread(self) -> list[int]:
-        """The trials of which nothing was read yet."""
-        return [index for index in self.records if index not in self._attempts]
-
     def attempt(self, trial: int) -> AttemptReading | None:
         """Return what is read of a trial; None where no recording of it can be opened."""
         record = self.records[trial]

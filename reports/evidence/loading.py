@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,13 +14,7 @@ from typing import Any
 import numpy as np
 
 from reports.evidence.attempt import RunReading, intermediate_states, readable
-from reports.evidence.evidence import (
-    EmulatedWorld,
-    ImageGeometry,
-    JournalSummary,
-    RunEvidence,
-    TrialEvidence,
-)
+from reports.evidence.evidence import EmulatedWorld, JournalSummary, RunEvidence, TrialEvidence
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
@@ -56,7 +50,7 @@ def load_evidence(
         run: The attempts that count; what was read of them before is not read again.
         replay: Its replay; None where it was not replayed, which every trial then misses.
         simulated_images: What was rendered of it, by trial; None reads it from the run's folder.
-        other: Another process, which checks the run and reads a part of it.
+        other: Another process, which checks the run.
 
     What is damaged is a criterion that is missed, and otherwise as if it were not there.
 
@@ -66,15 +60,11 @@ def load_evidence(
     store, config = run.store, run.store.config
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
     shown = replay if simulated_images is None else None
-    theirs = run.unread[::_READ_BY_OTHER] if other else []
-    # Its folder: a reading that has read holds all entries of its recordings.
-    own = (store.paths.root, run.geometry, theirs, shown)
-    begun = other.submit(_checked, *own) if other else None
-    ours = run.of(run.records.keys() - theirs)
-    read = _read(ours, shown)
-    check, more = begun.result() if begun else (check_run(store), {})
+    # As long as reading takes; its folder, since a store that was read holds its recordings.
+    begun = other.submit(_checked, store.paths.root) if other else None
+    seen = _read(run, shown)
+    check = begun.result() if begun else check_run(store)
     _require_a_result(check, run)
-    seen = read | more
     for index, image in (simulated_images or {}).items():
         seen[index].fields["simulated_image"] = image
     force_check, series = readable(store.force_check.load), force_series(store)
@@ -206,8 +196,6 @@ def _of_other_attempts(check: RunCheck, run: RunReading) -> Iterator[str]:
             )
 
 
-_READ_BY_OTHER = 4
-"""One trial of so many: the check takes as long as the reading of most."""
 _RECORDED = ("images", "streams", "dwell_s", "force_curve", "depth_curve")
 
 
@@ -219,11 +207,8 @@ class _Seen:
     damaged: tuple[Criterion, ...] = ()
 
 
-def _checked(
-    root: Path, geometry: ImageGeometry, trials: Sequence[int], replay: Replay | None
-) -> tuple[RunCheck, dict[int, _Seen]]:
-    run = RunReading(RunStore.open(root), geometry)
-    return check_run(run.store), _read(run.of(trials), replay)
+def _checked(root: Path) -> RunCheck:
+    return check_run(RunStore.open(root))
 
 
 def _read(run: RunReading, replay: Replay | None) -> dict[int, _Seen]:

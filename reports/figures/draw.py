@@ -33,8 +33,9 @@ FIGURES: dict[str, tuple[Callable[[Any], Figure], Callable[[Any], bool]]] = {
 """How each figure of the page is drawn, in order, and whether a run has data for it."""
 RECORDED = ("images", "time")
 """Drawn of the evidence; the others of the report."""
-THEIRS = ("scores", "force-depth")
-"""Of the report, drawn in the other process: as long as what is left takes."""
+THEIRS = ("scores",)
+"""Of the report, drawn in the other process, which by then has drawn those of the evidence."""
+OURS = ("wrong-force", "force-depth")
 
 
 def draw_figures(
@@ -56,7 +57,7 @@ def draw_figures(
     """
     drawn = replace(report, evidence=report.evidence.drawn)
     theirs = other.submit(draw_some, drawn, folder, THEIRS) if other else None
-    names = draw_some(report, folder, ["wrong-force"])
+    names = draw_some(report, folder, OURS)
     names += theirs.result() if theirs else draw_some(report, folder, THEIRS)
     names += recorded.result() if recorded else draw_some(report.evidence, folder, RECORDED)
     return [{"name": name, "caption": _caption(name, report)} for name in FIGURES if name in names]

@@ -31,7 +31,7 @@ from sim.solve.starts import OVERLAP_SHARE, base_depth_m
 from sim.solve.stepping import STEP_SHARE, CarryPhase, ForcePhase, Phase, Stepping
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
-from tacauchy_rig.core.long_task import check_time
+from tacauchy_rig.core.long_task import check_time, doing
 
 # Height of an indenter that touches nothing, in heights of the pad.
 _CLEARANCE_HEIGHTS = 10.0
@@ -323,9 +323,11 @@ class LoadingPath(Stepping):
         # Points that take hold, or have mass, remember an intermediate state as it is found.
         remembers = self.model.contact_options.is_tangential or self.inertia is not None
         intermediate = depth < depth_m and not remembers
-        point = self.settle(
-            self.untouched(depth), intermediate=intermediate, must_touch=self.must_touch(depth)
-        )
+        touches = self.must_touch(depth)
+        with doing(f"finding the first equilibrium, {depth * 1e3:.4f} mm deep"):
+            point = self.settle(
+                self.untouched(depth), intermediate=intermediate, must_touch=touches
+            )
         return self.accept(point)
 
     @property

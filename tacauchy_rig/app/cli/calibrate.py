@@ -24,6 +24,7 @@ from tacauchy_rig.app.cli.output import (
 )
 from tacauchy_rig.core.config.uncertainty import stated_uncertainty
 from tacauchy_rig.core.errors import ConfigError, command_line
+from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ def latency(
         raise typer.Exit(1)
 
 
+@doing("fitting the scale")
 def scale(
     image: Annotated[
         Path | None, typer.Argument(metavar="[IMAGE]", help="Image of a target on the gel.")
@@ -225,6 +227,7 @@ ADVISED = 3
 """Next presses that are shown, the best first."""
 
 
+@doing("fitting the gel's material")
 def material(
     presses: Annotated[
         list[Path],
@@ -354,6 +357,7 @@ def _written(found: Interval, factor: float, unit: str) -> str:
     return f"not determined by these presses{side}"
 
 
+@doing("calibrating optics")
 def optics(
     folder: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="Images of a pressed ball, or such a run.")

@@ -54,6 +54,7 @@ def replay(
     from sim.error import parse_tolerance
     from tacauchy_rig.app.cli.emulation import begin_calibration, emulated_calibration
     from tacauchy_rig.app.replay.parts import open_run
+    from tacauchy_rig.core.long_task import doing
     from tacauchy_rig.core.parallel import worker_process
     from tacauchy_rig.core.store.check.run import check_run
 
@@ -61,7 +62,8 @@ def replay(
     kept = None if tolerance is None else parse_tolerance(tolerance, field="--tolerance")
     with run.store.lock():  # refuses a busy or read-only run before the simulation
         pass
-    complain_of(check_run(run.store))
+    with doing("checking the recordings"):
+        complain_of(check_run(run.store))
     if watch:
         _watch(run, optics)
         return

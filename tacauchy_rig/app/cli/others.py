@@ -19,6 +19,7 @@ from tacauchy_rig.app.cli.output import (
     write_json,
 )
 from tacauchy_rig.core.errors import ConfigError, command_line
+from tacauchy_rig.core.long_task import doing
 
 if TYPE_CHECKING:
     from reports.evidence.attempt import RunReading
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from tacauchy_rig.core.simulated import Outputs
 
 
+@doing("importing")
 def import_(
     source: Annotated[
         Path,
@@ -46,8 +48,6 @@ def import_(
 
     Example: tacauchy-rig import presses --init, then tacauchy-rig import presses --out runs
     """
-    from tacauchy_rig.core.long_task import doing
-
     if init:
         from tacauchy_rig.app.importing.guess import write_guess
 
@@ -57,10 +57,9 @@ def import_(
             say(f"  check {question}")
         say(f"next: {command_line('import', source)}")
         return
-    with doing("importing"):
-        from tacauchy_rig.app.importing.importer import import_run
+    from tacauchy_rig.app.importing.importer import import_run
 
-        store = import_run(source, parent=out, overrides=overrides or (), check=_check)
+    store = import_run(source, parent=out, overrides=overrides or (), check=_check)
     imported = store.imported.load()
     if imported is not None:
         say(f"imported {len(imported.trials)} presses from {imported.source} ({imported.kind})")
@@ -90,6 +89,7 @@ class Baseline(StrEnum):
     RIGID = "rigid"
 
 
+@doing("judging")
 def judge(
     run: Annotated[
         Path, typer.Option(metavar="RUN", help="Whose presses: a run's or an import's folder.")

@@ -21,7 +21,7 @@ from tacauchy_rig.app.cli.output import JsonFile, say, show_table, write_json
 from tacauchy_rig.core.tables import Table
 from tests.studies.acceptance.folder import SENSOR, Written, write_folder
 
-MOST_COMMANDS, MOST_S, MOST_SILENT_S, MOST_BYTES = 6, 600.0, 3.5, 1_000_000_000
+MOST_COMMANDS, MOST_S, MOST_SILENT_S, MOST_BYTES = 6, 600.0, 3.0, 1_000_000_000
 _LOOK_S, _SPREADS = 0.2, 3.0
 ROUNDED = "cylinder:diameter=4mm", "cylinder:diameter=4mm,fillet=0.1mm"
 
