@@ -147,7 +147,7 @@ class FollowGuard:
         duration_s = (now_ns - before_ns) * 1e-9
         if abs(gone_m) > MOST_SHARE * abs(commanded_m) + MOST_AHEAD_M:
             raise BreachError(
-                f"robot: it goes further than told: commanded {commanded_m * 1e3:+.3f} mm in "
+                f"robot: it moves further than commanded: commanded {commanded_m * 1e3:+.3f} mm in "
                 f"{duration_s:.1f} s, measured {gone_m * 1e3:+.3f} mm (up is positive)",
                 limit="limits.overshoot",
                 reaction=Reaction.RETRACT,

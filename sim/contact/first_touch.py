@@ -11,8 +11,8 @@ from sim.scene.indenter import IndenterSet, TurnedIndenter
 from sim.scene.pad import Pad
 from tacauchy_rig.core.arrays import FloatArray
 
-# Points, both ways, of grids on which touch is sought, each around the best of the one before; how
-# often indenters go down, and how near is touch [m].
+# Points along each side of the grids on which touch is sought, each around the best point of the
+# grid before; the most steps down, and the distance that counts as touch [m].
 _GRIDS = (61, 41, 41)
 _STEPS, _TOUCHES_M = 30, 1e-9
 

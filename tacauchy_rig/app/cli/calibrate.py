@@ -41,11 +41,11 @@ def latency(
         Path | None,
         typer.Argument(
             metavar="CONFIG|RUN",
-            help="A rig.toml to press by, or a run that swayed; the dry run's if absent.",
+            help="A rig.toml to press with, or a run with sway; the dry run's if absent.",
         ),
     ] = None,
-    sway: Annotated[str, typer.Option(help="For how long the arm sways.")] = "12s",
-    force: Annotated[str, typer.Option(help="Pressed to before it sways.")] = "2N",
+    sway: Annotated[str, typer.Option(help="Duration of the sway.")] = "12s",
+    force: Annotated[str, typer.Option(help="Force to press to before the sway.")] = "2N",
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:
@@ -99,7 +99,7 @@ def scale(
     sensor: Annotated[
         str | None,
         typer.Option(
-            help="Bring a raw image of a target to the crop and size of this sensor's camera; "
+            help="Crop and resize the raw image of a target as this sensor's camera does; "
             "without it the image is taken as it is."
         ),
     ] = None,
@@ -224,7 +224,7 @@ def _sensor_line(key: str, value_m: float, error_m: float) -> str:
 
 
 ADVISED = 3
-"""Next presses that are shown, the best first."""
+"""Number of proposed presses that are shown, the best first."""
 
 
 @doing("fitting the gel's material")
@@ -233,22 +233,24 @@ def material(
         list[Path],
         typer.Argument(
             metavar="PRESSES...",
-            help="Run folders; CSV files of indenter,depth_mm,force_n and perhaps press.",
+            help="Run folders, or CSV files with indenter,depth_mm,force_n and optionally press.",
         ),
     ],
     sensor: Annotated[
-        str | None, typer.Option(help="Of the CSV files; a run knows its own.")
+        str | None, typer.Option(help="Sensor of the CSV files; a run states its own.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Write the sensor's file with this gel.")] = None,
-    noise: Annotated[str, typer.Option(help="Of a force of a CSV file.")] = "0.01N",
-    contact_force: Annotated[
-        str, typer.Option(help="From which the depths of CSV files count.")
-    ] = "0N",
+    out: Annotated[
+        Path | None, typer.Option(help="Sensor file to write, with the fitted gel.")
+    ] = None,
+    noise: Annotated[
+        str, typer.Option(help="Standard deviation of a force in a CSV file.")
+    ] = "0.01N",
+    contact_force: Annotated[str, typer.Option(help="Force at depth zero in CSV files.")] = "0N",
     overrides: Overrides = None,
     jobs: Jobs = 1,
     json_file: JsonFile = None,
 ) -> None:
-    """Fit E, nu and friction of a gel to forces at depths, and say what they leave open.
+    """Fit E, nu and friction of a gel to forces at known depths, with 95 % intervals.
 
     Example: tacauchy-rig calibrate material runs/ball runs/punch --out my-sensor.toml
     """
@@ -278,7 +280,10 @@ def material(
         say(f"{group.name}: {len(group.force_n)} forces; solving")
         data.append((group, respond(group, jobs=jobs)))
         mesh, own = data[-1][1].uncertain
-        say(f"  surrogate uncertain by {mesh:.1%} of all forces, {own:.1%} of each (standard)")
+        say(
+            "  standard uncertainty of the interpolated forces: "
+            f"{mesh:.1%} shared by all, {own:.1%} of each"
+        )
         if group.scatter_n is not None:
             say(f"  repeats scatter by {group.scatter_n:.2g} N")
     fit = GelFit(data=data)
@@ -317,7 +322,7 @@ def material(
 def _write(
     out: Path, best: list[float], told: list[Interval], groups: list[IndenterPresses]
 ) -> None:
-    """Write E, and nu if it is told, as they predict the forces together."""
+    """Write the sensor file with E, and nu if it is determined, as they fit the forces together."""
     from tacauchy_rig.app.calibration.material.results import sensor_text, with_gel
 
     log_young, nu, mu = best[:3]
@@ -344,7 +349,7 @@ def _show_gel(fit: GelFit, told: list[Interval], priors: dict[int, tuple[float, 
         say(f"{name:19} {_written(told[place], factor, unit)}{assumed}")
     for presses, zeros_m in fit.zeros():
         shown = ", ".join(f"{1e3 * zero:+.3f}" for zero in zeros_m.tolist())
-        say(f"{presses.name}: forces fit depths that count {shown} mm more")
+        say(f"{presses.name}: fitted zeros of depth: add {shown} mm to the depths")
 
 
 def _written(found: Interval, factor: float, unit: str) -> str:
@@ -360,18 +365,18 @@ def _written(found: Interval, factor: float, unit: str) -> str:
 @doing("calibrating optics")
 def optics(
     folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Images of a pressed ball, or such a run.")
+        Path, typer.Argument(metavar="FOLDER", help="Images of a pressed ball, or a run of one.")
     ],
     background: Annotated[
         Path | None, typer.Option(help="Frame without contact; in FOLDER or a path.")
     ] = None,
     ball_diameter: Annotated[
-        str | None, typer.Option(help="Such as 4.70mm; a run knows it.")
+        str | None, typer.Option(help="Such as 4.70mm; a run states its own.")
     ] = None,
     scale: Annotated[
         str | None,
         typer.Option(
-            help="Such as 19.58px/mm, or for x and y 19.6,19.4px/mm; a run's sensor knows it."
+            help="Such as 19.58px/mm, or for x and y 19.6,19.4px/mm; a run's sensor states its own."
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Calibration file to write (.npz).")] = None,
@@ -386,15 +391,17 @@ def optics(
         Path | None, typer.Option(help="Folder of other labelled presses to score.")
     ] = None,
     sensor: Annotated[
-        str | None, typer.Option(help="Whose pad is pressed: a run's own, or else gelsight-mini.")
+        str | None, typer.Option(help="Sensor whose pad is pressed: the run's, else gelsight-mini.")
     ] = None,
-    preset: Annotated[Preset, typer.Option(help="Of those presses.")] = Preset.BALANCED,
-    folds: Annotated[int, typer.Option(min=2, help="Of the cross-validation.")] = 7,
+    preset: Annotated[
+        Preset, typer.Option(help="Preset that simulates the presses.")
+    ] = Preset.BALANCED,
+    folds: Annotated[int, typer.Option(min=2, help="Folds of the cross-validation.")] = 7,
     outputs: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Write each press as rendered by a model that had not seen it, for `judge`.",
+            help="Write each press as rendered by a model not fitted to it, for `judge`.",
         ),
     ] = None,
     jobs: Jobs = 2,

@@ -27,7 +27,7 @@ OutputOption = Annotated[
     typer.Option(
         "--output",
         metavar="OUTPUT",
-        help=f"What else is asked for, of {', '.join(Output)}; may be repeated.",
+        help=f"An output that gets a stated error: {', '.join(Output)}; may be repeated.",
     ),
 ]
 
@@ -44,25 +44,25 @@ _HELP: dict[str, str] = {
     "indenter": "cylinder:diameter= (and ,fillet=), sphere:diameter=, plane or mesh:FILE",
     "sensor": "Sensor by name or TOML file.",
     "pad": "box:LxWxHmm, disc:radius=,height= or mesh:FILE,unit=mm",
-    "depth": "Travel, such as 0.5mm.",
-    "force": "Target, such as 4.7332N.",
-    "at": "Where the tip comes down on the pad, such as 1,0.5mm.",
-    "shift": "Motion once pressed in, along x, or as 0.3,0.1mm.",
-    "twist": "Turn about z once pressed in, such as 5deg.",
-    "tilt": "Of the indenter about x and y, such as 2,0deg.",
-    "young": "Such as 0.3MPa.",
-    "poisson": "Such as 0.48.",
-    "layer": "share=, young= and poisson=, joined by commas; once a layer, from the base upwards.",
+    "depth": "Depth below first touch, such as 0.5mm.",
+    "force": "Force to press to, such as 4.7332N.",
+    "at": "Position of the tip on the pad, such as 1,0.5mm.",
+    "shift": "Motion after the press: along x, or x and y as in 0.3,0.1mm.",
+    "twist": "Turn about z after the press, such as 5deg.",
+    "tilt": "Tilt of the indenter about x and y, such as 2,0deg.",
+    "young": "Young's modulus, such as 0.3MPa.",
+    "poisson": "Poisson's ratio, such as 0.48.",
+    "layer": "share=, young= and poisson=, joined by commas; one for each layer, from the base up.",
     "law": f"One of {', '.join(LawName)}, or another package's.",
     "contact": "frictionless, bonded or friction:MU.",
-    "duration": "Time that the press takes; 1 s if not given.",
+    "duration": "Duration of the press; 1 s if absent.",
     "preset": f"{', '.join(Preset)}; balanced, unless --tolerance chooses one.",
     "mesh": "Settings of fTetWild, for scenes that it meshes: l_r=, epsilon_r=, stop_energy=, "
     "dihedral_min=; those left out are the preset's.",
-    "tolerance": "0.02N or 2%: take the cheapest meshes that keep the corrected F_z within it, or "
-    "the depth where --force is given; with --preset, leave out effects within it. shear=5% and "
-    "the like, joined by commas, for other outputs.",
-    "effect": "Overrule the plan: NAME=on or NAME=off; may be repeated.",
+    "tolerance": "0.02N or 2%: take the cheapest meshes that keep the error of the corrected F_z "
+    "within it (with --force: of the depth). With --preset it only decides which effects are left "
+    "out. For other outputs add shear=5% and the like, joined by commas.",
+    "effect": "Switch an effect NAME=on or NAME=off against the plan; may be repeated.",
     "drive": f"How a force is reached: {' or '.join(Drive)}.",
 }
 _FURTHER: dict[str, dict[str, Any]] = {
@@ -83,7 +83,7 @@ def _option(name: str) -> Any:
 
 
 states_a_scene = takes(SceneTerms, option=_option)
-"""Gives a command the options of a scene; what they say is its first argument."""
+"""Gives a command the options of a scene; their values are its first argument."""
 
 
 @states_a_scene
@@ -98,7 +98,7 @@ def press(
         ),
     ] = True,
     time_limit: Annotated[
-        str | None, typer.Option(metavar="TIME", help="How long it may take, such as 60s or 5min.")
+        str | None, typer.Option(metavar="TIME", help="Longest time, such as 60s or 5min.")
     ] = None,
     output: OutputOption = None,
     json_file: JsonFile = None,
@@ -111,7 +111,7 @@ def press(
         ),
     ] = None,
 ) -> None:
-    """Press once in the simulator and say what it took.
+    """Simulate one press; print force, depth, their errors and the cost.
 
     Example: tacauchy-rig press --sensor gelsight-mini --indenter sphere:diameter=8mm --force 2N
     """
@@ -151,7 +151,7 @@ def press(
 
 @states_a_scene
 def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = None) -> None:
-    """Say what a press would be simulated with, and why; effects are tried on coarse meshes.
+    """Print mesh and effects that a press would be simulated with, and why.
 
     Example: tacauchy-rig plan --sensor gelsight-mini --indenter sphere:diameter=8mm --force 2N
     """
@@ -223,15 +223,15 @@ def cost_lines(
     *,
     quantity: str = "force",
 ) -> Iterator[str]:
-    """Return lines on the believed error, the cost, and the next cheaper and better settings.
+    """Return lines on the estimated error, the cost, and the next cheaper and better settings.
 
     Args:
         quantity: Whose error it is, in words.
         basis: How the error is known, or why not.
         cost: Of the settings used.
     """
-    believed = "not known" if error_relative is None else f"{error_relative:.1%}"
-    yield f"{quantity} error believed to be {believed}: {basis}"
+    error = "not known" if error_relative is None else f"{error_relative:.1%}"
+    yield f"{quantity} estimated error {error}: {basis}"
     yield f"cost       {cost}"
     for other in others:
         yield f"{other.role:10} {other}"

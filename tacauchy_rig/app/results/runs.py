@@ -75,7 +75,7 @@ def folder_of_runs(path: Path) -> tuple[Path, str]:
         return path.resolve().parent, path.resolve().name
     if not any(_folders(path)):
         raise ConfigError(
-            f"{path}: no run lies in it",
+            f"{path}: contains no run",
             remedy="`tacauchy-rig dry-run` or `tacauchy-rig run rig.toml` record one",
         )
     return path.resolve(), ""
@@ -134,7 +134,7 @@ def _read(folder: Path) -> ListedRun:
         forces_n=(min(forces), max(forces)) if forces else None,
         summary=summary,
         missed=tuple(
-            f"{where}{str(each.get('name')).replace('_', ' ')}; asked: {each.get('limit')}"
+            f"{where}{str(each.get('name')).replace('_', ' ')}; required: {each.get('limit')}"
             for where, each in criteria_of(summary)
             if each.get("passed") is False
         ),
@@ -185,7 +185,7 @@ class Judged:
     """A run compared with an earlier one."""
 
     run: ListedRun
-    state: GelState | None  # none where they cannot be compared; ``fault`` says why
+    state: GelState | None  # None where they cannot be compared; ``fault`` says why
     fault: str = ""
 
 

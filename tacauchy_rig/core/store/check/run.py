@@ -235,7 +235,7 @@ def judge_run(
     """Yield what holds of the run as a whole: description, journal, folders and replays."""
     yield consistency(
         "run_description",
-        "run.json and what lies beside it are as they were when the run was recorded",
+        "run.json and the files beside it are unchanged since the run was recorded",
         _changed_description(store, journal),
         remedy=_DESCRIPTION_REMEDY,
     )
@@ -528,4 +528,4 @@ def _changed_settings(journal: Journal) -> Iterator[str]:
 
 def _line(criterion: Criterion) -> str:
     measured = f"{criterion.measured:.6g} {criterion.unit}".rstrip()
-    return f"{criterion.name}: {measured}, asked: {criterion.limit} -> {criterion.remedy}"
+    return f"{criterion.name}: {measured}, required: {criterion.limit} -> {criterion.remedy}"
