@@ -172,6 +172,7 @@ Overrides = Annotated[
 JsonFile = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the results as JSON.")
 ]
+Jobs = Annotated[int, typer.Option("--jobs", metavar="N", min=1, help="Number of processes.")]
 
 
 def takes(
