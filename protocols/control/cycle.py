@@ -71,7 +71,7 @@ class Cycle:
         # Height of contact of the last trial [m]; before the first of a session the lowest of those
         # that passed in earlier ones; None where there was none.
         self.contact_z_m: float | None = None
-        # Called at each turn, whatever it finds; they must not block.
+        # Each is called at every turn, whatever the turn finds, and must not block.
         self.observers: list[Callable[[], None]] = []
         self._streams = StreamGuard(config)
         self._follow = FollowGuard(window_s=config.limits.no_motion)

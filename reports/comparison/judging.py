@@ -41,7 +41,7 @@ class Score:
     key: str  # as ``means`` of a simulator has it
     label: str
     digits: int  # that are shown
-    larger_is_better: bool | None  # none where the score is no error
+    larger_is_better: bool | None  # None where the score is no error
     unit: str = ""
     factor: float = 1.0  # from SI to ``unit``
 

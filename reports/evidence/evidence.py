@@ -210,7 +210,7 @@ def camera_of(provenance: Mapping[str, Any], *, simulated: bool) -> str:
 class RunEvidence:
     """A whole run and its replay."""
 
-    # One for each press that was asked for, in order, recorded or not.
+    # One for each press that the configuration asks for, in order, recorded or not.
     trials: tuple[TrialEvidence, ...]
     simulated: bool  # true when any device was emulated
     thresholds: ReportSection
@@ -219,7 +219,7 @@ class RunEvidence:
     # says where the numbers come from; plain JSON values.
     provenance: dict[str, Any] = field(default_factory=dict)
     journal: JournalSummary = field(default_factory=JournalSummary)
-    # Force at which a press calls the gel touched: depth counts from there.
+    # Force at which a press counts as contact [N]; depth counts from there.
     contact_force_n: float = 0.0
     # Standard uncertainties of cell, heights and delays by the fields of ``[uncertainty]``;
     # ``search_speed`` [m/s] and ``contact_force`` [N], as they are.
@@ -227,9 +227,9 @@ class RunEvidence:
     model: ReplayModel | None = None  # what was replayed; None where nothing was
     others: tuple[ReplayModel, ...] = ()  # the same of further indenters and places
     sync_mode: str = "host_clock"  # what ties force and images together in time (``run.sync_mode``)
-    # How the cell read a known weight before the run; None where that was not tried.
+    # How the cell read a known weight before the run; None where none was hung.
     force_check: ForceCheck | None = None
-    # What all trials together say of the force sensor.
+    # What all trials together say about the force sensor.
     force_history: ForceHistory = field(default_factory=lambda: ForceHistory(trials=(), sources=()))
     # A known weight was hung on the cell after the last trial, and it was right.
     weighed_after: bool = False

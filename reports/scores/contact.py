@@ -58,7 +58,7 @@ class ContactScores:
     centroid_error_px: float  # distance of the footprints' centroids [px]
     radius_error_px: float  # simulated minus real radius of a disc of the footprint's area [px]
     radius_real_px: float
-    centroid_error_mm: float | None = None  # none when the scale [mm/px] is unknown
+    centroid_error_mm: float | None = None  # None when the scale [mm/px] is unknown
     radius_error_mm: float | None = None
     radius_real_mm: float | None = None
 

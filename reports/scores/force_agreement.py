@@ -38,7 +38,7 @@ class UncertaintyTerm:
     group: TermGroup
     value_n: float | None  # standard uncertainty of the force [N]; None when nobody has measured it
     basis: str  # how the value is known, or why it is not
-    degrees_of_freedom: float | None = None  # none where its uncertainty is taken as known
+    degrees_of_freedom: float | None = None  # None where its uncertainty is taken as known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -179,7 +179,7 @@ CONFIDENCE = 0.95
 class MeanInterval:
     """A mean over trials with its Student t interval."""
 
-    mean: float | None  # none when no trial gave a finite value
+    mean: float | None  # None when no trial gave a finite value
     low: float | None  # lower end at ``CONFIDENCE``; None below two values
     high: float | None
     deviation: float | None  # sample standard deviation over the trials; None below two values

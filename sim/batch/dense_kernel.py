@@ -98,9 +98,9 @@ class Tiling:
 
     row_tiles: int  # tiles of 16 rows that a warp makes
     column_tiles: int  # tiles of 8 columns that a warp makes
-    row_warps: int = 1  # Warps beside each other along the rows
-    column_warps: int = 1  # Warps beside each other along the columns
-    depth_warps: int = 1  # Warps that share the terms of a sum
+    row_warps: int = 1  # warps beside each other along the rows
+    column_warps: int = 1  # warps beside each other along the columns
+    depth_warps: int = 1  # warps that share the terms of a sum
 
     @property
     def rows(self) -> int:

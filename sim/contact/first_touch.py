@@ -11,8 +11,8 @@ from sim.scene.indenter import IndenterSet, TurnedIndenter
 from sim.scene.pad import Pad
 from tacauchy_rig.core.arrays import FloatArray
 
-# Points, both ways, of grids on which touch is sought, each around the best of the one before; how
-# often indenters go down, and how near is touch [m].
+# Points along each side of the grids on which touch is sought, each around the best point of the
+# grid before; the most steps down, and the distance that counts as touch [m].
 _GRIDS = (61, 41, 41)
 _STEPS, _TOUCHES_M = 30, 1e-9
 
@@ -27,7 +27,10 @@ def _gaps(
     # Data in and out:
     gap_io: wp.array2d(dtype=wp.float64),
 ):
-    """Find how far points are at least from indenters that were lowered by what was left [m]."""
+    """Update lower bounds of the points' distances from indenters that were lowered [m].
+
+    The exact distance is computed only where the bound no longer exceeds the last step.
+    """
     b, p = wp.tid()
     least = gap_io[b, p] - lowered[b]
     if least <= lowered[b]:

@@ -40,15 +40,14 @@ class EndState:
 
     path: LoadingPath  # on the scene's own mesh
     point: PathPoint
-    # What the mesh of the way gives at the same depth or force; None where the scene's own mesh was
-    # the way's
+    # Outputs of the load-step mesh at the same depth or force; None if that is the scene's own mesh
     way: PressOutputs | None = None
-    # The path on that mesh; with all its states if they are kept
+    # Path on the load-step mesh, with all states if they are kept; None likewise
     way_path: LoadingPath | None = None
 
 
 def has_own_way(scene: Scene, plan: EffectPlan) -> bool:
-    """Return whether the way is gone on another mesh than the scene's."""
+    """Return whether the load steps use another mesh than the end state."""
     return (
         scene.path_refinement is not None
         and scene.contact is not ContactMode.BONDED

@@ -45,7 +45,7 @@ class Material:
     poisson: float  # Poisson's ratio nu, below 0.5
     law: str = LawName.STABLE_NEO_HOOKEAN
     density_kg_m3: float = 1000.0  # density [kg/m^3]
-    relaxation: tuple[RelaxationTerm, ...] = ()  # prony terms; none for an elastic gel
+    relaxation: tuple[RelaxationTerm, ...] = ()  # Prony terms; empty for an elastic gel
 
     def __post_init__(self) -> None:
         if not self.young_pa > 0.0:

@@ -59,12 +59,12 @@ class Motions(NamedTuple):
     inverse_inertias: FloatArray  # about the centres, along the world's axes, [count, 3, 3]
 
     def at(self, points_m: FloatArray) -> FloatArray:
-        """Return velocity [m/s] and spin at points of the bodies, shape [count, 6]."""
+        """Return velocity [m/s] and angular velocity [rad/s] at points, shape [count, 6]."""
         swept = np.cross(self.spins, points_m - self.centres_m)
         return np.column_stack([self.velocities + swept, self.spins])
 
     def mobility(self, points_m: FloatArray) -> FloatArray:
-        """Return acceleration and spin's change at points over wrenches there, [count, 6, 6]."""
+        """Return linear and angular acceleration at points per wrench there, [count, 6, 6]."""
         arms = np.tile(np.eye(6), (len(points_m), 1, 1))
         arms[:, :3, 3:] = np.cross((points_m - self.centres_m)[:, None], np.eye(3))
         inverse = np.zeros_like(arms)
@@ -83,7 +83,7 @@ class GelContact:
         edge_m: Edges of the gel's mesh [m]: shorter ones lower the error and take longer.
         friction: Coulomb coefficient between object and gel.
         loss_s: Viscous forces of the gel over its stiffness times speed [s]; 2 ms are a loss
-            tangent of 0.1 at 8 Hz (assumed: sensor files state none). ``wrench`` is without them.
+            tangent of 0.1 at 8 Hz (assumed: sensor files state none). ``wrench`` excludes them.
         device: Where the gels are computed, ``cpu`` or ``cuda:0``.
 
     Attributes:

@@ -50,11 +50,10 @@ class Connection:
         self.alive = True  # false once the client is gone; the owner then drops it
         self.delay_s = 0.0  # added to both directions [s], to imitate a slow network
         self.partial = b""  # text that is not complete yet
-        self.reader = PacketReader()  # of the packets of an RTDE client, as is what follows
-        # What it has set up to be sent and to send.
-        self.output: Recipe | None = None
-        self.inputs: list[Recipe] = []
-        self.every_cycles = 1  # how often it is sent a state, once ``started``
+        self.reader = PacketReader()  # this and the following fields belong to an RTDE client
+        self.output: Recipe | None = None  # fields that the client has asked to receive
+        self.inputs: list[Recipe] = []  # fields that the client has announced to send
+        self.every_cycles = 1  # cycles between two states that it is sent, once ``started``
         self.started = False
         self._unsent = bytearray()
         self._late_out: deque[tuple[float, bytes]] = deque()

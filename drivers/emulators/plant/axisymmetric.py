@@ -289,9 +289,9 @@ class Grip:
     """Where the surface was when the tip last stood still."""
 
     points: FloatArray  # (r, z) of its points from the tip [m], shape [point_count, 2]
-    # Along the tip, over Young's modulus, on the tip, likewise; zero out of contact.
-    pull: FloatArray
-    pressure: FloatArray  # likewise, shape [point_count]
+    # Tractions on the tip over Young's modulus, shape [point_count]; zero out of contact.
+    pull: FloatArray  # along the tip's surface
+    pressure: FloatArray
 
 
 class Springs:

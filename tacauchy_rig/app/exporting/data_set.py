@@ -35,7 +35,8 @@ def presses_of(folder: Path) -> Iterator[Episode]:
         rows = parquet().parquet.read_table(folder / INDEX).to_pylist()
     except (OSError, ValueError) as error:
         raise RecordError(
-            f"{folder / INDEX}: {error}", remedy="call the sweep once more: it writes it again"
+            f"{folder / INDEX}: {error}",
+            remedy="run the sweep once more: it writes the index again",
         ) from error
     valid = sorted((r for r in rows if r["valid"]), key=lambda r: (r["shard"], r["offset"]))
     if not valid:

@@ -193,7 +193,7 @@ class Judged:
     """A run compared with an earlier one."""
 
     run: ListedRun
-    state: GelState | None  # none where they cannot be compared; ``fault`` says why
+    state: GelState | None  # None where they cannot be compared; ``fault`` says why
     fault: str = ""
 
 

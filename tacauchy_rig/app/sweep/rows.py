@@ -36,7 +36,7 @@ from tacauchy_rig.core.errors import ConfigError, naming
 from tacauchy_rig.core.registry import Kind, load, unknown
 from tacauchy_rig.core.versions import installed
 
-_FORMAT = 2  # of what a row's outputs are; another computes all anew
+_FORMAT = 2  # of a row's outputs; after a change all rows are computed again
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +72,7 @@ _LIMITS = {
     "tilt_y": (-0.5, 0.5),
     "twist": (-1.6, 1.6),
 }
-"""Of variables, SI; the simulator was compared with nothing beyond."""
+"""Limits of variables, SI; nothing beyond them was compared with a reference."""
 
 
 def rows_of(plan: Plan, limit: int | None = None) -> tuple[Row, ...]:
@@ -98,8 +98,8 @@ def rows_of(plan: Plan, limit: int | None = None) -> tuple[Row, ...]:
     _check(rows)
     if len(sensors := {row.sensor for row in rows}) > 1 and (own := plan.simulation.optics):
         raise ConfigError(
-            f"simulation.optics = {own} with {len(sensors)} sensors",
-            remedy="write a plan for each sensor",
+            f"simulation.optics = {own} in a plan with {len(sensors)} sensors",
+            remedy="write one plan for each sensor",
         )
     for sensor in sensors:
         drawn_with(sensor, plan.simulation)
@@ -114,8 +114,8 @@ def _state_material(spreads: dict[str, Spread]) -> None:
     sensors = spreads["sensor"].choices
     if len(sensors) > 1:
         raise ConfigError(
-            f'press.material = "{STATED}" with {len(sensors)} sensors',
-            remedy='write { value = 1, uncertainty = "10 %" }, or a plan for each sensor',
+            f'press.material = "{STATED}" in a plan with {len(sensors)} sensors',
+            remedy='write { value = 1, uncertainty = "10 %" }, or one plan for each sensor',
         )
     share, _source = load_sensor(sensors[0]).young_uncertainty()
     spreads["material"] = Spread(between=(1.0, share), is_normal=True, is_ratio=True)
@@ -129,7 +129,7 @@ def _combined(plan: Plan, spreads: dict[str, Spread]) -> Any:
         if unsettled or plan.count:
             which = f"press.{unsettled[0]} has no steps" if unsettled else "count is given"
             raise ConfigError(
-                f"{which} in a design {plan.design}",
+                f"{which}, but the design is {plan.design}",
                 remedy="give lists, or from, to and steps, and no count; "
                 "latin-hypercube and sobol draw `count` presses from ranges",
             )
@@ -148,7 +148,8 @@ def _combined(plan: Plan, spreads: dict[str, Spread]) -> Any:
     else:
         if plan.count is None:
             raise ConfigError(
-                f"count: missing in a design {plan.design}", remedy="say how many presses to draw"
+                f"count is missing; the design is {plan.design}",
+                remedy="state how many presses to draw",
             )
         drawn = [n for n in names if spreads[n].between or len(spreads[n].choices) > 1]
         shares = dict(zip(drawn, _shares(plan, len(drawn), plan.count).T, strict=True))
@@ -160,7 +161,7 @@ def _combined(plan: Plan, spreads: dict[str, Spread]) -> Any:
 def _refuse_many(count: int) -> None:
     if count > PRESSES_MOST:
         raise ConfigError(
-            f"the plan has {count:,} presses, and at most {PRESSES_MOST:,} fit one",
+            f"the plan has {count:,} presses; at most {PRESSES_MOST:,} are allowed",
             remedy="take fewer steps, or draw them: design = 'sobol' with a count",
         )
 
@@ -199,7 +200,7 @@ def _check(rows: Sequence[Row]) -> None:
         with naming(f"press {number}"):
             if not isinstance(pad, BoxPad):
                 raise ConfigError(
-                    f"sensor {row.sensor}: its pad is no box", remedy="take a sensor with one"
+                    f"sensor {row.sensor}: its pad is a mesh", remedy="take a box or a dome"
                 )
             ends = [(row.x_m, row.y_m), (row.x_m + row.shift_x_m, row.y_m + row.shift_y_m)]
             if (inside := pad.distance_to_outline(np.array(ends))).min() <= 0.0:
@@ -216,7 +217,7 @@ def _check(rows: Sequence[Row]) -> None:
                 )
             if row.force_n is not None and not row.force_n > 0.0:
                 raise ConfigError(
-                    f"force = {row.force_n:.4g} N does not press", remedy="give more than 0 N"
+                    f"force = {row.force_n:.4g} N is not positive", remedy="give more than 0 N"
                 )
 
 

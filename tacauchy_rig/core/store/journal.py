@@ -47,7 +47,7 @@ class JournalLine:
     raw: bytes  # its bytes, without the newline
     number: object = None  # the number written in it; None in half a line
     previous: object = None  # SHA-256 of the line before it, as written in it
-    event: JournalEvent | None = None  # none for half a line, which a crash leaves
+    event: JournalEvent | None = None  # None for half a line, which a crash leaves
 
 
 def append_event(path: Path, event: JournalEvent) -> None:

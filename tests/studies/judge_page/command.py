@@ -18,22 +18,17 @@ from tacauchy_rig.core.tables import Cell, Table, table_of_rows
 PICTURE_PX = 800  # wide, for a page on a screen
 SHOWN = {"contact": None, "frame": ("ssim", "psnr_db")}
 """Scores of the tables of a judgement; None is all."""
-FORCE_AXIS = 2  # of F
 
 
 def judge_page(
     folders: Annotated[
         list[Path], typer.Argument(metavar="DIR...", help="That `judge` wrote, each.")
     ],
-    bench: Annotated[
-        list[Path] | None,
-        typer.Option("--bench", metavar="FILE", help="Of `bench --part scenes --peer libuipc`."),
-    ] = None,
     out: Annotated[Path, typer.Option("--out", help="The page.")] = Path("docs/results/judged.md"),
 ) -> None:
-    """Write judgements as one page, with their pictures, and forces of a benchmark beside them.
+    """Write judgements as one page, with their pictures.
 
-    Example: judge-page judged-mini judged-dry --bench docs/results/benchmarks/h200_balls.json
+    Example: judge-page judged-mini judged-dry
     """
     from tacauchy_rig.core.page import page
 
@@ -55,15 +50,12 @@ def judge_page(
             }
         )
         say(f"{name}: {len(judged['simulators'])} simulators, {len(runs[-1]['lost'])} scores lost")
-    forces = [row for path in bench or () for row in _forces(path)]
-    benches = " ".join(f"--bench docs/results/benchmarks/{path.name}" for path in bench or ())
-    facts = {"runs": runs, "benches": benches, "forces": table_of_rows(forces) if forces else None}
-    write_text(out, page("tests.studies.judge_page", "judge_page.md.jinja", facts))
+    write_text(out, page("tests.studies.judge_page", "judge_page.md.jinja", {"runs": runs}))
     say(f"page {out}")
 
 
 def _json(path: Path) -> Any:
-    data = read_bytes(path, what="a judgement or a benchmark")
+    data = read_bytes(path, what="a judgement")
     try:
         return json.loads(data)
     except ValueError as error:
@@ -133,31 +125,3 @@ def _times(judged: Mapping[str, Any]) -> list[str]:
         f"{'Fitted to these same presses. ' if each['fitted_to_these'] else ''}{each['note']}"
         for each in judged["simulators"]
     ]
-
-
-def _forces(path: Path) -> list[dict[str, Cell]]:
-    """Return F_z of ours and of the peer in scenes of a given depth, beside the reference."""
-    found = _json(path)
-    if not {"groups", "peers", "references"} <= set(found):
-        raise RecordError(
-            f"{path}: has no forces of another engine beside a reference",
-            remedy="`bench --part scenes --peer libuipc --against FILE` writes them",
-        )
-    alone = [row for group in found["groups"] for row in group if row["environments"] == 1]
-    rows = []
-    for ours in alone:
-        reference = found["references"].get(ours["scene"])
-        if reference is None or "depth" not in reference["stated"]:
-            continue
-        true_n = reference["press"]["force_n"][FORCE_AXIS]
-        row: dict[str, Cell] = {"scene": ours["scene"], "reference [N]": f"{true_n:.3f}"}
-        peers = [row for group in found["peers"] for row in group]
-        others = [r for r in peers if r["environments"] == 1 and r["scene"] == ours["scene"]]
-        for name, each in [("ours", ours), *((other["engine"], other) for other in others)]:
-            press = each["press"]
-            force_n = None if press is None else press["force_n"][FORCE_AXIS]
-            shown = None if force_n is None else f"{force_n:.3f} ({force_n / true_n - 1:+.1%})"
-            row[f"{name} [N]"] = shown
-            row[f"{name} [ms]"] = None if press is None else f"{1e3 * press['wall_s']:.0f}"
-        rows.append(row)
-    return rows

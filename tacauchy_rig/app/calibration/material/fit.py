@@ -39,9 +39,10 @@ _SHARES = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
 """Depths that are solved, of the deepest, which lies so far beyond the deepest measured one."""
 _BEYOND, _REFINEMENT, _LEAST_SHARE = 1.15, 1.4, 0.02
 _MESH, _JITTER = 0.01, 0.005
-"""Relative standard uncertainty of all of an indenter's forces, and of each: seven presses of a
-ball and a punch on the mesh of preset balanced differ by -0.7 to +1.8 %. In a batch, on the mesh of
-``sensor_model`` with edges of 1.25 mm, a press takes as long and is uncertain by 4 to 8 %."""
+"""Relative standard uncertainties: one that all forces of an indenter share, and one of each force.
+Interpolated forces differ by -0.7 to +1.8 % from those of seven presses (five of a ball, two of a
+punch) on the mesh of preset balanced. A ``Batch`` with edges of 1.25 mm takes as long for a press
+and is uncertain by 4 to 8 %."""
 _SHARED = ("gain", "gel height", "dome along x", "dome along y")
 """What is the same for all indenters: it is the cell's and the gel's."""
 _FITTED = ("Poisson's ratio", "friction")
@@ -158,8 +159,8 @@ class Interval:
     """Best value and 95 % interval of a profile likelihood."""
 
     best: float
-    low: float | None  # none where the interval is open: smaller values do as well
-    high: float | None  # none likewise
+    low: float | None  # None where smaller values fit as well
+    high: float | None  # None where larger values fit as well
 
     @property
     def uncertainty(self) -> float | None:

@@ -33,15 +33,16 @@ _SAME_DEPTH_M = 1e-6
 class IndenterPresses:
     """What was measured with one indenter."""
 
-    config: RigConfig  # says what is uncertain of indenter, mounting, cell and heights
+    config: RigConfig  # states the uncertainties of indenter, mounting, cell and heights
     inputs: ReplayInputs
     contact_force_n: float  # force from which depths count [N]; 0 is first touch
-    press: IndexArray  # number of the press that each point is of, shape [point_count]
-    depth_m: FloatArray  # depths [m], likewise, and forces and their noise [N]
+    # Of each point, shape [point_count]: number of its press, depth, force, and the force's noise
+    press: IndexArray
+    depth_m: FloatArray
     force_n: FloatArray
     noise_n: FloatArray
-    found: tuple[FoundValue, ...] = ()  # tilt and place that the run gave
-    simulated: bool = False  # a recorded run's devices were emulated
+    found: tuple[FoundValue, ...] = ()  # tilt and place that the run's replay fitted
+    simulated: bool = False  # whether the run's devices were emulated
 
     @property
     def name(self) -> str:
@@ -113,13 +114,13 @@ def _refuse(groups: Sequence[IndenterPresses]) -> None:
         )
     if groups and groups[0].inputs.sensor.layers:
         raise ConfigError(
-            f"the gel of {sensors[0]} has layers, and forces do not say which is meant",
-            remedy="give a sensor of one material",
+            f"the gel of {sensors[0]} has layers, and the fit finds the modulus of one material",
+            remedy="give a sensor without layers",
         )
     for each in groups:
         if not isinstance(each.inputs.indenter, Cylinder | Sphere):
             raise ConfigError(
-                f"{each.name}: a response takes 11 presses, of triangles minutes each",
+                f"{each.name}: the fit simulates 11 presses, which take minutes each for a mesh",
                 remedy="press with a ball or a cylinder",
             )
 

@@ -72,7 +72,10 @@ def material(
         say(f"{group.name}: {len(group.force_n)} forces; solving")
         data.append((group, respond(group, jobs=jobs)))
         mesh, own = data[-1][1].uncertain
-        say(f"  surrogate uncertain by {mesh:.1%} of all forces, {own:.1%} of each (standard)")
+        say(
+            "  standard uncertainty of the interpolated forces: "
+            f"{mesh:.1%} shared by all, {own:.1%} of each"
+        )
         if group.scatter_n is not None:
             say(f"  repeats scatter by {group.scatter_n:.2g} N")
     fit = GelFit(data=data)
@@ -138,7 +141,7 @@ def _show(fit: GelFit, told: list[Interval], priors: dict[int, tuple[float, floa
         say(f"{name:19} {_written(told[place], factor, unit)}{assumed}")
     for presses, zeros_m in fit.zeros():
         shown = ", ".join(f"{1e3 * zero:+.3f}" for zero in zeros_m.tolist())
-        say(f"{presses.name}: forces fit depths that count {shown} mm more")
+        say(f"{presses.name}: fitted zeros of depth: add {shown} mm to the depths")
 
 
 def _written(found: Interval, factor: float, unit: str) -> str:

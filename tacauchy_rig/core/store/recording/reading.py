@@ -42,10 +42,10 @@ class ForceArrays:
 
     stamp_ns: Int64Array  # arrival on this host [ns], shape [n]
     counter: Int64Array  # the box's package number, unwrapped, shape [n]
-    wrench: FloatArray  # fx, Fy, Fz [N], Mx, My, Mz [N m], shape [n, 6]
+    wrench: FloatArray  # Fx, Fy, Fz [N], Mx, My, Mz [N m], shape [n, 6]
 
     def between(self, start_ns: int | None, end_ns: int | None) -> FloatArray:
-        """Return the wrenches of a window, both ends included, shape [m, 6]; none without one."""
+        """Return the wrenches of a window, both ends included, shape [m, 6]; empty without one."""
         if start_ns is None or end_ns is None:
             return np.empty((0, 6))
         return self.wrench[(self.stamp_ns >= start_ns) & (self.stamp_ns <= end_ns)]

@@ -63,12 +63,12 @@ def test_tolerance_chooses_the_preset(tmp_path: Path) -> None:
     file = tmp_path / "press.json"
     done = CliRunner().invoke(app, [*scene, "--tolerance", "20%", "--json", str(file)])
     assert done.exit_code == 0
-    assert done.stdout.splitlines()[0].endswith("preset fast, edges on the way 2 times as long")
+    assert done.stdout.splitlines()[0].endswith("preset fast, load-step edges 2 times as long")
     assert "force at 0.05 mm: error believed to be" in done.stdout
     assert "cost       " in done.stdout
-    assert "better     preset fast, edges 0.714 times as long, edges on the way" in done.stdout
+    assert "better     preset fast, edges 0.714 times as long, load-step edges" in done.stdout
     found = json.loads(file.read_text("utf-8"))
-    assert found["preset"] == "fast, edges on the way 2 times as long"
+    assert found["preset"] == "fast, load-step edges 2 times as long"
     assert found["guaranteed"] == "force"
     assert found["guaranteed_error_relative"] == found["corrected"]["error_relative"] <= 0.2
     assert found["corrected"]["force_n"] < found["force_n"][2]
@@ -88,7 +88,7 @@ def test_a_plan_states_tolerances_cost_and_neighbours(tmp_path: Path) -> None:
     for line in ("allowed of force", "trying took", "cost       about", "cheaper    ", "better  "):
         assert line in done.stdout
     between = CliRunner().invoke(app, ["plan", *DISC, *PRESS[:4], "--tolerance", "1%"])
-    assert "preset: fast, edges 0.714 times as long, edges on the way 2 times" in between.stdout
+    assert "preset: fast, edges 0.714 times as long, load-step edges 2 times" in between.stdout
     found = json.loads(file.read_text("utf-8"))
     assert found["tolerances"]["force"] == 0.02
     assert found["time_over_fast"] > 1.0
