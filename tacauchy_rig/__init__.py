@@ -1,4 +1,4 @@
-"""From a recorded press on a tactile sensor to a replay matched in force and an honest report.
+"""Record presses on a tactile sensor, simulate them at the measured forces, and report both.
 
 Everything that a notebook or another program needs is imported from here::
 

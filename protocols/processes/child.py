@@ -57,7 +57,7 @@ def _unforeseen(name: str, error: Exception) -> RigError:
     if refused or isinstance(error, MemoryError):
         return RigError(
             f"{name}: out of memory",
-            remedy="look where the arm stands; end other programs or lift `ulimit -v`, then "
+            remedy="check where the arm is; end other programs or lift `ulimit -v`, then "
             "`tacauchy-rig resume` continues",
         )
     return RigError(

@@ -114,7 +114,7 @@ def _descend(cycle: Cycle, floor_m: float) -> float:
     while reading.arm.pose.position[2] > floor_m:
         if reading.now_ns > deadline_ns:
             raise BreachError(
-                f"robot: it did not go down by {TRAVEL_M * 1e3:g} mm when it was told to",
+                f"robot: it did not go down by {TRAVEL_M * 1e3:g} mm when commanded",
                 limit="robot.air_press",
                 reaction=Reaction.HOLD,
                 remedy="see the speed slider on the pendant and robot.tool_rotation",

@@ -165,7 +165,7 @@ def _causes(check: ForceCheck, *, uncertainty_n: float) -> Iterator[str]:
     if all(tare.deviation[FZ] == 0.0 for tare in tares):
         yield "the cell has no noise, so it is stuck: switch the box off and on"
     elif math.hypot(check.measured_n, check.sideways_n) < NOTHING_SHARE * weight_n:
-        yield "the cell felt next to nothing: did the weight hang on the tool, touching nothing"
+        yield "the cell measured almost nothing: did the weight hang freely on the tool"
         yield "is the cell plugged into the box; does the box read in kN"
     elif abs(check.drift_n) > 0.5 * weight_n:
         yield (
@@ -179,9 +179,8 @@ def _causes(check: ForceCheck, *, uncertainty_n: float) -> Iterator[str]:
         )
     elif abs(check.measured_n) < check.sideways_n:
         yield (
-            "the weight was felt across the cell's axis: the tool does not point straight "
-            "down, the cell is mounted on its side, or its decoupling matrix (AT+DCPM) swaps "
-            "axes"
+            "the weight acts across the cell's axis: the tool does not point straight down, "
+            "the cell is mounted on its side, or its decoupling matrix (AT+DCPM) swaps axes"
         )
     else:
         yield from _causes_along_the_axis(check, uncertainty_n=uncertainty_n)

@@ -34,7 +34,7 @@ COMMANDS = {
     "import": "tacauchy_rig.app.cli.others:import_",
     **_of("others", "judge"),
 }
-"""Where each command is; a new one is a name here and in ``PANELS``."""
+"""Place of each command; a new command needs an entry here and in ``PANELS``."""
 
 PANELS = {
     "At the rig": ("run", "dry-run", "resume", "doctor", "check-press", "emulate"),
@@ -45,7 +45,7 @@ PANELS = {
     "Settings": ("config",),
     "Studies": ("study",),
 }
-"""The headings of the help, and what stands below each."""
+"""The headings of the help, and the commands below each."""
 
 _STUDIES = ("accuracy", "hard-cases", "effects", "verify", "modes", "objects", "paper", "bench")
 GROUPS = {
@@ -59,7 +59,7 @@ GROUPS = {
         },
     ),
     "emulate": (
-        "Start emulated devices, make them fail, and write what an emulated sensor shows.",
+        "Start emulated devices, inject faults, and write ball presses of an emulated sensor.",
         _of("emulate", "start", "presses", "fault"),
     ),
     "config": (
@@ -74,7 +74,7 @@ GROUPS = {
         _of("studies", *_STUDIES),
     ),
 }
-"""Of each group what its help says, and where its commands are."""
+"""Help and commands of each group."""
 
 _CHECKS = (
     *("fault-table", "page-check", "mounting-check", "gel-check", "press-check"),
@@ -104,7 +104,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    help="From a recorded tactile press to a force-matched replay and an honest report.",
+    help="Record tactile presses, simulate them at the measured forces, and report both.",
 )
 for _name, (_help, _places) in GROUPS.items():
     _group = lazy_group(_places, moved=_MOVED_IN.get(_name))

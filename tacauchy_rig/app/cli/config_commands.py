@@ -1,4 +1,4 @@
-"""``tacauchy-rig config``: show where each value came from, and write an example."""
+"""``tacauchy-rig config``: show values with their origin, and write an example."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tacauchy_rig.core.errors import ConfigError
 
 
 def show(path: ConfigFile = None, overrides: Overrides = None, json_file: JsonFile = None) -> None:
-    """List every field, its value and where it came from; refuse what no replay is made with.
+    """List every field with its value and origin; refuse settings that cannot be replayed.
 
     Example: tacauchy-rig config show rig.toml
     """
@@ -58,7 +58,7 @@ def example(
 
 
 def show_ceilings(json_file: JsonFile = None) -> None:
-    """Write how far each value may go on any rig, and why.
+    """Print the limits of each value on any rig, and why.
 
     Example: tacauchy-rig config ceilings
     """

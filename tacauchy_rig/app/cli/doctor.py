@@ -1,4 +1,4 @@
-"""``doctor`` and ``check-press``: what is wrong with computer, devices or gel, and what to do."""
+"""``doctor`` and ``check-press``: faults of computer, devices and gel, and their remedies."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def doctor(
     overrides: Overrides = None,
     json_file: JsonFile = None,
     host_only: Annotated[
-        bool, typer.Option("--host-only", help="Ask no device, only this computer.")
+        bool, typer.Option("--host-only", help="Check only this computer, no device.")
     ] = False,
 ) -> None:
     """Check ports, permissions, rates, disk, replay, robot and clock; nothing moves.
@@ -66,7 +66,7 @@ def _show(check: CheckResult) -> None:
 
 
 USUAL_N = 2.0
-"""Enough to measure modulus and image, and harmless to any gel."""
+"""Force of the press: enough to measure modulus and image, and harmless to any gel."""
 
 
 def check_press(
@@ -77,13 +77,13 @@ def check_press(
         Path | None,
         typer.Argument(
             metavar="CONFIG|RUN",
-            help="A rig.toml to press by, or a later run; the dry run's if absent.",
+            help="A rig.toml to press with, or a later run; the dry run's if absent.",
         ),
     ] = None,
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Press once and say whether the sensor is still what it was in an earlier run.
+    """Press once and report whether the sensor has changed since an earlier run.
 
     Example: tacauchy-rig check-press runs/20261101-090000-first rig.toml
     """

@@ -22,10 +22,9 @@ if TYPE_CHECKING:
 def start(
     path: ConfigFile = None,
     devices: Annotated[
-        list[Device] | None,
-        typer.Option("--device", help="Which to emulate; all of them if absent."),
+        list[Device] | None, typer.Option("--device", help="Device to emulate; all if absent.")
     ] = None,
-    folder: Annotated[Path | None, typer.Option(help="Where sockets, traces and logs go.")] = None,
+    folder: Annotated[Path | None, typer.Option(help="Folder of sockets, traces and logs.")] = None,
     follow: Annotated[
         str | None, typer.Option(help="Robot whose reported pose moves the indenter.")
     ] = None,
@@ -84,19 +83,20 @@ def _serve(emulation: Emulation, stop: threading.Event) -> None:
 
 
 def presses(
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the images go.")],
-    sensor: Annotated[str, typer.Option(help="Name or file.")] = "gelsight-mini",
-    count: Annotated[int, typer.Option(min=5, help="How many presses.")] = 40,
-    seed: Annotated[int, typer.Option(min=0, help="Draws the emulated world.")] = 7,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder of the images.")],
+    sensor: Annotated[str, typer.Option(help="Sensor by name or TOML file.")] = "gelsight-mini",
+    count: Annotated[int, typer.Option(min=5, help="Number of presses.")] = 40,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the emulated world.")] = 7,
     first: Annotated[
-        int, typer.Option(min=1, help="Number of the first press: 41 is unseen by 40.")
+        int, typer.Option(min=1, help="Number of the first press: 41 continues after 40.")
     ] = 1,
     noise_free: Annotated[
-        bool, typer.Option("--noise-free", help="Without noise and JPEG, and say what they are.")
+        bool,
+        typer.Option("--noise-free", help="Without noise and JPEG; prints what they would add."),
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Write the ball presses of an emulated sensor, to rehearse its calibration with.
+    """Write ball presses of an emulated sensor, to rehearse a calibration.
 
     Example: tacauchy-rig emulate presses --out presses --count 40
     """
@@ -142,12 +142,12 @@ def fault(
     ],
     json_file: JsonFile = None,
 ) -> None:
-    """Tell a running emulated device to fail.
+    """Send a fault to a running emulated device.
 
     Example: tacauchy-rig emulate fault FOLDER force_sensor:scale=0.1@1s+2s
     """
     from drivers.emulators.process import post_fault
 
     post_fault(folder, parse_fault(text))
-    say(f"told {folder}: {text}")
+    say(f"sent to {folder}: {text}")
     write_json(json_file, {"folder": folder, "fault": text})

@@ -29,7 +29,10 @@ def replay(
     folder: RunFolder,
     tolerance: Annotated[
         str | None,
-        typer.Option(metavar="0.02N|1%", help="Take the cheapest preset that keeps F_z within it."),
+        typer.Option(
+            metavar="0.02N|1%",
+            help="Take the cheapest preset that keeps the error of F_z within it.",
+        ),
     ] = None,
     optics: Annotated[
         Path | None,
@@ -42,8 +45,8 @@ def replay(
         bool,
         typer.Option(
             "--watch",
-            help="Instead, have a twin follow the recorded forces, and write a page with a time "
-            "slider: camera and twin, pressure, shear, residual.",
+            help="Only let a twin follow the recorded forces, and write a page with a time slider: "
+            "camera and twin, pressure, shear, residual.",
         ),
     ] = False,
     json_file: JsonFile = None,
@@ -92,7 +95,7 @@ def _watch(run: RunReading, given: Path | None) -> None:
 
 
 def report(folder: RunFolder, json_file: JsonFile = None) -> None:
-    """Write the report of a run again from what was recorded and replayed.
+    """Write the report of a run again from its recording and replay.
 
     Example: tacauchy-rig report runs/20261123-gelsight-mini
     """
@@ -102,7 +105,7 @@ def report(folder: RunFolder, json_file: JsonFile = None) -> None:
 
 
 def recover(folder: RunFolder, json_file: JsonFile = None) -> None:
-    """Repair what was cut off, and check journal, results and recordings; 1 if not all is whole.
+    """Repair interrupted recordings and check a run's files; exit code 1 if something is lost.
 
     Example: tacauchy-rig recover runs/20261123-gelsight-mini
     """
@@ -227,9 +230,9 @@ def export(
         Path,
         typer.Argument(
             metavar="SOURCE",
-            help="A run's folder; that of a sweep (lerobot, hdf5, rosbag2, webdataset); one of "
-            "`press --out` (vtu, usd); what `calibrate optics` wrote, or a sensor's name for its "
-            "optics (isaaclab, taxim, tacex), body (usd) or pressure-law.",
+            help="Folder of a run, of a sweep (lerobot, hdf5, rosbag2, webdataset) or of `press "
+            "--out` (vtu, usd); file of `calibrate optics` (isaaclab, taxim, tacex); or name of a "
+            "sensor (isaaclab, taxim, tacex, usd, pressure-law).",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder to write to.")],
@@ -237,11 +240,11 @@ def export(
     sensor: Annotated[str, typer.Option(help="The sensor that was calibrated.")] = "gelsight-mini",
     background: Annotated[
         Path | None,
-        typer.Option(metavar="IMAGE", help="Its no-contact frame; without it, even grey."),
+        typer.Option(metavar="IMAGE", help="Its no-contact frame; an even grey if absent."),
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Write what other programs read.
+    """Export runs, data sets, presses, calibrations and sensors to other programs.
 
     Example: tacauchy-rig export runs/20261123-gelsight-mini exported --to lerobot
     """
@@ -263,9 +266,9 @@ def serve(
     port: Annotated[int, typer.Option(min=0, help="0 takes a free one.")] = 0,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
 ) -> None:
-    """Serve a page of runs: verdicts, reports, two beside each other, a sensor's health.
+    """Serve pages of runs: verdicts, reports, comparison of two runs, health of a sensor.
 
-    It changes nothing, and is reached from this machine alone, by the address that is printed.
+    It changes nothing. Only this machine can reach the printed address.
 
     Example: tacauchy-rig serve runs --open
     """

@@ -1,4 +1,4 @@
-"""Commands that are imported when they are called or explained: others are not waited for."""
+"""Commands that are imported only when they are called or their help is shown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is asked of the person at the rig: a word before it moves, a weight on the cell."""
+"""Requests to the operator: confirmation before the arm moves, and a weight on the cell."""
 
 from __future__ import annotations
 

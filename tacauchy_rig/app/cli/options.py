@@ -32,14 +32,9 @@ Overrides = Annotated[
     typer.Option("--set", metavar="TABLE.FIELD=VALUE", help="Change one field; may be repeated."),
 ]
 JsonFile = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="Write what was found there as JSON.")
+    Path | None, typer.Option("--json", metavar="FILE", help="Write the results as JSON.")
 ]
-Jobs = Annotated[
-    int,
-    typer.Option(
-        "--jobs", metavar="N", min=1, help="How many to run at once, each in a process of its own."
-    ),
-]
+Jobs = Annotated[int, typer.Option("--jobs", metavar="N", min=1, help="Number of processes.")]
 
 
 def takes(

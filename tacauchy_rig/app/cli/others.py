@@ -25,15 +25,16 @@ def import_(
             metavar="SOURCE", help="A folder with import.toml, that file, or the taxim wheel."
         ),
     ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where runs go.")] = Path("runs"),
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the new run.")] = Path(
+        "runs"
+    ),
     init: Annotated[
-        bool,
-        typer.Option("--init", help="Write the folder's import.toml with guesses, and do no more."),
+        bool, typer.Option("--init", help="Only write the folder's import.toml with guesses.")
     ] = False,
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Make a run folder of others' recordings; what they do not tell stays unknown.
+    """Make a run folder from other recordings; what they do not state stays unknown.
 
     Example: tacauchy-rig import presses --init, then tacauchy-rig import presses --out runs
     """
@@ -93,14 +94,15 @@ class Baseline(StrEnum):
 
 def judge(
     run: Annotated[
-        Path, typer.Option(metavar="RUN", help="Whose presses: a run's or an import's folder.")
+        Path,
+        typer.Option(metavar="RUN", help="Folder of the run or import whose presses are scored."),
     ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the page goes.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the page.")],
     folders: Annotated[
         list[Path] | None,
         typer.Argument(
             metavar="[FOLDER...]",
-            help="A simulator's outputs each: docs/reference/file-formats.md.",
+            help="Outputs of a simulator, as docs/reference/file-formats.md describes them.",
         ),
     ] = None,
     ours_folder: Annotated[
@@ -108,24 +110,24 @@ def judge(
         typer.Option(
             "--ours",
             metavar="FOLDER",
-            help="What stands for ours in place of the run's replay: `calibrate optics --outputs`.",
+            help="Outputs of `calibrate optics --outputs`, in place of the run's replay.",
         ),
     ] = None,
     baselines: Annotated[
         list[Baseline] | None,
         typer.Option(
             "--baseline",
-            help="Judge this too, and write what it shows to DIR/NAME. rigid: the indenter's shape "
+            help="Score this too, and write its outputs to DIR/NAME. rigid: the indenter's shape "
             "cut into the gel at the measured depth, without mechanics; may be repeated.",
         ),
     ] = None,
     is_task: Annotated[
         bool,
-        typer.Option("--task", help="Write what a simulator has to know of the presses instead."),
+        typer.Option("--task", help="Only write what a simulator needs to know about the presses."),
     ] = False,
     json_file: JsonFile = None,
 ) -> None:
-    """Score simulators beside ours on one page, with the floors and the ceiling of a report.
+    """Score other simulators beside ours, with the floors and the ceiling of a report.
 
     Example: tacauchy-rig judge theirs --run runs/20261123-dry-run --out judged
     """
@@ -139,7 +141,7 @@ def judge(
     evidence = evidence_of(reading)
     if is_task:
         write_task(writable_folder(out), reading, evidence)
-        say(f"wrote what is asked of {len(evidence.trials)} presses to {out}")
+        say(f"wrote the task of {len(evidence.trials)} presses to {out}")
         return
     written = [_write_baseline(each, reading, out) for each in dict.fromkeys(baselines or ())]
     others = read_folders([*(folders or ()), *written], evidence)

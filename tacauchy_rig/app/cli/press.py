@@ -38,7 +38,7 @@ def press(
         ),
     ] = True,
     time_limit: Annotated[
-        str | None, typer.Option(metavar="TIME", help="How long it may take, such as 60s or 5min.")
+        str | None, typer.Option(metavar="TIME", help="Longest time, such as 60s or 5min.")
     ] = None,
     output: OutputOption = None,
     json_file: JsonFile = None,
@@ -51,7 +51,7 @@ def press(
         ),
     ] = None,
 ) -> None:
-    """Press once in the simulator and say what it took.
+    """Simulate one press; print force, depth, their errors and the cost.
 
     Example: tacauchy-rig press --sensor gelsight-mini --indenter sphere:diameter=8mm --force 2N
     """
@@ -91,7 +91,7 @@ def press(
 
 @states_a_scene
 def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = None) -> None:
-    """Say what a press would be simulated with, and why; effects are tried on coarse meshes.
+    """Print mesh and effects that a press would be simulated with, and why.
 
     Example: tacauchy-rig plan --sensor gelsight-mini --indenter sphere:diameter=8mm --force 2N
     """
@@ -163,15 +163,15 @@ def cost_lines(
     *,
     quantity: str = "force",
 ) -> Iterator[str]:
-    """Return lines on the believed error, the cost, and the next cheaper and better settings.
+    """Return lines on the estimated error, the cost, and the next cheaper and better settings.
 
     Args:
         quantity: Whose error it is, in words.
         basis: How the error is known, or why not.
         cost: Of the settings used.
     """
-    believed = "not known" if error_relative is None else f"{error_relative:.1%}"
-    yield f"{quantity} error believed to be {believed}: {basis}"
+    error = "not known" if error_relative is None else f"{error_relative:.1%}"
+    yield f"{quantity} estimated error {error}: {basis}"
     yield f"cost       {cost}"
     for other in others:
         yield f"{other.role:10} {other}"

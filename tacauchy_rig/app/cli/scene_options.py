@@ -16,7 +16,7 @@ OutputOption = Annotated[
     typer.Option(
         "--output",
         metavar="OUTPUT",
-        help=f"What else is asked for, of {', '.join(Output)}; may be repeated.",
+        help=f"An output that gets a stated error: {', '.join(Output)}; may be repeated.",
     ),
 ]
 
@@ -33,25 +33,25 @@ _HELP: dict[str, str] = {
     "indenter": "cylinder:diameter= (and ,fillet=), sphere:diameter=, plane or mesh:FILE",
     "sensor": "Sensor by name or TOML file.",
     "pad": "box:LxWxHmm, disc:radius=,height= or mesh:FILE,unit=mm",
-    "depth": "Travel, such as 0.5mm.",
-    "force": "Target, such as 4.7332N.",
-    "at": "Where the tip comes down on the pad, such as 1,0.5mm.",
-    "shift": "Motion once pressed in, along x, or as 0.3,0.1mm.",
-    "twist": "Turn about z once pressed in, such as 5deg.",
-    "tilt": "Of the indenter about x and y, such as 2,0deg.",
-    "young": "Such as 0.3MPa.",
-    "poisson": "Such as 0.48.",
-    "layer": "share=, young= and poisson=, joined by commas; once a layer, from the base upwards.",
+    "depth": "Depth below first touch, such as 0.5mm.",
+    "force": "Force to press to, such as 4.7332N.",
+    "at": "Position of the tip on the pad, such as 1,0.5mm.",
+    "shift": "Motion after the press: along x, or x and y as in 0.3,0.1mm.",
+    "twist": "Turn about z after the press, such as 5deg.",
+    "tilt": "Tilt of the indenter about x and y, such as 2,0deg.",
+    "young": "Young's modulus, such as 0.3MPa.",
+    "poisson": "Poisson's ratio, such as 0.48.",
+    "layer": "share=, young= and poisson=, joined by commas; one for each layer, from the base up.",
     "law": f"One of {', '.join(LawName)}, or another package's.",
     "contact": "frictionless, bonded or friction:MU.",
-    "duration": "Time that the press takes; 1 s if not given.",
+    "duration": "Duration of the press; 1 s if absent.",
     "preset": f"{', '.join(Preset)}; balanced, unless --tolerance chooses one.",
     "mesh": "Settings of fTetWild, for scenes that it meshes: l_r=, epsilon_r=, stop_energy=, "
     "dihedral_min=; those left out are the preset's.",
-    "tolerance": "0.02N or 2%: take the cheapest meshes that keep the corrected F_z within it, or "
-    "the depth where --force is given; with --preset, leave out effects within it. shear=5% and "
-    "the like, joined by commas, for other outputs.",
-    "effect": "Overrule the plan: NAME=on or NAME=off; may be repeated.",
+    "tolerance": "0.02N or 2%: take the cheapest meshes that keep the error of the corrected F_z "
+    "within it (with --force: of the depth). With --preset it only decides which effects are left "
+    "out. For other outputs add shear=5% and the like, joined by commas.",
+    "effect": "Switch an effect NAME=on or NAME=off against the plan; may be repeated.",
     "drive": f"How a force is reached: {' or '.join(Drive)}.",
 }
 _FURTHER: dict[str, dict[str, Any]] = {
@@ -72,4 +72,4 @@ def _option(name: str) -> Any:
 
 
 states_a_scene = takes(SceneTerms, option=_option)
-"""Gives a command the options of a scene; what they say is its first argument."""
+"""Gives a command the options of a scene; their values are its first argument."""

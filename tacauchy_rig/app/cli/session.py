@@ -52,7 +52,7 @@ class Request:
         str | None,
         typer.Option(
             metavar="MASS",
-            help="Check the cell by a weight of this mass before anything moves: 200g, 200g+-1g.",
+            help="Check the cell with a weight of this mass before anything moves: 200g, 200g+-1g.",
         ),
     ] = None
     page: Annotated[
@@ -108,7 +108,7 @@ class Request:
 
 @takes(Request)
 def dry_run(request: Request, overrides: Overrides = None) -> None:
-    """Run the whole loop on emulated hardware: six presses, their replay and the report.
+    """Make six presses on emulated hardware, replay them and report.
 
     Example: tacauchy-rig dry-run --set protocol.force_targets='["1 N", "3 N"]'
     """
@@ -126,7 +126,7 @@ def dry_run(request: Request, overrides: Overrides = None) -> None:
 
 @takes(Request)
 def run(request: Request, path: RequiredConfigFile, overrides: Overrides = None) -> None:
-    """Press as a configuration says, replay and report.
+    """Make the presses of a configuration, replay them and report.
 
     Example: tacauchy-rig run rig.toml --page 8080
     """
@@ -146,8 +146,7 @@ def resume(
         typer.Option(
             "--set",
             metavar="TABLE.FIELD=VALUE",
-            help="Change how a device is reached or a limit; may be repeated. Noted in the "
-            "journal.",
+            help="Change a device's address or a limit; may be repeated. Noted in the journal.",
         ),
     ] = None,
     again: Annotated[

@@ -32,15 +32,15 @@ def accuracy(
     seed: Annotated[
         list[int] | None,
         typer.Option(
-            help="Meshes of about the same sizes, 0 the presets' own; others are compared with "
-            "the first. May be repeated."
+            help="Draws meshes of about the same sizes; 0: the presets' own. The first is compared "
+            "with the others. May be repeated."
         ),
     ] = None,
     tolerances: Annotated[
-        bool, typer.Option("--tolerances", help="Judge what --tolerance keeps, on twenty scenes.")
+        bool, typer.Option("--tolerances", help="Test --tolerance on twenty scenes.")
     ] = False,
 ) -> Study:
-    """Press with many settings and show each one's error against its time.
+    """Press with many settings; compare their errors and times.
 
     Example: tacauchy-rig study accuracy --sensor digit --force 2N --out accuracy
     """
@@ -63,7 +63,7 @@ def _similarity(exact: ImageArray, found: ImageArray, maps: HeightMaps) -> tuple
 
 @study_command
 def hard_cases() -> Study:
-    """Measure the simulator's hard cases, each in a process of its own.
+    """Simulate hard cases, each in its own process.
 
     Example: tacauchy-rig study hard-cases --only 1 --only 14
     """
@@ -74,13 +74,13 @@ def hard_cases() -> Study:
 
 @study_command
 def effects(
-    random: Annotated[int, typer.Option(metavar="N", help="Draw so many scenes instead.")] = 0,
-    seed: Annotated[int, typer.Option(help="What the scenes are drawn with.")] = 0,
+    random: Annotated[int, typer.Option(metavar="N", help="Draw this many scenes instead.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the drawn scenes.")] = 0,
     errors: Annotated[
-        bool, typer.Option("--errors", help="Judge stated errors too, by a finer mesh.")
+        bool, typer.Option("--errors", help="Compare the stated errors with a finer mesh too.")
     ] = False,
 ) -> Study:
-    """Press scenes under their plans and with everything on; say what that changes and costs.
+    """Press scenes with their planned effects and with all; compare outputs and times.
 
     A scene has 60 s if --limit is not given; one that takes longer is left, and named.
 
@@ -93,7 +93,7 @@ def effects(
 
 @study_command
 def verify() -> Study:
-    """Press what has a known answer, and say how far off the simulator is; takes minutes.
+    """Compare presses with known solutions; takes minutes.
 
     Example: tacauchy-rig study verify --only punch --only hertz
     """
@@ -109,7 +109,7 @@ def modes(
     ] = "cylinder:diameter=5mm,fillet=0.5mm",
     preset: PresetName = Preset.FAST,
 ) -> Study:
-    """Press, slide and twist on GelSight Mini, press a ball into three sensors; draw both.
+    """Press, slide and twist on a GelSight Mini; press a ball into three sensors; draw both.
 
     Example: tacauchy-rig study modes --out modes
     """
@@ -136,9 +136,9 @@ def objects(
 
 @study_command
 def paper(
-    benchmarks: Annotated[
-        Path, typer.Option(help="Folder of the benchmarks that are kept.")
-    ] = Path("docs/results/benchmarks"),
+    benchmarks: Annotated[Path, typer.Option(help="Folder of the kept benchmarks.")] = Path(
+        "docs/results/benchmarks"
+    ),
     report: Annotated[
         list[Path] | None,
         typer.Option(
@@ -148,7 +148,7 @@ def paper(
         ),
     ] = None,
 ) -> Study:
-    """Set every number of the paper beside ours: its model pressed here, benchmarks, reports.
+    """Compare every number of the paper with ours: its model, benchmarks, reports.
 
     Example: tacauchy-rig study paper --out paper
     """
@@ -166,13 +166,12 @@ def bench(
     sensor: SensorName = "gelsight-mini",
     indenter: IndenterTerms = "cylinder:diameter=5mm,fillet=0.1mm",
     parts: Annotated[
-        list[Part] | None, typer.Option("--part", help="Only this; may be repeated.")
+        list[Part] | None, typer.Option("--part", help="Run only this part; may be repeated.")
     ] = None,
     drawn: Annotated[
         int | None,
         typer.Option(
-            metavar="SEED",
-            help="Of the scenes: a dozen that are drawn at random instead of the table's.",
+            metavar="SEED", help="Scenes: a dozen, drawn at random, instead of the table's."
         ),
     ] = None,
     tolerances: Annotated[
@@ -180,23 +179,23 @@ def bench(
         typer.Option(
             "--tolerance",
             metavar="5%|1%",
-            help="Of the scenes: what their presets are chosen for (5%); may be repeated.",
+            help="Scenes: tolerance that chooses the presets (5%); may be repeated.",
         ),
     ] = None,
-    device: Annotated[str, typer.Option(help="Of the scenes: cpu or cuda:0.")] = "cpu",
+    device: Annotated[str, typer.Option(help="Scenes: cpu or cuda:0.")] = "cpu",
     environments: Annotated[
         list[int] | None,
         typer.Option(
             metavar="N",
             min=1,
-            help="Of the scenes: so many in a batch, instead of one press alone; may be repeated.",
+            help="Scenes: size of a batch, instead of one press alone; may be repeated.",
         ),
     ] = None,
     images: Annotated[
         bool,
         typer.Option(
             "--images",
-            help="Of the scenes in batches: with the camera's image, the markers and the "
+            help="Scenes in batches: compute the camera's image, the markers and the "
             "surface's stress in every frame.",
         ),
     ] = False,
@@ -204,16 +203,15 @@ def bench(
         bool,
         typer.Option(
             "--reference",
-            help="Of the scenes: first press with preset reference; --json keeps that for "
+            help="Scenes: first press with preset reference; --json keeps the result for "
             "--against.",
         ),
     ] = False,
     against: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Of the scenes: what forces are compared with."),
+        Path | None, typer.Option(metavar="FILE", help="Scenes: reference forces.")
     ] = None,
 ) -> Study:
-    """Time images, a replay, batches, and scenes of every kind; minutes.
+    """Time images, a replay, batches and scenes; takes minutes.
 
     --only takes a part of a name: a part of the benchmark, or scenes.
 

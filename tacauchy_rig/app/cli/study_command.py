@@ -73,9 +73,12 @@ def _run(
     command: str,
     *,
     only: Annotated[
-        list[str] | None, typer.Option(metavar="PATTERN", help="Cases named so; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            metavar="PATTERN", help="Select cases by name; `*` matches anything; may be repeated."
+        ),
     ] = None,
-    list_only: Annotated[bool, typer.Option("--list", help="Name the cases and stop.")] = False,
+    list_only: Annotated[bool, typer.Option("--list", help="List the cases and stop.")] = False,
     jobs: Jobs = 1,
     limit: Annotated[
         str, typer.Option(metavar="TIME", help="A case that takes longer has failed.")

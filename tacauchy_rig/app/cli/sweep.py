@@ -22,28 +22,34 @@ _PACKAGE = "tacauchy_rig.app.sweep"
 def sweep(
     plan_file: Annotated[Path | None, typer.Argument(metavar="PLAN", help="A plan's file.")] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Where the data set is.")
+        Path | None, typer.Option(metavar="FOLDER", help="Folder of the data set.")
     ] = None,
     engine: Annotated[
         EngineName, typer.Option(help="Where presses are computed.")
     ] = EngineName.LOCAL,
     jobs: Jobs = 1,
     address: Annotated[
-        str | None, typer.Option(help="Of Dask's scheduler, such as tcp://host:8786.")
+        str | None, typer.Option(help="Address of Dask's scheduler, such as tcp://host:8786.")
     ] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="Press only the first so many.")] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Compute only this many presses, the first.")
+    ] = None,
     sample: Annotated[
-        int | None, typer.Option(min=1, help="Press so many, evenly chosen, into FOLDER/sample.")
+        int | None,
+        typer.Option(min=1, help="Compute this many presses, evenly chosen, into FOLDER/sample."),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Only say how many presses, how long, how large.")
+        bool, typer.Option("--dry-run", help="Only print the number of presses, time and space.")
     ] = False,
     slurm: Annotated[
-        int | None, typer.Option(min=1, metavar="TASKS", help="Only write FOLDER/sweep.sbatch.")
+        int | None,
+        typer.Option(
+            min=1, metavar="TASKS", help="Only write FOLDER/sweep.sbatch for this many tasks."
+        ),
     ] = None,
     example: Annotated[bool, typer.Option("--example", help="Print a plan with comments.")] = False,
 ) -> None:
-    """Press a plan's presses in the simulator; again, only what is missing.
+    """Simulate the presses of a plan into a data set; only missing presses are computed.
 
     Example: tacauchy-rig sweep plan.toml --out presses --jobs 2
     """

@@ -118,9 +118,11 @@ def read_bag(source: Source, data: BagData) -> Recorded:
     apart_s = float(np.median(frames_late_ns) - np.median(force_late_ns)) / S
     frames, clock = _aligned(force, frames, found, apart_s, notes)
     presses = cut(found, force, frames, pose, pad_centre=data.pad_centre)
-    unknown = ["How much later than the moment itself the messages are stamped is not known."]
+    unknown = ["The delays of the messages are not known."]
     unknown += ["The depth is not known."] * (pose is None)
-    unknown += ["Where on the pad was pressed is not known."] * (not (pose and data.pad_centre))
+    unknown += ["The position of a press on the pad is not known."] * (
+        not (pose and data.pad_centre)
+    )
     return Recorded(
         presses=presses,
         has_clock=True,

@@ -368,6 +368,6 @@ def _rig(
     if turned or is_small:
         found.head("images")
     if turned:
-        found.say("turn", 90, f"{CHECK}: {told} stand on their side; 90 or 270?")
+        found.say("turn", 90, f"{CHECK}: {told} look turned; 90 or 270?")
     if is_small:
         found.say("cropped", False, f"{CHECK}: true if {told} are cropped already")

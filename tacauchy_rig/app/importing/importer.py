@@ -181,7 +181,7 @@ def _spec(source: Source, path: Path, overridden: Mapping[str, Any]) -> Spec:
         except (ValueError, RecursionError) as error:
             raise ConfigError(
                 f"{name}: not valid TOML: {error}",
-                remedy="docs/reference/file-formats.md shows what stands in import.toml",
+                remedy="docs/reference/file-formats.md lists the keys of import.toml",
             ) from error
     return read_section(Spec, {"data": {}, "rig": {}, **nest({**values, **overridden})})
 

@@ -93,9 +93,9 @@ def read_lerobot(source: Source, data: LeRobotData) -> Recorded:
     for episode in episodes:
         with source.problems.noting():
             presses += _presses(source, data, info, image, episode)
-    unknown = ["How much later than the moment itself force and images are stamped is not known."]
+    unknown = ["The delays of force and images are not known."]
     unknown += ["The depth is not known."] * (data.pose is None)
-    unknown.append("Where on the pad was pressed is not known.")
+    unknown.append("The position of a press on the pad is not known.")
     return Recorded(
         presses=tuple(presses),
         has_clock=True,

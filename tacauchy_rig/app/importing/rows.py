@@ -125,12 +125,12 @@ def presses_of(table: Table, data: RowsData, *, image: Image, at_rest: Image) ->
     columns = data.columns
     has_zero = columns.force is None or data.is_tared or columns.state is not None
     lacks = {
-        "What ties force and image of a row together in time": True,
+        "The delay between force and image of a row": True,
         "The force": columns.force is None,
         "The zero of the force cell": not has_zero,
         "The depth": columns.depth is None and columns.z is None,
-        "Where on the pad was pressed": columns.x is None or columns.y is None,
-        "How the indenter leans": columns.moment_x is None,
+        "The position of a press on the pad": columns.x is None or columns.y is None,
+        "The tilt of the indenter": columns.moment_x is None,
     }
     return Recorded(
         presses=tuple(presses),
@@ -161,7 +161,7 @@ class _Rows:
         self.wrench = read_columns(table, columns, *WRENCH)
         self.place = read_columns(table, columns, *POSE)
         self.depth, self.contact_z = read_columns(table, columns, "depth", "contact_z").T
-        self.notes = ["Stamps of this run count rows; no time was stated."]
+        self.notes = ["No times were stated: the stamps of this run count rows."]
         self.has_clock = columns.time is not None
         self.stamp_ns: Int64Array = ORDER_NS * np.arange(1, count + 1)
         if columns.time is not None:

@@ -300,7 +300,7 @@ def _check_size(name: str, head: Sequence[str], count: int) -> None:
     twice = {cell for cell in head if cell and head.count(cell) > 1}
     if twice:
         raise RecordError(
-            f"{name}: the column {', '.join(sorted(twice))} stands twice in its head line",
+            f"{name}: the column {', '.join(sorted(twice))} stands twice in its first line",
             remedy="rename one of them",
         )
 

@@ -29,18 +29,18 @@ from tacauchy_rig.core.rgb import encode_png
 
 _WANTED = ("f0", "imgs", "touch_center", "touch_radius")
 _UNKNOWN = (
-    "What ball was pressed is not known, nor by which scale it was seen.",
+    "The size of the ball and the scale of the images are not known.",
     "The force is not known.",
     "The depth is not known.",
-    "Where on the pad was pressed is known from the images alone.",
-    "How the indenter leans is not known.",
+    "The position of a press is known from its image alone.",
+    "The tilt of the indenter is not known.",
 )
-_ORDER = "Stamps of this run count images; no time was stated."
+_ORDER = "No times were stated: the stamps of this run count images."
 _BALL = (
-    "The ball is a statement of whoever imports. At one radius of contact a ball twice as large is "
-    "pressed half as deep and its gel slopes half as much, and colours are fitted to those slopes: "
-    "images of this ball are rendered nearly as well with a wrong one, any other indenter's with "
-    "slopes that are wrong by the same factor. No depth can be believed further than the ball."
+    "The diameter of the ball is stated by whoever imports. At the same radius of contact, a ball "
+    "twice as large is pressed half as deep, and its gel slopes half as much; colours are fitted "
+    "to these slopes. A wrong diameter hardly changes images of this ball, but slopes under "
+    "other indenters and all depths are then wrong by the same factor."
 )
 _FOUND = (
     "The circles drawn into this set's images are about twice as wide as what the ball touches, so "

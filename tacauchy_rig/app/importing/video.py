@@ -94,7 +94,7 @@ def read_video(source: Source, data: VideoData) -> Recorded:
         "How late a frame shows the gel is part of it."
     )
     unknown = ["The depth is not known."] * (pose is None)
-    unknown.append("Where on the pad was pressed is not known.")
+    unknown.append("The position of a press on the pad is not known.")
     if count < 3:
         unknown.append(
             f"Whether one of the clocks runs faster is not known: {count} presses do not tell."

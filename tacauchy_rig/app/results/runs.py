@@ -77,7 +77,7 @@ def folder_of_runs(path: Path) -> tuple[Path, str]:
         return path.resolve().parent, path.resolve().name
     if not any(_folders(path)):
         raise ConfigError(
-            f"{path}: no run lies in it",
+            f"{path}: contains no run",
             remedy="`tacauchy-rig dry-run` or `tacauchy-rig run rig.toml` record one",
         )
     return path.resolve(), ""
@@ -131,7 +131,7 @@ def _read(folder: Path) -> ListedRun:
         forces_n=(min(forces), max(forces)) if forces else None,
         summary=summary,
         missed=tuple(
-            f"{where}{str(each.get('name')).replace('_', ' ')}; asked: {each.get('limit')}"
+            f"{where}{str(each.get('name')).replace('_', ' ')}; required: {each.get('limit')}"
             for where, each in criteria_of(summary)
             if each.get("passed") is False
         ),

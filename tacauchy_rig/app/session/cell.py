@@ -99,7 +99,7 @@ def standing_check(store: RunStore, *, now: datetime | None = None) -> str:
     """Return why the force of what is pressed now is not checked; empty where it is."""
     check = store.force_check.load()
     if check is None:
-        return "force not checked: --check-weight 200g checks the cell by a known weight first"
+        return "force not checked: --check-weight 200g checks the cell with a known weight first"
     if _is_current(check, now or datetime.now(UTC)):
         return ""
     return (

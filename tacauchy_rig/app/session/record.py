@@ -107,5 +107,5 @@ def missed_lines(records: Sequence[TrialRecord]) -> Iterator[str]:
 
 def _told(criterion: Criterion) -> str:
     measured = f"{criterion.measured:.4g} {criterion.unit}".rstrip()
-    text = f"{criterion.name} is {measured}, asked: {criterion.limit}"
+    text = f"{criterion.name} is {measured}, required: {criterion.limit}"
     return f"{text} -> {criterion.remedy}" if criterion.remedy else text

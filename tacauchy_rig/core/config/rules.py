@@ -148,7 +148,7 @@ def _workspace_rules(config: RigConfig) -> Iterator[BrokenRule]:
         if not all(low <= x <= high for x, (low, high) in zip(point, ends.values(), strict=True)):
             text = ", ".join(f"{value * 1e3:g}" for value in point)
             yield BrokenRule(
-                name, f"({text}) mm lies outside the workspace box", "correct it or the box"
+                name, f"({text}) mm is outside the workspace box", "correct it or the box"
             )
 
 

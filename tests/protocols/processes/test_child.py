@@ -18,7 +18,7 @@ from tacauchy_rig.core.errors import RigError
 @pytest.mark.parametrize(
     ("error", "message", "remedy"),
     [
-        (MemoryError(), "control: out of memory", "look where the arm stands"),
+        (MemoryError(), "control: out of memory", "check where the arm is"),
         (OSError(errno.E2BIG, "too long", "python"), "control: out of memory", "`ulimit -v`"),
         (OSError(errno.ENOMEM, "no memory"), "control: out of memory", "`ulimit -v`"),
         (ValueError("odd"), "control: unforeseen ValueError: odd", "logs/control.log"),

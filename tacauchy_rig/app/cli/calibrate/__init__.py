@@ -1,1 +1,1 @@
-"""``tacauchy-rig calibrate``: a command a module."""
+"""``tacauchy-rig calibrate``: one module for each command."""

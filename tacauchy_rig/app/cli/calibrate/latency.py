@@ -1,4 +1,4 @@
-"""``tacauchy-rig calibrate latency``: how late force and image are, from a press that sways."""
+"""``tacauchy-rig calibrate latency``: delays of force and image, from a press with sway."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def latency(
         Path | None,
         typer.Argument(
             metavar="CONFIG|RUN",
-            help="A rig.toml to press by, or a run that swayed; the dry run's if absent.",
+            help="A rig.toml to press with, or a run with sway; the dry run's if absent.",
         ),
     ] = None,
-    sway: Annotated[str, typer.Option(help="For how long the arm sways.")] = "12s",
-    force: Annotated[str, typer.Option(help="Pressed to before it sways.")] = "2N",
+    sway: Annotated[str, typer.Option(help="Duration of the sway.")] = "12s",
+    force: Annotated[str, typer.Option(help="Force to press to before the sway.")] = "2N",
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 
 ADVISED = 3
-"""Next presses that are shown, the best first."""
+"""Number of proposed presses that are shown, the best first."""
 
 
 def material(
@@ -27,22 +27,24 @@ def material(
         list[Path],
         typer.Argument(
             metavar="PRESSES...",
-            help="Run folders; CSV files of indenter,depth_mm,force_n and perhaps press.",
+            help="Run folders, or CSV files with indenter,depth_mm,force_n and optionally press.",
         ),
     ],
     sensor: Annotated[
-        str | None, typer.Option(help="Of the CSV files; a run knows its own.")
+        str | None, typer.Option(help="Sensor of the CSV files; a run states its own.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Write the sensor's file with this gel.")] = None,
-    noise: Annotated[str, typer.Option(help="Of a force of a CSV file.")] = "0.01N",
-    contact_force: Annotated[
-        str, typer.Option(help="From which the depths of CSV files count.")
-    ] = "0N",
+    out: Annotated[
+        Path | None, typer.Option(help="Sensor file to write, with the fitted gel.")
+    ] = None,
+    noise: Annotated[
+        str, typer.Option(help="Standard deviation of a force in a CSV file.")
+    ] = "0.01N",
+    contact_force: Annotated[str, typer.Option(help="Force at depth zero in CSV files.")] = "0N",
     overrides: Overrides = None,
     jobs: Jobs = 1,
     json_file: JsonFile = None,
 ) -> None:
-    """Fit E, nu and friction of a gel to forces at depths, and say what they leave open.
+    """Fit E, nu and friction of a gel to forces at known depths, with 95 % intervals.
 
     Example: tacauchy-rig calibrate material runs/ball runs/punch --out my-sensor.toml
     """
@@ -114,7 +116,7 @@ def material(
 def _write(
     out: Path, best: list[float], told: list[Interval], groups: list[IndenterPresses]
 ) -> None:
-    """Write E, and nu if it is told, as they predict the forces together."""
+    """Write the sensor file with E, and nu if it is determined, as they fit the forces together."""
     from tacauchy_rig.app.calibration.material.results import sensor_text, with_gel
 
     log_young, nu, mu = best[:3]

@@ -21,18 +21,18 @@ if TYPE_CHECKING:
 
 def optics(
     folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Images of a pressed ball, or such a run.")
+        Path, typer.Argument(metavar="FOLDER", help="Images of a pressed ball, or a run of one.")
     ],
     background: Annotated[
         Path | None, typer.Option(help="Frame without contact; in FOLDER or a path.")
     ] = None,
     ball_diameter: Annotated[
-        str | None, typer.Option(help="Such as 4.70mm; a run knows it.")
+        str | None, typer.Option(help="Such as 4.70mm; a run states its own.")
     ] = None,
     scale: Annotated[
         str | None,
         typer.Option(
-            help="Such as 19.58px/mm, or for x and y 19.6,19.4px/mm; a run's sensor knows it."
+            help="Such as 19.58px/mm, or for x and y 19.6,19.4px/mm; a run's sensor states its own."
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Calibration file to write (.npz).")] = None,
@@ -47,15 +47,17 @@ def optics(
         Path | None, typer.Option(help="Folder of other labelled presses to score.")
     ] = None,
     sensor: Annotated[
-        str | None, typer.Option(help="Whose pad is pressed: a run's own, or else gelsight-mini.")
+        str | None, typer.Option(help="Sensor whose pad is pressed: the run's, else gelsight-mini.")
     ] = None,
-    preset: Annotated[Preset, typer.Option(help="Of those presses.")] = Preset.BALANCED,
-    folds: Annotated[int, typer.Option(min=2, help="Of the cross-validation.")] = 7,
+    preset: Annotated[
+        Preset, typer.Option(help="Preset that simulates the presses.")
+    ] = Preset.BALANCED,
+    folds: Annotated[int, typer.Option(min=2, help="Folds of the cross-validation.")] = 7,
     outputs: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Write each press as rendered by a model that had not seen it, for `judge`.",
+            help="Write each press as rendered by a model not fitted to it, for `judge`.",
         ),
     ] = None,
     jobs: Jobs = 2,

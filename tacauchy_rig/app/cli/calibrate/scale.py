@@ -1,4 +1,4 @@
-"""``tacauchy-rig calibrate scale``: where pixels look, from a target or from presses."""
+"""``tacauchy-rig calibrate scale``: scale and centre of the camera, from a target or presses."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def scale(
     sensor: Annotated[
         str | None,
         typer.Option(
-            help="Bring a raw image of a target to the crop and size of this sensor's camera; "
+            help="Crop and resize the raw image of a target as this sensor's camera does; "
             "without it the image is taken as it is."
         ),
     ] = None,

@@ -35,7 +35,7 @@ def judge_run(
     """Yield what holds of the run as a whole: description, journal, folders and replays."""
     yield consistency(
         "run_description",
-        "run.json and what lies beside it are as they were when the run was recorded",
+        "run.json and the files beside it are unchanged since the run was recorded",
         _changed_description(store, journal),
         remedy=_DESCRIPTION_REMEDY,
     )

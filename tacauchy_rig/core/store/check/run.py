@@ -124,4 +124,4 @@ def _changed_settings(journal: Journal) -> Iterator[str]:
 
 def _line(criterion: Criterion) -> str:
     measured = f"{criterion.measured:.6g} {criterion.unit}".rstrip()
-    return f"{criterion.name}: {measured}, asked: {criterion.limit} -> {criterion.remedy}"
+    return f"{criterion.name}: {measured}, required: {criterion.limit} -> {criterion.remedy}"

@@ -64,7 +64,7 @@ def test_tolerance_chooses_the_preset(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, [*scene, "--tolerance", "20%", "--json", str(file)])
     assert done.exit_code == 0
     assert done.stdout.splitlines()[0].endswith("preset fast, load-step edges 2 times as long")
-    assert "force at 0.05 mm: error believed to be" in done.stdout
+    assert "force at 0.05 mm: estimated error" in done.stdout
     assert "cost       " in done.stdout
     assert "better     preset fast, edges 0.714 times as long, load-step edges" in done.stdout
     found = json.loads(file.read_text("utf-8"))

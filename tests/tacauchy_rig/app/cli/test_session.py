@@ -40,8 +40,8 @@ MISSED = TrialRecord(
 )
 TRIAL = "missed: trial 3, attempt 2"
 LINES = [
-    f"{TRIAL}: image_rate_hz is 16.61 Hz, asked: >= 20 Hz -> see `tacauchy-rig doctor`: camera",
-    f"{TRIAL}: image_lost_ratio is 0.2345, asked: <= 0.05",
+    f"{TRIAL}: image_rate_hz is 16.61 Hz, required: >= 20 Hz -> see `tacauchy-rig doctor`: camera",
+    f"{TRIAL}: image_lost_ratio is 0.2345, required: <= 0.05",
 ]
 
 

@@ -38,7 +38,7 @@ def test_what_is_not_said_is_not_known(small: Path, tmp_path: Path) -> None:
     assert imported is not None
     assert not imported.has_clock
     assert imported.trials[0].place_m is None
-    assert "Where on the pad was pressed is not known." in imported.unknown
+    assert "The position of a press on the pad is not known." in imported.unknown
     (record,) = counting(store)
     assert (record.force_measured_n, record.depth_measured_m) == (1.5, pytest.approx(0.25e-3))
     assert record.tare_before is None
@@ -93,4 +93,4 @@ def test_an_imported_run_is_marked_and_not_passed(small: Path, tmp_path: Path) -
         case.get("name") for case in suite.iter("testcase") if case.find("skipped") is not None
     }
     assert {"press", "contact_offset", "force_margin"} <= skipped
-    assert "what ties force and image of a row together" in " ".join(report.limits).lower()
+    assert "the delay between force and image of a row" in " ".join(report.limits).lower()
