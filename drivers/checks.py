@@ -1,4 +1,4 @@
-"""Is every device of a configuration there, ready and fast enough? Nothing moves or is set."""
+"""Checks that every device is present, ready and fast enough; nothing moves or is set."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a reader thread hands over: samples, counts and the final error; who holds a device."""
+"""Buffer of a reader thread: samples, counts and the final error; lock of a device."""
 
 from __future__ import annotations
 

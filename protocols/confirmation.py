@@ -1,4 +1,4 @@
-"""What an operator reads and types before anything real moves."""
+"""Confirmation by the operator before a real arm moves."""
 
 from __future__ import annotations
 

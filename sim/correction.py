@@ -1,4 +1,4 @@
-"""Corrected force and depth: the bias that a mesh is known to have is taken off.
+"""Corrected force and depth: the known bias of a mesh is subtracted.
 
 A conforming mesh and a wide barrier make a gel too stiff, the more so the less it can give way:
 where a contact is wide for the gel's height, and the gel keeps its volume. On a mesh whose edges

@@ -1,4 +1,4 @@
-"""How a press answers to its inputs, from coarse presses: cheap enough to try what each changes.
+"""Sensitivity of a press to its inputs, from cheap coarse presses.
 
 A tilt towards x is positive where the axis, from the tip upwards, points towards +x: a rotation by
 the same angle about +y. One towards y is a rotation by minus that angle about x.

@@ -1,1 +1,1 @@
-"""The body of the control loop, and what it keeps of what it sees."""
+"""The body of the control loop, and its records."""

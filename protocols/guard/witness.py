@@ -162,8 +162,8 @@ class Witness:
         if abs(arm_n - cell_n) <= allowed_n:
             return
         raise BreachError(
-            f"witness: the force sensor says {cell_n:.3f} N, the arm ({self._model.value}) feels "
-            f"{arm_n:.2f} N, more than {allowed_n:.2f} N apart{self._gel_text(z_m)}",
+            f"witness: the force sensor says {cell_n:.3f} N, the arm ({self._model.value}) "
+            f"estimates {arm_n:.2f} N, more than {allowed_n:.2f} N apart{self._gel_text(z_m)}",
             limit="witness.arm",
             reaction=Reaction.RETRACT,
             remedy=self._cell_remedy(cell_n, arm_n),
@@ -180,7 +180,7 @@ class Witness:
         if travel_m < SEEN_TRAVEL_M or cell_n >= self._contact_force_n:
             return
         raise BreachError(
-            f"witness: the camera has seen the gel touched for {travel_m * 1e3:.2f} mm, the force "
+            f"witness: the camera shows contact for {travel_m * 1e3:.2f} mm, the force "
             f"sensor says {cell_n:.3f} N, less than protocol.contact_force "
             f"{self._contact_force_n:g} N{self._arm_text()}",
             limit="witness.camera",
@@ -211,7 +211,7 @@ class Witness:
         little = cell_n < bounds[0]
         return BreachError(
             f"witness: the force sensor says {cell_n:.3f} N at {depth_m * 1e3:.3f} mm below "
-            f"contact, too {'little' if little else 'much'}: after what was felt so far the gel "
+            f"contact, too {'little' if little else 'much'}: by the forces so far the gel "
             f"of {band.expected.sensor} gives {bounds[0]:.3f} to {bounds[1]:.3f} N there"
             f"{self._arm_text()}",
             limit="witness.gel",
@@ -255,7 +255,7 @@ class Witness:
 
     def _arm_text(self) -> str:
         arm_n = self._arm.force_n
-        return "" if arm_n is None else f"; the arm feels {arm_n:.2f} N"
+        return "" if arm_n is None else f"; the arm estimates {arm_n:.2f} N"
 
     def present(self) -> dict[str, str]:
         """Return which witnesses there are, in words, for the journal."""

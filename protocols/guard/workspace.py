@@ -162,7 +162,7 @@ class FollowGuard:
 
 def _overrunning(commanded_m: float, gone_m: float, *, duration_s: float) -> BreachError:
     return BreachError(
-        f"robot: it goes further than told: commanded {commanded_m * 1e3:+.3f} mm in "
+        f"robot: it moves further than commanded: commanded {commanded_m * 1e3:+.3f} mm in "
         f"{duration_s:.1f} s, measured {gone_m * 1e3:+.3f} mm (up is positive)",
         limit="limits.overshoot",
         reaction=Reaction.RETRACT,

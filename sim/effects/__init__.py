@@ -1,1 +1,1 @@
-"""What a scene calls for: the plan of effects, and the presets' meshes and models."""
+"""The plan of a scene's effects, and the presets' meshes and models."""

@@ -1,1 +1,1 @@
-"""What a press leaves behind: stress, traction, contact force, surface."""
+"""Fields of a press: stress, traction, contact force, surface."""

@@ -1,1 +1,1 @@
-"""A twin of a press that goes on: pressed to each new force or depth from where it stands."""
+"""A twin of a running press: from its state it presses on to each new force or depth."""

@@ -1,4 +1,4 @@
-"""A known weight on the force sensor: does the cell say what hangs on it?
+"""Check of the force sensor with a known weight.
 
 Every force of a run comes from the cell. A wrong range, unit or sign does not show in it; a known
 weight is the only independent check before the first press.

@@ -1,4 +1,4 @@
-"""What the force sensor's readings are worth over a run, by all that is independent of it.
+"""Gain of the force sensor over a run, estimated from sources independent of it.
 
 The unknown is the gain of the sensor in each trial: its reading over the true force, as a natural
 logarithm, so that 0 is right. Four sources tell of it, each with a stated uncertainty:

@@ -1,4 +1,4 @@
-"""A long computation: how long it may take, and what it is doing.
+"""Time limit and progress of a long computation.
 
 Callers limit the time and listen; what computes says what it does and asks, far down, whether time
 is left. Both hold for the thread that began them.

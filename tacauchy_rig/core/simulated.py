@@ -1,4 +1,4 @@
-"""What simulators answer: any simulator's outputs for a run's presses, and our replay. All SI."""
+"""Simulators' outputs for a run's presses, and our replay. All SI."""
 
 from __future__ import annotations
 

@@ -264,8 +264,8 @@ def kept_results(files: Sequence[Path], cases: Sequence[Case]) -> dict[str, Resu
         own = [row for row in rows if row.name in known]
         if others := [row.name for row in own if row.shows != known[row.name].shows]:
             raise ConfigError(
-                f"--resume {file}: {', '.join(others)} is something else there",
-                remedy="give the same options as then",
+                f"--resume {file}: {', '.join(others)} differs there",
+                remedy="give the options of that run",
             )
         kept |= {row.name: row for row in own}
     return kept

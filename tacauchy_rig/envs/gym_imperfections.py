@@ -1,4 +1,4 @@
-"""What a recorded run says of a real sensor's imperfections, for environments that imitate it."""
+"""Imperfections of a real sensor, measured in a recorded run, for environments."""
 
 from __future__ import annotations
 

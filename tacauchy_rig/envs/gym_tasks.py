@@ -1,4 +1,4 @@
-"""Tasks of touch: reach a force, find an edge, tell the pose of a held peg."""
+"""Tasks of touch: reach a force, find an edge, estimate the pose of a held peg."""
 
 from __future__ import annotations
 

@@ -176,7 +176,7 @@ def foreseen(error: Exception) -> RigError:
     """Return what to tell of an error that nobody foresaw where it happened."""
     if isinstance(error, MemoryError):
         return RigError(
-            f"out of memory: {error or 'no more can be had'}",
+            f"out of memory: {error or 'no more is available'}",
             remedy="end other programs, lift `ulimit -v`, or take a coarser replay.preset",
         )
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):

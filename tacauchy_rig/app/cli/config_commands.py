@@ -90,4 +90,4 @@ def _write_example(out: Path) -> None:
         raise ConfigError(
             f"{out}: cannot be written: {error.strerror}", remedy="give the path of a new file"
         ) from error
-    say(f"wrote {out}; fill in what is on the labels, then: tacauchy-rig doctor {out}")
+    say(f"wrote {out}; fill in the values of your devices, then: tacauchy-rig doctor {out}")

@@ -171,7 +171,7 @@ def replay_and_show(
     except KeyboardInterrupt:
         raise AbortedError(
             "aborted by Ctrl-C during the replay; recordings and finished places are kept",
-            remedy=f"`{command_line('replay', run.store.paths.root)}` goes on",
+            remedy=f"`{command_line('replay', run.store.paths.root)}` continues it",
         ) from None
     _say_markers([each for model in replay.models for each in model.markers])
     _say_cost(replay)

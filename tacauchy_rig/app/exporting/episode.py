@@ -187,7 +187,7 @@ def images_of(episode: Episode, rows: Rows) -> Iterator[ImageArray]:
         if image is None and repeats[number]:
             raise RecordError(
                 f"{episode.name}: image {number + 1} is damaged",
-                remedy="`tacauchy-rig recover RUN` tells what can be mended",
+                remedy="`tacauchy-rig recover RUN` repairs what it can",
             )
         yield from [image] * repeats[number] if image is not None else ()
 

@@ -1,1 +1,1 @@
-"""Others' recordings as run folders: what is known of them, and no more."""
+"""Other people's recordings as run folders; what they do not state stays unknown."""

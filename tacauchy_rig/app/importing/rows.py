@@ -242,8 +242,7 @@ class _Rows:
         if not len(pressed):
             raise RecordError(
                 f'{table.name}: press {name} has no row whose state is "{data.pressed}"',
-                remedy="say what the column of data.columns.state says: data.unloaded, "
-                "data.pressed",
+                remedy="state the values of that column as data.unloaded and data.pressed",
             )
         frames = self._frames(own, image)
         reference = self._rest_window(unloaded[self.image[unloaded] != ""], pressed)

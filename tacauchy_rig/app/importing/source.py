@@ -129,7 +129,7 @@ class Source:
         if not 0 < found.st_size <= most_bytes:
             raise RecordError(
                 f"{field}: {name!r} has {found.st_size} bytes; 1 to {most_bytes} are read",
-                remedy="look at the file: it is empty, or of another kind than is said",
+                remedy="check the file: it is empty or of another kind",
             )
         if name not in self.hashes:
             self.hashes[name] = file_sha256(path, what="a file of the source", links=True)

@@ -82,7 +82,7 @@ def _read(source: Source, asked: Asked) -> Outputs:
         if trial not in folders and trial not in forces:
             raise RecordError(
                 f"press {trial} is missing: no folder {trial:02d} and no line in {FORCES}",
-                remedy=f"simulate it, or admit it: left_out = [{trial}] in {DESCRIPTION}",
+                remedy=f"simulate it, or list it: left_out = [{trial}] in {DESCRIPTION}",
             )
         force, depth = forces.get(trial, (None, None))
         shown = _shown(source, folders[trial], asked, about) if trial in folders else {}
@@ -261,7 +261,7 @@ def _check_all_or_none(presses: Mapping[int, PressOutput]) -> None:
             listed = ", ".join(map(str, without))
             raise RecordError(
                 f"presses {listed} have no {what}, the others have",
-                remedy="a mean over presses has to be of all: give it for each, or admit them as "
+                remedy="means are over all presses: give it for each, or list them as "
                 f"left_out = [{listed}] in {DESCRIPTION}",
             )
 

@@ -198,7 +198,7 @@ def _uncertainties(
     each indenter, where it was pressed deepest: the place hardly matters.
     """
     config = run.store.config
-    on_progress("trying what uncertain inputs change of the force")
+    on_progress("computing the effect of uncertain inputs on the force")
     with worker_process() as worker:
         jobs: dict[int, Future[tuple[ForceInput, ...]]] = {}
         for numbers in tools_of(parts):
@@ -208,7 +208,7 @@ def _uncertainties(
                 force_inputs, parts[deepest].inputs, config, depths_m, found[deepest]
             )
             jobs |= dict.fromkeys(numbers, job)
-        on_progress("trying what the images' residual is made of")
+        on_progress("estimating the causes of the image residual")
         split = [
             SplitPart(
                 attempts=[run.read(record) for record in part.records],

@@ -67,15 +67,15 @@ def sweep(
     Raises:
         RecordError: The disk has no room, or a file is damaged.
     """
-    with doing("naming presses by their content"):
+    with doing("hashing presses"):
         named = hashed(plan, rows)
         done = done_rows(out)
     left = list(shards_of(plan, named, set(done)))
     missing = [row for shard in left for row in shard.rows]
     _check_space(out, estimate(plan, missing))
     count, started, pressed = len(rows) - len(missing), time.monotonic(), 0
-    on_progress("presses are there", count, len(rows), "")
-    with doing(f"pressing {len(missing)} that are missing"):
+    on_progress("presses are done", count, len(rows), "")
+    with doing(f"computing {len(missing)} missing presses"):
         for shard, content in engine(make_shard, left):
             write_atomically(out / SHARDS / f"{shard.name}.parquet", content)
             pressed += len(shard.rows)

@@ -1,1 +1,1 @@
-"""The twin of a run: what the simulator shows while, or after, a gel is pressed."""
+"""The twin of a run: a simulation during, or after, its presses."""

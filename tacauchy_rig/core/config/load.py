@@ -246,7 +246,7 @@ def resumed_config(
     if kept := [field for field in names if field not in OF_DEVICES]:
         raise ConfigError(
             "\n".join(
-                f"{field}: is what the run is, and its trials would no longer be one experiment"
+                f"{field}: defines the run; its trials would no longer be one experiment"
                 for field in kept
             ),
             remedy="start a new run with it; a begun one takes limits.* and "

@@ -174,7 +174,7 @@ def test_a_stop_begins_anew():
 @pytest.mark.parametrize("speed", [-0.0005, -0.0003, 0.0005])
 def test_an_arm_four_times_as_fast_as_told_is_stopped_within_a_fifth_of_a_second(speed):
     """Before it has gone half a millimetre; one that is a fifth too fast is let go on."""
-    with pytest.raises(BreachError, match="goes further than told") as caught:
+    with pytest.raises(BreachError, match="moves further than commanded") as caught:
         drive(new_guard(), speed, follows=4.0, seconds=0.2)
     assert caught.value.reaction is Reaction.RETRACT
     drive(new_guard(), speed, follows=1.2, seconds=3.0)

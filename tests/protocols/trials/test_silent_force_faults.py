@@ -112,7 +112,7 @@ def test_the_arm_alone_spares_the_gel(laboratory, silent):
             laboratory, silent, moment, TARGETS_N[0], expected=None, sees=False
         )
         assert_found(result, peak_n, silent, TARGETS_N[0])
-        assert "the arm (e-series) feels" in result.reason
+        assert "the arm (e-series) estimates" in result.reason
 
 
 def test_an_arm_that_hardly_feels_leaves_the_curve_and_the_camera(laboratory):

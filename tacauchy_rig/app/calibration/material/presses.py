@@ -148,7 +148,10 @@ def _of_run(folder: Path) -> list[IndenterPresses]:
     parts = (_of_part(part, replay, simulated=simulated) for part in parts_of(run))
     found = [each for each in parts if each is not None]
     if not found:
-        raise RecordError(f"{folder}: no trial has a depth and a force", remedy="press some")
+        raise RecordError(
+            f"{folder}: no trial has a depth and a force",
+            remedy="record a run whose trials have both",
+        )
     return found
 
 

@@ -62,7 +62,7 @@ def request_of(
         out = out or run.store.paths.calibration
     elif background is None or ball_diameter_m is None or scale_px_m is None or out is None:
         raise ConfigError(
-            f"{folder} is no run's folder, which would know ball and scale",
+            f"{folder} is no run folder, so ball and scale are unknown",
             remedy="give --background, --ball-diameter, --scale and --out",
         )
     else:

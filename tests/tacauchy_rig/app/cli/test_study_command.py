@@ -180,7 +180,7 @@ def test_a_file_of_another_study_is_refused(tmp_path: Path) -> None:
     kept = tmp_path / "kept.json"
     call([TWO], "--json", str(kept))
     other = call([Case(name="two", measure=two, shows="another")], "--resume", str(kept))
-    assert "two is something else there" in str(other.exception)
+    assert "two differs there" in str(other.exception)
     kept.write_text("{}")
     assert f"--resume {kept}" in str(call([TWO], "--resume", str(kept)).exception)
 
