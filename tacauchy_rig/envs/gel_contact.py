@@ -165,9 +165,13 @@ class GelContact:
         lost = np.linalg.solve(np.eye(6) + step_s * viscous * mobility, viscous * speeds)[..., 0]
         # Friction bounds what acts along the surface, and no contact pulls.
         a, one = self._radii_m, np.ones(len(lost))
-        shares = np.column_stack([self._friction * one, self._friction * one, one, a, a, a])
-        most = shares * np.maximum(self.wrench[:, 2:3], 0.0)
-        wrench = (turn @ (self.wrench - np.clip(lost, -most, most))[..., None])[..., 0]
+        mu = self._friction * one
+        most = np.column_stack([mu, mu, one, a, a, mu * a]) * np.maximum(self.wrench[:, 2:3], 0.0)
+        felt = self.wrench - np.clip(lost, -most, most)
+        sizes = [np.linalg.norm(each[:, :2], axis=1) for each in (self.wrench, felt)]
+        holds = np.maximum(most[:, 0], sizes[0]) / np.maximum(sizes[1], np.finfo(float).tiny)
+        felt[:, :2] *= np.minimum(holds, 1.0)[:, None]
+        wrench = (turn @ felt[..., None])[..., 0]
         on_object, on_pad = (
             np.column_stack([force, moment + np.cross(tips.at - body.centres_m, force)])
             for force, moment in [(wrench[:, :3], wrench[:, 3:])]

@@ -134,9 +134,7 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, Any], ABC):
         self._zero, self._drift_n_s = np.zeros((num_envs, 6)), np.zeros(num_envs)
         self._rest: ImageArray | None = None
         if self._drawing is not None:
-            self.batch.step(self._away())
             self._rest = self._drawn()[0].copy()
-            self.batch.reset()
             self._images = deque([np.stack([self._rest] * num_envs)] * 2, maxlen=2)
 
     @abstractmethod
@@ -270,12 +268,6 @@ class TouchVectorEnv(VectorEnv[Seen, FloatArray, Any], ABC):
         batch = self.batch
         drawn = self._drawing.images(batch.positions, batch.poses.tips, batch.poses.rotations)
         return np.array(drawn.numpy())
-
-    def _away(self) -> FloatArray:
-        """Return poses above the untouched gel."""
-        poses = self.poses.copy()
-        poses[:, 2] = self.pad.height_m + 3e-3
-        return poses
 
 
 class TouchEnv(gymnasium.Env[Seen, FloatArray]):

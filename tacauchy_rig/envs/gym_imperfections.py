@@ -13,7 +13,7 @@ from reports.evidence.evidence import ImageGeometry
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import RecordError
-from tacauchy_rig.core.run import Tare, TrialRecord
+from tacauchy_rig.core.run import TrialRecord
 from tacauchy_rig.core.store.force_series import force_series
 from tacauchy_rig.core.store.run_store import RunStore
 
@@ -83,7 +83,10 @@ def imperfections_of_run(folder: Path) -> Imperfections:
         )
     deviations = np.array([tare.deviation for pair in tared for tare in pair])
     counts = np.array([[tare.sample_count] for pair in tared for tare in pair])
-    drifts = [_drift_n_s(*pair) for pair in tared]
+    drifts = [
+        1e9 * (after.mean[2] - before.mean[2]) / (after.start_ns - before.start_ns)
+        for before, after in tared
+    ]
     gains = force_series(store).history.trials
     return Imperfections(
         noise=_root_mean(deviations**2),
@@ -101,16 +104,10 @@ def _root_mean(squares: FloatArray) -> tuple[float, ...]:
     return tuple(np.sqrt(squares.mean(axis=0)).tolist())
 
 
-def _drift_n_s(before: Tare, after: Tare) -> float:
-    return (after.mean[2] - before.mean[2]) / ((after.start_ns - before.start_ns) * 1e-9)
-
-
 def _squares(run: RunReading, record: TrialRecord) -> Iterator[float]:
     """Yield the variance of the pixels of a trial's frames before contact [grey levels^2]."""
-    start_ns, end_ns, attempt = record.reference_start_ns, record.reference_end_ns, None
-    if start_ns is not None and end_ns is not None:
-        attempt = run.attempt(record.index)
-    if attempt is None or start_ns is None or end_ns is None:
+    start_ns, end_ns = record.reference_start_ns, record.reference_end_ns
+    if start_ns is None or end_ns is None or (attempt := run.attempt(record.index)) is None:
         return
     decoded = map(decode_frame, attempt.recording.frames(start_ns, end_ns))
     frames = [crop_and_resize(each, run.geometry) for each in decoded if each is not None]

@@ -93,8 +93,9 @@ class TactileSensor:
         mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_BODY, body, speeds, 0)
         turn = data.ximat[body].reshape(3, 3)
         mass, inertia = self._model.body_mass[body], self._model.body_inertia[body]
-        inverse = (turn / np.where(inertia > 0.0, inertia, np.inf)) @ turn.T
-        parts = (speeds[3:], speeds[:3], 1.0 / mass if mass > 0.0 else 0.0, inverse)
+        moves = self._model.body_weldid[body] > 0 and mass > 0.0  # 0 is the world
+        inverse = moves * (turn / np.where(inertia > 0.0, inertia, np.inf)) @ turn.T
+        parts = (speeds[3:], speeds[:3], 1.0 / mass if moves else 0.0, inverse)
         return Motions(data.xipos[body][None], *(np.asarray(each)[None] for each in parts))
 
 

@@ -14,7 +14,7 @@ from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.pad import BoxPad
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.envs.gel_contact import Frames, GelContact
+from tacauchy_rig.envs.gel_contact import Frames, GelContact, Motions
 from tacauchy_rig.envs.mujoco import ball_on_pad
 from tacauchy_rig.envs.newton import TactileSensor, balls_on_pads
 
@@ -108,6 +108,21 @@ def test_a_peg_that_lies_on_the_gel_is_felt_though_its_end_is_far_beside() -> No
     )
     assert contact.is_valid.all()
     assert contact.wrench[0, 2] > 0.1
+
+
+def test_a_sliding_ball_feels_no_more_than_coulombs_force() -> None:
+    """Loss adds to friction while the gel still gives way, not beyond the friction itself."""
+    contact = GelContact(Sphere(diameter_m=8e-3), count=1, edge_m=3.5e-3, friction=0.3)
+    pad, nothing = load_sensor("gelsight-mini").pad, np.zeros((1, 3))
+    held = Motions(nothing, nothing, nothing, np.zeros(1), np.zeros((1, 3, 3)))
+    moving = held._replace(velocities=np.array([[0.2, 0.0, 0.0]]), inverse_masses=np.full(1, 50.0))
+    pads = Frames(nothing, Rotation.identity(1))
+    for x_m in (0.0, 0.3e-3, 0.6e-3):
+        tips = Frames(np.array([[x_m, 0.0, pad.height_m - 0.5e-3]]), Rotation.identity(1))
+        contact.press(pads, tips)
+        load = contact.loads(pads, tips, held, moving, STEP_S)[1][0]
+        assert load[0] < contact.wrench[0, 0] + 1e-9
+        assert np.hypot(*load[:2]) == pytest.approx(0.3 * load[2], rel=0.03)
 
 
 def test_as_many_objects_as_pads_are_needed() -> None:
