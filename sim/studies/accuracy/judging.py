@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import time
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from importlib import resources
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter
 
 from sim.correction import correction
-from sim.effects.effect_plan import EffectPlan
 from sim.effects.outputs import outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import EndState, end_state, path_for
@@ -27,6 +25,7 @@ from sim.scene.scene import Effect, Preset, Scene
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.loading_path import LoadingPath
+from sim.studies import from_file
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RigError
 
@@ -66,28 +65,20 @@ class Configuration:
         return self == Configuration(name=self.name, preset=self.preset, element=element)
 
     def applied(self, scene: Scene) -> Scene:
-        """Return the scene with these settings."""
-        effects = (
-            (Effect.LOCKING_FREE_ELEMENT, self.element is ElementOrder.P2),
-            (Effect.FINITE_STRAIN, self.finite_strain),
-        )
-        return replace(
-            scene, preset=self.preset, barrier_m=self.barrier_m, effects=(*scene.effects, *effects)
-        )
-
-    def on_its_way(self, scene: Scene) -> Scene:
-        """Return a scene whose end is on another mesh than its way."""
-        return replace(scene, refinement=self.refinement, path_refinement=self.path_refinement)
+        """Return the scene with these settings, but for what belongs to an end on another mesh."""
+        quadratic = self.element is ElementOrder.P2
+        own = (Effect.LOCKING_FREE_ELEMENT, quadratic), (Effect.FINITE_STRAIN, self.finite_strain)
+        effects = (*scene.effects, *own)
+        return replace(scene, preset=self.preset, barrier_m=self.barrier_m, effects=effects)
 
     def refined(self, factor: float) -> Configuration:
         """Return the same settings with every edge so many times shorter."""
         return replace(self, refinement=self.refinement * factor)
 
 
-_FILE = resources.files("sim.studies.accuracy").joinpath("configurations.toml")
 SHORT, _LONG = (
     TypeAdapter(tuple[Configuration, ...]).validate_python(rows)
-    for rows in tomllib.loads(_FILE.read_text("utf-8")).values()
+    for rows in from_file("accuracy/configurations.toml").values()
 )
 FULL = (*SHORT, *_LONG)
 REFERENCE = Configuration(name="reference", preset=Preset.REFERENCE)
@@ -166,30 +157,37 @@ class Observation:
 def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry) -> Observation:
     """Press a scene to its force with one configuration; the kernels should be warm."""
     scene = configuration.applied(scene)
+    longer = configuration.path_refinement
+    way = replace(scene, refinement=configuration.refinement, path_refinement=longer)
     started, spent = time.perf_counter(), time.process_time()
     plan = plan_effects(scene)
-    end = _end(scene, plan, configuration)
+    options = SolverOptions(residual_relative=configuration.residual_relative)
+    if longer is not None:
+        end = end_state(way, plan, options=options)
+    else:
+        path = path_for(scene, plan, refinement=configuration.refinement)
+        path.options = options
+        end = EndState(path=path, point=path.push(scene.target.force_n or 0.0))
     pressed, spent = time.perf_counter() - started, time.process_time() - spent
     path, point, model = end.path, end.point, end.path.model
     corrected = None
     if configuration.is_corrected:
-        way = configuration.on_its_way(scene)
         corrected = correction(way, plan, outputs_of(path, point), end.way)
     # A large d_hat holds the gel off the indenter: what touches is what the barrier reaches.
     wide = model.contact_options.is_wide
     touching = _TOUCHING_M if wide else max(_TOUCHING_M, scene.contact_distance_m)
-    row = Row(
-        configuration=configuration,
-        setup_s=pressed - path.counts.wall_s,
-        solve_s=path.counts.wall_s,
-        cpu_s=spent,
-        steps=path.counts.increments,
-        newton_iterations=path.counts.newton_iterations,
-        tet_count=len(model.elements),
-        node_count=len(model.nodes),
-    )
+    counts = path.counts
     return Observation(
-        row=row,
+        row=Row(
+            configuration=configuration,
+            setup_s=pressed - counts.wall_s,
+            solve_s=counts.wall_s,
+            cpu_s=spent,
+            steps=counts.increments,
+            newton_iterations=counts.newton_iterations,
+            tet_count=len(model.elements),
+            node_count=len(model.nodes),
+        ),
         force_n=scene.target.force_n or 0.0,
         depth_m=point.depth_m if corrected is None else corrected.depth_m,
         bias=0.0 if corrected is None else corrected.bias_relative,
@@ -198,16 +196,6 @@ def observe(scene: Scene, configuration: Configuration, geometry: CameraGeometry
         maps=height_maps(surface_state(path, point), geometry, contact_gap_m=touching),
         path=path,
     )
-
-
-def _end(scene: Scene, plan: EffectPlan, configuration: Configuration) -> EndState:
-    """Press to a scene's force, on one mesh or on two."""
-    options = SolverOptions(residual_relative=configuration.residual_relative)
-    if configuration.path_refinement is not None:
-        return end_state(configuration.on_its_way(scene), plan, options=options)
-    path = path_for(scene, plan, refinement=configuration.refinement)
-    path.options = options
-    return EndState(path=path, point=path.push(scene.target.force_n or 0.0))
 
 
 def height_error(found: HeightMaps, reference: HeightMaps) -> float:
@@ -270,13 +258,11 @@ class Judge:
         self._render, self._similarity = render, similarity
         self._warm_up()
         coarser = reference.refined(1.0 / COARSENING)
-        exact, coarse, coarsest = (
-            observe(scene, each, geometry)
-            for each in (reference, coarser, coarser.refined(1.0 / COARSENING))
-        )
+        three = reference, coarser, coarser.refined(1.0 / COARSENING)
+        exact, coarse, coarsest = map(self._observe, three)
         self._exact, self._image = exact, render(exact.maps)
         self._force, self._depth = exact.force_n, exact.depth_m
-        drift, further = self._errors(coarse)[0], self._errors(coarsest)[0]
+        drift, further = self._row(coarse).errors, self._row(coarsest).errors
         first, second = (1.0 / (COARSENING ** (k * _ORDER_LOW) - 1.0) for k in (1, 2))
         force = extrapolated(self._force, (1.0 + drift["force"]) * self._force, scene=scene)
         depth = extrapolated(self._depth, coarse.depth_m, scene=scene)
@@ -297,46 +283,44 @@ class Judge:
         """
         if configuration == self.reference.configuration:
             return self.reference
-        row = self._row(observe(self._scene, configuration, self._geometry))
+        row = self._row(self._observe(configuration))
         if shifted:
             with suppress(RigError):
                 others = [
-                    self._errors(observe(self._scene, other, self._geometry))[0]
-                    for other in map(configuration.refined, (1.0 - EDGE_SHIFT, 1.0 + EDGE_SHIFT))
+                    self._row(self._observe(configuration.refined(factor))).errors
+                    for factor in (1.0 - EDGE_SHIFT, 1.0 + EDGE_SHIFT)
                 ]
-                chance = {
+                apart = {
                     name: max(abs(other[name] - error) for other in others)
                     for name, error in row.errors.items()
                 }
-                return replace(row, chances=chance)
+                return replace(row, chances=apart)
         return row
 
-    def _row(self, found: Observation) -> Row:
-        errors, zncc = self._errors(found)
-        return replace(found.row, errors=errors, zncc_contact=zncc)
+    def _observe(self, configuration: Configuration) -> Observation:
+        return observe(self._scene, configuration, self._geometry)
 
-    def _errors(self, found: Observation) -> tuple[dict[str, float], float]:
-        """Return the errors by quantity, and the image's correlation inside the contact."""
+    def _row(self, found: Observation) -> Row:
+        """Return an observation's row with its errors."""
         exact = self._exact
         ssim, zncc = self._similarity(self._image, self._render(found.maps), exact.maps)
         force = found.force_n if found is exact else found.force_at(exact.depth_m)
-        return {
+        errors = {
             "force": force / self._force - 1.0,
             "depth": found.depth_m / self._depth - 1.0,
             "pressure": found.pressure_max_pa / exact.pressure_max_pa - 1.0,
             "radius": found.contact_radius_m / exact.contact_radius_m - 1.0,
             "height": height_error(found.maps, exact.maps),
             "image": 1.0 - ssim,
-        }, zncc
+        }
+        return replace(found.row, errors=errors, zncc_contact=zncc)
 
     def _warm_up(self) -> None:
         """Compile every kernel that will be timed, on a mesh that costs next to nothing."""
         small = Configuration(name="warm-up", preset=Preset.FAST, refinement=0.25)
-        for element in ElementOrder:
-            for finite_strain in (True, False):
-                kind = replace(small, element=element, finite_strain=finite_strain)
-                with suppress(RigError):
-                    observe(self._scene, kind, self._geometry)
+        for element, finite_strain in product(ElementOrder, (True, False)):
+            with suppress(RigError):
+                self._observe(replace(small, element=element, finite_strain=finite_strain))
 
 
 def finished(rows: Sequence[Row]) -> list[Row]:

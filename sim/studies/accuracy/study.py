@@ -34,7 +34,7 @@ from sim.studies.accuracy.judging import (
 )
 from sim.studies.accuracy.tolerance import HELD_OUT, SEEN_BEFORE, check_tolerance, tolerance_table
 from tacauchy_rig.core.figure_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN
-from tacauchy_rig.core.page import table_prose
+from tacauchy_rig.core.page import prose, table_prose
 from tacauchy_rig.core.study import Case, Result, Study, failures_table
 from tacauchy_rig.core.tables import Table, table_of
 
@@ -69,8 +69,7 @@ def _draw_panel(axes: Axes, rows: Sequence[Row], bar: float, quantity: str) -> N
     large = quantity == _LARGE
     # The reference has no error against itself, and no place on a log axis.
     known = [row for row in rows if abs(row.errors[quantity]) > 0.0]
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log")
     axes.set_title(_TITLES[quantity], loc="left")
     axes.grid(visible=True, which="major")
     if not known:
@@ -81,11 +80,7 @@ def _draw_panel(axes: Axes, rows: Sequence[Row], bar: float, quantity: str) -> N
         ((ElementOrder.P1, False), "s", ORANGE, "linear (P1)"),
         ((ElementOrder.P2, True), "D", GREEN, "quadratic, corrected"),
     ):
-        chosen = [
-            row
-            for row in known
-            if (row.configuration.element, row.configuration.is_corrected) == kind
-        ]
+        chosen = [row for row in known if _kind(row.configuration) == kind]
         if not chosen:
             continue
         tall = [sizes[row.configuration.name] for row in chosen]
@@ -93,21 +88,14 @@ def _draw_panel(axes: Axes, rows: Sequence[Row], bar: float, quantity: str) -> N
         axes.errorbar(
             [row.time_s for row in chosen],
             tall,
-            yerr=np.transpose([bar_ends(*pair) for pair in zip(tall, bars, strict=True)]),
+            # On a log axis a bar cannot reach down to zero.
+            yerr=[np.minimum(bars, 0.9 * np.array(tall)), bars],
             fmt=marker,
             markersize=4.5 if large else 3.0,
             color=colour,
             elinewidth=0.5,
             label=text,
         )
-    if large:
-        front = sorted((row.time_s, sizes[row.configuration.name]) for row in known if row.on_front)
-        axes.plot(*zip(*front, strict=True), color=INK, lw=0.8, label="Pareto front", zorder=1)
-        _write_labels(axes, rows, sizes)
-        left, right = axes.get_xlim()
-        axes.set_xlim(left / _LEFT, right * _RIGHT)
-        axes.set_xlabel("Set-up and solve (s)")
-        axes.set_ylabel("Relative error")
     lowest = min(sizes.values())
     if bar > 0.0:
         axes.axhspan(0.2 * min(bar, lowest), bar, color=GREY, alpha=0.15, linewidth=0.0)
@@ -115,12 +103,17 @@ def _draw_panel(axes: Axes, rows: Sequence[Row], bar: float, quantity: str) -> N
         axes.axhline(bar, color=GREY, linewidth=0.5, linestyle=":", label=label)
     axes.set_ylim(bottom=0.5 * min(bar or np.inf, lowest))
     if large:
+        front = sorted((row.time_s, sizes[row.configuration.name]) for row in known if row.on_front)
+        axes.plot(*zip(*front, strict=True), color=INK, lw=0.8, label="Pareto front", zorder=1)
+        _write_labels(axes, rows, sizes)
+        left, right = axes.get_xlim()
+        axes.set(xlim=(left / _LEFT, right * _RIGHT), xlabel="Set-up and solve (s)")
+        axes.set_ylabel("Relative error")
         axes.legend(loc="upper right")
 
 
-def bar_ends(size: float, bar: float) -> tuple[float, float]:
-    """Return how far an error bar goes down and up; on a log axis it cannot reach zero."""
-    return min(bar, 0.9 * size), bar
+def _kind(configuration: Configuration) -> tuple[ElementOrder, bool]:
+    return configuration.element, configuration.is_corrected
 
 
 def _write_labels(axes: Axes, rows: Sequence[Row], sizes: dict[str, float]) -> None:
@@ -133,16 +126,15 @@ def _write_labels(axes: Axes, rows: Sequence[Row], sizes: dict[str, float]) -> N
         least = min(least, error) if row.on_front else least
         if name not in sizes or not (gains or is_preset):
             continue
+        above: Any = {"xytext": (4, 4), "ha": "left", "va": "bottom", "fontweight": "bold"}
+        below: Any = {"xytext": (-5, -4), "ha": "right", "va": "top"}
         axes.annotate(
             name.replace("d_hat", r"$\hat{d}$"),
             (row.time_s, sizes[name]),
-            xytext=(4, 4) if is_preset else (-5, -4),
-            ha="left" if is_preset else "right",
-            va="bottom" if is_preset else "top",
             textcoords="offset points",
             fontsize=6.5,
-            fontweight="bold" if is_preset else "normal",
             color=INK if row.on_front else GREY,
+            **(above if is_preset else below),
         )
 
 
@@ -234,17 +226,10 @@ class Accuracy(Study):
             if others := self.rows(results, seed)[0]:
                 tables.append(seed_table(rows, others, bars, seed=seed))
         known = {each.name: each.found for each in results if not each.failure}
-        for scenes, title, note in (
-            (HELD_OUT, "What a tolerance keeps", ""),
-            (
-                SEEN_BEFORE,
-                "What a tolerance keeps, on scenes that were judged before",
-                " They were looked at while the method was made: the other ten decide.",
-            ),
-        ):
+        for scenes, is_earlier in ((HELD_OUT, False), (SEEN_BEFORE, True)):
             names = [f"{_TOLERANCE}{each.name}" for each in scenes]
             if outcomes := [known[name] for name in names if name in known]:
-                tables.append(tolerance_table(outcomes, title=title, note=note))
+                tables.append(tolerance_table(outcomes, is_earlier=is_earlier))
         return [*tables, *failures_table(results, kind=self.kind)]
 
     def facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
@@ -273,10 +258,7 @@ class Accuracy(Study):
     def note(self, results: Sequence[Result]) -> str:
         """Return what a tolerance is."""
         del results
-        return (
-            "`press`, `plan`, `replay` and `replay.tolerance` in a configuration take a tolerance "
-            "such as 0.02N or 1% and choose the cheapest preset that is believed to keep it."
-        )
+        return prose("sim.studies.accuracy", "tables.md.jinja", "note")
 
 
 def _measured(judge: Callable[[], Judge], each: Configuration, seed: int) -> dict[str, Any]:
@@ -295,6 +277,9 @@ def study_table(
     """Return every configuration's errors and cost."""
     fast_s = next((row.time_s for row in rows if row.configuration.name == Preset.FAST), None)
     front = sum(row.on_front for row in rows)
+    off = ", ".join(f"{name} {bar:.2%}" for name, bar in bars.items())
+    facts = {"scene": scene, "reference": reference, "bars": off}
+    wanted = {"rows_wanted": ROWS_WANTED, "front_wanted": FRONT_WANTED}
 
     def percent(row: Row, quantity: str) -> float:
         return 1e2 * row.errors[quantity]
@@ -308,25 +293,13 @@ def study_table(
             "time [s]": lambda row: row.time_s,
             "time over fast's": lambda row: row.time_s / fast_s if fast_s else None,
             "F_z [%]": partial(percent, quantity="force"),
-            **{
-                f"{name} [%]": partial(percent, quantity=name)
-                for name in ("depth", "pressure", "radius", "height")
-            },
+            **{f"{name} [%]": partial(percent, quantity=name) for name in QUANTITIES[1:-1]},
             "1 - SSIM": lambda row: row.errors["image"],
             "ZNCC": lambda row: row.zncc_contact,
             "front": lambda row: "yes" if row.on_front else "",
         },
         passed=len(rows) >= ROWS_WANTED and front >= FRONT_WANTED,
-        **_prose(
-            "study",
-            rows_wanted=ROWS_WANTED,
-            front_wanted=FRONT_WANTED,
-            scene=scene,
-            reference=reference,
-            bars=", ".join(f"{name} {bar:.2%}" for name, bar in bars.items()),
-            count=len(rows),
-            front=front,
-        ),
+        **_prose("study", count=len(rows), front=front, **facts, **wanted),
     )
 
 
@@ -337,20 +310,15 @@ def seed_table(
     second = {row.configuration.name: row.errors for row in others}
     first = {r.configuration.name: r for r in rows if r.configuration.name in second}
 
-    def bar(name: str, quantity: str) -> float:
+    def bar(name: str, of: str) -> float:
         row = first[name]
-        own = error_bar(bars[quantity], row.errors[quantity], row.chances[quantity])
-        return _RUNS * own
+        return _RUNS * error_bar(bars[of], row.errors[of], row.chances[of])
 
-    outside = {
-        name: [
-            quantity
-            for quantity in QUANTITIES
-            if abs(second[name][quantity] - row.errors[quantity]) > bar(name, quantity)
-        ]
-        for name, row in first.items()
-    }
-    total, missed = len(QUANTITIES) * len(first), sum(len(each) for each in outside.values())
+    def missing(name: str) -> list[str]:
+        errors, found = first[name].errors, second[name]
+        return [of for of in QUANTITIES if abs(found[of] - errors[of]) > bar(name, of)]
+
+    total, missed = len(QUANTITIES) * len(first), sum(len(missing(name)) for name in first)
     return table_of(
         first,
         {
@@ -358,7 +326,7 @@ def seed_table(
             "F_z [%]": lambda name: 1e2 * first[name].errors["force"],
             f"F_z, seed {seed} [%]": lambda name: 1e2 * second[name]["force"],
             "bar of F_z [%]": lambda name: 1e2 * bar(name, "force"),
-            "outside": lambda name: ", ".join(outside[name]) or "none",
+            "outside": lambda name: ", ".join(missing(name)) or "none",
         },
         passed=missed == 0,
         **_prose("seeds", seed=seed, within=total - missed, total=total, shift=f"{EDGE_SHIFT:.0%}"),

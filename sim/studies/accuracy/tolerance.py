@@ -7,11 +7,9 @@ method was made. Both ten have the same tolerances. ``scenes.toml`` states them.
 from __future__ import annotations
 
 import time
-import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from importlib import resources
 from typing import Any, NamedTuple
 
 from sim.correction import Corrected, Setting, correction
@@ -29,6 +27,7 @@ from sim.error import (
 )
 from sim.press_command import scene_from
 from sim.scene.scene import Preset, Scene, Target
+from sim.studies import from_file
 from sim.studies.accuracy.judging import COARSENING, Limit, extrapolated
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.page import table_prose
@@ -53,17 +52,12 @@ class HeldOut(NamedTuple):
     tolerance: Tolerance
 
 
-_FILE = resources.files("sim.studies.accuracy").joinpath("scenes.toml")
+def _held_out(name: str, press: str, tolerance: str) -> HeldOut:
+    return HeldOut(name, scene_from(press), parse_tolerance(tolerance, field="tolerance"))
+
+
 SEEN_BEFORE, HELD_OUT = (
-    [
-        HeldOut(
-            each["name"],
-            scene_from(each["press"]),
-            parse_tolerance(each["tolerance"], field="tolerance"),
-        )
-        for each in scenes
-    ]
-    for scenes in tomllib.loads(_FILE.read_text("utf-8")).values()
+    [_held_out(**each) for each in scenes] for scenes in from_file("accuracy/scenes.toml").values()
 )
 
 
@@ -163,23 +157,19 @@ def check_tolerance(asked: HeldOut) -> Row:
     }
 
 
-def tolerance_table(rows: Sequence[Row], *, title: str, note: str = "") -> Table:
-    """Return what a tolerance chose for each scene, and how near that came."""
+def tolerance_table(rows: Sequence[Row], *, is_earlier: bool = False) -> Table:
+    """Return what a tolerance chose for each scene, and how near that came.
+
+    Args:
+        is_earlier: The scenes are those of ``SEEN_BEFORE``.
+    """
     kept = sum(row["kept"] == "yes" for row in rows)
     costs = [(row[COST], row[CHOICE]) for row in rows if row[COST] is not None]
     thrifty = sum(cost <= COST_WANTED for cost, _ in costs)
-    prose = table_prose(
-        "sim.studies.accuracy",
-        "tables.md.jinja",
-        "tolerances",
-        title=title,
-        kept=kept,
-        count=len(rows),
-        cost=f"{COST_WANTED:g}",
-        thrifty=thrifty,
-        plain=sum(cost - choice <= COST_WANTED for cost, choice in costs),
-        more=note,
-    )
+    counts = {"kept": kept, "count": len(rows), "thrifty": thrifty}
+    plain = sum(cost - choice <= COST_WANTED for cost, choice in costs)
+    told = {"cost": f"{COST_WANTED:g}", "plain": plain, "is_earlier": is_earlier}
+    prose = table_prose("sim.studies.accuracy", "tables.md.jinja", "tolerances", **counts, **told)
     shown = [{name: row[name] for name in COLUMNS} for row in rows]
     passed = kept >= KEPT_WANTED * len(rows) and thrifty == len(rows)
     return table_of_rows(shown, passed=passed, **prose)
@@ -192,8 +182,7 @@ def _believed(scene: Scene, depth_m: float) -> float:
         return 0.0 if known is None else known.error_relative
     held = replace(scene, target=Target(depth_m=depth_m))
     plan = plan_effects(held)
-    found = coarse_press(held, plan, 1.0).outputs
-    return estimated(held, plan, found).force or 0.0
+    return estimated(held, plan, coarse_press(held, plan, 1.0).outputs).force or 0.0
 
 
 def judged_depth(scene: Scene) -> float:

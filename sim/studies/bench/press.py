@@ -6,6 +6,7 @@ import shlex
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import Hold, LoadingPath, touch_height
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
+from sim.studies import from_file
 from sim.studies.bench.scenes import FRAME_COUNT, Manner, ScenePress
 from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.core.arrays import FloatArray
@@ -47,10 +49,10 @@ _UNPROMISED = ((0.03, Preset.FAST), (0.01, Preset.BALANCED), (0.0, Preset.ACCURA
 def press_scene(stated: Mapping[str, Any], manner: Manner) -> dict[str, Any]:
     """Press a line of the table; return the fields of ``ScenePress``."""
     alone = manner.environments is None
-    scene, is_stated = within(stated_scene(stated), manner.tolerance, corrected=alone)
-    if alone:
-        return asdict(press_in_frames(scene, promised=is_stated, device=manner.device))
-    return asdict(press_batch(scene, manner))
+    scene, promised = within(stated_scene(stated), manner.tolerance, corrected=alone)
+    if not alone:
+        return asdict(press_batch(scene, manner))
+    return asdict(press_in_frames(scene, promised=promised, device=manner.device))
 
 
 def press_reference(stated: Mapping[str, Any], preset: Preset) -> dict[str, Any]:
@@ -62,9 +64,7 @@ def stated_scene(stated: Mapping[str, Any]) -> Scene:
     """Return the scene of a line of the table."""
     given = {"sensor": "gelsight-mini", "indenter": "plane", **stated}
     triangles = given.pop("object", None)
-    scene = scene_from(
-        shlex.join(word for name, value in given.items() for word in (f"--{name}", str(value)))
-    )
+    scene = scene_from(" ".join(f"--{name} {shlex.quote(str(v))}" for name, v in given.items()))
     return scene if triangles is None else replace(scene, indenter=OBJECTS[triangles]())
 
 
@@ -156,48 +156,27 @@ def moves(
     Args:
         part: Of the whole way.
     """
-    motion, target = scene.motion, scene.target
-    pressing = pressing_frames(scene, count)
-    time_s = scene.duration_s / count
+    target, time_s = scene.target, scene.duration_s / count
+    hold = Hold.FORCE if target.depth_m is None else Hold.DEPTH
+    goals = part * goals_of(scene, count)
+    steps = np.diff(goals, axis=0, prepend=0.0 * goals[:1])
 
-    def down(share: float) -> Callable[[LoadingPath], PathPoint]:
+    def move(number: int, path: LoadingPath) -> PathPoint:
+        if number >= pressing_frames(scene, count):
+            _, x, y, twist = steps[number].tolist()
+            return path.carry(shift_m=(x, y), twist_rad=twist, hold=hold, duration_s=time_s)
+        share = float(goals[number, 0])
         if target.depth_m is not None:
-            depth = share * target.depth_m
-            return lambda path: path.advance(depth, duration_s=time_s)
-        force = share * (target.force_n or 0.0)
-        return lambda path: path.push(force, duration_s=time_s)
+            return path.advance(share * target.depth_m, duration_s=time_s)
+        return path.push(share * (target.force_n or 0.0), duration_s=time_s)
 
-    frames = [down(part * k / pressing) for k in range(1, pressing + 1)]
-    if pressing < count:
-        left = count - pressing
-        x, y = (part * along / left for along in motion.shift_m)
-        hold = Hold.DEPTH if target.depth_m is not None else Hold.FORCE
-        frames += [
-            lambda path: path.carry(
-                shift_m=(x, y),
-                twist_rad=part * motion.twist_rad / left,
-                hold=hold,
-                duration_s=time_s,
-            )
-        ] * left
-    return frames
+    return [partial(move, number) for number in range(count)]
 
 
 # --- In a batch.
 _REPEATS = 50
 # What a kernel with a word in its name does in a step; others begin and end the frames.
-_PARTS = {
-    "element": "gel",
-    "touch": "contact",
-    "judge": "judge",
-    "prepare": "prepare",
-    "product": "inverse",
-    "factor": "inverse",
-    "correct": "inverse",
-    "turn": "turn",
-    "hold": "hold",
-}
-_REST = "rest"
+_PARTS, _REST = from_file("bench/scenes.toml")["part_of_kernel"], "rest"
 # Edge length of the sensor's mesh [m], and the residual over the contact force.
 _EDGE_M, _BALANCE = 1.7e-3, 1e-3
 # The environments after the first differ by up to so much in modulus, and are pressed so much less
@@ -218,21 +197,21 @@ def press_batch(scene: Scene, manner: Manner) -> ScenePress:
     options = BatchOptions(residual_relative=_BALANCE)
     batch = Batch(model, [scene.indenter], np.zeros(count, int), materials=gels, options=options)
     trajectory = trajectory_of(scene, model, shares=shares)
-    seen_by = scene.sensor if manner.images else ""
-    pressed(batch, *trajectory, seen_by=seen_by)
+    whole = partial(pressed, batch, *trajectory, seen_by=scene.sensor if manner.images else "")
+    whole()
     setup_s = time.perf_counter() - started
     times = []
     for _ in range(_PRESSES):
         wall, cpu = time.perf_counter(), time.process_time()
-        found = pressed(batch, *trajectory, seen_by=seen_by)
+        found = whole()
         times.append((time.perf_counter() - wall, time.process_time() - cpu))
     wall_s, cpu_s = min(times)
     failed = ~found[-1].valid
     if failed.any():
         raise ConvergenceError(f"{failed.sum()} of {count} did not reach the last frame")
     x, y, z = found[-1].wrench[0, :3].tolist()
-    heights, forces = [each.tips_m[0, 2] for each in found], [each.wrench[0, 2] for each in found]
-    last = pressing_frames(scene) - 1
+    ends = np.array([(each.tips_m[0, 2], each.wrench[0, 2]) for each in found])
+    down_m, more_n = ends[pressing_frames(scene) - 2] - ends[pressing_frames(scene) - 1]
     return ScenePress(
         preset="sensor's mesh",
         edges=1.0,
@@ -245,10 +224,8 @@ def press_batch(scene: Scene, manner: Manner) -> ScenePress:
         iterations=round(float(sum(each.evaluations.mean() for each in found))),
         force_n=(x, y, z),
         moment_nm=None,
-        depth_m=float(_touch_m(scene, model) - heights[-1]),
-        stiffness_n_m=float(
-            (forces[last] - forces[last - 1]) / (heights[last - 1] - heights[last])
-        ),
+        depth_m=float(_touch_m(scene, model) - ends[-1, 0]),
+        stiffness_n_m=float(-more_n / down_m),
         balance=float(np.abs(found[-1].imbalance).max()),
         parts_s=batch_parts(batch, *trajectory, wall_s=wall_s),
     )
@@ -256,22 +233,14 @@ def press_batch(scene: Scene, manner: Manner) -> ScenePress:
 
 def _sensors_model(scene: Scene, device: str) -> Model:
     assert isinstance(scene.pad, BoxPad)  # noqa: S101 - every sensor's is
-    return sensor_model(
-        scene.pad,
-        scene.material,
-        layers=scene.layers,
-        edge_m=_EDGE_M,
-        friction=scene.friction,
-        device=device,
-    )
+    terms: dict[str, Any] = {"layers": scene.layers, "friction": scene.friction}
+    return sensor_model(scene.pad, scene.material, edge_m=_EDGE_M, device=device, **terms)
 
 
 def _touch_m(scene: Scene, model: Model) -> float:
     """Return the height of the tip that touches the pad at rest [m], the scene's tilt included."""
-    tilt = tilted(*scene.motion.tilt_rad)
-    touch_m = touch_height(
-        model, scene.indenter, model.nodes, centre_m=scene.centre_m, rotation=tilt
-    )
+    pose: dict[str, Any] = {"centre_m": scene.centre_m, "rotation": tilted(*scene.motion.tilt_rad)}
+    touch_m = touch_height(model, scene.indenter, model.nodes, **pose)
     return touch_m - model.contact_options.distance_m
 
 
@@ -385,17 +354,16 @@ def _time_of(launch: Callable[[], None], *, device: str) -> float:
         for _ in range(_REPEATS):
             launch()
 
-    def graph() -> None:
-        wp.capture_launch(capture.graph)
-        wp.synchronize_device(device)
-
     launch()
-    run = launches
     if device != "cpu":
         with wp.ScopedCapture(device=device) as capture:
             launches()
-        run = graph
-        run()
+        wp.capture_launch(capture.graph)
+        wp.synchronize_device(device)
     started = time.perf_counter()
-    run()
+    if device == "cpu":
+        launches()
+    else:
+        wp.capture_launch(capture.graph)
+        wp.synchronize_device(device)
     return (time.perf_counter() - started) / _REPEATS

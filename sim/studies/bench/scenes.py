@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from importlib import resources
 from math import hypot, nan
 from pathlib import Path
 from statistics import geometric_mean
@@ -19,6 +17,7 @@ from pydantic import TypeAdapter
 
 from sim.correction import Corrected
 from sim.error import parse_tolerance
+from sim.studies import from_file
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.figure_style import BLUE, COLUMN_IN, GREEN, ORANGE, PURPLE, SKY
 from tacauchy_rig.core.page import table_prose
@@ -26,7 +25,6 @@ from tacauchy_rig.core.store.codec import from_json, loads
 from tacauchy_rig.core.tables import Cell, Table, table_of
 
 FRAME_COUNT = 20
-IMAGES = "with images"
 _DRAWN = 12
 
 Scenes = Mapping[str, dict[str, Any]]
@@ -35,8 +33,7 @@ Scenes = Mapping[str, dict[str, Any]]
 
 def all_scenes() -> Scenes:
     """Return every scene, in the order of the page."""
-    text = resources.files("sim.studies.bench").joinpath("scenes.toml").read_text("utf-8")
-    return {line.pop("name"): line for line in tomllib.loads(text)["scene"]}
+    return {line.pop("name"): line for line in from_file("bench/scenes.toml")["scene"]}
 
 
 def drawn_scenes(seed: int) -> Scenes:
@@ -85,17 +82,20 @@ class Manner:
     images: bool = False  # with the image, markers and stress of every frame, in a batch
 
     @property
-    def extras(self) -> tuple[str, ...]:
-        """What is unlike other batches, in words."""
-        return (IMAGES,) if self.images else ()
-
-    @property
     def text(self) -> str:
         """All of it in words."""
         if self.environments is None:
             return f"{self.device}, alone, tolerance {self.tolerance}"
         many = f"{self.environments} environment{'s' * (self.environments > 1)}"
-        return ", ".join([self.device, many, *self.extras])
+        return f"{self.device}, {many}{', with images' * self.images}"
+
+    @property
+    def wanted(self) -> list[float] | None:
+        """Frames a second that are wanted, mean and least; None where none are."""
+        alone = {"cpu": self.device == "cpu", "environments": self.environments or 0}
+        own = alone | {"tolerance": self.tolerance, "images": self.images}
+        rows = from_file("bench/scenes.toml")["wanted"]
+        return next((r["frames_per_s"] for r in rows if own.items() <= r.items()), None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,6 +187,12 @@ class SceneRow:
         return force / known.press.force_n[2] - 1.0
 
     @property
+    def stated_error(self) -> float | None:
+        """The error that the corrected result is said to have."""
+        corrected = self.press and self.press.corrected
+        return corrected and corrected.error_relative
+
+    @property
     def sideways_error(self) -> float | None:
         """How far the motion's resistance is off: M_z of a twist, F_xy of a shift."""
         if self.press is None or self.reference is None:
@@ -224,16 +230,6 @@ def read_references(file: Path, scenes: Scenes) -> dict[str, Reference]:
     return {name: each for name, each in found.items() if scenes.get(name) == each.stated}
 
 
-# Frames a second that are wanted, mean and least: by whether it is a CPU, environments, tolerance
-# and manner. Alone on a CPU is on one thread.
-_WANTED: dict[tuple[bool, int | None, str, tuple[str, ...]], tuple[float, float]] = {
-    (True, None, "5%", ()): (60.0, 15.0),
-    (True, None, "1%", ()): (25.0, 0.0),
-    (False, None, "5%", ()): (300.0, 300.0),
-    (False, 1, "5%", ()): (300.0, 300.0),
-    (False, 60, "5%", ()): (10_000.0, 10_000.0),
-    (False, 60, "5%", (IMAGES,)): (5_550.0, 5_550.0),
-}
 # From here on frames a second are shown as whole numbers.
 _WHOLE = 100.0
 _prose = partial(table_prose, "sim.studies.bench", "scenes.md.jinja")
@@ -248,8 +244,7 @@ def scene_tables(rows: Sequence[SceneRow]) -> list[Table]:
 def _speed(rows: Sequence[SceneRow]) -> Table:
     manner = rows[0].manner
     found = [row.frames_per_s for row in rows if row.press]
-    is_cpu = manner.device == "cpu"
-    wanted = _WANTED.get((is_cpu, manner.environments, manner.tolerance, manner.extras))
+    wanted, counts = manner.wanted, {"measured": len(found), "count": len(rows)}
     mean, least = geometric_mean(found) if found else math.nan, min(found, default=0.0)
     is_met = wanted is None or (mean >= wanted[0] and least >= wanted[1])
     return table_of(
@@ -258,20 +253,19 @@ def _speed(rows: Sequence[SceneRow]) -> Table:
             "scene": lambda row: row.scene,
             "preset": lambda row: row.setting,
             "frames/s": lambda row: None if row.press is None else _counted(row.frames_per_s),
-            "processor [s]": _each(lambda press: press.cpu_s),
-            "wall [s]": _each(lambda press: press.wall_s),
+            "processor [s]": lambda row: row.press and row.press.cpu_s,
+            "wall [s]": lambda row: row.press and row.press.wall_s,
         },
         passed=is_met and (wanted is None or len(found) == len(rows)),
         **_prose(
             "speed",
             way=manner.text,
-            wanted=wanted,
+            wanted=wanted and tuple(wanted),
             mean=f"{mean:.1f}",
             least=f"{least:.1f}",
-            measured=len(found),
-            count=len(rows),
             frames=FRAME_COUNT,
-            is_cpu=is_cpu,
+            is_cpu=manner.device == "cpu",
+            **counts,
         ),
     )
 
@@ -291,14 +285,14 @@ def _forces(rows: Sequence[SceneRow]) -> Table:
         rows,
         {
             "scene": lambda row: row.scene,
-            "F_z [N]": _each(lambda press: press.force_n[2]),
-            "by the reference [N]": _known(lambda press: press.force_n[2]),
-            "its preset": _known(lambda press: press.preset),
+            "F_z [N]": lambda row: row.press and row.press.force_n[2],
+            "by the reference [N]": lambda row: row.reference and row.reference.press.force_n[2],
+            "its preset": lambda row: row.reference and row.reference.press.preset,
             "off by [%]": lambda row: _percent(row.error()),
             "raw off by [%]": lambda row: _percent(row.error(raw=True)),
-            "stated [%]": _each(_stated),
+            "stated [%]": lambda row: _percent(row.stated_error),
             "sideways off by [%]": lambda row: _percent(row.sideways_error),
-            "balance": _each(lambda press: f"{press.balance:.0e}"),
+            "balance": lambda row: row.press and f"{row.press.balance:.0e}",
         },
         passed=all(map(is_within, rows)),
         **_prose("forces", way=manner.text, allowed=text, unknown=unknown),
@@ -322,27 +316,13 @@ def _work(rows: Sequence[SceneRow]) -> Table:
         rows,
         {
             "scene": lambda row: row.scene,
-            "tetrahedra": _each(lambda press: press.tet_count),
-            "unknowns": _each(lambda press: press.unknown_count),
-            "iterations": _each(lambda press: press.iterations),
-            "set-up [s]": _each(lambda press: press.setup_s),
+            "tetrahedra": lambda row: row.press and row.press.tet_count,
+            "unknowns": lambda row: row.press and row.press.unknown_count,
+            "iterations": lambda row: row.press and row.press.iterations,
+            "set-up [s]": lambda row: row.press and row.press.setup_s,
         },
         **_prose("work", way=rows[0].manner.text),
     )
-
-
-def _each(value: Callable[[ScenePress], Cell]) -> Callable[[SceneRow], Cell]:
-    """Return what shows a value of a row's press; nothing where there is none."""
-    return lambda row: None if row.press is None else value(row.press)
-
-
-def _known(value: Callable[[ScenePress], Cell]) -> Callable[[SceneRow], Cell]:
-    """Return what shows a value of the press that a row is compared with."""
-    return lambda row: None if row.reference is None else value(row.reference.press)
-
-
-def _stated(press: ScenePress) -> Cell:
-    return None if press.corrected is None else _percent(press.corrected.error_relative)
 
 
 def _counted(speed: float) -> Cell:

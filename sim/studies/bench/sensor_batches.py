@@ -18,8 +18,7 @@ from sim.press import press
 from sim.scene.indenter import Cylinder, Indenter, Sphere, cylinder_triangles, mesh_indenter, tilted
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Motion, Scene, Target
-from sim.studies.bench.parts import Row
-from sim.studies.bench.rendering import batch_device
+from sim.studies.bench.rendering import Row, batch_device
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.page import table_prose
 from tacauchy_rig.core.tables import Table, table_of_rows
@@ -68,14 +67,12 @@ def unlike_bodies() -> list[Indenter]:
 def rounded_bodies(count: int, *, seed: int) -> list[Indenter]:
     """Draw balls of 2 to 15 mm and punches of 3 to 8 mm with fillets of 0.2 to 0.8 mm, in turn."""
     rng = np.random.default_rng(seed)
-    drawn: list[Indenter] = []
-    for k in range(count):
-        if k % 2 == 0:
-            drawn.append(Sphere(diameter_m=float(rng.uniform(2e-3, 15e-3))))
-            continue
-        diameter_m, fillet_m = float(rng.uniform(3e-3, 8e-3)), float(rng.uniform(0.2e-3, 0.8e-3))
-        drawn.append(Cylinder(diameter_m=diameter_m, fillet_m=fillet_m))
-    return drawn
+    return [
+        Cylinder(diameter_m=rng.uniform(3e-3, 8e-3), fillet_m=rng.uniform(0.2e-3, 0.8e-3))
+        if k % 2
+        else Sphere(diameter_m=rng.uniform(2e-3, 15e-3))
+        for k in range(count)
+    ]
 
 
 def draw_poses(
@@ -89,10 +86,8 @@ def draw_poses(
     poses = np.zeros((count, 7))
     poses[:, :2] = rng.uniform(-half, half, (count, 2))
     depth = pad.height_m * rng.uniform(*_DEPTHS, count)
-    for k, body in enumerate(of):
-        if isinstance(body, Sphere):
-            limit = _BALL_SHARE * body.diameter_m
-            depth[which == k] = np.minimum(depth[which == k], limit)
+    limits = [_BALL_SHARE * b.diameter_m if isinstance(b, Sphere) else np.inf for b in of]
+    depth = np.minimum(depth, np.array(limits)[which])
     poses[:, 2] = pad.height_at(poses[:, 0], poses[:, 1]) - depth
     tilt, towards = _TILT_RAD * rng.uniform(size=count), 2.0 * np.pi * rng.uniform(size=count)
     axis = np.column_stack([np.cos(towards), np.sin(towards), np.zeros(count)])
@@ -284,13 +279,8 @@ def _alone(
     axis = Rotation.from_quat(pose[3:]).as_matrix()[:, 2]
     tilt = (-float(np.arcsin(axis[1])), float(np.arctan2(axis[0], axis[2])))
     depth_m = float(scene.pad.height_at(pose[:1], pose[1:2])[0] - pose[2])
-    own = replace(
-        scene,
-        indenter=body,
-        target=Target(depth_m=depth_m),
-        centre_m=(float(pose[0]), float(pose[1])),
-        motion=Motion(tilt_rad=tilt),
-    )
+    own = replace(scene, indenter=body, target=Target(depth_m=depth_m))
+    own = replace(own, centre_m=tuple(pose[:2].tolist()), motion=Motion(tilt_rad=tilt))
     result = press(keeping_corrected(own, Tolerance(relative=tolerance)))
     force = result.force_n[2] if result.corrected is None else result.corrected.force_n
     at = result.point.state.tip - [0.0, 0.0, result.model.contact_options.distance_m]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -14,7 +14,7 @@ from sim.error import Tolerance, parse_tolerance
 from sim.press_command import scene_of
 from sim.scene.scene import Preset, Scene, SceneTerms
 from sim.sensor.sensor import Sensor, load_sensor
-from sim.studies.bench import Part, parts, rendering, sensor_batches
+from sim.studies.bench import Part, rendering, sensor_batches
 from sim.studies.bench.press import press_reference, press_scene
 from sim.studies.bench.scenes import (
     Manner,
@@ -39,12 +39,13 @@ if TYPE_CHECKING:
 REFERENCE_FILE = Path("docs/results/benchmarks/scenes_reference.json")
 SCENE_LIMIT_S = 1800.0
 _WARM_M = 0.02e-3
-_TABLES: dict[Part, Callable[[Sequence[parts.Row]], Table]] = {
-    Part.REPLAY: parts.replay_table,
-    Part.RENDERING: rendering.rendering_table,
-    Part.UNLIKE: sensor_batches.unlike_table,
-    Part.MOVING: sensor_batches.moving_table,
-    Part.ALONE: sensor_batches.alone_table,
+# What measures a part but the scenes, and what shows its rows.
+_PARTS: dict[Part, tuple[Callable[..., Any], Callable[[Sequence[rendering.Row]], Table]]] = {
+    Part.REPLAY: (rendering.measure_replay, rendering.replay_table),
+    Part.RENDERING: (rendering.measure_rendering, rendering.rendering_table),
+    Part.UNLIKE: (sensor_batches.measure_unlike, sensor_batches.unlike_table),
+    Part.MOVING: (sensor_batches.measure_moving, sensor_batches.moving_table),
+    Part.ALONE: (sensor_batches.measure_alone, sensor_batches.alone_table),
 }
 # Presets of references; the next is taken where one does not come to its end.
 _REFERENCES = (Preset.REFERENCE, Preset.ACCURATE, Preset.BALANCED)
@@ -58,7 +59,7 @@ class Bench(Study):
     terms: SceneTerms  # what parts but the scenes press
     forces_n: Sequence[float]  # of the replay [N]
     # Makes, of a sensor, what turns a pressed surface into a replay's image
-    make_images: Callable[[Sensor], parts.ImageOf]
+    make_images: Callable[[Sensor], rendering.ImageOf]
     chosen: Sequence[Part] = tuple(Part)  # parts that are measured
     drawn: int | None = None  # seed of scenes that are drawn in place of the table's
     manners: Sequence[Manner] = (Manner(),)  # how the scenes are pressed
@@ -70,10 +71,8 @@ class Bench(Study):
     def __post_init__(self) -> None:
         for manner in self.manners:
             parse_tolerance(manner.tolerance, field="--tolerance")
-            if manner.extras and manner.environments is None:
-                raise ConfigError(
-                    "--images and --own-mesh are for batches", remedy="give --environments too"
-                )
+            if manner.images and manner.environments is None:
+                raise ConfigError("--images is for batches", remedy="give --environments too")
         if list(self.chosen) == [Part.SCENES]:
             self.name, self.title = "scenes", "Benchmark: scenes"  # type: ignore[misc]
 
@@ -91,8 +90,8 @@ class Bench(Study):
         """Return the parts, then the scenes' references, then the scenes in every manner."""
         cases = [
             Case(name=part.value, measure=partial(self._measured, part))
-            for part in Part
-            if part in self.chosen and part is not Part.SCENES
+            for part in _PARTS
+            if part in self.chosen
         ]
         if self.reference:
             cases += [
@@ -152,14 +151,14 @@ class Bench(Study):
                 found[name] = Reference(stated=self._scenes[name], press=read_press(result.found))
         return found
 
-    def _rows(self, results: Sequence[Result], part: Part) -> list[parts.Row]:
+    def _rows(self, results: Sequence[Result], part: Part) -> list[rendering.Row]:
         """Return the rows of a part; none where it was not measured."""
         found = [each.found for each in results if each.name == part and not each.failure]
         return found[0] if found else []
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return a table for each part, and several for the scenes in each manner."""
-        tables = [table(rows) for p, table in _TABLES.items() if (rows := self._rows(results, p))]
+        tables = [show(rows) for p, (_, show) in _PARTS.items() if (rows := self._rows(results, p))]
         for group in self._groups(results, self._references(results)):
             tables += scene_tables(group)
         return [*tables, *failures_table(results, kind=self.kind)]
@@ -169,7 +168,7 @@ class Bench(Study):
         references = self._references(results)
         groups = self._groups(results, references)
         return {
-            **{part.value: rows for part in _TABLES if (rows := self._rows(results, part))},
+            **{part.value: rows for part in _PARTS if (rows := self._rows(results, part))},
             "groups": [[row.as_json() for row in rows] for rows in groups],
             "references": references,
             "rows": [
@@ -198,20 +197,16 @@ class Bench(Study):
         del results
         return f"{self.terms.indenter} into {self.terms.sensor}." if self.name == "bench" else ""
 
-    def _measured(self, part: Part) -> list[parts.Row]:
+    def _measured(self, part: Part) -> list[rendering.Row]:
         scene = scene_of(self.terms)
         _warm_up(scene)
-        if part is Part.REPLAY:
-            images = self.make_images(load_sensor(scene.sensor))
-            replayed = partial(parts.measure_replay, scene, self.forces_n, images)
-            return [replayed(), replayed(tolerance=Tolerance(relative=parts.FORCE_ERROR_MAX))]
-        measures: dict[Part, Callable[[Scene], Iterable[parts.Row]]] = {
-            Part.RENDERING: rendering.measure_rendering,
-            Part.UNLIKE: sensor_batches.measure_unlike,
-            Part.MOVING: sensor_batches.measure_moving,
-            Part.ALONE: sensor_batches.measure_alone,
-        }
-        return list(measures[part](scene))
+        measure, _ = _PARTS[part]
+        if part is not Part.REPLAY:
+            return list(measure(scene))
+        replayed = partial(
+            measure, scene, self.forces_n, self.make_images(load_sensor(scene.sensor))
+        )
+        return [replayed(), replayed(tolerance=Tolerance(relative=rendering.FORCE_ERROR_MAX))]
 
 
 @cache

@@ -1,25 +1,29 @@
-"""The effects study: scenes under their plans and with everything on, and the page."""
+"""The effects study: scenes, stated or drawn, under their plans and with everything on."""
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from importlib import resources
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from sim.effects.effect_plan import EffectPlan, full_plan
+from sim.effects.estimates import expected_force
 from sim.effects.outputs import PressOutputs, outputs_of
 from sim.effects.plan import plan_effects
 from sim.effects.scene_path import follow, forget, path_for
 from sim.error import estimated
 from sim.press_command import scene_from
-from sim.scene.material import RelaxationTerm
-from sim.scene.scene import Effect, Output, Scene, Target
-from sim.studies.effects.drawn import described, drawn_scene
+from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
+from sim.scene.material import Layer, Material, RelaxationTerm
+from sim.scene.pad import BoxPad
+from sim.scene.scene import ContactMode, Effect, Motion, Output, Preset, Scene, Target
+from sim.studies import from_file
 from tacauchy_rig.core.study import Case, Result, Study, founds
 from tacauchy_rig.core.tables import Cell, Table, table_of
 
@@ -59,8 +63,139 @@ def _case(
     return EffectCase(name, shows, replace(scene, material=material))
 
 
-_FILE = resources.files("sim.studies.effects").joinpath("cases.toml")
-EFFECT_CASES = tuple(_case(**each) for each in tomllib.loads(_FILE.read_text("utf-8"))["case"])
+EFFECT_CASES = tuple(_case(**each) for each in from_file("effects/cases.toml")["case"])
+
+_FROM = from_file("effects/drawn.toml")
+# Of a ball's radius: no deeper, as its side would overhang.
+_BALL_DEPTH = 0.8
+
+
+class _Draw:
+    """Draws by the names of ``drawn.toml``, always the same for a seed and a number."""
+
+    def __init__(self, seed: int, number: int) -> None:
+        self.rng = np.random.default_rng([seed, number])
+
+    def has(self, name: str) -> bool:
+        return bool(self.rng.random() < _FROM["shares"][name])
+
+    def evenly(self, name: str) -> float:
+        return float(self.rng.uniform(*_FROM["evenly"][name]))
+
+    def size(self, name: str) -> float:
+        return math.exp(self.rng.uniform(*map(math.log, _FROM["sizes"][name])))
+
+    def offset(self, name: str) -> tuple[float, float]:
+        """Return a size along x, y or both."""
+        size, way = self.size(name), self.rng.integers(3)
+        if way == 2:
+            angle = self.rng.uniform(0.0, 2.0 * math.pi)
+            return size * math.cos(angle), size * math.sin(angle)
+        return (size, 0.0) if way == 0 else (0.0, size)
+
+
+def drawn_scene(seed: int, number: int) -> Scene:
+    """Return a scene, always the same for a seed and a number."""
+    draw = _Draw(seed, number)
+    height = draw.size("height_m")
+    half_x, half_y = (draw.evenly("half_m") for _ in range(2))
+    indenter = _indenter(draw)
+    depth = draw.size("depth_share") * height
+    if isinstance(indenter, Sphere):
+        depth = min(depth, _BALL_DEPTH * indenter.radius_m)
+    contact, friction = _contact(draw)
+    motion = _motion(draw, indenter, can_slide=contact is not ContactMode.BONDED)
+    material = _material(draw)
+    layers = _layers(draw, material)
+    scene = Scene(
+        pad=BoxPad(size_x_m=2.0 * half_x, size_y_m=2.0 * half_y, height_m=height),
+        material=layers[-1].material if layers else material,
+        layers=layers,
+        indenter=indenter,
+        target=Target(depth_m=depth),
+        centre_m=draw.offset("offset_m") if draw.has("off_centre") else (0.0, 0.0),
+        contact=contact,
+        friction=friction,
+        motion=motion,
+        duration_s=draw.size("duration_s"),
+        outputs=frozenset(output for output in Output if draw.has("asked")),
+        tolerance=draw.size("tolerance"),
+        preset=Preset.FAST if draw.has("fast") else Preset.BALANCED,
+    )
+    if not draw.has("forced"):
+        return scene
+    return replace(scene, target=Target(force_n=expected_force(scene)))
+
+
+def described(scene: Scene) -> str:
+    """Return what was drawn in a few words."""
+    target, motion, height = scene.target, scene.motion, scene.pad.height_m
+    goal = f"{target.force_n:.3g} N" if target.depth_m is None else f"{target.depth_m / height:.0%}"
+    friction = f" {scene.friction:.2g}" if scene.contact is ContactMode.FRICTION else ""
+    extras = {
+        "layered": scene.layers,
+        "relaxing": scene.material.relaxation,
+        "off centre": any(scene.centre_m),
+        "slid": any(motion.shift_m),
+        "twisted": motion.twist_rad,
+        "tilted": any(motion.tilt_rad),
+    }
+    return (
+        f"{scene.preset.value}, {describe(scene.indenter)}, to {goal} of {height * 1e3:.2g} mm, "
+        f"nu {scene.material.poisson:.3g}, {scene.contact.value}{friction}, "
+        f"in {scene.duration_s:.2g} s"
+    ) + "".join(f", {name}" for name, present in extras.items() if present)
+
+
+def _indenter(draw: _Draw) -> Indenter:
+    if draw.has("ball"):
+        return Sphere(diameter_m=draw.size("ball_m"))
+    diameter = draw.size("punch_m")
+    fillet = 0.0 if draw.has("sharp") else 0.5 * draw.evenly("fillet_share") * diameter
+    return Cylinder(diameter_m=diameter, fillet_m=fillet)
+
+
+def _contact(draw: _Draw) -> tuple[ContactMode, float]:
+    kind, friction, shares = draw.rng.random(), draw.evenly("friction"), _FROM["shares"]
+    if kind < shares["frictionless"]:
+        return ContactMode.FRICTIONLESS, 0.0
+    if kind < shares["frictionless"] + shares["bonded"]:
+        return ContactMode.BONDED, 0.0
+    return ContactMode.FRICTION, friction
+
+
+def _motion(draw: _Draw, indenter: Indenter, *, can_slide: bool) -> Motion:
+    is_tilted = isinstance(indenter, Cylinder) and draw.has("tilted")
+    tilt = draw.offset("tilt_rad") if is_tilted else (0.0, 0.0)
+    if not can_slide or not draw.has("moved"):
+        return Motion(tilt_rad=tilt)
+    if draw.has("turned"):
+        return Motion(twist_rad=draw.size("twist_rad"), tilt_rad=tilt)
+    draw.rng.random()  # keeps the scenes of a seed what they were
+    return Motion(shift_m=draw.offset("shift_m"), tilt_rad=tilt)
+
+
+def _material(draw: _Draw) -> Material:
+    count = draw.rng.integers(1, 3) if draw.has("lossy") else 0
+    terms = tuple(
+        RelaxationTerm(share=draw.size("term_share"), time_s=draw.size("term_s"))
+        for _ in range(count)
+    )
+    young_pa = draw.size("young_pa")
+    return Material(young_pa=young_pa, poisson=draw.evenly("poisson"), relaxation=terms)
+
+
+def _layers(draw: _Draw, base: Material) -> tuple[Layer, ...]:
+    if not draw.has("layered"):
+        return ()
+    skin = Material(
+        young_pa=draw.size("skin_stiffness") * base.young_pa,
+        poisson=draw.evenly("poisson"),
+        relaxation=base.relaxation,
+    )
+    share = draw.size("skin_share")
+    return (Layer(share=1.0 - share, material=base), Layer(share=share, material=skin))
+
 
 Check = dict[str, Any]
 """A scene under its plan and with everything on; what is of an output is by its name.
@@ -105,7 +240,7 @@ def check_effects(case: EffectCase, *, errors: bool = False) -> Check:
     started = time.process_time()
     plan = plan_effects(scene)
     planned = _pressed(scene, plan)
-    stated = estimated(scene, plan, planned).relative
+    told = estimated(scene, plan, planned).relative
     planned_s = time.process_time() - started
     forget()
     started = time.process_time()
@@ -127,7 +262,7 @@ def check_effects(case: EffectCase, *, errors: bool = False) -> Check:
         "tolerances": {output.value: allowed for output, allowed in plan.tolerances.items()},
         "expected": {output.value: plan.left_out(output) for output in plan.tolerances},
         "differences": {output.value: found[output] for output in plan.tolerances},
-        "errors": {each.value: (stated[each], true[each]) for each in stated if each in true},
+        "errors": {each.value: (told[each], true[each]) for each in told if each in true},
         "planned_s": planned_s,
         "tried_s": plan.tried_s,
         "full_s": full_s,
@@ -142,13 +277,14 @@ def _true_errors(
 
     Only the mesh's part is extrapolated: what is left out differs by as much on every mesh.
     """
-    errors = {}
-    for output, size in planned.sizes.items():
+
+    def error(output: Output) -> float:
         coarse, fine = full.sizes[output], finer.sizes[output]
         limit = fine + (fine - coarse) / (_FINER**2 - 1.0)
         scale = 1.0 if output is Output.SHEAR else max(abs(limit), _NOTHING)
-        errors[output] = abs(size - limit) / scale
-    return errors
+        return abs(planned.sizes[output] - limit) / scale
+
+    return {output: error(output) for output in planned.sizes}
 
 
 def _pressed(scene: Scene, plan: EffectPlan) -> PressOutputs:
@@ -224,26 +360,16 @@ class Effects(Study):
         checks = founds(results)
         if not checks:
             return []
-        kept = table_of(
-            kept_by_output(checks).items(),
-            {
-                "output": lambda row: row[0],
-                "kept": lambda row: row[1][0],
-                "of": lambda row: row[1][1],
-                "at worst, over the tolerance": lambda row: percent(row[1][2]),
-            },
+        kept = Table(
+            columns=("output", "kept", "of", "at worst, over the tolerance"),
+            rows=tuple((o, *n, percent(most)) for o, (*n, most) in kept_by_output(checks).items()),
             title="Outputs kept",
             criterion="an output differs by no more than its tolerance",
             passed=all(check["passed"] for check in checks),
         )
-        errors = table_of(
-            errors_by_output(checks).items(),
-            {
-                "output": lambda row: row[0],
-                "errs as stated": lambda row: row[1][0],
-                "of": lambda row: row[1][1],
-                "stated over found, median": lambda row: f"{row[1][2]:.1f}",
-            },
+        errors = Table(
+            columns=("output", "errs as stated", "of", "stated over found, median"),
+            rows=tuple((o, *n, f"{w:.1f}") for o, (*n, w) in errors_by_output(checks).items()),
             title="Stated errors",
         )
         scenes = table_of(
@@ -252,14 +378,9 @@ class Effects(Study):
                 "scene": lambda check: check["name"],
                 "left out": _names,
                 "nearest output": lambda check: worst(check)[0],
-                **{
-                    heading: partial(_of_worst, name=name)
-                    for heading, name in (
-                        ("tolerance", "tolerances"),
-                        ("expected", "expected"),
-                        ("found", "differences"),
-                    )
-                },
+                "tolerance": partial(_of_worst, name="tolerances"),
+                "expected": partial(_of_worst, name="expected"),
+                "found": partial(_of_worst, name="differences"),
                 "time": lambda check: f"{time_ratio(check):.1f} x",
                 "": lambda check: "kept" if check["passed"] else "**missed**",
             },

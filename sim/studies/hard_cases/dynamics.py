@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
-from sim.contact.contact_surface import ContactOptions
 from sim.fields.contact_signature import contact_signature
 from sim.mesh.elements import ElementOrder
 from sim.press import contact_measures
@@ -16,24 +15,14 @@ from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Inertia
 from sim.solve.path_point import PathPoint
-from sim.studies.hard_cases.pads import (
-    BALL,
-    DENSITY_KG_M3,
-    DISC,
-    HEIGHT_M,
-    PUNCH,
-    Measured,
-    Outcome,
-    grip_of,
-    pad_model,
-    round_mesh,
-)
+from sim.studies.hard_cases import pads
+from sim.studies.hard_cases.pads import Measured, Outcome
 from tacauchy_rig.core.arrays import FloatArray
 
 FRICTION = 0.5
 SLIP_M = 1e-7
 # IPC's default (Li et al. 2020): sticking is slower than 1e-3 of the scene's size a second.
-EPS_V_M_S = 1e-3 * 2.0 * DISC.radius_m
+EPS_V_M_S = 1e-3 * 2.0 * pads.DISC.radius_m
 SPEED_M_S = 1e-3
 LIMIT_EXCESS = 1e-3
 TORQUE_KINK_SHARE = 0.05
@@ -44,9 +33,9 @@ def stick_slip(*, step_m: float = 40e-6, step_count: int = 10, hold_count: int =
 
     Creep is the motion along the indenter of points that stick, in one step.
     """
-    options = ContactOptions(distance_m=2e-6, friction=FRICTION, slip_m=SLIP_M)
-    mesh = round_mesh(start_m=0.0, end_m=1.7e-3, size_m=0.5e-3, symmetric=False)
-    path = LoadingPath(pad_model(mesh, contact_options=options), Sphere(diameter_m=10e-3))
+    mesh = pads.round_mesh(start_m=0.0, end_m=1.7e-3, size_m=0.5e-3, symmetric=False)
+    model = pads.pad_model(mesh, friction=FRICTION, slip_m=SLIP_M)
+    path = LoadingPath(model, Sphere(diameter_m=10e-3))
     back_and_forth = ((1, 1), (0, hold_count), (1, step_count), (0, hold_count), (-1, step_count))
     moves = [sign * step_m for sign, count in back_and_forth for _ in range(count)]
     points = [path.advance(0.3e-3), *(path.carry(shift_m=(move, 0.0)) for move in moves)]
@@ -81,7 +70,7 @@ def _drag_step(path: LoadingPath, before: PathPoint, point: PathPoint) -> tuple[
         Tangential over normal forces over mu, less one; how far a point that sticks moved along
         the indenter, and any that touches, at most [m]; the share of touching points that stick.
     """
-    old, new = grip_of(before), grip_of(point)
+    old, new = pads.grip_of(before), pads.grip_of(point)
     touching = (old.held > 0.0) & (new.held > 0.0)
     stuck = touching & np.all(old.anchors == new.anchors, axis=2)
     slip = _along_indenter(path, before, point)
@@ -102,7 +91,7 @@ def _along_indenter(path: LoadingPath, before: PathPoint, after: PathPoint) -> F
         surface = np.einsum("pk,fkx->fpx", values, nodes) - point.state.tip
         places.append(surface @ point.state.rotation)
     motion = places[1] - places[0]
-    loads = grip_of(after).loads
+    loads = pads.grip_of(after).loads
     normals = loads / np.maximum(np.linalg.norm(loads, axis=2, keepdims=True), 1e-300)
     motion -= np.einsum("fpx,fpx->fp", motion, normals)[..., None] * normals
     return np.asarray(np.linalg.norm(motion, axis=2))
@@ -110,11 +99,10 @@ def _along_indenter(path: LoadingPath, before: PathPoint, after: PathPoint) -> F
 
 def torsion(*, turn_deg: float = 180.0, step_deg: float = 10.0) -> Outcome:
     """Turn a plate that sticks to the whole face of a round pad, pressed in by a fifth of it."""
-    pad = DiscPad(radius_m=4e-3, height_m=HEIGHT_M)
-    mesh = round_mesh(pad=pad, start_m=0.0, end_m=2.5e-3, size_m=1e-3, symmetric=False)
-    options = ContactOptions(distance_m=2e-6, bonded=True)
-    path = LoadingPath(pad_model(mesh, contact_options=options), Plane())
-    point = path.advance(0.2 * HEIGHT_M)
+    pad = DiscPad(radius_m=4e-3, height_m=pads.HEIGHT_M)
+    mesh = pads.round_mesh(pad=pad, start_m=0.0, end_m=2.5e-3, size_m=1e-3, symmetric=False)
+    path = LoadingPath(pads.pad_model(mesh, bonded=True), Plane())
+    point = path.advance(0.2 * pads.HEIGHT_M)
     ratio_min = point.equilibrium.min_jacobian
     torques = [0.0]
     for _ in range(round(turn_deg / step_deg)):
@@ -156,9 +144,9 @@ _RISE_ALLOWED = 1e-7
 
 def time_steps() -> Outcome:
     """Press to a depth with every time step, and without time at once."""
-    model = pad_model(round_mesh(), order=ElementOrder.P1)
-    static = LoadingPath(model, PUNCH).advance(_RAMP_TO_M).force_n[2]
-    path = LoadingPath(model, PUNCH, step_max_m=1.0)
+    model = pads.pad_model(pads.round_mesh(), order=ElementOrder.P1)
+    static = LoadingPath(model, pads.PUNCH).advance(_RAMP_TO_M).force_n[2]
+    path = LoadingPath(model, pads.PUNCH, step_max_m=1.0)
     at_once = path.advance(_RAMP_TO_M).force_n[2] / static - 1.0
     measured: Measured = {
         "force_static_n": float(static),
@@ -178,7 +166,8 @@ def time_steps() -> Outcome:
 
 def _jump(model: Model, step_s: float) -> float:
     """Return F_z [N] after the whole depth at once, then rest in steps that grow."""
-    path = LoadingPath(model, PUNCH, step_max_m=1.0, inertia=Inertia(model, DENSITY_KG_M3))
+    inertia = Inertia(model, pads.DENSITY_KG_M3)
+    path = LoadingPath(model, pads.PUNCH, step_max_m=1.0, inertia=inertia)
     found, held_s = path.advance(_RAMP_TO_M, duration_s=step_s), step_s
     while held_s < 1.0:
         held_s *= 4.0
@@ -188,7 +177,7 @@ def _jump(model: Model, step_s: float) -> float:
 
 def _ramp(model: Model, step_s: float) -> list[float]:
     """Return F_z [N] for as long as the slowest tone, after a smooth ramp in even steps."""
-    path = LoadingPath(model, PUNCH, inertia=Inertia(model, DENSITY_KG_M3))
+    path = LoadingPath(model, pads.PUNCH, inertia=Inertia(model, pads.DENSITY_KG_M3))
     path.advance(_RAMP_FROM_M)
     forces, time_s = [], 0.0
     while time_s < _RAMP_S + _LISTEN_S:
@@ -219,17 +208,16 @@ def energy_j(path: LoadingPath, inertia: Inertia) -> float:
 
 def impact() -> Outcome:
     """Follow energies and gaps through every impact."""
-    model = pad_model(round_mesh(), order=ElementOrder.P1)
+    model = pads.pad_model(pads.round_mesh(), order=ElementOrder.P1)
     rise, gap, peak, touching = -np.inf, np.inf, 0.0, 0
-    for indenter in (PUNCH, BALL):
-        for speed_m_s in _SPEEDS_M_S:
-            for follow in (_driven, _thrown):
-                steps, gained = follow(model, indenter, speed_m_s)
-                rise = max(rise, float(gained.max()))
-                gaps = (model.surface.gaps(s.state.positions, indenter, s.state) for s in steps)
-                gap = min(gap, *(float(each.min()) for each in gaps))
-                force = max(float(step.force_n[2]) for step in steps)
-                peak, touching = max(peak, force), touching + (force > 0.0)
+    impacts = product((pads.PUNCH, pads.BALL), _SPEEDS_M_S, (_driven, _thrown))
+    for indenter, speed_m_s, follow in impacts:
+        steps, gained = follow(model, indenter, speed_m_s)
+        rise = max(rise, float(gained.max()))
+        gaps = (model.surface.gaps(s.state.positions, indenter, s.state) for s in steps)
+        gap = min(gap, *(float(each.min()) for each in gaps))
+        force = max(float(step.force_n[2]) for step in steps)
+        peak, touching = max(peak, force), touching + (force > 0.0)
     measured: Measured = {
         "impacts": 2 * 2 * len(_SPEEDS_M_S),
         "impacts_that_touched": touching,
@@ -241,27 +229,28 @@ def impact() -> Outcome:
     return Outcome(passed=passed, measured=measured)
 
 
-def _driven(
-    model: Model, indenter: Indenter, speed_m_s: float
-) -> tuple[list[PathPoint], FloatArray]:
+Followed = tuple[list[PathPoint], FloatArray]
+"""The steps of an impact, and the energy that each gained over its own or the indenter's work."""
+
+
+def _driven(model: Model, indenter: Indenter, speed_m_s: float) -> Followed:
     """Drive the indenter in and hold it; return what energy exceeds work by, step by step."""
     path, inertia = _above(model, indenter)
-    depths, energies, works, steps = [_IMPACT_FROM_M], [energy_j(path, inertia)], [0.0], []
+    depths, energies, forces, steps = [_IMPACT_FROM_M], [energy_j(path, inertia)], [0.0], []
     for k in range(_IMPACT_STEP_COUNT):
         depth = min(_IMPACT_FROM_M + (k + 1) * _TRAVEL_A_STEP_M, _IMPACT_TO_M)
         steps.append(time_step(path, depth, _TRAVEL_A_STEP_M / speed_m_s))
         depths.append(steps[-1].depth_m)
-        works.append(works[-1] + float(steps[-1].force_n[2]) * (depths[-1] - depths[-2]))
+        forces.append(float(steps[-1].force_n[2]))
         energies.append(energy_j(path, inertia))
-    return steps, np.diff(np.array(energies) - works) / max(works)
+    works = np.cumsum(np.array(forces) * np.diff(depths, prepend=depths[0]))
+    return steps, np.diff(np.array(energies) - works) / works.max()
 
 
-def _thrown(
-    model: Model, indenter: Indenter, speed_m_s: float
-) -> tuple[list[PathPoint], FloatArray]:
+def _thrown(model: Model, indenter: Indenter, speed_m_s: float) -> Followed:
     """Give the gel a speed towards an indenter that stands still: nothing does any work."""
     path, inertia = _above(model, indenter)
-    inertia.velocities_m_s[:, 2] = speed_m_s * model.nodes[:, 2] / HEIGHT_M
+    inertia.velocities_m_s[:, 2] = speed_m_s * model.nodes[:, 2] / pads.HEIGHT_M
     steps, energies = [], [energy_j(path, inertia)]
     for _ in range(_IMPACT_STEP_COUNT):
         steps.append(path.dwell(_TRAVEL_A_STEP_M / speed_m_s))
@@ -271,7 +260,7 @@ def _thrown(
 
 def _above(model: Model, indenter: Indenter) -> tuple[LoadingPath, Inertia]:
     """Return a path whose indenter stands above a pad at rest, and the pad's mass."""
-    inertia = Inertia(model, DENSITY_KG_M3)
+    inertia = Inertia(model, pads.DENSITY_KG_M3)
     path = LoadingPath(model, indenter, inertia=inertia)
     path.advance(_IMPACT_FROM_M)
     return path, inertia

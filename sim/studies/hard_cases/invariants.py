@@ -6,10 +6,11 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 
-from sim.contact.contact_surface import ContactOptions, State
+from sim.contact.contact_surface import State
 from sim.mesh.elements import ElementOrder
 from sim.press import contact_measures
 from sim.scene.indenter import Cylinder, Sphere, describe
@@ -17,22 +18,8 @@ from sim.solve.equilibrium import NEWTON, EquilibriumSolver, Reuse, SolverOption
 from sim.solve.loading_path import Hold, LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
-from sim.studies.hard_cases.pads import (
-    BALL,
-    BARRIER_M,
-    DOMED,
-    HEIGHT_M,
-    PUNCH,
-    YOUNG_PA,
-    Measured,
-    Outcome,
-    balance_relative,
-    brick_mesh,
-    grip_of,
-    pad_model,
-    quarter_brick_mesh,
-    round_mesh,
-)
+from sim.studies.hard_cases import pads
+from sim.studies.hard_cases.pads import Measured, Outcome
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.parallel import IsolatedWorker
@@ -55,29 +42,27 @@ def degenerate_starts() -> Outcome:
     factors, and takes more steps with fewer of them.
     """
     iterations: dict[str, int] = {}
-    steps, factors = 0, 0
-    worst = 0.0
+    steps, factors, worst = 0, 0, 0.0
     for order in ElementOrder:
-        model = pad_model(brick_mesh(_CELLS, jitter=0.2), order=order)
+        model = pads.pad_model(pads.brick_mesh(_CELLS, jitter=0.2), order=order)
         rest = model.nodes
         starts = {
-            "to a point": np.tile([0.0, 0.0, 0.5 * HEIGHT_M], (len(rest), 1)),
+            "to a point": np.tile([0.0, 0.0, 0.5 * pads.HEIGHT_M], (len(rest), 1)),
             "to a point of the base": np.zeros_like(rest),
             "flat on the base": rest * [1.0, 1.0, 0.0],
             "flat across": rest * [0.0, 1.0, 1.0],
             "upside down": rest * [1.0, 1.0, -1.0],
             "mirrored": rest * [-1.0, 1.0, 1.0],
         }
-        for name, positions in starts.items():
-            for reuse in (NEWTON, Reuse()):
-                state = _started(model, positions)
-                solver = EquilibriumSolver(model, _FAR, reuse=reuse)
-                found = solver.settle(state, options=_PATIENT)
-                worst = max(worst, float(np.abs(state.positions - rest).max()) / HEIGHT_M)
-                if reuse is NEWTON:
-                    iterations[f"{order.value} {name}"] = found.iterations
-                else:
-                    steps, factors = max(steps, found.iterations), max(factors, solver.factor.made)
+        for (name, positions), reuse in product(starts.items(), (NEWTON, Reuse())):
+            state = _started(model, positions)
+            solver = EquilibriumSolver(model, _FAR, reuse=reuse)
+            found = solver.settle(state, options=_PATIENT)
+            worst = max(worst, float(np.abs(state.positions - rest).max()) / pads.HEIGHT_M)
+            if reuse is NEWTON:
+                iterations[f"{order.value} {name}"] = found.iterations
+            else:
+                steps, factors = max(steps, found.iterations), max(factors, solver.factor.made)
     most = max(iterations, key=lambda name: iterations[name])
     measured: Measured = {
         "starts": len(iterations),
@@ -92,12 +77,11 @@ def degenerate_starts() -> Outcome:
 
 def random_start() -> Outcome:
     """Case 2: every free node anywhere in the box; three seeds, P1 and P2, contact far away."""
-    rises, residual, iterations = [], 0.0, 0
-    knots: list[float] = []
+    rises, residual, iterations, knots = [], 0.0, 0, list[float]()
     smallest, inverted = np.inf, 0
     rested = dict.fromkeys(ElementOrder, 0)
     for order in ElementOrder:
-        model = pad_model(brick_mesh((4, 4, 2)), order=order)
+        model = pads.pad_model(pads.brick_mesh((4, 4, 2)), order=order)
         for seed in range(_SEEDS):
             low, high = model.nodes.min(axis=0), model.nodes.max(axis=0)
             anywhere = np.random.default_rng(seed).uniform(low, high, size=model.nodes.shape)
@@ -108,9 +92,9 @@ def random_start() -> Outcome:
             energies = [start, *solver.energies_j]
             iterations = max(iterations, found.iterations)
             rises.append(float(np.diff(energies).max()) / energies[0])
-            residual = max(residual, found.residual_n / (YOUNG_PA * HEIGHT_M**2))
+            residual = max(residual, found.residual_n / (pads.YOUNG_PA * pads.HEIGHT_M**2))
             smallest = min(smallest, found.min_jacobian)
-            if np.abs(state.positions - model.nodes).max() > 1e-6 * HEIGHT_M:
+            if np.abs(state.positions - model.nodes).max() > 1e-6 * pads.HEIGHT_M:
                 knots.append(energies[-1] / model.energy_scale_j)
                 # Corners inside out, whatever det F is inside.
                 corners = state.positions[model.elements[:, :4]]
@@ -135,10 +119,9 @@ def random_start() -> Outcome:
 
 def penetrating_start() -> Outcome:
     """Case 15: the indenter begins inside the undeformed gel, up to a whole diameter deep."""
-    model = pad_model(quarter_brick_mesh((4, 4, 4)))
-    resolved, worst, gap = 0, 0.0, np.inf
+    model = pads.pad_model(pads.quarter_brick_mesh((4, 4, 4)))
+    resolved, worst, gap, spoiled = 0, 0.0, np.inf, 0
     refusals: dict[str, str] = {}
-    spoiled = 0
     for indenter in (Sphere(diameter_m=6e-3), Cylinder(diameter_m=5e-3, fillet_m=0.5e-3)):
         path = LoadingPath(model, indenter)
         for depth_m in _DEPTHS_M:
@@ -159,9 +142,8 @@ def penetrating_start() -> Outcome:
         "gap_min_m": gap,
         "refused": len(refusals),
         "refused_with_the_state_changed": spoiled,
+        **{f"refused_at {where}": message for where, message in refusals.items()},
     }
-    for where, message in refusals.items():
-        measured[f"refused_at {where}"] = message
     passed = resolved > 0 and worst <= 1e-6 and gap > 0.0 and spoiled == 0
     return Outcome(passed=passed, measured=measured)
 
@@ -185,7 +167,7 @@ _DISSIPATION_ROUNDING = 256.0 * float(np.finfo(np.float64).eps)
 
 def no_contact() -> Outcome:
     """Case 14: above the gel, on the way down to it, and after a press."""
-    path = LoadingPath(pad_model(round_mesh(pad=DOMED)), PUNCH)
+    path = LoadingPath(pads.pad_model(pads.round_mesh(pad=pads.DOMED)), pads.PUNCH)
     above = [path.advance(-height) for height in (2e-3, 0.5e-3, 1e-5)]
     iterations = path.counts.newton_iterations
     path.advance(0.1e-3)
@@ -203,23 +185,21 @@ def no_contact() -> Outcome:
 
 def force_balance() -> Outcome:
     """Case 18: force balance and gap over shapes, elements and contact laws, and a slide."""
-    bonded = ContactOptions(distance_m=BARRIER_M, bonded=True)
-    sliding = ContactOptions(distance_m=BARRIER_M, friction=0.4)
-    plain = ContactOptions(distance_m=BARRIER_M)
+    plain, bonded, sliding = dict[str, Any](), {"bonded": True}, {"friction": 0.4}
     worst, gap, count = 0.0, np.inf, 0
-    for order, indenter, options in (
-        (ElementOrder.P1, PUNCH, plain),
-        (ElementOrder.P1, BALL, bonded),
-        (ElementOrder.P2, PUNCH, plain),
-        (ElementOrder.P2, BALL, plain),
-        (ElementOrder.P2, PUNCH, bonded),
-        (ElementOrder.P2, BALL, sliding),
+    for order, indenter, contact in (
+        (ElementOrder.P1, pads.PUNCH, plain),
+        (ElementOrder.P1, pads.BALL, bonded),
+        (ElementOrder.P2, pads.PUNCH, plain),
+        (ElementOrder.P2, pads.BALL, plain),
+        (ElementOrder.P2, pads.PUNCH, bonded),
+        (ElementOrder.P2, pads.BALL, sliding),
     ):
-        model = pad_model(round_mesh(pad=DOMED), order=order, contact_options=options)
+        model = pads.pad_model(pads.round_mesh(pad=pads.DOMED), order=order, **contact)
         path = LoadingPath(model, indenter)
         for depth in (0.5 * _DEPTH_M, _DEPTH_M):
             point = path.advance(depth)
-            worst = max(worst, balance_relative(model, point))
+            worst = max(worst, pads.balance_relative(model, point))
             gap = min(gap, contact_measures(path, point).gap_min_m)
             count += 1
     slide = slide_and_return()
@@ -232,10 +212,8 @@ def force_balance() -> Outcome:
         "slide_dissipated_j": slide["dissipated_j"],
         "slide_work_less_stored_j": slide["work_less_stored_j"],
     }
-    passed = worst <= 1e-6 and gap > 0.0
-    passed &= (
-        gives_nothing_back(slide) and min(slide["dissipated_j"], slide["work_less_stored_j"]) > 0.0
-    )
+    is_lost = min(slide["dissipated_j"], slide["work_less_stored_j"]) > 0.0
+    passed = worst <= 1e-6 and gap > 0.0 and is_lost and gives_nothing_back(slide)
     return Outcome(passed=passed, measured=measured)
 
 
@@ -264,21 +242,18 @@ def slide_and_return() -> dict[str, float]:
         point in an increment, and the sum of friction's force times slip [J]; the indenter's work
         by the trapezoidal rule less what is stored [J].
     """
-    options = ContactOptions(distance_m=BARRIER_M, friction=0.4)
-    mesh = round_mesh(symmetric=False)
-    model = pad_model(mesh, order=ElementOrder.P1, contact_options=options)
-    path = LoadingPath(model, BALL, step_max_m=_SLIDE_STEP_M)
+    model = pads.pad_model(pads.round_mesh(symmetric=False), order=ElementOrder.P1, friction=0.4)
+    path = LoadingPath(model, pads.BALL, step_max_m=_SLIDE_STEP_M)
     point = path.advance(_DEPTH_M)
-    stored = _stored(path, point)
+    stored, work = _stored(path, point), 0.0
     balances, gaps, lost = [], [], []
-    work = 0.0
     for sign in _SLIDE_SIGNS:
         before = point
         point = path.carry(shift_m=(sign * _SLIDE_STEP_M, 0.0), hold=Hold.DEPTH)
         travel = point.state.tip - before.state.tip
         work -= 0.5 * float((before.force_n + point.force_n) @ travel)
         lost.append(_dissipation(before, point))
-        balances.append(balance_relative(model, point))
+        balances.append(pads.balance_relative(model, point))
         gaps.append(contact_measures(path, point).gap_min_m)
     return {
         "balance_relative": max(balances),
@@ -296,7 +271,7 @@ def gives_nothing_back(slide: Mapping[str, float]) -> bool:
 
 def _dissipation(before: PathPoint, after: PathPoint) -> tuple[float, float]:
     """Return the least and the summed tangential force times slip of points that held on [J]."""
-    earlier, later = grip_of(before), grip_of(after)
+    earlier, later = pads.grip_of(before), pads.grip_of(after)
     both = (earlier.held > 0.0) & (later.held > 0.0)
     loads = later.loads[both]
     normals = loads / np.linalg.norm(loads, axis=1, keepdims=True)
@@ -318,7 +293,7 @@ def fingerprint() -> str:
 
     They are equal for bitwise equal results.
     """
-    path = LoadingPath(pad_model(round_mesh(pad=DOMED)), PUNCH)
+    path = LoadingPath(pads.pad_model(pads.round_mesh(pad=pads.DOMED)), pads.PUNCH)
     point = path.advance(0.2e-3)
     digest = hashlib.sha256(point.state.positions.tobytes()).hexdigest()
     return f"{float(point.force_n[2]).hex()} {digest}"
@@ -337,10 +312,8 @@ def scaled_units() -> Outcome:
     for length, stress in product(_FACTORS, _FACTORS):
         found, spent = _answer(length, stress)
         iterations.add(spent)
-        deviation = max(
-            float(np.abs(theirs - mine).max() / np.abs(mine).max())
-            for mine, theirs in zip(expected, found, strict=True)
-        )
+        pairs = zip(expected, found, strict=True)
+        deviation = max(float(np.abs(b - a).max() / np.abs(a).max()) for a, b in pairs)
         if deviation >= worst:
             worst, at = deviation, f"length x {length:g}, stress x {stress:g}"
     measured: Measured = {
@@ -360,14 +333,14 @@ def _answer(length: float, stress: float) -> tuple[tuple[FloatArray, FloatArray]
     """
     positions, forces, iterations = [], [], 0
     for order, friction in ((ElementOrder.P2, 0.0), (ElementOrder.P1, 0.4)):
-        mesh = round_mesh(symmetric=friction == 0.0)
-        model = pad_model(
+        mesh = pads.round_mesh(symmetric=friction == 0.0)
+        model = pads.pad_model(
             replace(mesh, vertices=mesh.vertices * length),
             order=order,
-            young_pa=YOUNG_PA * stress,
-            contact_options=ContactOptions(
-                distance_m=BARRIER_M * length, friction=friction, slip_m=1e-6 * length
-            ),
+            young_pa=pads.YOUNG_PA * stress,
+            distance_m=pads.BARRIER_M * length,
+            friction=friction,
+            slip_m=1e-6 * length,
         )
         punch = Cylinder(diameter_m=5e-3 * length, fillet_m=0.2e-3 * length)
         path = LoadingPath(model, punch, step_max_m=_STEP_M * length, options=_OPTIONS)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from itertools import product
+from typing import Any
 
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
-from sim.contact.contact_surface import ContactOptions
 from sim.effects.presets import build_model
 from sim.mesh.elements import ElementOrder, boundary_faces
 from sim.mesh.tet_mesh import MirrorSymmetry, TetMesh
@@ -20,17 +21,8 @@ from sim.scene.pad import BoxPad
 from sim.scene.scene import Effect, Preset, Scene, Target
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
-from sim.studies.hard_cases.pads import (
-    HEIGHT_M,
-    YOUNG_PA,
-    Measured,
-    Outcome,
-    balance_relative,
-    box_mesh,
-    brick_mesh,
-    pad_model,
-    round_mesh,
-)
+from sim.studies.hard_cases import pads
+from sim.studies.hard_cases.pads import Measured, Outcome
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
@@ -55,7 +47,9 @@ def moved_rim() -> Outcome:
     One is uniform and knows nothing of the punch; the other is fine at the rim's first place.
     """
     uniform_m, rim_m = 1e-3, 0.2e-3
-    fitted = round_mesh(start_m=PUNCH.radius_m, end_m=PUNCH.radius_m, size_m=rim_m, symmetric=False)
+    fitted = pads.round_mesh(
+        start_m=PUNCH.radius_m, end_m=PUNCH.radius_m, size_m=rim_m, symmetric=False
+    )
     meshes = {"uniform": (uniform_mesh(uniform_m), uniform_m), "fitted": (fitted, rim_m)}
     measured: Measured = {}
     spreads = []
@@ -72,7 +66,7 @@ def forces_beside(
     mesh: TetMesh, size_m: float, *, depth_m: float, shifts: tuple[float, ...] = SHIFTS
 ) -> list[float]:
     """Return F_z with the punch moved along x by shares of an element [N]."""
-    model = pad_model(mesh, order=ElementOrder.P2)
+    model = pads.pad_model(mesh, order=ElementOrder.P2)
     paths = [LoadingPath(model, PUNCH, (share * size_m, 0.0)) for share in shifts]
     return [float(path.advance(depth_m).force_n[2]) for path in paths]
 
@@ -80,8 +74,8 @@ def forces_beside(
 def uniform_mesh(size_m: float, *, extent_m: float = 10e-3) -> TetMesh:
     """Return one half, y >= 0, of a square pad of equal cells about as large as asked."""
     count = round(0.5 * extent_m / size_m)
-    mesh = box_mesh(
-        (extent_m, 0.5 * extent_m, HEIGHT_M), (2 * count, count, round(HEIGHT_M / size_m))
+    mesh = pads.box_mesh(
+        (extent_m, 0.5 * extent_m, pads.HEIGHT_M), (2 * count, count, round(pads.HEIGHT_M / size_m))
     )
     raised = mesh.vertices + np.array([0.0, 0.25 * extent_m, 0.0])
     return replace(mesh, vertices=raised, symmetry=MirrorSymmetry(mirror_y=True))
@@ -94,8 +88,7 @@ def off_the_pad(
 
     Every step that is reached has converged, or an error is raised.
     """
-    measured: Measured = {}
-    passed = True
+    measured, passed = Measured(), True
     for name, indenter in indenters.items():
         scene = Scene(
             pad=PAD,
@@ -128,7 +121,7 @@ def _pressed_at(scene: Scene) -> Measured:
     forces, balance, gap = [0.0], 0.0, np.inf
     for depth in DEPTHS_M:
         point = path.advance(depth)
-        balance = max(balance, balance_relative(model, point))
+        balance = max(balance, pads.balance_relative(model, point))
         gap = min(gap, contact_measures(path, point).gap_min_m)
         forces.append(float(point.force_n[2]))
     return {
@@ -143,7 +136,8 @@ def _pressed_at(scene: Scene) -> Measured:
 _POISSON = 0.3
 _STRETCH = np.array([[1.08, 0.05, -0.03], [0.02, 0.93, 0.04], [0.01, -0.06, 1.05]])
 _OBJECTIVE = (LawName.STABLE_NEO_HOOKEAN, LawName.NEO_HOOKEAN)
-_REST_STABLE = (*_OBJECTIVE, LawName.LINEAR)
+_LINEAR = LawName.LINEAR
+_REST_STABLE = (*_OBJECTIVE, _LINEAR)
 _NEWTON_STEPS = 8
 
 
@@ -171,8 +165,9 @@ def sharp_rim_forces() -> list[float]:
     """Return F_z [N] of linear elements bonded to a punch on half of the pad; five levels."""
     forces = []
     for level in (1, 2, 4, 8, 16):
-        mesh = box_mesh((8e-3, 1e-3, 4e-3), (8 * level, 1, 4 * level))
-        model = _linear(mesh, ElementOrder.P1, barrier_m=1e-6, bonded=True)
+        mesh = pads.box_mesh((8e-3, 1e-3, 4e-3), (8 * level, 1, 4 * level))
+        terms: dict[str, Any] = {"poisson": _POISSON, "distance_m": 1e-6}
+        model = pads.pad_model(mesh, order=ElementOrder.P1, law_name=_LINEAR, bonded=True, **terms)
         path = LoadingPath(model, Cylinder(diameter_m=2.0), centre_m=(-1.0, 0.0))
         forces.append(float(path.advance(1e-6).force_n[2]))
     return forces
@@ -180,27 +175,16 @@ def sharp_rim_forces() -> list[float]:
 
 def sphere_force(cells: int, *, poisson: float) -> float:
     """Return F_z [N] of quadratic elements under a large ball, so many to the pad's height."""
-    mesh = box_mesh((4e-3, 4e-3, 4e-3), (cells, cells, cells), quarter=True)
-    model = _linear(mesh, ElementOrder.P2, barrier_m=5e-5, poisson=poisson)
+    mesh = pads.box_mesh((4e-3, 4e-3, 4e-3), (cells, cells, cells), quarter=True)
+    model = pads.pad_model(mesh, law_name=_LINEAR, poisson=poisson, distance_m=5e-5)
     path = LoadingPath(model, Sphere(diameter_m=40e-3), step_max_m=0.2e-3)
     return float(path.advance(4e-4).force_n[2])
 
 
-def _linear(
-    mesh: TetMesh,
-    order: ElementOrder,
-    *,
-    barrier_m: float,
-    poisson: float = _POISSON,
-    bonded: bool = False,
-) -> Model:
-    return pad_model(
-        mesh,
-        order=order,
-        poisson=poisson,
-        law_name=LawName.LINEAR,
-        contact_options=ContactOptions(distance_m=barrier_m, bonded=bonded),
-    )
+def _uneven_models(laws: Iterable[LawName]) -> Iterator[Model]:
+    mesh = pads.brick_mesh((4, 4, 3), jitter=0.2)
+    for order, name in product(ElementOrder, laws):
+        yield pads.pad_model(mesh, order=order, law_name=name)
 
 
 def rigid_motion() -> Measured:
@@ -208,26 +192,22 @@ def rigid_motion() -> Measured:
     force, energy = 0.0, 0.0
     turn, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
     turn *= np.linalg.det(turn)
-    for order in ElementOrder:
-        for name in _OBJECTIVE:
-            model = pad_model(brick_mesh((4, 4, 3), jitter=0.2), order=order, law_name=name)
-            moved = model.nodes @ turn.T + np.array([0.01, -0.02, 0.03])
-            stored = abs(model.gel.energy(moved)[0])
-            energy = max(energy, stored / (YOUNG_PA * model.volume_m3))
-            pull = float(np.abs(model.gel.gradient(moved)).max())
-            force = max(force, pull / (YOUNG_PA * HEIGHT_M**2))
+    for model in _uneven_models(_OBJECTIVE):
+        moved = model.nodes @ turn.T + np.array([0.01, -0.02, 0.03])
+        stored = abs(model.gel.energy(moved)[0])
+        energy = max(energy, stored / (pads.YOUNG_PA * model.volume_m3))
+        pull = float(np.abs(model.gel.gradient(moved)).max())
+        force = max(force, pull / (pads.YOUNG_PA * pads.HEIGHT_M**2))
     return {"rigid_energy_over_E_volume": energy, "rigid_force_over_E_height2": force}
 
 
 def patch_test() -> Measured:
     """Stretch the boundary affinely; the interior, found by Newton, must follow exactly."""
     distance = 0.0
-    for order in ElementOrder:
-        for name in _REST_STABLE:
-            model = pad_model(brick_mesh((4, 4, 3), jitter=0.2), order=order, law_name=name)
-            expected = model.nodes @ _STRETCH.T
-            found = _interior_equilibrium(model, expected)
-            distance = max(distance, float(np.abs(found - expected).max()) / HEIGHT_M)
+    for model in _uneven_models(_REST_STABLE):
+        expected = model.nodes @ _STRETCH.T
+        found = _interior_equilibrium(model, expected)
+        distance = max(distance, float(np.abs(found - expected).max()) / pads.HEIGHT_M)
     return {"patch_distance_over_height": distance}
 
 
@@ -237,7 +217,7 @@ def _interior_equilibrium(model: Model, boundary: FloatArray) -> FloatArray:
     outer[np.unique(boundary_faces(model.elements)[0])] = True
     inside = np.flatnonzero(~outer.reshape(-1)[model.pattern.free_dofs])
     dofs = model.pattern.free_dofs[inside]
-    noise = np.random.default_rng(2).uniform(-0.01, 0.01, size=boundary.shape) * HEIGHT_M
+    noise = np.random.default_rng(2).uniform(-0.01, 0.01, size=boundary.shape) * pads.HEIGHT_M
     positions = np.where(outer, boundary, boundary + noise)
     untouched = np.zeros((len(model.faces), len(model.reference.face_weights), 3, 3))
     for _ in range(_NEWTON_STEPS):

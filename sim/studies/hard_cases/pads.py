@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,15 +52,16 @@ def pad_model(
     poisson: float = POISSON,
     law_name: LawName = LawName.STABLE_NEO_HOOKEAN,
     contact_options: ContactOptions | None = None,
+    **contact: Any,
 ) -> Model:
-    """Set up a mesh with the gel's usual material."""
+    """Set up a mesh with the gel's usual material; ``contact`` may name single options instead."""
     return Model(
         mesh,
         order=order,
         law=law(law_name),
         young_pa=young_pa,
         poisson=poisson,
-        contact_options=contact_options or ContactOptions(distance_m=BARRIER_M),
+        contact_options=contact_options or ContactOptions(**{"distance_m": BARRIER_M, **contact}),
     )
 
 
@@ -76,14 +77,8 @@ def round_mesh(
 ) -> TetMesh:
     """Return a coarse mesh revolved about the z axis, fine between two radii."""
     grading = Grading(start_m=start_m, end_m=end_m, size_m=size_m, growth=growth)
-    return revolved_mesh(
-        pad,
-        grading,
-        centre_m=(0.0, 0.0),
-        sector_count=sector_count,
-        name="hard",
-        symmetry=None if symmetric else MirrorSymmetry(),
-    )
+    terms: dict[str, Any] = {"centre_m": (0.0, 0.0), "sector_count": sector_count, "name": "hard"}
+    return revolved_mesh(pad, grading, symmetry=None if symmetric else MirrorSymmetry(), **terms)
 
 
 def brick_mesh(cells: tuple[int, int, int], *, jitter: float = 0.0) -> TetMesh:

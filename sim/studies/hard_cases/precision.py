@@ -22,7 +22,6 @@ from typing import Any
 
 import sim
 import tacauchy_rig
-from sim.contact.contact_surface import ContactOptions
 from sim.device import KERNEL_EPSILON
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Indenter, describe
@@ -109,8 +108,7 @@ def presses() -> list[dict[str, Any]]:
 
 
 def _press(order: ElementOrder, indenter: Indenter, barrier_m: float) -> dict[str, Any]:
-    options = ContactOptions(distance_m=barrier_m)
-    path = LoadingPath(pad_model(round_mesh(), order=order, contact_options=options), indenter)
+    path = LoadingPath(pad_model(round_mesh(), order=order, distance_m=barrier_m), indenter)
     point = path.advance(_PRESS_DEPTH_M)
     return {
         "name": f"{order.value} {describe(indenter)}",

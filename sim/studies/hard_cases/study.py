@@ -2,49 +2,20 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache, partial
-from importlib import resources
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from sim.studies.hard_cases import dynamics, invariants, materials, meshes, precision
-from sim.studies.hard_cases.pads import Outcome
+from sim.studies import from_file, measured_at
 from tacauchy_rig.core.study import Case, Result, Study
 from tacauchy_rig.core.tables import Table
 from tacauchy_rig.core.versions import machine, versions
 
-MEASURES: dict[str, Callable[[], Outcome]] = {
-    "1": invariants.degenerate_starts,
-    "2": invariants.random_start,
-    "3": materials.nearly_incompressible,
-    "4": materials.deep_presses,
-    "5": meshes.moved_rim,
-    "6": dynamics.time_steps,
-    "7": materials.slivers,
-    "8": materials.stiff_layers,
-    "9": dynamics.stick_slip,
-    "10": dynamics.impact,
-    "11": dynamics.torsion,
-    "12": invariants.scaled_units,
-    "13": precision.single_precision,
-    "14": invariants.no_contact,
-    "15": invariants.penetrating_start,
-    "16": meshes.off_the_pad,
-    "17": meshes.consistency_and_order,
-    "18": invariants.force_balance,
-    "19": invariants.repeatable,
-}
+# By number what each case is called, what has to hold, what measures it, and how long it may take.
+CASES = from_file("hard_cases/criteria.toml")
 # What the numbers depend on.
 _NUMERICAL = ("tacauchy-rig", "python", "warp-lang", "numpy", "scipy", "pypardiso")
-
-
-@cache
-def _stated() -> dict[str, dict[str, Any]]:
-    """Return by number what each case is called, what has to hold, and how long it may take."""
-    text = resources.files("sim.studies.hard_cases").joinpath("criteria.toml").read_text()
-    return tomllib.loads(text)
 
 
 class HardCases(Study):
@@ -58,14 +29,14 @@ class HardCases(Study):
         """Return every case, with what ``criteria.toml`` asks of it."""
         return [
             Case(
-                name=_stated()[number]["name"],
+                name=case["name"],
                 alias=number,
-                shows=_stated()[number]["criterion"],
-                measure=partial(_measured, measure),
-                limit_s=_stated()[number]["limit_s"],
+                shows=case["criterion"],
+                measure=partial(measured, number),
+                limit_s=case["limit_s"],
                 is_isolated=True,
             )
-            for number, measure in MEASURES.items()
+            for number, case in CASES.items()
         ]
 
     def line(self, result: Result) -> str:
@@ -97,7 +68,7 @@ class HardCases(Study):
         return {
             "results": list(zip(rows, self.tables(results), strict=True)),
             "failed": [row["number"] for row in rows if not row["passed"]],
-            "case_count": len(MEASURES),
+            "case_count": len(CASES),
             "versions": ", ".join(f"{name} {used[name]}" for name in _NUMERICAL if name in used),
             "machine": machine(),
         }
@@ -105,7 +76,7 @@ class HardCases(Study):
 
 def _row(result: Result) -> dict[str, Any]:
     """Return a case as its JSON; one without numbers has failed."""
-    numbers = {stated["name"]: int(number) for number, stated in _stated().items()}
+    numbers = {case["name"]: int(number) for number, case in CASES.items()}
     return {
         "number": numbers[result.name],
         "name": result.name,
@@ -120,5 +91,6 @@ def _verdict(row: Mapping[str, Any]) -> str:
     return "pass" if row["passed"] else "FAIL"
 
 
-def _measured(measure: Callable[[], Outcome]) -> dict[str, Any]:
-    return measure()._asdict()
+def measured(number: str) -> dict[str, Any]:
+    """Measure a case; return its ``Outcome``."""
+    return dict(measured_at(f"hard_cases.{CASES[number]['measure']}")._asdict())

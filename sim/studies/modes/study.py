@@ -1,19 +1,31 @@
-"""The study of contact modes: a punch pressed, slid and turned, and a ball in three sensors."""
+"""The study of contact modes: a punch pressed, slid and turned, and a ball in three sensors.
+
+Figures have sections, meshes, pressure and tangential traction. Scale bars are in SI units. Colour
+maps are cividis and PuOr, which survive colour-blind eyes.
+"""
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import InitVar, dataclass
+from dataclasses import InitVar, dataclass, replace
 from functools import cache, partial
 from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from matplotlib.tri import Triangulation
 
+from sim.fields.contact_signature import SurfaceMaps, surface_maps, traction_arrows
+from sim.fields.stress import recovered_stress
 from sim.scene.indenter import Cylinder, Sphere, describe
 from sim.scene.scene import Preset
 from sim.scene.terms import parse_indenter
 from sim.sensor.sensor import load_sensor
-from sim.studies.modes.figures import modes_figure, sensors_figure
+from sim.solve.model import Model
 from sim.studies.modes.runs import (
     BALL,
     BALL_PRESET,
@@ -23,9 +35,11 @@ from sim.studies.modes.runs import (
     slide_mode,
     twist_mode,
 )
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.figure_style import INK, PAGE_IN
 from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
-from tacauchy_rig.core.tables import Table, table_of
+from tacauchy_rig.core.tables import Table
 
 _MOVED_ON = "gelsight-mini"
 _SENSORS = ("gelsight-mini", "digit", "9dtact")
@@ -116,15 +130,237 @@ def _parted(results: Sequence[Result]) -> tuple[list[ModeRun], list[ModeRun]]:
 
 
 def _criteria(run: ModeRun) -> Table:
-    return table_of(
-        run.criteria,
-        {
-            "criterion": lambda row: row.name,
-            "measured": lambda row: row.measured,
-            "limit": lambda row: row.limit,
-            "verdict": lambda row: row.verdict,
-        },
+    return Table(
+        columns=("criterion", "measured", "limit", "verdict"),
+        rows=tuple((row.name, row.measured, row.limit, row.verdict) for row in run.criteria),
         title=run.title,
         criterion="every number is within its limit",
         passed=run.passed,
     )
+
+
+# Just beside the plane, so that no node lies on it.
+_BESIDE_SHARE = 1e-5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlaneCut:
+    """Triangles of the plane y = const."""
+
+    points_m: FloatArray  # x and z, shape [point_count, 2]
+    triangles: IntArray  # shape [triangle_count, 3]
+    stress_pa: FloatArray  # recovered in each layer, shape [point_count, 3, 3]
+    layers: IntArray  # of each triangle, shape [triangle_count]
+
+    def without_slivers(self, thickness_m: float) -> PlaneCut:
+        """Leave out what is thinner than that [m]: hairlines in a picture.
+
+        Tetrahedra that meet the plane in no more than an edge give such triangles.
+        """
+        corners = self.points_m[self.triangles]
+        sides = corners - np.roll(corners, 1, axis=1)
+        doubled = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+        kept = doubled > thickness_m * np.linalg.norm(sides, axis=2).max(axis=1)
+        return replace(self, triangles=self.triangles[kept], layers=self.layers[kept])
+
+
+def cut(model: Model, positions: FloatArray, *, y_m: float = 0.0) -> PlaneCut:
+    """Cut the deformed pad by a plane across y; edges count as straight."""
+    layers = model.mesh.layers
+    labels = np.zeros(len(model.elements), dtype=np.int32) if layers is None else layers
+    plane: Any = {"origin": (0.0, y_m + _BESIDE_SHARE * model.height_m, 0.0), "normal": "y"}
+    pyvista, parts, count = importlib.import_module("pyvista"), list[Any](), 0
+    for layer in range(int(labels.max()) + 1):
+        own = labels == layer
+        nodes, corners = np.unique(model.elements[own, :4], return_inverse=True)
+        cells = {pyvista.CellType.TETRA: corners.reshape(-1, 4)}
+        grid = pyvista.UnstructuredGrid(cells, positions[nodes])
+        stress = recovered_stress(model, positions, own)[nodes]
+        grid.point_data["stress"] = stress.reshape(-1, 9)
+        surface = grid.slice(**plane, generate_triangles=True)
+        faces = surface.faces.reshape(-1, 4)[:, 1:].astype(np.int32) + count
+        points = np.asarray(surface.points[:, [0, 2]], dtype=np.float64)
+        found = np.asarray(surface.point_data["stress"]).reshape(-1, 3, 3)
+        parts.append((points, faces, found, np.full(len(faces), layer, dtype=np.int32)))
+        count += len(points)
+    points, faces, found, layer_of = map(np.concatenate, zip(*parts, strict=True))
+    return PlaneCut(points_m=points, triangles=faces, stress_pa=found, layers=layer_of)
+
+
+_STEEL = "#C9CED6"
+_MM, _KPA = 1e3, 1e-3
+_SECTION_MIN_MM, _THIN_SHARE = 3.0, 1e-3
+_ARROW_MIN_SHARE = 5e-3
+_TITLES = {"press": "normal press", "slide": "lateral translation", "twist": "axial rotation"}
+# The shear that a mode is about, seen in the plane y = 0: its name and its place in the tensor.
+_SHEARS = {"press": ("xz", 0, 2), "slide": ("xz", 0, 2), "twist": ("yz", 1, 2)}
+
+
+def modes_figure(runs: Sequence[ModeRun]) -> Figure:
+    """Draw modes, one a row: stress in a section, pressure, tangential traction, shear."""
+
+    def draw(run: ModeRun, row: Sequence[Axes], maps: SurfaceMaps, section: PlaneCut) -> str:
+        _draw_pressure(row[1], run, maps)
+        _draw_traction(row[2], run, maps)
+        name, i, j = _SHEARS[run.name]
+        _draw_section(row[3], run, section, (i, j), rf"$\sigma_{{{name}}}$")
+        return f"{_TITLES[run.name]}, {run.travel}"
+
+    return _drawn(runs, draw, height_in=1.5, widths=(1.35, 1, 1, 1.35))
+
+
+def sensors_figure(runs: Sequence[ModeRun]) -> Figure:
+    """Draw a press on sensors, one a row: section, mesh, pressure, tangential traction."""
+
+    def draw(run: ModeRun, row: Sequence[Axes], maps: SurfaceMaps, _section: PlaneCut) -> str:
+        _draw_mesh(row[1], maps)
+        _draw_pressure(row[2], run, maps)
+        _draw_traction(row[3], run, maps)
+        return f"{run.sensor.title}, {run.travel}, {len(run.path.model.elements)} tetrahedra"
+
+    return _drawn(runs, draw, height_in=1.75, widths=(1.35, 0.95, 1, 1))
+
+
+def _drawn(
+    runs: Sequence[ModeRun],
+    draw: Callable[[ModeRun, Sequence[Axes], SurfaceMaps, PlaneCut], str],
+    *,
+    height_in: float,
+    widths: tuple[float, ...],
+) -> Figure:
+    """Return a figure of one row a run: stress along z in a section, and what ``draw`` fills in.
+
+    It returns the row's title.
+    """
+    figure = Figure(figsize=(PAGE_IN, height_in * len(runs)), layout="constrained")
+    parts = figure.subfigures(len(runs), 1, squeeze=False)[:, 0]
+    for part, run in zip(parts, runs, strict=True):
+        row = part.subplots(1, len(widths), width_ratios=widths)
+        section = cut(run.path.model, run.point.state.positions)
+        _draw_section(row[0], run, section, (2, 2), r"$\sigma_{zz}$")
+        title = draw(run, row, surface_maps(run.path, run.point), section)
+        force = f"$F_z$ = {run.point.force_n[2]:.2f} N"
+        part.suptitle(f"{title}, {force}", x=0.01, ha="left")
+    return figure
+
+
+def _reach(run: ModeRun) -> float:
+    """Return half the width of the maps [mm], about 1.5 contact radii."""
+    contact = run.point.equilibrium.contact
+    touched = np.any(contact.forces != 0.0, axis=2)
+    arms = (contact.points - run.point.state.tip)[touched][:, :2]
+    return float(1.5 * np.linalg.norm(arms, axis=1).max() * _MM)
+
+
+def _draw_section(
+    axes: Axes, run: ModeRun, section: PlaneCut, entry: tuple[int, int], name: str
+) -> None:
+    values = section.stress_pa[:, entry[0], entry[1]] * _KPA
+    thick = section.without_slivers(_THIN_SHARE * run.path.model.height_m)
+    # A few nodes at a rim would wash out all the rest.
+    limit = float(np.quantile(np.abs(values), 0.98))
+    grid = _triangulation(thick.points_m, thick.triangles)
+    look: Any = {"cmap": "PuOr_r", "vmin": -limit, "vmax": limit, "rasterized": True}
+    # Shaded triangles leave hairlines between them: flat ones with edges lie below.
+    axes.tripcolor(grid, values, shading="flat", edgecolors="face", linewidth=0.4, **look)
+    shown = axes.tripcolor(grid, values, shading="gouraud", **look)
+    _draw_interfaces(axes, section)
+    _draw_indenter(axes, run)
+    reach = max(1.2 * _reach(run), _SECTION_MIN_MM)
+    tip = run.point.state.tip * _MM
+    height = run.path.model.height_m * _MM
+    axes.set_xlim(tip[0] - reach, tip[0] + reach)
+    axes.set_ylim(0.0, 1.35 * height)
+    _label(axes, "z")
+    _bar(axes, shown, f"{name} (kPa)", extend="both")
+
+
+def _draw_interfaces(axes: Axes, section: PlaneCut) -> None:
+    """Draw the edges where two layers meet."""
+    is_lower = section.layers == section.layers.min()
+    lower, upper = section.triangles[is_lower], section.triangles[~is_lower].reshape(-1)
+    points = np.round(section.points_m * 1e9).astype(np.int64)
+    shared = set(map(tuple, points[upper]))
+    edges = [
+        section.points_m[[a, b]] * _MM
+        for triangle in lower
+        for a, b in ((triangle[k], triangle[k - 1]) for k in range(3))
+        if tuple(points[a]) in shared and tuple(points[b]) in shared
+    ]
+    axes.add_collection(PolyCollection(edges, closed=False, edgecolors=INK, linewidths=0.5))
+
+
+def _draw_indenter(axes: Axes, run: ModeRun) -> None:
+    """Draw the rigid body's outline in the plane of the section."""
+    radius = run.indenter.radius_m
+    x = np.linspace(-radius, radius, 401)
+    below = run.indenter.lower_surface(x, np.zeros_like(x))
+    tip = run.point.state.tip
+    top = run.path.model.height_m * 2.0
+    x = np.concatenate([x, x[[-1, 0]]]) + tip[0]
+    z = np.concatenate([below + tip[2], [top, top]])
+    axes.add_patch(
+        Polygon(np.column_stack([x, z]) * _MM, facecolor=_STEEL, edgecolor=INK, linewidth=0.6)
+    )
+
+
+def _draw_mesh(axes: Axes, maps: SurfaceMaps) -> None:
+    """Draw the elements' faces on the whole contact surface, seen along z."""
+    corners = maps.points_m[maps.corner_faces][..., :2] * _MM
+    axes.add_collection(PolyCollection(list(corners), facecolors="none", edgecolors=INK, lw=0.2))
+    low, high = corners.reshape(-1, 2).min(axis=0), corners.reshape(-1, 2).max(axis=0)
+    axes.set_xlim(low[0] - 0.3, high[0] + 0.3)
+    axes.set_ylim(low[1] - 0.3, high[1] + 0.3)
+    _label(axes, "y")
+
+
+def _draw_pressure(axes: Axes, run: ModeRun, maps: SurfaceMaps) -> None:
+    _draw_map(axes, run, maps, maps.pressure_pa * _KPA, "$-p_n$ (kPa)")
+    x, y = np.array(run.signature.centre_m) * _MM + run.point.state.tip[:2] * _MM
+    axes.plot([x], [y], marker="+", color="white", markersize=6, markeredgewidth=1.0)
+
+
+def _draw_traction(axes: Axes, run: ModeRun, maps: SurfaceMaps) -> None:
+    size = np.linalg.norm(maps.tangential_pa, axis=1) * _KPA
+    _draw_map(axes, run, maps, size, r"$|\mathbf{t}_\tau|$ (kPa)")
+    pitch = _reach(run) / _MM / 6.0
+    places, arrows = traction_arrows(run.point, pitch_m=pitch)
+    sizes = np.linalg.norm(arrows, axis=1)
+    shown = sizes > _ARROW_MIN_SHARE * sizes.max()
+    # The root of the size, so that the middle is seen beside the rim.
+    lengths = arrows[shown] / np.sqrt(sizes[shown] * sizes.max())[:, None]
+    heads: Any = {"width": 0.014, "headwidth": 3.2, "headlength": 3.6, "headaxislength": 3.2}
+    colours: Any = {"color": "white", "edgecolor": INK, "linewidth": 0.25}
+    units: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0 / (1.2 * pitch * _MM)}
+    where = *(places[shown].T * _MM), *lengths.T
+    axes.quiver(*where, pivot="mid", **units, **colours, **heads)
+
+
+def _draw_map(axes: Axes, run: ModeRun, maps: SurfaceMaps, values: FloatArray, name: str) -> None:
+    grid = _triangulation(maps.points_m, maps.triangles)
+    limit = np.quantile(values[values > 0.0], 0.99)
+    look: Any = {"cmap": "cividis", "vmin": 0.0, "vmax": float(limit), "rasterized": True}
+    shown = axes.tripcolor(grid, values, shading="gouraud", **look)
+    reach, tip = _reach(run), run.point.state.tip * _MM
+    axes.set_xlim(tip[0] - reach, tip[0] + reach)
+    axes.set_ylim(tip[1] - reach, tip[1] + reach)
+    _label(axes, "y")
+    _bar(axes, shown, name, extend="max")
+
+
+def _label(axes: Axes, upwards: str) -> None:
+    axes.set_aspect("equal")
+    axes.set_xlabel("$x$ (mm)")
+    axes.set_ylabel(f"${upwards}$ (mm)")
+
+
+def _triangulation(points_m: FloatArray, triangles: IntArray) -> Triangulation:
+    return Triangulation(points_m[:, 0] * _MM, points_m[:, 1] * _MM, triangles)
+
+
+def _bar(axes: Axes, shown: Any, name: str, *, extend: str) -> None:
+    """Put a scale beside the axes, as high as they are."""
+    beside = axes.inset_axes((1.04, 0.0, 0.055, 1.0))
+    bar = axes.figure.colorbar(shown, cax=beside, extend=extend)
+    bar.ax.set_title(name, loc="left", fontsize=7, pad=3)
+    bar.outline.set_linewidth(0.5)

@@ -31,9 +31,10 @@ from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.figure_style import INK, PAGE_IN
 from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
-from tacauchy_rig.core.tables import Table, table_of_rows
+from tacauchy_rig.core.tables import Table, table_of
 
 DEPTH_M = 0.4e-3
+_HIGHEST = "highest pixel above the object [um]"
 _GREY = 118
 _SAMPLES = 2
 
@@ -205,19 +206,19 @@ class Objects(Study):
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return the presses; no pixel of a height map may lie above its object."""
-        rows = [
+        pressed = table_of(
+            founds(results),
             {
-                "sensor": press.sensor,
-                "object": press.name,
-                "F_z [N]": press.force_n,
-                "highest pixel above the object [um]": _seen_um(press),
-                "time [s]": round(press.processor_s),
-            }
-            for press in founds(results)
-        ]
-        title = f"{DEPTH_M * 1e3:g} mm deep, preset {self.preset.value}, nominal optics"
-        pressed = [table_of_rows(rows, title=title)] if rows else []
-        return [*pressed, *failures_table(results, kind=self.kind)]
+                "sensor": lambda press: press.sensor,
+                "object": lambda press: press.name,
+                "F_z [N]": lambda press: press.force_n,
+                # Below a picometre it is rounding.
+                _HIGHEST: lambda press: max(0.0, round(1e6 * press.highest_over_m, 6)),
+                "time [s]": lambda press: round(press.processor_s),
+            },
+            title=f"{DEPTH_M * 1e3:g} mm deep, preset {self.preset.value}, nominal optics",
+        )
+        return [pressed] * bool(pressed.rows) + failures_table(results, kind=self.kind)
 
     def facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
         """Return the presses."""
@@ -243,8 +244,3 @@ class Objects(Study):
         """Return the objects and their presses."""
         bodies, presses = OBJECTS, founds(results)
         return {"depth_m": DEPTH_M, "preset": self.preset, "bodies": bodies, "presses": presses}
-
-
-def _seen_um(press: ObjectPress) -> float:
-    """Return the highest pixel above an object [um]; below a picometre it is rounding."""
-    return 0.0 if press.highest_over_m < 1e-12 else 1e6 * press.highest_over_m

@@ -3,30 +3,17 @@
 from __future__ import annotations
 
 import math
-import tomllib
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
-from importlib import resources
 from math import isfinite
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from pydantic import TypeAdapter
 
+from sim.studies import from_file
 from tacauchy_rig.core.errors import ConfigError
-
-
-class Rule(StrEnum):
-    """How ours is judged, as ``rules.toml`` says."""
-
-    COUNT = "count"
-    AT_MOST = "at most"
-    AT_LEAST = "at least"
-    TIME = "time"
-    SCORE = "score"
-    DECIBEL = "decibel"
-    SQUARES = "squares"
-    CRITERIA = "criteria"
 
 
 class Verdict(StrEnum):
@@ -39,46 +26,26 @@ class Verdict(StrEnum):
     OUT_OF_SCOPE = "out of scope"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Judging:
-    """A rule's numbers; ``rules.toml`` says what each means."""
-
-    tolerance: float
-    is_share: bool = False
-    higher_is_better: bool | None = None
-    better_factor: float = 1.0
-    text: str
+RULES: dict[str, dict[str, Any]] = from_file("paper/rules.toml")
+"""By name how ours is judged."""
 
 
-def _text(file: str) -> str:
-    return resources.files("sim.studies.paper").joinpath(file).read_text("utf-8")
-
-
-RULES = TypeAdapter(dict[Rule, Judging]).validate_python(tomllib.loads(_text("rules.toml")))
-
-
-def verdict(rule: Rule, paper: float, ours: float | None) -> Verdict:
+def verdict(rule: str, paper: float, ours: float | None) -> Verdict:
     """Return what a number of ours makes of the paper's; None: there is none of ours."""
     if ours is None or not isfinite(ours):
         return Verdict.NOT_REPRODUCED
     judging = RULES[rule]
-    room = judging.tolerance * (abs(paper) if judging.is_share else 1.0)
-    if judging.higher_is_better is None:
-        return Verdict.REPRODUCED if abs(ours - paper) <= room else Verdict.DIFFERENT
-    if judging.higher_is_better:
-        is_better, worse = ours > judging.better_factor * paper + room, paper - ours
-    else:
-        is_better, worse = ours * judging.better_factor < paper - room, ours - paper
+    room = judging["tolerance"] * (abs(paper) if judging["is_share"] else 1.0)
+    worse, factor = abs(ours - paper), judging["better_factor"]
+    is_better = False
+    if judging["better"] == "higher":
+        is_better, worse = ours > factor * paper + room, paper - ours
+    elif judging["better"] == "lower":
+        is_better, worse = ours * factor < paper - room, ours - paper
     if is_better:
         return Verdict.BETTER
     # One-sided rules take any number on the better side.
     return Verdict.REPRODUCED if worse <= room else Verdict.DIFFERENT
-
-
-# What a correlation and SSIM can be at most, and what a PSNR of 8-bit images is below [dB]: one
-# value in a million off by one grey level.
-_BOUNDS = {Rule.SCORE: (-1.0, 1.0), Rule.DECIBEL: (0.0, 110.0), Rule.CRITERIA: (1.0, 1.0)}
-_BOUNDS_ELSE = (0.0, float("inf"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +55,7 @@ class Claim:
     where: str  # section, figure or equation
     says: str  # what it is of
     value: float  # in ``unit``
-    rule: Rule
+    rule: str  # one of ``RULES``
     unit: str = ""
     words: str = ""  # in place of a number; ``value`` is then what would have to hold
     out_of_scope: bool = False  # nothing of ours is meant to do it
@@ -98,22 +65,19 @@ class Claim:
 @cache
 def claims() -> dict[str, Claim]:
     """Return the paper's numbers by name, in the order of the file."""
-    return claims_of(_text("claims.toml"))
+    return claims_of(from_file("paper/claims.toml"))
 
 
-def claims_of(text: str) -> dict[str, Claim]:
-    """Read claims from TOML."""
-    read = TypeAdapter(dict[str, dict[str, Claim]]).validate_python(tomllib.loads(text))
-    found = {
-        f"{section}.{key}": replace(claim, name=f"{section}.{key}")
-        for section, rows in read.items()
-        for key, claim in rows.items()
-    }
+def claims_of(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, Claim]:
+    """Read the claims of a file's sections."""
+    named = {f"{name}.{key}": row for name, rows in sections.items() for key, row in rows.items()}
+    rows = {name: row | {"name": name} for name, row in named.items()}
+    found = TypeAdapter(dict[str, Claim]).validate_python(rows)
     for name, claim in found.items():
-        low, high = _BOUNDS.get(claim.rule, _BOUNDS_ELSE)
+        low, high = RULES[claim.rule]["bounds"]
         if not isfinite(claim.value) or not low <= claim.value <= high:
             raise ConfigError(
-                f"{name}: {claim.value:g} {claim.unit} is no {claim.rule.value}",
+                f"{name}: {claim.value:g} {claim.unit} is no {claim.rule}",
                 remedy=f"it lies between {low:g} and {high:g}",
             )
     return found
@@ -140,10 +104,8 @@ def checks() -> tuple[Check, ...]:
     # Edges are stated to 0.005 mm either way.
     rounding = 2.0 * (0.005 / coarse + 0.005 / fine)
     density = (coarse / fine) ** 2
-    growth, psnr = (
-        of["mesh.tets"] / of["mesh.tets_plain"],
-        10.0 * math.log10(255.0**2 / of["ends.mse_least"]),
-    )
+    growth = of["mesh.tets"] / of["mesh.tets_plain"]
+    psnr = 10.0 * math.log10(255.0**2 / of["ends.mse_least"])
     faces, many = 2.0 * of["mesh.surface_vertices"] - 4.0, 60.0 * of["speed.sixty_each"]
     single, each = (min(physics, 1e3 / of[f"speed.{name}"]) for name in ("single", "sixty_each"))
     step = "physics of a step [ms]: at most a frame of"

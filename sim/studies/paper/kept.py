@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sim.studies.bench.scenes import FRAME_COUNT
 from tacauchy_rig.core.errors import RecordError
@@ -20,8 +20,7 @@ REPORTS_FILE = "paper_reports.json"
 SCORES = ("ssim", "ncc", "histogram_correlation", "psnr_db", "mse")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SceneSpeed:
+class SceneSpeed(NamedTuple):
     """One scene of the benchmark in one way."""
 
     scene: str
@@ -59,30 +58,31 @@ def read_speeds(folder: Path) -> Speeds:
         RecordError: There is none of a GPU with one and 60 environments.
     """
     files = sorted(folder.glob(GPU_FILES))
-    gpu = tuple(
-        SceneSpeed(
-            scene=row["scene"],
-            environments=row["environments"] or 1,
-            frames_per_s=FRAME_COUNT * (row["environments"] or 1) / row["press"]["wall_s"],
-            stress_s=row["press"].get("parts_s", {}).get("stress"),
-            file=file.name,
-        )
-        for file in files
-        for row in _rows(json.loads(file.read_text("utf-8")))
-    )
+    gpu = tuple(_speed(row, file) for file in files for row in _rows(_read(file)))
     if not {1, ENVIRONMENTS} <= {each.environments for each in gpu}:
         raise RecordError(
             f"{folder}: no benchmark {GPU_FILES} with 1 and {ENVIRONMENTS} environments",
             remedy="give --benchmarks the folder docs/results/benchmarks of the repository",
         )
-    kept = {"machine": ""}
-    if (folder / CPU_FILE).exists():
-        kept = json.loads((folder / CPU_FILE).read_text("utf-8"))
+    kept = _read(folder / CPU_FILE) if (folder / CPU_FILE).exists() else {"machine": ""}
     punch = [row["press"] for row in _rows(kept) if row["scene"] == _PAPERS_PUNCH]
     return Speeds(
         gpu=gpu,
         cpu_frames_per_s=FRAME_COUNT / punch[0]["cpu_s"] if punch else None,
         cpu_machine=kept["machine"] if punch else "",
+    )
+
+
+def _read(file: Path) -> Any:
+    return json.loads(file.read_text("utf-8"))
+
+
+def _speed(row: Mapping[str, Any], file: Path) -> SceneSpeed:
+    """Return a scene of a file."""
+    press, count = row["press"], row["environments"] or 1
+    stress_s = press.get("parts_s", {}).get("stress")
+    return SceneSpeed(
+        row["scene"], count, FRAME_COUNT * count / press["wall_s"], stress_s, file.name
     )
 
 
@@ -111,7 +111,7 @@ def of_run(run: Path) -> Report:
     """
     file = run / "report" / "summary.json"
     try:
-        summary = json.loads(file.read_text("utf-8"))
+        summary = _read(file)
     except OSError as error:
         raise RecordError(
             f"{file}: cannot be read: {error.strerror}",
@@ -149,7 +149,7 @@ def _means(statistics: Mapping[str, Any]) -> dict[str, float]:
 def read_kept(folder: Path) -> list[Report]:
     """Read what is kept in a folder; empty where nothing is."""
     file = folder / REPORTS_FILE
-    return json.loads(file.read_text("utf-8")) if file.exists() else []
+    return _read(file) if file.exists() else []
 
 
 def json_lines(records: Sequence[Mapping[str, Any]]) -> str:

@@ -19,7 +19,6 @@ from sim.press import PressResult, measure, press
 from sim.press_command import scene_from
 from sim.scene.material import LawName
 from sim.scene.scene import Drive, Preset, Scene, Target
-from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 # The contact surface's edges are measured so near the pad's middle [m] and above this share of its
 # height (paper, section IV-A).
@@ -39,23 +38,14 @@ class MeshStatistics(NamedTuple):
 
 def mesh_statistics(mesh: TetMesh) -> MeshStatistics:
     """Measure a mesh as the paper's section IV-A does."""
-    faces, _ = boundary_faces(mesh.tets)
-    return MeshStatistics(
-        len(mesh.tets),
-        len(mesh.vertices),
-        len(np.unique(faces)),
-        len(faces),
-        _centre_edge(mesh.vertices, faces),
-    )
-
-
-def _centre_edge(vertices: FloatArray, faces: IntArray) -> float:
+    (faces, _), vertices = boundary_faces(mesh.tets), mesh.vertices
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     middles = vertices[edges].mean(axis=1)
     centre = np.hypot(middles[:, 0], middles[:, 1]) < _CENTRE_M
     kept = edges[centre & (middles[:, 2] > _UPPER_SHARE * vertices[:, 2].max())]
     lengths = np.linalg.norm(vertices[kept[:, 0]] - vertices[kept[:, 1]], axis=1)
-    return float(lengths.mean()) if len(lengths) else float("nan")
+    edge_m = float(lengths.mean()) if len(lengths) else float("nan")
+    return MeshStatistics(len(mesh.tets), len(vertices), len(np.unique(faces)), len(faces), edge_m)
 
 
 def mesh_numbers(coarse: MeshStatistics, fine: MeshStatistics) -> dict[str, float]:

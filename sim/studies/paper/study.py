@@ -50,59 +50,44 @@ class Ours(NamedTuple):
     source: str
 
 
-@dataclass(frozen=True, slots=True)
-class Compared:
+class Compared(NamedTuple):
     """A claim, ours beside it, and what follows."""
 
     claim: Claim
     ours: Ours | None
-
-    @property
-    def verdict(self) -> Verdict:
-        """What became of the claim."""
-        if self.claim.out_of_scope:
-            return Verdict.OUT_OF_SCOPE
-        ours = None if self.ours is None else self.ours.value
-        return verdict(self.claim.rule, self.claim.value, ours)
+    verdict: Verdict
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """The whole paper, by claim in their order."""
-
-    by_name: dict[str, Compared]
-
-    @property
-    def rows(self) -> list[Compared]:
-        """All claims."""
-        return list(self.by_name.values())
-
-    def section(self, name: str) -> list[Compared]:
-        """Return the claims of one section of the file, such as ``mesh``."""
-        return [row for row in self.rows if row.claim.name.startswith(f"{name}.")]
-
-    @property
-    def counts(self) -> dict[Verdict, int]:
-        """How many claims ended in each verdict."""
-        found = Counter(row.verdict for row in self.rows)
-        return {each: found[each] for each in Verdict}
-
-    def worst(self, *sections: str) -> Verdict:
-        """Return what is true of all claims of some sections at the least."""
-        order = list(Verdict)
-        found = [row.verdict for name in sections for row in self.section(name)]
-        inside = [each for each in found if each is not Verdict.OUT_OF_SCOPE]
-        return max(inside or found, key=order.index)
+Comparison = dict[str, Compared]
+"""The whole paper, by claim in their order."""
 
 
 def compared(measured: Mapping[str, Ours]) -> Comparison:
     """Set measurements, by claim, beside the paper; what has none is not reproduced."""
-    return Comparison(
-        {
-            name: Compared(claim, None if claim.out_of_scope else measured.get(name))
-            for name, claim in claims().items()
-        }
-    )
+    found = {}
+    for name, claim in claims().items():
+        ours = None if claim.out_of_scope else measured.get(name)
+        judged = verdict(claim.rule, claim.value, None if ours is None else ours.value)
+        found[name] = Compared(claim, ours, Verdict.OUT_OF_SCOPE if claim.out_of_scope else judged)
+    return found
+
+
+def section(rows: Comparison, name: str) -> list[Compared]:
+    """Return the claims of one section of the file, such as ``mesh``."""
+    return [row for row in rows.values() if row.claim.name.startswith(f"{name}.")]
+
+
+def counts(rows: Comparison) -> dict[Verdict, int]:
+    """Return how many claims ended in each verdict."""
+    found = Counter(row.verdict for row in rows.values())
+    return {each: found[each] for each in Verdict}
+
+
+def worst(rows: Comparison, *sections: str) -> Verdict:
+    """Return what is true of all claims of some sections at the least."""
+    found = [row.verdict for name in sections for row in section(rows, name)]
+    inside = [each for each in found if each is not Verdict.OUT_OF_SCOPE]
+    return max(inside or found, key=list(Verdict).index)
 
 
 def model_ours(
@@ -110,8 +95,7 @@ def model_ours(
 ) -> dict[str, Ours]:
     """Return what the model as configured gives, and our presets beside it."""
     paper = presses[AS_CONFIGURED]
-    every, at_forces = every_press(paper), paper["at_forces"]
-    exact = float(reference["at_depth"]["force_n"])
+    at_forces, exact = paper["at_forces"], float(reference["at_depth"]["force_n"])
 
     def off(model: str) -> float:
         return 100.0 * abs(float(presses[model]["at_depth"]["force_n"]) / exact - 1.0)
@@ -120,16 +104,16 @@ def model_ours(
         return 100.0 * max(each["sigma_off"] for each in every_press(presses[model]))
 
     found = {
-        "model.force": off(AS_CONFIGURED),
-        "model.force_ours": off(FAST),
-        "model.sigma": sigma(AS_CONFIGURED),
-        "model.sigma_thin": sigma(THIN),
-        "model.sigma_ours": sigma(BALANCED),
-        "model.gap": at_forces[-1]["gap_m"] * 1e3,
-        "model.iterations": max(each["newton_iterations"] for each in every),
-        "model.match": max(each["off_n"] for each in at_forces),
+        "force": off(AS_CONFIGURED),
+        "force_ours": off(FAST),
+        "sigma": sigma(AS_CONFIGURED),
+        "sigma_thin": sigma(THIN),
+        "sigma_ours": sigma(BALANCED),
+        "gap": at_forces[-1]["gap_m"] * 1e3,
+        "iterations": max(each["newton_iterations"] for each in every_press(paper)),
+        "match": max(each["off_n"] for each in at_forces),
     }
-    here = {name: Ours(value, "this command") for name, value in found.items()}
+    here = {f"model.{name}": Ours(value, "this command") for name, value in found.items()}
     return {"model.rest_stress": Ours(abs(rest_stress_pa) / 1e3, "law paper-eq4, here"), **here}
 
 
@@ -270,9 +254,8 @@ class Paper(Study):
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return the claims with their verdicts."""
         found = self.comparison(results)
-        counts = ", ".join(f"{count} {each}" for each, count in found.counts.items())
         table = table_of(
-            found.rows,
+            found.values(),
             {
                 "what": lambda row: row.claim.says,
                 "where": lambda row: row.claim.where,
@@ -283,7 +266,7 @@ class Paper(Study):
             },
             title=self.title,
             criterion="none: a verdict is no criterion of ours",
-            note=counts,
+            note=", ".join(f"{count} {each}" for each, count in counts(found).items()),
         )
         return [table, *failures_table(results, kind=self.kind)]
 
@@ -291,7 +274,7 @@ class Paper(Study):
         """Return the claims with ours and the verdicts, and the models' presses."""
         rows = [
             {"claim": row.claim, "ours": row.ours and row.ours._asdict(), "verdict": row.verdict}
-            for row in self.comparison(results).rows
+            for row in self.comparison(results).values()
         ]
         return {"claims": rows, "presses": list(self.models(results).values())}
 
@@ -304,9 +287,12 @@ class Paper(Study):
         models, found = self.models(results), {r.name: r.found for r in results if not r.failure}
         if len(found) < len(self.cases()):
             return super().page(results, about, images)
-        reference = found[ACCURATE]
+        reference, rows = found[ACCURATE], self.comparison(results)
         facts = {
-            "c": self.comparison(results),
+            "c": rows,
+            "counts": counts(rows),
+            "section": partial(section, rows),
+            "worst": partial(worst, rows),
             "claims": claims(),
             "rules": RULES,
             "command": about.command,
@@ -321,8 +307,8 @@ class Paper(Study):
             "reference_n": reference["at_depth"]["force_n"],
             "presses": [*models.values(), reference],
             "forces": FORCES_N,
-            "thin_sigma": models[THIN]["at_depth"]["sigma_off"],
-            "wide_gap_mm": models[AS_CONFIGURED]["at_depth"]["gap_m"] * 1e3,
+            "thin": models[THIN]["at_depth"],
+            "wide": models[AS_CONFIGURED]["at_depth"],
             "checks": checks(),
         }
         return page("sim.studies.paper", "page.md.jinja", facts)
@@ -337,12 +323,8 @@ def _modes() -> dict[str, list[bool]]:
     """Return which criteria each contact mode meets."""
     punched = press_in(load_sensor("gelsight-mini"), PUNCH, preset=Preset.FAST)
     balls = [press_in(load_sensor(name), BALL, preset=Preset.FAST) for name in _SENSORS]
-    runs = {
-        "press": [punched],
-        "slide": [slide_mode(punched)],
-        "twist": [twist_mode(punched)],
-        "sensors": balls,
-    }
+    slid, turned = slide_mode(punched), twist_mode(punched)
+    runs = {"press": [punched], "slide": [slid], "twist": [turned], "sensors": balls}
     return {
         name: [criterion.passed for run in each for criterion in run.criteria]
         for name, each in runs.items()
@@ -351,13 +333,10 @@ def _modes() -> dict[str, list[bool]]:
 
 def beaten(reports: Sequence[Report]) -> list[tuple[Report, list[str]]]:
     """Return real sensors with the paper's scores that no contact reaches there."""
-    found = []
-    for report in reports:
-        reached = [
-            label
-            for score, label in _SCORES.items()
-            if report["no_contact"][score] >= claims()[f"scores.{score}"].value
-        ]
-        if reached and not report["emulated"]:
-            found.append((report, reached))
-    return found
+
+    def reached(report: Report, score: str) -> bool:
+        return bool(report["no_contact"][score] >= claims()[f"scores.{score}"].value)
+
+    real = [report for report in reports if not report["emulated"]]
+    found = [(r, [label for score, label in _SCORES.items() if reached(r, score)]) for r in real]
+    return [(report, labels) for report, labels in found if labels]

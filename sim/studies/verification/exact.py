@@ -40,7 +40,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -238,12 +238,12 @@ def turned_ball_shear(
 ) -> FloatArray:
     """Return the shear around the axis of a ball that is turned [Pa], of 2 G beta [Pa]."""
 
-    def at(radii: FloatArray) -> FloatArray:
+    def at(radii: Any) -> Any:
         return 1.0 - (radii / contact_m) ** 2
 
     def held_pa(radius_m: float) -> float:
-        m = float(at(np.array(radius_m)))
-        return pressure_pa * float(scipy.special.ellipk(m) - scipy.special.ellipe(m))
+        m = at(radius_m)
+        return float(pressure_pa * (scipy.special.ellipk(m) - scipy.special.ellipe(m)))
 
     stuck = _stuck(held_pa, contact_m, shear_strain_pa / friction)
     relief = _relief(radii_m, stuck, lambda t: pressure_pa * scipy.special.ellipe(at(t)))
@@ -256,20 +256,17 @@ def turned_punch_shear(
     """Return the shear around the axis of a flat punch that is turned [Pa], inside its rim."""
     scale = force_n / (2.0 * np.pi * radius_m**2)
 
-    def at(radii: FloatArray) -> FloatArray:
+    def at(radii: Any) -> Any:
         return 1.0 - (radii / radius_m) ** 2
-
-    def held_pa(radius: float) -> float:
-        return scale * float(scipy.special.ellipk(float(at(np.array(radius)))))
 
     def slope(radii: FloatArray) -> FloatArray:
         m = at(radii)
         parts = scipy.special.ellipe(m) - (1.0 - m) * scipy.special.ellipk(m)
         return np.asarray(scale * parts / m)
 
-    stuck = _stuck(held_pa, radius_m, shear_strain_pa / friction)
-    pressure = scale / np.sqrt(at(radii_m))
-    return friction * (pressure - _relief(radii_m, stuck, slope))
+    wanted = shear_strain_pa / friction
+    stuck = _stuck(lambda c: scale * float(scipy.special.ellipk(at(c))), radius_m, wanted)
+    return friction * (scale / np.sqrt(at(radii_m)) - _relief(radii_m, stuck, slope))
 
 
 def _dome(radii_m: FloatArray, reach_m: float) -> FloatArray:

@@ -22,8 +22,15 @@ from sim.scene.scene import ContactMode, Effect, Preset, Scene
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
-from sim.studies.verification import Row, exact, section
-from sim.studies.verification.exact import BondedLayers, Ply
+from sim.studies import from_file
+from sim.studies.verification import Row, section
+from sim.studies.verification.exact import (
+    BondedLayers,
+    Ply,
+    carried_ball_shear,
+    turned_ball_shear,
+    turned_punch_shear,
+)
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.tables import Table
 
@@ -37,12 +44,6 @@ _FINITE_SHARE = 0.9
 _FRICTION = 0.5
 _YOUNG_PA, _POISSON = 0.3e6, 0.49
 _MODULUS_PA, _SHEAR_PA = _YOUNG_PA / (1.0 - _POISSON**2), 0.5 * _YOUNG_PA / (1.0 + _POISSON)
-_GEL = f"--young {_YOUNG_PA * 1e-6:g}MPa --poisson {_POISSON} --law linear"
-_DEEP = f"--pad disc:radius=15mm,height=10mm {_GEL}"
-_GRIPS = (
-    f"--contact friction:{_FRICTION} --effect friction=on --effect locking-free-element=on"
-    " --output shear"
-)
 _RADII, _ANGLES = 80, 96
 
 
@@ -50,8 +51,10 @@ _RADII, _ANGLES = 80, 96
 class Sampled:
     """A press and its fields on circles about the indenter's axis, shape [radius, angle, ...]."""
 
-    scene: Scene
     force_n: FloatArray
+    twist_rad: float
+    indenter: dict[str, float]  # its radius and depth, as exact solutions take them
+    layer: BondedLayers
     contact_m: float
     radii_m: FloatArray
     pressure_pa: FloatArray
@@ -59,167 +62,107 @@ class Sampled:
     around_pa: FloatArray  # t_tau around the axis
 
     @property
-    def radius_m(self) -> float:
-        """Radius of the indenter [m]."""
-        return _radius(self.scene)
-
-    @property
-    def hertz(self) -> tuple[float, float]:
+    def hertz(self) -> dict[str, float]:
         """The contact's radius [m] and largest pressure [Pa] that Hertz gives to the force."""
         force = float(self.force_n[2])
-        contact = (0.75 * force * self.radius_m / _MODULUS_PA) ** (1.0 / 3.0)
-        return contact, 1.5 * force / (math.pi * contact**2)
+        contact = (0.75 * force * self.indenter["radius_m"] / _MODULUS_PA) ** (1.0 / 3.0)
+        return {"contact_m": contact, "pressure_pa": 1.5 * force / (math.pi * contact**2)}
+
+    @property
+    def turn(self) -> dict[str, float]:
+        """Friction, and 2 G times the turn [Pa]."""
+        return {"friction": _FRICTION, "shear_strain_pa": 2.0 * _SHEAR_PA * self.twist_rad}
+
+
+Compared = tuple[FloatArray, FloatArray]
+"""A field, and its exact values."""
+
+
+def _hertz(found: Sampled) -> Compared:
+    """The pressure that Hertz gives to the same force."""
+    share = np.minimum(found.radii_m / found.hertz["contact_m"], 1.0)
+    return found.pressure_pa, found.hertz["pressure_pa"] * np.sqrt(1.0 - share**2)
+
+
+def _ball_layer(found: Sampled) -> Compared:
+    return found.pressure_pa, found.layer.ball_pressure(found.radii_m, **found.indenter)
+
+
+def _punch_layer(found: Sampled) -> Compared:
+    inside = np.minimum(found.radii_m, _FINITE_SHARE * found.contact_m)
+    return found.pressure_pa, found.layer.punch_pressure(inside, **found.indenter)
+
+
+def _carried(found: Sampled) -> Compared:
+    """The mean over a circle: the solution leaves out what is not round, and across the way."""
+    held = min(float(np.hypot(*found.force_n[:2]) / (_FRICTION * found.force_n[2])), 1.0)
+    terms = {"friction": _FRICTION, "held": held, **found.hertz}
+    return found.along_pa.mean(axis=1, keepdims=True), carried_ball_shear(found.radii_m, **terms)
+
+
+def _sliding(found: Sampled) -> Compared:
+    return found.along_pa, _FRICTION * _hertz(found)[1]
+
+
+def _turned_ball(found: Sampled) -> Compared:
+    return found.around_pa, turned_ball_shear(found.radii_m, **found.turn, **found.hertz)
+
+
+def _turned_punch(found: Sampled) -> Compared:
+    inside = np.minimum(found.radii_m, _FINITE_SHARE * found.contact_m)
+    terms = {"force_n": float(found.force_n[2]), "radius_m": found.contact_m, **found.turn}
+    return found.around_pa, turned_punch_shear(inside, **terms)
+
+
+_EXACT = {
+    "hertz": _hertz,
+    "ball_layer": _ball_layer,
+    "punch_layer": _punch_layer,
+    "carried": _carried,
+    "sliding": _sliding,
+    "turned_ball": _turned_ball,
+    "turned_punch": _turned_punch,
+}
 
 
 class Case(NamedTuple):
     """A field with an exact solution."""
 
     name: str
-    words: str  # the scene
-    compared: Callable[[Sampled], tuple[FloatArray, FloatArray]]  # the field, and its exact values
-    presets: tuple[Preset, ...] = tuple(ALLOWED)
+    press: str  # the scene
+    exact: str
+    presets: Sequence[Preset] = tuple(ALLOWED)
 
 
-def _layer(scene: Scene) -> BondedLayers:
-    return BondedLayers([Ply(_YOUNG_PA, _POISSON, scene.pad.height_m)])
-
-
-def _depth(scene: Scene) -> float:
-    return scene.target.depth_m or 0.0
-
-
-def _radius(scene: Scene) -> float:
-    return float(getattr(scene.indenter, "radius_m"))  # noqa: B009 - cylinders and balls have one
-
-
-def _contact(scene: Scene) -> float:
-    """Return the radius of the contact [m]."""
-    if not isinstance(scene.indenter, Sphere):
-        return _radius(scene)
-    return _layer(scene).ball_force(radius_m=_radius(scene), depth_m=_depth(scene))[1]
-
-
-def _hertz(found: Sampled) -> tuple[FloatArray, FloatArray]:
-    """The pressure that Hertz gives to the same force."""
-    contact, peak = found.hertz
-    share = np.minimum(found.radii_m / contact, 1.0)
-    return found.pressure_pa, peak * np.sqrt(1.0 - share**2)
-
-
-def _ball_layer(found: Sampled) -> tuple[FloatArray, FloatArray]:
-    terms = {"radius_m": found.radius_m, "depth_m": _depth(found.scene)}
-    return found.pressure_pa, _layer(found.scene).ball_pressure(found.radii_m, **terms)
-
-
-def _punch_layer(found: Sampled) -> tuple[FloatArray, FloatArray]:
-    inside = np.minimum(found.radii_m, _FINITE_SHARE * found.radius_m)
-    terms = {"radius_m": found.radius_m, "depth_m": _depth(found.scene)}
-    return found.pressure_pa, _layer(found.scene).punch_pressure(inside, **terms)
-
-
-def _carried(found: Sampled) -> tuple[FloatArray, FloatArray]:
-    """The mean over a circle: the solution leaves out what is not round, and across the way."""
-    held = min(float(np.hypot(*found.force_n[:2]) / (_FRICTION * found.force_n[2])), 1.0)
-    contact, peak = found.hertz
-    shear = exact.carried_ball_shear(
-        found.radii_m, friction=_FRICTION, pressure_pa=peak, contact_m=contact, held=held
-    )
-    return found.along_pa.mean(axis=1, keepdims=True), shear
-
-
-def _sliding(found: Sampled) -> tuple[FloatArray, FloatArray]:
-    return found.along_pa, _FRICTION * _hertz(found)[1]
-
-
-def _turned_ball(found: Sampled) -> tuple[FloatArray, FloatArray]:
-    contact, peak = found.hertz
-    shear = exact.turned_ball_shear(
-        found.radii_m,
-        friction=_FRICTION,
-        pressure_pa=peak,
-        contact_m=contact,
-        shear_strain_pa=2.0 * _SHEAR_PA * found.scene.motion.twist_rad,
-    )
-    return found.around_pa, shear
-
-
-def _turned_punch(found: Sampled) -> tuple[FloatArray, FloatArray]:
-    shear = exact.turned_punch_shear(
-        np.minimum(found.radii_m, _FINITE_SHARE * found.contact_m),
-        friction=_FRICTION,
-        force_n=float(found.force_n[2]),
-        radius_m=found.contact_m,
-        shear_strain_pa=2.0 * _SHEAR_PA * found.scene.motion.twist_rad,
-    )
-    return found.around_pa, shear
-
-
-_BALL = "--indenter sphere:diameter=32mm --depth 0.1mm"
-CASES = (
-    Case(
-        "p, ball on a half space (Hertz)",
-        f"{_DEEP} --indenter sphere:diameter=16mm --depth 0.05mm",
-        _hertz,
-    ),
-    Case(
-        "p, ball on a bonded layer",
-        f"--pad disc:radius=15mm,height=3mm {_GEL} --indenter sphere:diameter=64mm --depth 0.05mm",
-        _ball_layer,
-    ),
-    Case(
-        "p, flat punch on a bonded layer",
-        f"--pad disc:radius=15mm,height=4.5mm {_GEL} --indenter cylinder:diameter=5mm "
-        "--depth 0.05mm",
-        _punch_layer,
-    ),
-    Case(
-        "t_tau, ball carried, slip in part (Cattaneo, Mindlin)",
-        f"{_DEEP} {_BALL} {_GRIPS} --shift 0.06mm",
-        _carried,
-    ),
-    Case(
-        "t_tau, ball carried, slip all over",
-        f"{_DEEP} --indenter sphere:diameter=96mm --depth 0.0333mm {_GRIPS} --shift 0.1mm",
-        _sliding,
-    ),
-    Case(
-        "t_tau, ball turned, slip in part (Lubkin)",
-        f"{_DEEP} {_BALL} {_GRIPS} --twist 2.8deg",
-        _turned_ball,
-    ),
-    Case(
-        "t_tau, flat punch turned, slip in part (Reissner, Sagoci)",
-        f"{_DEEP} --indenter cylinder:diameter=2.5mm --depth 0.05mm {_GRIPS} --twist 1.79deg",
-        _turned_punch,
-        # A whole turn of preset accurate's mesh takes longer than all the others together.
-        (Preset.BALANCED,),
-    ),
+PRESSURES, SHEARS = (
+    [Case(**row) for row in from_file("verification/presses.toml")[name]]
+    for name in ("pressure", "shear")
 )
 
 
 def measure_pressure(*, presets: tuple[Preset, ...] = tuple(ALLOWED)) -> Table:
     """Press what has an exact pressure."""
-    return _measured([case for case in CASES if _GRIPS not in case.words], presets, "pressures")
+    return _measured(PRESSURES, presets, "pressures")
 
 
 def measure_shear() -> Table:
     """Press and move what has an exact shear."""
-    return _measured([case for case in CASES if _GRIPS in case.words], tuple(ALLOWED), "shears")
+    return _measured(SHEARS, tuple(ALLOWED), "shears")
 
 
 def _measured(cases: Sequence[Case], presets: Sequence[Preset], prose: str) -> Table:
     """Press every case on its presets, and on a coarser mesh of the first one for the order."""
     rows, passed = list[Row](), True
     for case in cases:
-        for preset in (each for each in case.presets if each in presets):
-            scene = replace(scene_from(case.words), preset=preset)
+        for preset in (each for each in presets if each in case.presets):
+            scene = replace(scene_from(case.press), preset=preset)
             row, met = row_of(case, scene)
             if preset is presets[0]:
                 coarse = _errors(case, replace(scene, refinement=1.0 / _COARSER))[0]
                 row["order"] = math.log(coarse / (1e-2 * float(row["L2 error [%]"] or 0.0)), 2.0)
             rows.append({"field": case.name, "preset": preset.value, **row})
             passed &= met
-    words = f"{cases[0].words} --preset {presets[0].value}"
+    words = f"{cases[0].press} --preset {presets[0].value}"
     allowed = {"allowed": ALLOWED, "round_allowed": ROUND_ALLOWED}
     return section(prose, rows, passed=passed, press=words, **allowed)
 
@@ -246,7 +189,7 @@ def _errors(case: Case, scene: Scene) -> tuple[float, float | None]:
     """
     is_sharp = not isinstance(scene.indenter, Sphere)
     found = sampled(scene, beyond=1.0 if is_sharp else 1.25)
-    field, exact_pa = case.compared(found)
+    field, exact_pa = _EXACT[case.exact](found)
     inside = found.radii_m < (_FINITE_SHARE if is_sharp else 1.0) * found.contact_m
     error = error_relative(found.radii_m[inside], field[inside], exact_pa[inside, None])
     if any(scene.motion.shift_m):
@@ -273,16 +216,21 @@ def asymmetry_relative(field: FloatArray) -> float:
 def sampled(scene: Scene, *, beyond: float) -> Sampled:
     """Press a scene and sample its pressure and shear, up to so many radii of the contact."""
     path, point = _pressed(scene)
-    contact = _contact(scene)
-    reach_m = beyond * contact
-    radii = reach_m * (np.arange(_RADII) + 0.5) / _RADII
+    body, depth = scene.indenter, scene.target.depth_m or 0.0
+    layer = BondedLayers([Ply(_YOUNG_PA, _POISSON, scene.pad.height_m)])
+    contact = radius = float(getattr(body, "radius_m"))  # noqa: B009 - balls and cylinders have one
+    if isinstance(body, Sphere):
+        contact = layer.ball_force(radius_m=radius, depth_m=depth)[1]
+    radii = beyond * contact * (np.arange(_RADII) + 0.5) / _RADII
     angles = 2.0 * np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES
     sample = on_circles(path.model, point, radii, angles)
     found = surface_traction(path.model, point)
     shear = sample(found.tangential_pa)
     return Sampled(
-        scene=scene,
         force_n=point.force_n,
+        twist_rad=scene.motion.twist_rad,
+        indenter={"radius_m": radius, "depth_m": depth},
+        layer=layer,
         contact_m=contact,
         radii_m=radii,
         pressure_pa=sample(found.pressure_pa),
@@ -295,14 +243,14 @@ def _pressed(scene: Scene) -> tuple[LoadingPath, PathPoint]:
     """Press a scene; one that grips is pressed without friction, as its solution is, then moved."""
     plan = plan_effects(scene)
     felt = regularised_indenter(scene)
-    path = LoadingPath(build_model(scene, plan=plan), felt)
+    path, depth = LoadingPath(build_model(scene, plan=plan), felt), scene.target.depth_m or 0.0
     if scene.contact is not ContactMode.FRICTION:
-        return path, path.advance(_depth(scene))
+        return path, path.advance(depth)
     smooth = replace(
         scene, contact=ContactMode.FRICTIONLESS, effects=((Effect.LOCKING_FREE_ELEMENT, True),)
     )
     free = build_model(smooth, plan=plan_effects(smooth), mesh=path.model.mesh)
-    point = LoadingPath(free, felt).advance(_depth(scene))
+    point = LoadingPath(free, felt).advance(depth)
     state, contact = point.state.copy(), point.equilibrium.contact
     state.grip = Grip(
         held=np.any(contact.forces != 0.0, axis=2).astype(np.int32),

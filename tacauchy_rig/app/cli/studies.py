@@ -318,7 +318,7 @@ def verify() -> Study:
 
     Example: tacauchy-rig study verify --only punch --only hertz
     """
-    from sim.studies.verification.study import Verification
+    from sim.studies.verification import Verification
 
     return Verification()
 

@@ -284,7 +284,7 @@ def test_the_choices_own_time_counts() -> None:
 
 
 def _table(found: Sequence[dict[str, Any]]) -> Table:
-    return tolerance_table(found, title="t")
+    return tolerance_table(found)
 
 
 def _row(name: str, element: ElementOrder, error: float, *, on_front: bool) -> Row:

@@ -15,8 +15,14 @@ from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import Preset, Scene, SceneTerms, Target
 from sim.studies.bench import Part
-from sim.studies.bench.parts import BELIEVED, measure_replay, peak_memory_mib, replay_table
-from sim.studies.bench.rendering import measure_rendering, rendering_table
+from sim.studies.bench.rendering import (
+    BELIEVED,
+    measure_rendering,
+    measure_replay,
+    peak_memory_mib,
+    rendering_table,
+    replay_table,
+)
 from sim.studies.bench.scenes import Manner
 from sim.studies.bench.study import Bench
 from tacauchy_rig.core.arrays import ImageArray

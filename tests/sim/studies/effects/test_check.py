@@ -11,11 +11,12 @@ from sim.scene.indenter import Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene, Target
-from sim.studies.effects.drawn import described, drawn_scene
 from sim.studies.effects.study import (
     EFFECT_CASES,
     EffectCase,
     check_effects,
+    described,
+    drawn_scene,
     kept_by_output,
     time_saved,
 )

@@ -20,7 +20,6 @@ from sim.scene.scene import ContactMode, Effect, Motion, Preset, Scene, Target
 from sim.sensor.sensor import load_sensor
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.model import Model
-from sim.studies.modes.figures import PlaneCut, cut, modes_figure, sensors_figure
 from sim.studies.modes.runs import (
     FRICTION,
     ModeRun,
@@ -29,6 +28,7 @@ from sim.studies.modes.runs import (
     slide_mode,
     twist_mode,
 )
+from sim.studies.modes.study import PlaneCut, cut, modes_figure, sensors_figure
 
 BALL = Sphere(diameter_m=10e-3)
 DEPTH_M = 0.3e-3

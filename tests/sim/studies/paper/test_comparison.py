@@ -5,11 +5,13 @@ from __future__ import annotations
 from sim.studies.paper.claims import Verdict, claims
 from sim.studies.paper.study import (
     compared,
+    counts,
     mode_ours,
     model_ours,
     paper_figure,
     score_ours,
     speed_ours,
+    worst,
 )
 from tests.sim.studies.paper.made_up import model, presses, report, speeds
 
@@ -17,9 +19,9 @@ from tests.sim.studies.paper.made_up import model, presses, report, speeds
 def test_without_measurements_nothing_is_reproduced() -> None:
     """Every claim is there, as not reproduced or out of scope."""
     found = compared({})
-    assert len(found.rows) == len(claims())
-    assert {row.verdict for row in found.rows} == {Verdict.NOT_REPRODUCED, Verdict.OUT_OF_SCOPE}
-    assert sum(found.counts.values()) == len(found.rows)
+    assert len(found) == len(claims())
+    assert {row.verdict for row in found.values()} == {Verdict.NOT_REPRODUCED, Verdict.OUT_OF_SCOPE}
+    assert sum(counts(found).values()) == len(found)
 
 
 def test_an_emulated_run_is_no_answer_to_the_papers_scores() -> None:
@@ -36,7 +38,7 @@ def test_a_changed_measurement_changes_the_verdict() -> None:
     reference = model("reference")
     for force, verdict in ((6.0, Verdict.DIFFERENT), (3.1, Verdict.REPRODUCED)):
         measured = model_ours(presses(paper_force_n=force), reference, rest_stress_pa=1e5)
-        found = compared(measured).by_name
+        found = compared(measured)
         assert found["model.force"].verdict is verdict
         assert found["model.sigma_thin"].verdict is Verdict.DIFFERENT
         assert found["model.force_ours"].verdict is Verdict.REPRODUCED
@@ -44,7 +46,7 @@ def test_a_changed_measurement_changes_the_verdict() -> None:
 
 def test_ten_times_the_papers_speed_is_better_on_another_machine() -> None:
     """All frames, each environment's, and the time of a step."""
-    found = compared(speed_ours(speeds())).by_name
+    found = compared(speed_ours(speeds()))
     for name in ("single", "sixty", "sixty_each", "stress"):
         assert found[f"speed.{name}"].verdict is Verdict.BETTER
 
@@ -53,8 +55,8 @@ def test_a_figure_is_as_good_as_its_worst_claim() -> None:
     """One contact mode with a missed criterion is enough."""
     modes = {"press": [True], "slide": [True, False], "twist": [True], "sensors": [True]}
     found = compared(mode_ours(modes))
-    assert found.by_name["modes.press"].verdict is Verdict.REPRODUCED
-    assert found.worst("modes") is Verdict.DIFFERENT
+    assert found["modes.press"].verdict is Verdict.REPRODUCED
+    assert worst(found, "modes") is Verdict.DIFFERENT
 
 
 def test_a_figure_has_a_bar_for_every_score() -> None:

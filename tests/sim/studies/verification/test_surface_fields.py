@@ -24,7 +24,7 @@ from sim.studies.verification.height_map import (
     kept_heights,
 )
 from sim.studies.verification.surface_fields import (
-    CASES,
+    PRESSURES,
     asymmetry_relative,
     error_relative,
     measure_pressure,
@@ -49,14 +49,14 @@ def test_pressures_are_met_on_balanced_and_their_order_is_told() -> None:
     """Balls and a punch; the coarser mesh is worse."""
     table = measure_pressure(presets=(Preset.BALANCED,))
     assert table.passed
-    assert [row[0] for row in table.rows] == [case.name for case in CASES[:3]]
+    assert [row[0] for row in table.rows] == [case.name for case in PRESSURES]
     assert all(float(row[-1] or 0.0) > 0.9 for row in table.rows)
 
 
 def test_a_coarse_mesh_misses_what_is_allowed() -> None:
     """Edges four times longer than preset balanced's: the table must not pass them."""
-    case = CASES[1]
-    coarse = replace(scene_from(case.words), preset=Preset.BALANCED, refinement=0.25)
+    case = PRESSURES[1]
+    coarse = replace(scene_from(case.press), preset=Preset.BALANCED, refinement=0.25)
     _, met = row_of(case, coarse)
     assert not met
 
