@@ -189,8 +189,8 @@ class SceneRow:
     @property
     def stated_error(self) -> float | None:
         """The error that the corrected result is said to have."""
-        corrected = self.press and self.press.corrected
-        return corrected and corrected.error_relative
+        corrected = None if self.press is None else self.press.corrected
+        return None if corrected is None else corrected.error_relative
 
     @property
     def sideways_error(self) -> float | None:
@@ -253,8 +253,8 @@ def _speed(rows: Sequence[SceneRow]) -> Table:
             "scene": lambda row: row.scene,
             "preset": lambda row: row.setting,
             "frames/s": lambda row: None if row.press is None else _counted(row.frames_per_s),
-            "processor [s]": lambda row: row.press and row.press.cpu_s,
-            "wall [s]": lambda row: row.press and row.press.wall_s,
+            "processor [s]": lambda row: None if row.press is None else row.press.cpu_s,
+            "wall [s]": lambda row: None if row.press is None else row.press.wall_s,
         },
         passed=is_met and (wanted is None or len(found) == len(rows)),
         **_prose(
@@ -285,14 +285,16 @@ def _forces(rows: Sequence[SceneRow]) -> Table:
         rows,
         {
             "scene": lambda row: row.scene,
-            "F_z [N]": lambda row: row.press and row.press.force_n[2],
-            "by the reference [N]": lambda row: row.reference and row.reference.press.force_n[2],
-            "its preset": lambda row: row.reference and row.reference.press.preset,
+            "F_z [N]": lambda row: None if row.press is None else row.press.force_n[2],
+            "by the reference [N]": lambda row: (
+                None if row.reference is None else row.reference.press.force_n[2]
+            ),
+            "its preset": lambda row: None if row.reference is None else row.reference.press.preset,
             "off by [%]": lambda row: _percent(row.error()),
             "raw off by [%]": lambda row: _percent(row.error(raw=True)),
             "stated [%]": lambda row: _percent(row.stated_error),
             "sideways off by [%]": lambda row: _percent(row.sideways_error),
-            "balance": lambda row: row.press and f"{row.press.balance:.0e}",
+            "balance": lambda row: None if row.press is None else f"{row.press.balance:.0e}",
         },
         passed=all(map(is_within, rows)),
         **_prose("forces", way=manner.text, allowed=text, unknown=unknown),
@@ -316,10 +318,10 @@ def _work(rows: Sequence[SceneRow]) -> Table:
         rows,
         {
             "scene": lambda row: row.scene,
-            "tetrahedra": lambda row: row.press and row.press.tet_count,
-            "unknowns": lambda row: row.press and row.press.unknown_count,
-            "iterations": lambda row: row.press and row.press.iterations,
-            "set-up [s]": lambda row: row.press and row.press.setup_s,
+            "tetrahedra": lambda row: None if row.press is None else row.press.tet_count,
+            "unknowns": lambda row: None if row.press is None else row.press.unknown_count,
+            "iterations": lambda row: None if row.press is None else row.press.iterations,
+            "set-up [s]": lambda row: None if row.press is None else row.press.setup_s,
         },
         **_prose("work", way=rows[0].manner.text),
     )

@@ -362,14 +362,14 @@ class Effects(Study):
             return []
         kept = Table(
             columns=("output", "kept", "of", "at worst, over the tolerance"),
-            rows=tuple((o, *n, percent(most)) for o, (*n, most) in kept_by_output(checks).items()),
+            rows=tuple((o, *c[:2], percent(c[2])) for o, c in kept_by_output(checks).items()),
             title="Outputs kept",
             criterion="an output differs by no more than its tolerance",
             passed=all(check["passed"] for check in checks),
         )
         errors = Table(
             columns=("output", "errs as stated", "of", "stated over found, median"),
-            rows=tuple((o, *n, f"{w:.1f}") for o, (*n, w) in errors_by_output(checks).items()),
+            rows=tuple((o, *c[:2], f"{c[2]:.1f}") for o, c in errors_by_output(checks).items()),
             title="Stated errors",
         )
         scenes = table_of(

@@ -210,8 +210,8 @@ def impact() -> Outcome:
     """Follow energies and gaps through every impact."""
     model = pads.pad_model(pads.round_mesh(), order=ElementOrder.P1)
     rise, gap, peak, touching = -np.inf, np.inf, 0.0, 0
-    impacts = product((pads.PUNCH, pads.BALL), _SPEEDS_M_S, (_driven, _thrown))
-    for indenter, speed_m_s, follow in impacts:
+    bodies: tuple[Indenter, ...] = (pads.PUNCH, pads.BALL)
+    for indenter, speed_m_s, follow in product(bodies, _SPEEDS_M_S, (_driven, _thrown)):
         steps, gained = follow(model, indenter, speed_m_s)
         rise = max(rise, float(gained.max()))
         gaps = (model.surface.gaps(s.state.positions, indenter, s.state) for s in steps)

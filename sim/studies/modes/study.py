@@ -183,8 +183,8 @@ def cut(model: Model, positions: FloatArray, *, y_m: float = 0.0) -> PlaneCut:
         found = np.asarray(surface.point_data["stress"]).reshape(-1, 3, 3)
         parts.append((points, faces, found, np.full(len(faces), layer, dtype=np.int32)))
         count += len(points)
-    points, faces, found, layer_of = map(np.concatenate, zip(*parts, strict=True))
-    return PlaneCut(points_m=points, triangles=faces, stress_pa=found, layers=layer_of)
+    corners_m, faces, found, layer_of = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return PlaneCut(points_m=corners_m, triangles=faces, stress_pa=found, layers=layer_of)
 
 
 _STEEL = "#C9CED6"
