@@ -266,7 +266,8 @@ def turned_punch_shear(
 
     wanted = shear_strain_pa / friction
     stuck = _stuck(lambda c: scale * float(scipy.special.ellipk(at(c))), radius_m, wanted)
-    return friction * (scale / np.sqrt(at(radii_m)) - _relief(radii_m, stuck, slope))
+    relief = _relief(radii_m, stuck, slope)
+    return np.asarray(friction * (scale / np.sqrt(at(radii_m)) - relief))
 
 
 def _dome(radii_m: FloatArray, reach_m: float) -> FloatArray:
