@@ -89,7 +89,7 @@ def _draw_panel(axes: Axes, rows: Sequence[Row], bar: float, quantity: str) -> N
             [row.time_s for row in chosen],
             tall,
             # On a log axis a bar cannot reach down to zero.
-            yerr=[np.minimum(bars, 0.9 * np.array(tall)), bars],
+            yerr=np.array([np.minimum(bars, 0.9 * np.array(tall)), bars]),
             fmt=marker,
             markersize=4.5 if large else 3.0,
             color=colour,

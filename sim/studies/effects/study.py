@@ -83,7 +83,8 @@ class _Draw:
         return float(self.rng.uniform(*_FROM["evenly"][name]))
 
     def size(self, name: str) -> float:
-        return math.exp(self.rng.uniform(*map(math.log, _FROM["sizes"][name])))
+        low, high = _FROM["sizes"][name]
+        return math.exp(self.rng.uniform(math.log(low), math.log(high)))
 
     def offset(self, name: str) -> tuple[float, float]:
         """Return a size along x, y or both."""
