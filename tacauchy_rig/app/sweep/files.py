@@ -260,16 +260,25 @@ def encoded(shard: Shard, arrays: Mapping[str, AnyArray]) -> bytes:
     made: dict[str, Any] = {name: pa.array(values) for name, values in table.items()}
     fields = [pa.field(name, values.type) for name, values in made.items()]
     for name in LARGE[2:]:
-        value = arrays[name]
-        flat = pa.array(np.ascontiguousarray(value).reshape(-1))
-        size = int(np.prod(value.shape[1:]))
-        made[name] = pa.FixedSizeListArray.from_arrays(flat, size)
-        shape = {"shape": json.dumps(value.shape[1:])}
+        made[name] = lists(arrays[name])
+        shape = {"shape": json.dumps(arrays[name].shape[1:])}
         fields.append(pa.field(name, made[name].type, metadata=shape))
     sink = pa.BufferOutputStream()
     whole = pa.table(list(made.values()), schema=pa.schema(fields))
     pa.parquet.write_table(whole, sink, compression="zstd", row_group_size=50, use_dictionary=False)
     return bytes(sink.getvalue())
+
+
+def lists(values: AnyArray) -> Any:
+    """Return a column with one flat list for each row of ``values``, shape [row_count, ...].
+
+    A sensor without markers has empty lists, which Arrow does not take as lists of one size.
+    """
+    pa, size = parquet(), int(np.prod(values.shape[1:]))
+    flat = pa.array(np.ascontiguousarray(values).reshape(-1))
+    if size == 0:
+        return pa.ListArray.from_arrays(np.zeros(len(values) + 1, np.int32), flat)
+    return pa.FixedSizeListArray.from_arrays(flat, size)
 
 
 def _columns(

@@ -83,10 +83,12 @@ class Bench:
             if self.pressed == self.cut_after:
                 raise KeyboardInterrupt
             self.pressed += 1
+            if not isinstance(item, tuple):
+                yield item, ((1e-4, 0.5), (4e-4, 1.0))
+                continue
             index = item[1].records[0].index
             fields = TrialFields(shape={}, at_nodes={}, at_faces={}, surface=state(1e-4))
-            pressed = replay_of([record(index)]), {index: fields}
-            yield item, ((1e-4, 0.5), (4e-4, 1.0)) if len(item) == 2 else pressed
+            yield item, (replay_of([record(index)]), {index: fields})
 
     def _render(self, *args: Any) -> tuple[Replay, dict[int, ReplayFields]]:
         self.rendered += 1

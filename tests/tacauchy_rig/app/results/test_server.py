@@ -165,7 +165,7 @@ def test_what_a_report_says_was_missed_stands_beside_the_advice(runs: Path) -> N
     with served(runs) as client:
         page = client.get(f"compare?a={FIRST}&b={SECOND}").text
     assert "not passed" in page
-    assert "contact residual; asked: &lt;= 0.3" in page
+    assert "contact residual; required: &lt;= 0.3" in page
 
 
 def test_commands_can_be_pasted_into_a_shell(runs: Path) -> None:

@@ -15,13 +15,14 @@ from unittest.mock import patch
 
 import mlcroissant
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from rocrate.rocrate import ROCrate
 
 from tacauchy_rig.app.sweep import run
 from tacauchy_rig.app.sweep.engines import Dask, Folder, InterruptedSweepError, Processes, Work
-from tacauchy_rig.app.sweep.files import Shard
+from tacauchy_rig.app.sweep.files import Shard, lists
 from tacauchy_rig.app.sweep.plan import Plan, Row, Simulation, read_plan, row_hash, rows_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.rgb import decode_rgb
@@ -340,6 +341,16 @@ def test_an_index_leads_to_images_fields_and_the_frame_without_contact(
         assert 0.8 < carried / row["force_z_n"] < 1.6
         deepest = float(np.nanmax(np.array(found["indentation_mm"], float)))
         assert abs(deepest * 1e-3 - row["depth_m"]) < 0.05e-3
+
+
+@pytest.mark.parametrize("markers", [0, 3])
+def test_a_sensor_without_markers_has_empty_lists(markers: int, tmp_path: Path) -> None:
+    """A DIGIT's rows are read back like a GelSight Mini's."""
+    values = np.arange(4 * markers, dtype=np.float32).reshape(2, markers, 2)
+    pq.write_table(pa.table({"markers_px": lists(values)}), tmp_path / "shard")
+    column = pq.read_table(tmp_path / "shard")["markers_px"]
+    found = [row.values.to_numpy(zero_copy_only=False).reshape(markers, 2) for row in column]
+    assert np.array_equal(found, values)
 
 
 def test_splits_share_no_object_and_no_place(swept: tuple[Plan, Path]) -> None:
