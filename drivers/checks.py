@@ -158,7 +158,7 @@ def _force_sensor_checks(config: RigConfig, measure_s: float) -> list[CheckResul
 
 def _place(identity: DeviceIdentity, more: str = "") -> str:
     settings = ", ".join(f"{key} {value}" for key, value in identity.settings.items())
-    return f"{identity.address}{more}: {settings}"
+    return f"{identity.address}{more}{': ' if settings else ''}{settings}"
 
 
 def latency_timer_check(port: str, *, sys_folder: Path = Path("/sys")) -> CheckResult:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
@@ -132,8 +133,9 @@ MAX_NUMBERED = 8
 
 def draw_matrices(report: ValidationReport) -> Figure:
     """Draw every score of a press's own image (row) against simulated ones (column)."""
-    figure = new_figure(PAGE_IN, 4.6, marks=report.evidence.marks)
-    panels = figure.subplots(2, 3).ravel()
+    rows = max(2, math.ceil(len(report.matrices) / 3))
+    figure = new_figure(PAGE_IN, 2.3 * rows, marks=report.evidence.marks)
+    panels = figure.subplots(rows, 3).ravel()
     for axes, matrix in zip(panels, report.matrices, strict=False):
         _draw_matrix(axes, matrix)
     for axes in panels[len(report.matrices) :]:
@@ -206,28 +208,32 @@ LINES: dict[str, dict[str, Any]] = {
 """Of each panel, in the order of the legend."""
 
 
+_CONTACT = {"zncc": "ZNCC in the contact", "relative_residual": "Residual in the contact"}
+
+
 def draw_scores(report: ValidationReport) -> Figure:
     """Draw a radar chart of the similarities and a panel for every score."""
     trials = sorted(report.trials, key=lambda t: (math.isnan(t.force_target_n), t.force_target_n))
-    figure = new_figure(PAGE_IN, 3.7, marks=report.evidence.marks)
-    grid = figure.add_gridspec(2, 4)
+    rows = math.ceil((1 + len(Metric) + len(_CONTACT)) / 4)
+    figure = new_figure(PAGE_IN, 1.85 * rows, marks=report.evidence.marks)
+    grid = figure.add_gridspec(rows, 4)
     radar = figure.add_subplot(grid[0, 0], projection="polar")
     if isinstance(radar, PolarAxes):
         _draw_radar(radar, shown(trials))
-    places = [(0, 1), (0, 2), (0, 3), (1, 0), (1, 1)]
-    panels = [figure.add_subplot(grid[place]) for place in places]
-    for axes, metric in zip(panels, Metric, strict=True):
-        _draw_panel(axes, trials, metric.axis_label, _of_frame(trials, metric))
-    panels[-1].set_yscale("log")
-    contact = [figure.add_subplot(grid[1, column]) for column in (2, 3)]
-    _draw_panel(contact[0], trials, "ZNCC in the contact", _of_contact(trials, "zncc"))
-    residuals = _of_contact(trials, "relative_residual")
-    residuals["No contact"] = [_number(t.contact_no_contact_residual) for t in trials]
-    _draw_panel(contact[1], trials, "Residual in the contact", residuals)
-    for axes, name in zip((radar, *panels, *contact), "abcdefgh", strict=True):
+    panels = []
+    values = {metric.axis_label: _of_frame(trials, metric) for metric in Metric}
+    values |= {label: _of_contact(trials, name) for name, label in _CONTACT.items()}
+    without = [_number(t.contact_no_contact_residual) for t in trials]
+    values[_CONTACT["relative_residual"]]["No contact"] = without
+    for place, (label, lines_of) in enumerate(values.items(), start=1):
+        panels.append(figure.add_subplot(grid[divmod(place, 4)]))
+        _draw_panel(panels[-1], trials, label, lines_of)
+        if label == Metric.MSE.axis_label:
+            panels[-1].set_yscale("log")
+    for axes, name in zip((radar, *panels), ascii_lowercase, strict=False):
         letter(axes, f"({name})")
     handles: dict[str, Artist] = {}
-    for axes in (*panels, *contact):
+    for axes in panels:
         drawn, names = axes.get_legend_handles_labels()
         handles |= dict(zip(names, drawn, strict=True))
     ordered = [name for name in LINES if name in handles]

@@ -208,10 +208,7 @@ def descriptor_check(limit: int) -> CheckResult:
 
 def group_checks(config: RigConfig, *, groups: frozenset[str], user_id: int) -> list[CheckResult]:
     """Judge whether this user may open serial ports and cameras, where real ones are used."""
-    needed = {
-        "dialout": config.force_sensor.driver == "m3733c",
-        "video": config.camera.driver == "uvc",
-    }
+    needed = {"dialout": config.force_sensor.is_real, "video": config.camera.is_real}
     return [_group_check(name, on, groups, user_id) for name, on in needed.items()]
 
 
