@@ -100,8 +100,11 @@ def scale(
         str | None,
         typer.Option(
             help="Crop and resize the raw image of a target as this sensor's camera does; "
-            "without it the image is taken as it is."
+            "without it the image is taken as it is. With --presses: whose dome the ball touches."
         ),
+    ] = None,
+    ball_diameter: Annotated[
+        str | None, typer.Option(metavar="LENGTH", help="Of the ball of --presses on a dome.")
     ] = None,
     json_file: JsonFile = None,
 ) -> None:
@@ -111,15 +114,16 @@ def scale(
     """
     from sim.sensor.sensor import load_sensor
 
-    if presses is not None and sensor is not None:
+    if presses is not None and (sensor is None) != (ball_diameter is None):
         raise ConfigError(
-            "--sensor crops the image of a target; images of --presses are taken as they are",
-            remedy="leave --sensor out, and give presses at the size that is scored",
+            "--presses needs both --sensor and --ball-diameter, or neither",
+            remedy="give both for a domed gel: a ball touches it nearer to its middle",
         )
+    known = None if sensor is None else load_sensor(sensor)
     if presses is not None and image is None and target is None:
-        fit, points = _from_presses(presses)
+        fit, points = _from_presses(presses, known, ball_diameter)
     elif presses is None and image is not None and target is not None:
-        fit, points = _from_target(image, target, None if sensor is None else load_sensor(sensor))
+        fit, points = _from_target(image, target, known)
     else:
         raise ConfigError(
             "calibrate scale needs an image with --target, or --presses",
@@ -163,7 +167,10 @@ def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFi
     return fit, f"{len(found.pixels)} of {found.wanted} points of the target"
 
 
-def _from_presses(folder: Path) -> tuple[ScaleFit, str]:
+def _from_presses(
+    folder: Path, sensor: Sensor | None, ball_diameter: str | None
+) -> tuple[ScaleFit, str]:
+    """Fit to ball presses; on a dome of radius R a ball of radius r at x touches at x R/(R + r)."""
     import numpy as np
 
     from sim.optics.calibrate.ball_press import read_ball_presses
@@ -176,14 +183,27 @@ def _from_presses(folder: Path) -> tuple[ScaleFit, str]:
             f"{folder}: no image of circles.csv is in positions.csv",
             remedy="name the same images in both",
         )
+    reach, errors = np.ones(2), np.zeros(2)
+    if sensor is not None and ball_diameter is not None:
+        ball_m = 0.5 * parse_quantity(
+            ball_diameter, dimension=Dimension.LENGTH, field="--ball-diameter"
+        )
+        for axis, name in enumerate(("pad.dome_radius_x", "pad.dome_radius_y")):
+            if (dome := sensor.numbers.get(name)) is not None:
+                reach[axis] = dome.value / (dome.value + ball_m)
+                errors[axis] = dome.uncertainty * ball_m / (dome.value + ball_m) ** 2
+    else:
+        say("taken as flat: for a domed gel give --sensor and --ball-diameter")
     height, width = known[0].image.shape[:2]
     fit = fit_scale(
-        np.array([places[press.name] for press in known]),
+        reach * np.array([places[press.name] for press in known]),
         np.array([(press.circle.x_px, press.circle.y_px) for press in known]),
         width=width,
         height=height,
     )
-    return fit, f"{len(known)} presses"
+    scales = np.array([fit.geometry.scale_x_m, fit.geometry.scale_y_m])
+    x_m, y_m = np.hypot(fit.scale_error_m, errors * scales).tolist()
+    return replace(fit, scale_error_m=(x_m, y_m)), f"{len(known)} presses"
 
 
 def _show_scale(fit: ScaleFit, points: str) -> None:

@@ -142,20 +142,25 @@ def test_a_raw_image_of_a_target_is_brought_to_the_sensors_size(tmp_path: Path) 
     assert found["scale_x_m_px"] == pytest.approx(2e-4, rel=5e-3)
 
 
-def test_scale_from_presses(tmp_path: Path) -> None:
-    """Circles and commanded positions give the scale to the clicks' error."""
+@pytest.mark.parametrize("dome", [(), ("--sensor", "digit", "--ball-diameter", "4mm")])
+def test_scale_from_presses(tmp_path: Path, dome: tuple[str, ...]) -> None:
+    """Circles and places give the scale to the clicks' error; a dome of 100 mm shifts contacts."""
     folder = _folder(tmp_path / "presses")
+    reach_m = 1e-4 * (1.02 if dome else 1.0)
     with (folder / "circles.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     places = [
-        (row["image"], (float(row[HEADER[1]]) - 89.5) * 1e-4, (float(row[HEADER[2]]) - 74.5) * 1e-4)
+        (row["image"], *(reach_m * (float(row[HEADER[k]]) - c) for k, c in ((1, 89.5), (2, 74.5))))
         for row in rows
     ]
     lines = ["image,x_m,y_m", *(f"{name},{x:.7f},{y:.7f}" for name, x, y in places)]
     (folder / "positions.csv").write_text("\n".join(lines), encoding="utf-8")
     out = tmp_path / "scale.json"
-    assert "14 presses" in _run("scale", "--presses", folder, "--json", out)
-    assert json.loads(out.read_text("utf-8"))["scale_y_m_px"] == pytest.approx(1e-4, rel=1e-3)
+    assert "14 presses" in _run("scale", "--presses", folder, *dome, "--json", out)
+    found = json.loads(out.read_text("utf-8"))
+    assert found["scale_y_m_px"] == pytest.approx(1e-4, rel=1e-3)
+    # the dome's radius is stated to 20 %: 0.2 * 2 / 102 of the scale
+    assert found["scale_error_m_px"][1] == pytest.approx(1e-4 * (4e-3 if dome else 0.0), abs=6e-8)
 
 
 def _refused(*words: object) -> ConfigError:
@@ -177,8 +182,8 @@ def test_refusals(tmp_path: Path) -> None:
     assert "not positive" in _refused("optics", folder, *flat, *out).message
     assert "no .npz" in _refused("optics", folder, *OPTIONS, "--out", tmp_path / "c.txt").message
     assert "needs an image with --target" in _refused("scale").message
-    cropped = _refused("scale", "--presses", tmp_path, "--sensor", "digit")
-    assert "--sensor crops the image of a target" in cropped.message
+    domed = _refused("scale", "--presses", tmp_path, "--sensor", "digit")
+    assert "needs both --sensor and --ball-diameter" in domed.message
 
 
 def _never(*_: object, **__: object) -> None:
