@@ -64,6 +64,7 @@ def test_a_ball_beside_the_middle_that_falls_at_50_mm_s_stays() -> None:
     assert sensor.contact.is_valid.all()
 
 
+@pytest.mark.slow
 def test_a_fast_ball_comes_back_from_the_gel_in_newton() -> None:
     """At 50 mm/s, without loss, it keeps its energy within a tenth, and does not go through."""
     model, sensor = balls_on_pads(
