@@ -184,11 +184,17 @@ class ContactSurface:
         self, positions: FloatArray, indenter: Indenter, state: State, *, curved: bool = True
     ) -> ContactForces:
         """Return the contact at every point; its stiffness is exact, or semidefinite."""
-        out = [self._points(kind) for kind in (wp.vec3d, wp.float64, wp.vec3d, wp.mat33d)]
         poses, at = self._at(positions, state)
-        grip = self.grip_arrays(state.grip)
-        inputs = [*self._model(indenter, state), poses, grip, at, curved]
-        self._device.launch(self.kernels(indenter).force, (1, *self._shape), inputs, out)
+        given = [*self._model(indenter, state), poses, self.grip_arrays(state.grip), at]
+        return self.forces_of(given, indenter, curved=curved)
+
+    def forces_of(
+        self, given: list[Any], indenter: Indenter, *, curved: bool = True
+    ) -> ContactForces:
+        """Return the same where surface, body, poses, grip and positions are on the device."""
+        out = [self._points(kind) for kind in (wp.vec3d, wp.float64, wp.vec3d, wp.mat33d)]
+        kernel = self.kernels(indenter).force
+        self._device.launch(kernel, (1, *self._shape), [*given, curved], out)
         points, gaps, forces, stiffness = (on_host(array)[0] for array in out)
         return ContactForces(points=points, gaps=gaps, forces=forces, stiffness=stiffness)
 

@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from sim.contact.contact_surface import ContactSurface, Grip, State
+from sim.contact.contact_surface import ContactForces, ContactSurface, Grip, State
 from sim.contact.indenter_distance import body_of, poses_at
 from sim.device import Device, filled
 from sim.scene.indenter import Indenter, IndenterSet
@@ -182,6 +182,11 @@ class Descents:
         self._strain.launch(stream=self._aside)
         self._touch.launch()
         main.wait_stream(self._aside)
+
+    def contact(self) -> ContactForces:
+        """Return the contact of the only environment, where it is; its stiffness is exact."""
+        at = [self.surface, self.body, self.poses, self.grip, self.positions]
+        return self.model.surface.forces_of(at, self.indenter)
 
     def step(self) -> None:
         """Have every environment that runs do its next thing."""

@@ -26,9 +26,8 @@ pressure: points that have come to touch take hold once the steps have ended.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from sim.contact.contact_surface import ContactForces, Grip, State
@@ -80,13 +79,12 @@ class Reuse:
     evaluations_max: int = 10
     # In a state, after so many steps with a factor, it is renewed if the residual is still more
     # than this share of the contact force
-    patience: tuple[tuple[int, float], ...] = ((5, 1e-2), (10, 1e-3), (30, 0.0))
+    patience: tuple[tuple[int, float], ...] = ((20, 1e-3), (40, 0.0))
 
 
-# Of a pad with so many unknowns a factor costs as much as 25 steps, and is kept for twice as long:
-# four presses of 10,000 to 24,000 unknowns take 3 to 23 % less time for it.
+# Of a pad with so many unknowns a factor costs as much as 25 steps, and is kept for longer.
 _LARGE_FROM = 6_000
-LARGE = Reuse(evaluations_max=20, patience=((10, 1e-2), (20, 1e-3), (40, 0.0)))
+LARGE = Reuse(evaluations_max=20)
 NEWTON = Reuse(memory=0, evaluations_max=0, patience=((1, 0.0),))
 """A factor of its own for every step: Newton's method."""
 
@@ -97,19 +95,13 @@ class Equilibrium:
 
     iterations: int
     push_n: FloatArray  # force on the indenter, modelled part [N], shape [3]
-    # Finds the contact at the last positions, exact or not ``curved``
-    touch: Callable[..., ContactForces]
+    contact: ContactForces  # at every point
     elastic_gradient: FloatArray  # gradient of the elastic energy [N], shape [node_count, 3]
     residual_n: float  # norm of the unbalanced force [N]
     min_jacobian: float
     # The residual is above what was asked, relative and floor: rounding, a standstill or the last
     # iteration ended the steps at one that does no harm
     stalled: bool = False
-
-    @cached_property
-    def contact(self) -> ContactForces:
-        """Contact at every point, found when it is first asked for."""
-        return self.touch()
 
 
 class EquilibriumSolver:
@@ -205,7 +197,7 @@ class EquilibriumSolver:
             first, status = self.evaluations, self._run(state, grip_start)
             spent += int(descents.get("steps")[0])
             if status == Status.DONE:
-                found = self._equilibrium(state, spent + self._passes)
+                found = self._equilibrium(spent + self._passes)
                 error = self._passed_through(state, found, must_touch=must_touch)
                 if error is None:
                     latest = first if extension != contact.extension else before
@@ -281,7 +273,7 @@ class EquilibriumSolver:
                 self._upload(state, grip_start)
                 descents.set(checked=1, mode=Mode.BEGIN, wanted=1)
             elif status == Status.ASKS_ROUNDING:
-                rounding = self.model.rounding_n(self._contact(state))
+                rounding = self.model.rounding_n(descents.contact())
                 descents.set(rounding=rounding, mode=Mode.RECHECK)
             elif status in (Status.ASKS_FACTOR, Status.ASKS_SAFER_FACTOR):
                 self.take_factor(state, first=int(status == Status.ASKS_SAFER_FACTOR))
@@ -323,7 +315,7 @@ class EquilibriumSolver:
                 state.positions = start
         refuse_deep_overlap(model, self.indenter, state)
 
-    def _equilibrium(self, state: State, iterations: int) -> Equilibrium:
+    def _equilibrium(self, iterations: int) -> Equilibrium:
         descents = self._descents
         found: dict[str, Any] = {
             name: float(descents.get(name)[0])
@@ -332,16 +324,12 @@ class EquilibriumSolver:
         return Equilibrium(
             iterations=iterations,
             push_n=descents.get("push")[0].copy(),
-            touch=partial(self._contact, replace(state)),
+            contact=descents.contact(),
             elastic_gradient=on_host(descents.gel_buffers[0])[0].copy(),
             residual_n=found["residual"],
             min_jacobian=found["ratio_min"],
             stalled=found["residual"] > max(found["relative"] * found["scale"], found["floor"]),
         )
-
-    def _contact(self, state: State, *, curved: bool = True) -> ContactForces:
-        surface = self.model.surface
-        return surface.forces(state.positions, self.indenter, state, curved=curved)
 
     def _upload(self, state: State, grip_start: Grip | None) -> None:
         self._descents.place(0, state, grip_start=grip_start)
