@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.optics.height.height_map import HeightMaps
-from sim.studies.objects.shapes import OBJECTS
+from sim.scene.objects import OBJECTS
 from sim.studies.objects.study import ObjectPress
 from tests.sim.optics.analytic_surface import APEX_M, camera
 

@@ -17,21 +17,7 @@ from sim.optics.render.renderer import nominal_renderer
 from sim.press_command import scene_of
 from sim.scene.scene import Preset, SceneTerms
 from sim.sensor.sensor import load_sensor
-from sim.studies.accuracy.judging import (
-    EDGE_SHIFT,
-    FULL,
-    QUANTITIES,
-    REFERENCE,
-    SHIFTED,
-    SHORT,
-    Configuration,
-    Judge,
-    Row,
-    Similarity,
-    error_bar,
-    finished,
-    reseeded,
-)
+from sim.studies.accuracy import judging
 from sim.studies.accuracy.tolerance import HELD_OUT, SEEN_BEFORE, check_tolerance, tolerance_table
 from tacauchy_rig.core.figure_style import BLUE, GREEN, GREY, INK, ORANGE, PAGE_IN
 from tacauchy_rig.core.page import prose, table_prose
@@ -53,7 +39,7 @@ _TITLES = {
 }
 
 
-def accuracy_figure(rows: Sequence[Row], bars: Mapping[str, float]) -> Figure:
+def accuracy_figure(rows: Sequence[judging.Row], bars: Mapping[str, float]) -> Figure:
     """Draw error against time, that of F_z large; bars are how far the reference may be off."""
     figure = Figure(figsize=(PAGE_IN, 4.6), layout="constrained")
     grid = figure.add_gridspec(2, 3, width_ratios=(2.4, 1.0, 1.0))
@@ -64,7 +50,7 @@ def accuracy_figure(rows: Sequence[Row], bars: Mapping[str, float]) -> Figure:
     return figure
 
 
-def _draw_panel(axes: Axes, rows: Sequence[Row], bar: float, quantity: str) -> None:
+def _draw_panel(axes: Axes, rows: Sequence[judging.Row], bar: float, quantity: str) -> None:
     """Draw a quantity's errors; below ``bar``, the reference's own error, nothing is known."""
     large = quantity == _LARGE
     # The reference has no error against itself, and no place on a log axis.
@@ -84,7 +70,9 @@ def _draw_panel(axes: Axes, rows: Sequence[Row], bar: float, quantity: str) -> N
         if not chosen:
             continue
         tall = [sizes[row.configuration.name] for row in chosen]
-        bars = [error_bar(bar, row.errors[quantity], row.chances[quantity]) for row in chosen]
+        bars = [
+            judging.error_bar(bar, row.errors[quantity], row.chances[quantity]) for row in chosen
+        ]
         axes.errorbar(
             [row.time_s for row in chosen],
             tall,
@@ -112,11 +100,11 @@ def _draw_panel(axes: Axes, rows: Sequence[Row], bar: float, quantity: str) -> N
         axes.legend(loc="upper right")
 
 
-def _kind(configuration: Configuration) -> tuple[ElementOrder, bool]:
+def _kind(configuration: judging.Configuration) -> tuple[ElementOrder, bool]:
     return configuration.element, configuration.is_corrected
 
 
-def _write_labels(axes: Axes, rows: Sequence[Row], sizes: dict[str, float]) -> None:
+def _write_labels(axes: Axes, rows: Sequence[judging.Row], sizes: dict[str, float]) -> None:
     """Name presets above their points, in bold, and below them what gains on the front."""
     least = np.inf
     for row in sorted(rows, key=lambda row: row.time_s):
@@ -143,7 +131,7 @@ ROWS_WANTED, FRONT_WANTED = 12, 4
 _RUNS = 2.0
 _TOLERANCE = "tolerance: "
 _prose = partial(table_prose, "sim.studies.accuracy", "tables.md.jinja")
-_row: Callable[[Any], Row] = TypeAdapter(Row).validate_python
+_row: Callable[[Any], judging.Row] = TypeAdapter(judging.Row).validate_python
 
 
 @dataclass
@@ -151,7 +139,7 @@ class Accuracy(Study):
     """A press with many settings against a reference, on meshes of one seed or more."""
 
     terms: SceneTerms  # a press of a sensor to a force
-    similarity: Similarity  # as for ``Judge``
+    similarity: judging.Similarity  # as for ``Judge``
     full: bool = False  # measure many more settings
     # Of the meshes; the first one is shown whole, others are compared with it
     seeds: Sequence[int] = (0,)
@@ -179,21 +167,23 @@ class Accuracy(Study):
             for each in (*HELD_OUT, *SEEN_BEFORE)
         ]
 
-    def _named(self, seed: int) -> dict[str, Configuration]:
+    def _named(self, seed: int) -> dict[str, judging.Configuration]:
         """Return the configurations by the names of a seed's cases."""
         before = "" if seed == self.seeds[0] else f"seed {seed}: "
-        return {f"{before}{each.name}": each for each in (FULL if self.full else SHORT)}
+        return {
+            f"{before}{each.name}": each for each in (judging.FULL if self.full else judging.SHORT)
+        }
 
     @property
     def _text(self) -> str:
         return f"{self.terms.indenter} into {self.terms.sensor} at {self.terms.force}"
 
-    def _judge(self, seed: int) -> Judge:
+    def _judge(self, seed: int) -> judging.Judge:
         gel = load_sensor(self.terms.sensor or "")
-        return Judge(
+        return judging.Judge(
             scene_of(self.terms),
             gel.camera,
-            reseeded(REFERENCE, seed),
+            judging.reseeded(judging.REFERENCE, seed),
             render=nominal_renderer(gel),
             similarity=self.similarity,
         )
@@ -207,12 +197,14 @@ class Accuracy(Study):
         row = _row(result.found["row"])
         return f"F_z {row.errors['force']:+.2%} in {row.time_s:.2f} s"
 
-    def rows(self, results: Sequence[Result], seed: int) -> tuple[list[Row], dict[str, float]]:
+    def rows(
+        self, results: Sequence[Result], seed: int
+    ) -> tuple[list[judging.Row], dict[str, float]]:
         """Return the rows of a seed, and how far its reference may be off, by quantity."""
         names = self._named(seed)
         found = [each.found for each in results if each.name in names and not each.failure]
         bars = found[0]["bars"] if found else {}
-        return finished([_row(each["row"]) for each in found]), bars
+        return judging.finished([_row(each["row"]) for each in found]), bars
 
     def tables(self, results: Sequence[Result]) -> list[Table]:
         """Return the first seed's study, the others beside it, and the tolerances."""
@@ -261,8 +253,10 @@ class Accuracy(Study):
         return prose("sim.studies.accuracy", "tables.md.jinja", "note")
 
 
-def _measured(judge: Callable[[], Judge], each: Configuration, seed: int) -> dict[str, Any]:
-    row = judge().row(reseeded(each, seed), shifted=seed == 0 and each in SHIFTED)
+def _measured(
+    judge: Callable[[], judging.Judge], each: judging.Configuration, seed: int
+) -> dict[str, Any]:
+    row = judge().row(judging.reseeded(each, seed), shifted=seed == 0 and each in judging.SHIFTED)
     reference = judge().reference
     return {
         "row": asdict(row),
@@ -272,7 +266,7 @@ def _measured(judge: Callable[[], Judge], each: Configuration, seed: int) -> dic
 
 
 def study_table(
-    rows: Sequence[Row], bars: Mapping[str, float], *, scene: str, reference: str
+    rows: Sequence[judging.Row], bars: Mapping[str, float], *, scene: str, reference: str
 ) -> Table:
     """Return every configuration's errors and cost."""
     fast_s = next((row.time_s for row in rows if row.configuration.name == Preset.FAST), None)
@@ -281,7 +275,7 @@ def study_table(
     facts = {"scene": scene, "reference": reference, "bars": off}
     wanted = {"rows_wanted": ROWS_WANTED, "front_wanted": FRONT_WANTED}
 
-    def percent(row: Row, quantity: str) -> float:
+    def percent(row: judging.Row, quantity: str) -> float:
         return 1e2 * row.errors[quantity]
 
     return table_of(
@@ -293,7 +287,7 @@ def study_table(
             "time [s]": lambda row: row.time_s,
             "time over fast's": lambda row: row.time_s / fast_s if fast_s else None,
             "F_z [%]": partial(percent, quantity="force"),
-            **{f"{name} [%]": partial(percent, quantity=name) for name in QUANTITIES[1:-1]},
+            **{f"{name} [%]": partial(percent, quantity=name) for name in judging.QUANTITIES[1:-1]},
             "1 - SSIM": lambda row: row.errors["image"],
             "ZNCC": lambda row: row.zncc_contact,
             "front": lambda row: "yes" if row.on_front else "",
@@ -304,7 +298,11 @@ def study_table(
 
 
 def seed_table(
-    rows: Sequence[Row], others: Sequence[Row], bars: Mapping[str, float], *, seed: int
+    rows: Sequence[judging.Row],
+    others: Sequence[judging.Row],
+    bars: Mapping[str, float],
+    *,
+    seed: int,
 ) -> Table:
     """Return whether errors come out alike on other meshes, within the first run's bars."""
     second = {row.configuration.name: row.errors for row in others}
@@ -312,13 +310,13 @@ def seed_table(
 
     def bar(name: str, of: str) -> float:
         row = first[name]
-        return _RUNS * error_bar(bars[of], row.errors[of], row.chances[of])
+        return _RUNS * judging.error_bar(bars[of], row.errors[of], row.chances[of])
 
     def missing(name: str) -> list[str]:
         errors, found = first[name].errors, second[name]
-        return [of for of in QUANTITIES if abs(found[of] - errors[of]) > bar(name, of)]
+        return [of for of in judging.QUANTITIES if abs(found[of] - errors[of]) > bar(name, of)]
 
-    total, missed = len(QUANTITIES) * len(first), sum(len(missing(name)) for name in first)
+    total, missed = len(judging.QUANTITIES) * len(first), sum(len(missing(name)) for name in first)
     return table_of(
         first,
         {
@@ -329,5 +327,11 @@ def seed_table(
             "outside": lambda name: ", ".join(missing(name)) or "none",
         },
         passed=missed == 0,
-        **_prose("seeds", seed=seed, within=total - missed, total=total, shift=f"{EDGE_SHIFT:.0%}"),
+        **_prose(
+            "seeds",
+            seed=seed,
+            within=total - missed,
+            total=total,
+            shift=f"{judging.EDGE_SHIFT:.0%}",
+        ),
     )

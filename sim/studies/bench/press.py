@@ -26,6 +26,7 @@ from sim.press import measure
 from sim.press_command import scene_from
 from sim.scene.indenter import tilted
 from sim.scene.material import Material
+from sim.scene.objects import OBJECTS
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Preset, Scene
 from sim.sensor.sensor import load_sensor
@@ -34,7 +35,6 @@ from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from sim.studies import from_file
 from sim.studies.bench.scenes import FRAME_COUNT, Manner, ScenePress
-from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
 
@@ -192,7 +192,13 @@ def press_batch(scene: Scene, manner: Manner) -> ScenePress:
     The first is the scene itself. Set-up compiles the kernels.
     """
     started = time.perf_counter()
-    model, count = _sensors_model(scene, manner.device), manner.environments or 1
+    assert isinstance(scene.pad, BoxPad)  # noqa: S101 - every sensor's is
+    terms: dict[str, Any] = {"layers": scene.layers, "friction": scene.friction}
+    mesh: dict[str, Any] = {"edge_m": _EDGE_M, "device": manner.device}
+    model, count = (
+        sensor_model(scene.pad, scene.material, **mesh, **terms),
+        manner.environments or 1,
+    )
     gels, shares = spread(scene, count)
     options = BatchOptions(residual_relative=_BALANCE)
     batch = Batch(model, [scene.indenter], np.zeros(count, int), materials=gels, options=options)
@@ -229,12 +235,6 @@ def press_batch(scene: Scene, manner: Manner) -> ScenePress:
         balance=float(np.abs(found[-1].imbalance).max()),
         parts_s=batch_parts(batch, *trajectory, wall_s=wall_s),
     )
-
-
-def _sensors_model(scene: Scene, device: str) -> Model:
-    assert isinstance(scene.pad, BoxPad)  # noqa: S101 - every sensor's is
-    terms: dict[str, Any] = {"layers": scene.layers, "friction": scene.friction}
-    return sensor_model(scene.pad, scene.material, edge_m=_EDGE_M, device=device, **terms)
 
 
 def _touch_m(scene: Scene, model: Model) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import resource
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -44,25 +43,20 @@ _REPEATS, _REPEATS_LEAST = 50, 5
 # Of an image [ms]. 5,550 frames a second, ten times the paper's (with stress, GPU), leave as much
 # for all of a frame as the last.
 _LIMITS_MS = {"one by one": 5.0, "batch": 0.2, "from nodes": 0.18}
-# Of a row: renderer, device, images, times [s], and how far these are from images drawn alone.
-_Judged = tuple[str, str, int, list[float], tuple[int, float]]
-
 
 Row = dict[str, Any]
 """A row by the headings of its table, units in brackets."""
 ImageOf = Callable[[SurfaceState], ImageArray]
 
 FORCE_ERROR_MAX, TIME_MAX_S = 0.02, 20.0
-_KIB, _MIB = 1024.0, 1024.0**2
-MEMORY_MAX_MIB = 2e9 / _MIB
+MEMORY_MAX_MIB = 2e9 / 1024.0**2
 BELIEVED = "F_z believed within [%]"
 _prose = partial(table_prose, "sim.studies.bench", "tables.md.jinja")
 
 
 def peak_memory_mib() -> float:
     """Return the largest resident set so far [MiB]."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak * (1.0 if sys.platform == "darwin" else _KIB) / _MIB
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
 def measure_replay(
@@ -143,22 +137,23 @@ def measure_rendering(
             row = partial(_row, sensor, samples)
             # The deepest dent's image, rendered by itself as a replay does.
             alone = partial(renderer().render, rest_m - dents_m[-1])
-            yield row("one by one", "cpu", 1, times_of(alone, budget_s=budget_s))
+            yield row("one by one", times_of(alone, budget_s=budget_s))
         dents, batch = renderer(device=device).prepared(len(dents_m))
         dents.assign(dents_m.astype(np.float32))
         single = renderer()
         expected = np.stack([single.render(rest_m - dent) for dent in dents_m])
-        yield row(*_judged("batch", batch, expected, budget_s))
-        yield row(*_from_nodes(pressed, sensor, point, count=many, budget_s=budget_s))
+        yield row("batch", **_judged(batch, expected, budget_s))
+        from_nodes = _from_nodes(pressed, sensor, point, count=many, budget_s=budget_s)
+        yield row("from nodes", **from_nodes)
 
 
 def _row(
     sensor: Sensor,
     samples: int,
     renderer: str,
-    device: str,
-    count: int,
     times_s: Sequence[float],
+    device: str = "cpu",
+    count: int = 1,
     apart: tuple[int, float] = (0, 0.0),
 ) -> Row:
     """Return a row; ``apart`` is the largest difference from images drawn alone, and its share."""
@@ -199,7 +194,7 @@ def rendering_table(rows: Sequence[Row]) -> Table:
 
 def _from_nodes(
     scene: Scene, sensor: Sensor, point: PathPoint, *, count: int, budget_s: float
-) -> _Judged:
+) -> dict[str, Any]:
     """Time images and markers of gels that moved by as many shares of a press' displacement."""
     rest, shares = build_model(scene).nodes, np.arange(1, count + 1) / count
     positions = rest + shares[:, None, None] * (point.state.positions - rest)
@@ -225,13 +220,11 @@ def _from_nodes(
         many.markers(taken[0])
         return many.images(*taken)
 
-    return _judged("from nodes", images, np.concatenate(expected), budget_s)
+    return _judged(images, np.concatenate(expected), budget_s)
 
 
-def _judged(
-    renderer: str, draw: Callable[[], Any], expected: ImageArray, budget_s: float
-) -> _Judged:
-    """Return what drawing many images takes, and how far they are from those drawn alone."""
+def _judged(draw: Callable[[], Any], expected: ImageArray, budget_s: float) -> dict[str, Any]:
+    """Return of a row what drawing many images takes, and how far they are from those alone."""
     device = batch_device()
 
     def drawn() -> Any:
@@ -240,10 +233,12 @@ def _judged(
         return images
 
     apart = np.abs(drawn().numpy().astype(np.int16) - expected.astype(np.int16))
-    name = wp.get_device(device).name if device != "cpu" else device
-    times_s = times_of(drawn, budget_s=budget_s)
-    off = int(apart.max()), float(np.mean(apart > 0))
-    return renderer, name, len(expected), times_s, off
+    return {
+        "times_s": times_of(drawn, budget_s=budget_s),
+        "device": wp.get_device(device).name if device != "cpu" else device,
+        "count": len(expected),
+        "apart": (int(apart.max()), float(np.mean(apart > 0))),
+    }
 
 
 def _look(

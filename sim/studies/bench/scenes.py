@@ -235,6 +235,11 @@ _WHOLE = 100.0
 _prose = partial(table_prose, "sim.studies.bench", "scenes.md.jinja")
 
 
+def _of_press(name: str) -> Callable[[SceneRow], Cell]:
+    """Return what shows a field of a row's press, if it has one."""
+    return lambda row: None if row.press is None else getattr(row.press, name)
+
+
 def scene_tables(rows: Sequence[SceneRow]) -> list[Table]:
     """Return the tables of scenes that were pressed in one manner."""
     tables = [_speed(rows), _forces(rows), _work(rows)]
@@ -253,8 +258,8 @@ def _speed(rows: Sequence[SceneRow]) -> Table:
             "scene": lambda row: row.scene,
             "preset": lambda row: row.setting,
             "frames/s": lambda row: None if row.press is None else _counted(row.frames_per_s),
-            "processor [s]": lambda row: None if row.press is None else row.press.cpu_s,
-            "wall [s]": lambda row: None if row.press is None else row.press.wall_s,
+            "processor [s]": _of_press("cpu_s"),
+            "wall [s]": _of_press("wall_s"),
         },
         passed=is_met and (wanted is None or len(found) == len(rows)),
         **_prose(
@@ -318,10 +323,10 @@ def _work(rows: Sequence[SceneRow]) -> Table:
         rows,
         {
             "scene": lambda row: row.scene,
-            "tetrahedra": lambda row: None if row.press is None else row.press.tet_count,
-            "unknowns": lambda row: None if row.press is None else row.press.unknown_count,
-            "iterations": lambda row: None if row.press is None else row.press.iterations,
-            "set-up [s]": lambda row: None if row.press is None else row.press.setup_s,
+            "tetrahedra": _of_press("tet_count"),
+            "unknowns": _of_press("unknown_count"),
+            "iterations": _of_press("iterations"),
+            "set-up [s]": _of_press("setup_s"),
         },
         **_prose("work", way=rows[0].manner.text),
     )

@@ -14,20 +14,8 @@ from sim.error import Tolerance, parse_tolerance
 from sim.press_command import scene_of
 from sim.scene.scene import Preset, Scene, SceneTerms
 from sim.sensor.sensor import Sensor, load_sensor
-from sim.studies.bench import Part, rendering, sensor_batches
+from sim.studies.bench import Part, rendering, scenes, sensor_batches
 from sim.studies.bench.press import press_reference, press_scene
-from sim.studies.bench.scenes import (
-    Manner,
-    Reference,
-    SceneRow,
-    Scenes,
-    all_scenes,
-    drawn_scenes,
-    read_press,
-    read_references,
-    scene_tables,
-    scenes_figure,
-)
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.parallel import IsolatedWorker, ProcessFailedError
 from tacauchy_rig.core.study import Case, Result, Study, failures_table
@@ -62,7 +50,7 @@ class Bench(Study):
     make_images: Callable[[Sensor], rendering.ImageOf]
     chosen: Sequence[Part] = tuple(Part)  # parts that are measured
     drawn: int | None = None  # seed of scenes that are drawn in place of the table's
-    manners: Sequence[Manner] = (Manner(),)  # how the scenes are pressed
+    manners: Sequence[scenes.Manner] = (scenes.Manner(),)  # how the scenes are pressed
     reference: bool = False  # press them with preset reference first
     against: Path = REFERENCE_FILE  # references that are kept
 
@@ -77,10 +65,10 @@ class Bench(Study):
             self.name, self.title = "scenes", "Benchmark: scenes"  # type: ignore[misc]
 
     @property
-    def _scenes(self) -> Scenes:
+    def _scenes(self) -> scenes.Scenes:
         if Part.SCENES not in self.chosen:
             return {}
-        return all_scenes() if self.drawn is None else drawn_scenes(self.drawn)
+        return scenes.all_scenes() if self.drawn is None else scenes.drawn_scenes(self.drawn)
 
     def pattern(self, text: str) -> str:
         """Return a pattern that is met by every name that has the text in it."""
@@ -113,7 +101,7 @@ class Bench(Study):
             for manner in self.manners
         ]
 
-    def _named(self, scene: str, manner: Manner) -> str:
+    def _named(self, scene: str, manner: scenes.Manner) -> str:
         return scene if len(self.manners) == 1 else f"{scene} ({manner.text})"
 
     def line(self, result: Result) -> str:
@@ -122,16 +110,16 @@ class Bench(Study):
         return rows[0].text if rows else super().line(result)
 
     def _groups(
-        self, results: Sequence[Result], references: Mapping[str, Reference]
-    ) -> list[list[SceneRow]]:
+        self, results: Sequence[Result], references: Mapping[str, scenes.Reference]
+    ) -> list[list[scenes.SceneRow]]:
         """Return the scenes that were pressed, by manner."""
         known = {result.name: result for result in results}
         groups = [
             [
-                SceneRow(
+                scenes.SceneRow(
                     scene=scene,
                     manner=manner,
-                    press=None if found.failure else read_press(found.found),
+                    press=None if found.failure else scenes.read_press(found.found),
                     failure=found.failure,
                     reference=references.get(scene),
                 )
@@ -142,13 +130,15 @@ class Bench(Study):
         ]
         return list(filter(None, groups))
 
-    def _references(self, results: Sequence[Result]) -> dict[str, Reference]:
+    def _references(self, results: Sequence[Result]) -> dict[str, scenes.Reference]:
         """Return what the scenes' forces are compared with: kept, and measured now."""
-        found = read_references(self.against, {**all_scenes(), **self._scenes})
+        found = scenes.read_references(self.against, {**scenes.all_scenes(), **self._scenes})
         for result in results:
             name = result.name.removeprefix(_REFERENCE)
             if name != result.name and not result.failure:
-                found[name] = Reference(stated=self._scenes[name], press=read_press(result.found))
+                found[name] = scenes.Reference(
+                    stated=self._scenes[name], press=scenes.read_press(result.found)
+                )
         return found
 
     def _rows(self, results: Sequence[Result], part: Part) -> list[rendering.Row]:
@@ -160,7 +150,7 @@ class Bench(Study):
         """Return a table for each part, and several for the scenes in each manner."""
         tables = [show(rows) for p, (_, show) in _PARTS.items() if (rows := self._rows(results, p))]
         for group in self._groups(results, self._references(results)):
-            tables += scene_tables(group)
+            tables += scenes.scene_tables(group)
         return [*tables, *failures_table(results, kind=self.kind)]
 
     def facts(self, results: Sequence[Result]) -> Mapping[str, Any]:
@@ -190,7 +180,7 @@ class Bench(Study):
     def figures(self, results: Sequence[Result]) -> Mapping[str, Figure]:
         """Draw the scenes' speed."""
         groups = [g for g in self._groups(results, {}) if any(row.press for row in g)]
-        return {"scenes": scenes_figure(groups)} if groups else {}
+        return {"scenes": scenes.scenes_figure(groups)} if groups else {}
 
     def note(self, results: Sequence[Result]) -> str:
         """Return what the parts press."""

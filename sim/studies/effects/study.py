@@ -8,6 +8,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -361,16 +362,31 @@ class Effects(Study):
         checks = founds(results)
         if not checks:
             return []
-        kept = Table(
-            columns=("output", "kept", "of", "at worst, over the tolerance"),
-            rows=tuple((o, *c[:2], percent(c[2])) for o, c in kept_by_output(checks).items()),
+        kept = table_of(
+            _by_output([shares(check) for check in checks]),
+            {
+                "output": itemgetter(0),
+                "kept": lambda row: sum(share <= 1.0 for share in row[1]),
+                "of": lambda row: len(row[1]),
+                "at worst, over the tolerance": lambda row: percent(max(row[1])),
+            },
             title="Outputs kept",
             criterion="an output differs by no more than its tolerance",
             passed=all(check["passed"] for check in checks),
         )
-        errors = Table(
-            columns=("output", "errs as stated", "of", "stated over found, median"),
-            rows=tuple((o, *c[:2], f"{c[2]:.1f}") for o, c in errors_by_output(checks).items()),
+        # The shear of a press without friction is zero on every mesh: nothing is stated, nothing
+        # found, and nothing judged.
+        stated = [{o: pair for o, pair in c["errors"].items() if any(pair)} for c in checks]
+        errors = table_of(
+            _by_output(stated),
+            {
+                "output": itemgetter(0),
+                "errs as stated": lambda row: sum(found <= told for told, found in row[1]),
+                "of": lambda row: len(row[1]),
+                "stated over found, median": lambda row: (
+                    f"{statistics.median(told / max(found, 1e-12) for told, found in row[1]):.1f}"
+                ),
+            },
             title="Stated errors",
         )
         scenes = table_of(
@@ -412,30 +428,10 @@ class Effects(Study):
         return all(table.passed for table in self.tables(results))
 
 
-def kept_by_output(checks: Sequence[Check]) -> dict[str, tuple[int, int, float]]:
-    """Return how often a tolerance was kept, of how many, and the worst share, by output."""
-    found = {}
-    for output in Output:
-        known = [shares(each)[output] for each in checks if output in shares(each)]
-        if known:
-            found[output.value] = sum(share <= 1.0 for share in known), len(known), max(known)
-    return found
-
-
-def errors_by_output(checks: Sequence[Check]) -> dict[str, tuple[int, int, float]]:
-    """Return how many errors were as stated, of how many, and how wide in the median, by output.
-
-    An estimate is as wide as it is over the error that was found. The shear of a press without
-    friction is zero on every mesh: nothing is stated, nothing found, and nothing judged.
-    """
-    judged = {}
-    for output in Output:
-        pairs = [each["errors"][output] for each in checks if any(each["errors"].get(output, ()))]
-        widths = [stated / max(found, 1e-12) for stated, found in pairs]
-        if pairs:
-            inside = sum(found <= stated for stated, found in pairs)
-            judged[output.value] = inside, len(pairs), statistics.median(widths)
-    return judged
+def _by_output(checks: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[Any]]]:
+    """Return what checks have of each output, by its name; outputs that none has are left out."""
+    found = [(o.value, [check[o] for check in checks if o in check]) for o in Output]
+    return [(name, known) for name, known in found if known]
 
 
 def time_saved(checks: Sequence[Check]) -> float:

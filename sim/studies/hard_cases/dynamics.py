@@ -84,13 +84,12 @@ def _drag_step(path: LoadingPath, before: PathPoint, point: PathPoint) -> tuple[
 
 def _along_indenter(path: LoadingPath, before: PathPoint, after: PathPoint) -> FloatArray:
     """Return how far every contact point moved along the indenter [m], shape [f, p]."""
-    values = path.model.reference.face_values
-    places = []
-    for point in (before, after):
-        nodes = point.state.positions[path.model.faces]
-        surface = np.einsum("pk,fkx->fpx", values, nodes) - point.state.tip
-        places.append(surface @ point.state.rotation)
-    motion = places[1] - places[0]
+    values, faces = path.model.reference.face_values, path.model.faces
+    start, motion = (
+        (values @ point.state.positions[faces] - point.state.tip) @ point.state.rotation
+        for point in (before, after)
+    )
+    motion -= start
     loads = pads.grip_of(after).loads
     normals = loads / np.maximum(np.linalg.norm(loads, axis=2, keepdims=True), 1e-300)
     motion -= np.einsum("fpx,fpx->fp", motion, normals)[..., None] * normals
@@ -100,7 +99,7 @@ def _along_indenter(path: LoadingPath, before: PathPoint, after: PathPoint) -> F
 def torsion(*, turn_deg: float = 180.0, step_deg: float = 10.0) -> Outcome:
     """Turn a plate that sticks to the whole face of a round pad, pressed in by a fifth of it."""
     pad = DiscPad(radius_m=4e-3, height_m=pads.HEIGHT_M)
-    mesh = pads.round_mesh(pad=pad, start_m=0.0, end_m=2.5e-3, size_m=1e-3, symmetric=False)
+    mesh = pads.round_mesh(pad=pad, start_m=0.0, size_m=1e-3, symmetric=False)
     path = LoadingPath(pads.pad_model(mesh, bonded=True), Plane())
     point = path.advance(0.2 * pads.HEIGHT_M)
     ratio_min = point.equilibrium.min_jacobian
@@ -211,8 +210,8 @@ def impact() -> Outcome:
     model = pads.pad_model(pads.round_mesh(), order=ElementOrder.P1)
     rise, gap, peak, touching = -np.inf, np.inf, 0.0, 0
     bodies: tuple[Indenter, ...] = (pads.PUNCH, pads.BALL)
-    for indenter, speed_m_s, follow in product(bodies, _SPEEDS_M_S, (_driven, _thrown)):
-        steps, gained = follow(model, indenter, speed_m_s)
+    for indenter, speed_m_s, thrown in product(bodies, _SPEEDS_M_S, (False, True)):
+        steps, gained = _impact(model, indenter, speed_m_s, thrown=thrown)
         rise = max(rise, float(gained.max()))
         gaps = (model.surface.gaps(s.state.positions, indenter, s.state) for s in steps)
         gap = min(gap, *(float(each.min()) for each in gaps))
@@ -229,38 +228,27 @@ def impact() -> Outcome:
     return Outcome(passed=passed, measured=measured)
 
 
-Followed = tuple[list[PathPoint], FloatArray]
-"""The steps of an impact, and the energy that each gained over its own or the indenter's work."""
+def _impact(
+    model: Model, indenter: Indenter, speed_m_s: float, *, thrown: bool
+) -> tuple[list[PathPoint], FloatArray]:
+    """Drive an indenter in and hold it, or throw the gel at one that stands still.
 
-
-def _driven(model: Model, indenter: Indenter, speed_m_s: float) -> Followed:
-    """Drive the indenter in and hold it; return what energy exceeds work by, step by step."""
-    path, inertia = _above(model, indenter)
-    depths, energies, forces, steps = [_IMPACT_FROM_M], [energy_j(path, inertia)], [0.0], []
-    for k in range(_IMPACT_STEP_COUNT):
-        depth = min(_IMPACT_FROM_M + (k + 1) * _TRAVEL_A_STEP_M, _IMPACT_TO_M)
-        steps.append(time_step(path, depth, _TRAVEL_A_STEP_M / speed_m_s))
-        depths.append(steps[-1].depth_m)
-        forces.append(float(steps[-1].force_n[2]))
-        energies.append(energy_j(path, inertia))
-    works = np.cumsum(np.array(forces) * np.diff(depths, prepend=depths[0]))
-    return steps, np.diff(np.array(energies) - works) / works.max()
-
-
-def _thrown(model: Model, indenter: Indenter, speed_m_s: float) -> Followed:
-    """Give the gel a speed towards an indenter that stands still: nothing does any work."""
-    path, inertia = _above(model, indenter)
-    inertia.velocities_m_s[:, 2] = speed_m_s * model.nodes[:, 2] / pads.HEIGHT_M
-    steps, energies = [], [energy_j(path, inertia)]
-    for _ in range(_IMPACT_STEP_COUNT):
-        steps.append(path.dwell(_TRAVEL_A_STEP_M / speed_m_s))
-        energies.append(energy_j(path, inertia))
-    return steps, np.diff(energies) / energies[0]
-
-
-def _above(model: Model, indenter: Indenter) -> tuple[LoadingPath, Inertia]:
-    """Return a path whose indenter stands above a pad at rest, and the pad's mass."""
+    Returns:
+        The steps, and the energy that each gained over its own or the indenter's work.
+    """
     inertia = Inertia(model, pads.DENSITY_KG_M3)
     path = LoadingPath(model, indenter, inertia=inertia)
     path.advance(_IMPACT_FROM_M)
-    return path, inertia
+    if thrown:
+        inertia.velocities_m_s[:, 2] = speed_m_s * model.nodes[:, 2] / pads.HEIGHT_M
+    depth, energies, works = _IMPACT_FROM_M, [energy_j(path, inertia)], [0.0]
+    steps: list[PathPoint] = []
+    for k in range(_IMPACT_STEP_COUNT):
+        goal = min(_IMPACT_FROM_M + (k + 1) * _TRAVEL_A_STEP_M, _IMPACT_TO_M)
+        time_s = _TRAVEL_A_STEP_M / speed_m_s
+        steps.append(time_step(path, depth if thrown else goal, time_s))
+        travel, depth = steps[-1].depth_m - depth, steps[-1].depth_m
+        works.append(works[-1] + float(steps[-1].force_n[2]) * travel)
+        energies.append(energy_j(path, inertia))
+    size = energies[0] if thrown else max(works)
+    return steps, np.diff(np.array(energies) - works) / size

@@ -245,7 +245,7 @@ def slide_and_return() -> dict[str, float]:
     model = pads.pad_model(pads.round_mesh(symmetric=False), order=ElementOrder.P1, friction=0.4)
     path = LoadingPath(model, pads.BALL, step_max_m=_SLIDE_STEP_M)
     point = path.advance(_DEPTH_M)
-    stored, work = _stored(path, point), 0.0
+    stored, work = path.solver.energy_j(point.state), 0.0
     balances, gaps, lost = [], [], []
     for sign in _SLIDE_SIGNS:
         before = point
@@ -260,7 +260,7 @@ def slide_and_return() -> dict[str, float]:
         "gap_min_m": min(gaps),
         "point_min_j": min(least for least, _ in lost),
         "dissipated_j": sum(total for _, total in lost),
-        "work_less_stored_j": work - (_stored(path, point) - stored),
+        "work_less_stored_j": work - (path.solver.energy_j(point.state) - stored),
     }
 
 
@@ -279,13 +279,6 @@ def _dissipation(before: PathPoint, after: PathPoint) -> tuple[float, float]:
     tangential = forces - np.sum(forces * normals, axis=1, keepdims=True) * normals
     lost = np.sum(tangential * (later.anchors[both] - earlier.anchors[both]), axis=1)
     return float(lost.min()), float(lost.sum())
-
-
-def _stored(path: LoadingPath, point: PathPoint) -> float:
-    """Return elastic, barrier and friction's recoverable energy [J]."""
-    positions = point.state.positions
-    elastic, _ = path.model.gel.energy(positions)
-    return elastic + path.model.surface.energy(positions, path.indenter, point.state)
 
 
 def fingerprint() -> str:

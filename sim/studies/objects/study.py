@@ -22,12 +22,12 @@ from sim.fields.press_fields import surface_state
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.render.renderer import nominal_renderer
 from sim.scene.indenter import MeshIndenter
+from sim.scene.objects import OBJECTS
 from sim.scene.scene import Preset, Target
 from sim.scene.triangle_surface import TriangleSurface
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor, load_sensor
 from sim.solve.equilibrium import SolverOptions
-from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.figure_style import INK, PAGE_IN
 from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
-from importlib import resources
 from typing import Any
 
 from sim.studies import from_file, measured_at
@@ -35,11 +34,6 @@ def section(
     command = f"tacauchy-rig press {press}" if press else ""
     about = table_prose(*_TEMPLATE, block, **facts)
     return table_of_rows(rows, passed=passed, command=command, **about)
-
-
-def reference_text(file: str) -> str:
-    """Return the text of a file of references."""
-    return resources.files("sim.studies.verification.data").joinpath(file).read_text("utf-8")
 
 
 class Verification(Study):

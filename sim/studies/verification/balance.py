@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import scipy.sparse.linalg
-from numpy.typing import NDArray
 
 from sim.effects.presets import build_model, finest_edge_m, regularised_indenter
-from sim.fields.stress import (
-    InterfaceTraction,
-    StressOnSides,
-    interface_traction,
-    nodal_forces,
-    on_sides,
-    recovered_stress,
-)
+from sim.fields import stress
 from sim.mesh.discretisation import assembled
 from sim.press import press
 from sim.press_command import scene_from
@@ -30,18 +22,12 @@ from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.studies import from_file
 from sim.studies.verification import Row, section
-from tacauchy_rig.core.arrays import FloatArray, IntArray
+from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.tables import Table
 
 _ROUNDED = Cylinder(diameter_m=5e-3, fillet_m=0.1e-3)
 _INDENTERS: tuple[Indenter, ...] = (Cylinder(diameter_m=5e-3), _ROUNDED, Sphere(diameter_m=8e-3))
-_BARRIER_SCENE, _SHIFT_SCENE = (
-    scene_from(
-        f"--pad {pad} --young 0.4MPa --poisson 0.48 --indenter cylinder:diameter=5mm "
-        f"--depth {depth} --preset fast"
-    )
-    for pad, depth in (("box:20x24x4mm", "0.2mm"), ("box:16x16x4mm", "0.1mm"))
-)
+_STATED = from_file("verification/presses.toml")
 # Relative changes of F_z that are allowed, and of the depth between both drives.
 # Preset fast's barrier is wide, and takes a part of its 5 %.
 _BARRIER_ALLOWED = {Preset.BALANCED: 0.003, Preset.FAST: 0.02}
@@ -79,8 +65,9 @@ def barrier_row(scene: Scene) -> Row:
 
 def measure_barrier() -> Table:
     """Extrapolate F_z to d_hat = 0 for a few presses."""
-    scenes = [replace(_BARRIER_SCENE, indenter=indenter) for indenter in _INDENTERS]
-    scenes.append(replace(_BARRIER_SCENE, contact=ContactMode.BONDED))
+    scene = scene_from(_STATED["barrier"])
+    scenes = [replace(scene, indenter=indenter) for indenter in _INDENTERS]
+    scenes.append(replace(scene, contact=ContactMode.BONDED))
     rows = [
         {"preset": preset.value, **barrier_row(replace(each, preset=preset)), "allowed": allowed}
         for preset, allowed in _BARRIER_ALLOWED.items()
@@ -115,8 +102,9 @@ def shift_row(scene: Scene) -> Row:
 
 def measure_shift() -> Table:
     """Press each indenter in both places on each preset's mesh."""
+    scene = scene_from(_STATED["shift"])
     rows = [
-        shift_row(replace(_SHIFT_SCENE, indenter=indenter, preset=preset)) | {"allowed": allowed}
+        shift_row(replace(scene, indenter=indenter, preset=preset)) | {"allowed": allowed}
         for preset, allowed in _SHIFT_ALLOWED.items()
         for indenter in _INDENTERS
     ]
@@ -148,8 +136,8 @@ def measure_drives(
     passed = max(abs(float(row["difference [%]"] or 0.0)) for row in rows) <= 100.0 * _DRIVE_ALLOWED
     words = f"--sensor {sensor.name} --indenter {body} --force {forces_n[0]:g}N --drive search"
     facts = {"preset": preset, "sensor": sensor, "body": body, "tolerance": _TOLERANCE_N}
-    words = f"{words} --preset {preset.value}"
-    return section("drives", rows, passed=passed, press=words, **facts)
+    press = f"{words} --preset {preset.value}"
+    return section("drives", rows, passed=passed, press=press, **facts)
 
 
 _LIMIT = 1e-6
@@ -157,7 +145,6 @@ REFINEMENTS = (1.0, 1.5)
 # Headings of what is judged.
 BASE, LOAD, GAP = "indenter and base", "indenter and load", "smallest gap [um]"
 TRACTION_GAPS = [f"surface_traction_gap_relative, edges 1/{factor:g}" for factor in REFINEMENTS]
-_SCENES = from_file("verification/presses.toml")["balance"]
 
 
 def balanced_press(scene: Scene) -> dict[str, float | None]:
@@ -185,18 +172,18 @@ def is_balanced(row: Mapping[str, float | None]) -> bool:
 
 def measure_balance() -> Table:
     """Press the scenes and compare."""
-    found = {name: balanced_press(scene_from(words)) for name, words in _SCENES.items()}
+    scenes = _STATED["balance"]
+    found = {name: balanced_press(scene_from(words)) for name, words in scenes.items()}
     worst = [max(row[name] or 0.0 for row in found.values()) for name in TRACTION_GAPS]
     rows = [{"press": name, **row} for name, row in found.items()]
     passed = all(map(is_balanced, found.values())) and worst[-1] < worst[0]
-    press = _SCENES["sharp punch to a load"]
+    press = scenes["sharp punch to a load"]
     return section("balance", rows, passed=passed, press=press, worst=worst)
 
 
 INTERFACE_REFINEMENTS = (1.0, 2.0, 3.0)
 NODAL_ALLOWED = 1e-6
 SUM_ALLOWED = 0.02
-PRESS = "--sensor 9dtact --indenter sphere:diameter=8mm --depth 0.4mm --preset fast"
 # Headings of what is judged; BELOW and ABOVE: integrals of sigma n.
 NODAL = "nodal tractions, above against below"
 BELOW, ABOVE = "integral of sigma n below over F_z, less 1", "above"
@@ -204,105 +191,84 @@ JUMPS = ("jump of sigma n, continuous in each layer", "jump of sigma n, each ele
 
 
 def interface_row(scene: Scene, *, refinement: float) -> dict[str, float]:
-    """Press on one mesh, and return the numbers of its interface by the table's headings."""
+    """Press on one mesh, and return the numbers of its one interface by the table's headings."""
     result = press(scene, model=build_model(scene, refinement=refinement))
     model, positions = result.model, result.point.state.positions
-    (interface,) = interface_traction(model, positions)
-    found = interface_sides(model, positions, interface)
-    integrals = forces_n(model, found.smooth)
-    jumps = found.smooth.jump_relative, interface.element.jump_relative
-    below, above = (float(force[2] / result.force_n[2]) - 1.0 for force in integrals)
+    (interface,) = stress.interface_traction(model, positions)
+    lower, upper = recovered_tractions(model, positions, interface)
+    smooth = smooth_sides(model, positions, interface)
+    below, above = (float(n[2] / result.force_n[2]) - 1.0 for n in forces_n(model, smooth))
     return {
         "edges of the preset over": refinement,
         "nodes": result.node_count,
         "F_z [N]": result.force_n[2],
-        NODAL: found.recovered_jump_relative,
+        NODAL: float(np.linalg.norm(upper - lower) / np.linalg.norm(lower)),
         BELOW: below,
         ABOVE: above,
-        **dict(zip(JUMPS, jumps, strict=True)),
+        JUMPS[0]: smooth.jump_relative,
+        JUMPS[1]: interface.element.jump_relative,
     }
 
 
 def measure_interface(*, refinements: tuple[float, ...] = INTERFACE_REFINEMENTS) -> Table:
     """Press on ever finer meshes and compare the two sides."""
-    scene = scene_from(PRESS)
-    rows = [interface_row(scene, refinement=factor) for factor in refinements]
+    press = _STATED["interface"]
+    rows = [interface_row(scene_from(press), refinement=factor) for factor in refinements]
     shrinks = all(fine[name] < coarse[name] for coarse, fine in pairwise(rows) for name in JUMPS)
     sums = max(abs(rows[-1][name]) for name in (BELOW, ABOVE))
     passed = max(row[NODAL] for row in rows) < NODAL_ALLOWED and sums < SUM_ALLOWED and shrinks
     allowed = {"nodal": NODAL_ALLOWED, "sum": SUM_ALLOWED}
-    return section("interface", rows, passed=passed, press=PRESS, **allowed)
+    return section("interface", rows, passed=passed, press=press, **allowed)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InterfaceSides:
-    """One interface of a deformed gel, from below and from above.
+def recovered_tractions(
+    model: Model, positions: FloatArray, interface: stress.InterfaceTraction
+) -> tuple[FloatArray, FloatArray]:
+    """Return the tractions whose virtual work is that of the nodal forces below, and above.
 
-    The recovered traction has the nodal forces of either side as its virtual work, so it is one and
-    balances the press; equilibrium of the nodes makes both equal, but for weight.
+    Each balances the press, and equilibrium of the nodes makes both equal, but for weight. On a
+    mirror plane their components across the plane are zero.
+
+    Returns:
+        On the upper side of the lower layer, at the interface's nodes in rising order [Pa], shape
+        [n, 3] each.
     """
+    values, nodes = model.reference.face_values, np.unique(interface.faces)
+    blocks = np.einsum("fp,pi,pj->fij", interface.element.areas_m2, values, values)
+    mass = assembled(blocks, np.searchsorted(nodes, interface.faces), len(nodes)).tocsc()
+    size = float(np.abs(model.mesh.vertices).max())
+    held = model.mesh.symmetry.on_plane(model.nodes[nodes], size)
 
-    nodes: IntArray
-    recovered_pa: FloatArray  # on the upper side of the lower layer, shape [node_count, 3]
-    recovered_above_pa: FloatArray  # the same from the nodal forces of the layers above
-    smooth: StressOnSides  # by each layer's stress made continuous within it
+    def traction(forces: FloatArray) -> FloatArray:
+        found = np.zeros_like(forces)
+        for axis in range(3):
+            free = np.flatnonzero(~held[:, axis])
+            part = mass[free][:, free]
+            found[free, axis] = scipy.sparse.linalg.spsolve(part, forces[free, axis])
+        return found
 
-    @property
-    def recovered_jump_relative(self) -> float:
-        """Norm over the nodes of the recovered tractions' difference over that of the lower one."""
-        size = float(np.linalg.norm(self.recovered_pa))
-        jump = float(np.linalg.norm(self.recovered_above_pa - self.recovered_pa))
-        return jump / size if size > 0.0 else 0.0
+    below = stress.nodal_forces(model, positions, interface.below)[nodes]
+    above = stress.nodal_forces(model, positions, ~interface.below)[nodes]
+    return traction(below), traction(-above)
 
 
-def interface_sides(
-    model: Model, positions: FloatArray, interface: InterfaceTraction, *, layer: int = 0
-) -> InterfaceSides:
-    """Recover the traction on the interface above a layer, counted from the base."""
-    faces, below = interface.faces, interface.below
-    nodes, labels = np.unique(faces), np.asarray(model.mesh.layers)
-
-    def smooth(side: NDArray[np.bool_]) -> FloatArray:
-        stress = recovered_stress(model, positions, side)[faces[:, :3]]
-        return np.asarray(np.einsum("pc,fcij->fpij", model.reference.face_points, stress))
-
-    under, over = (nodal_forces(model, positions, side)[nodes] for side in (below, ~below))
-    areas = interface.element.areas_m2
-    return InterfaceSides(
-        nodes=nodes,
-        recovered_pa=_recovered(model, faces, areas, nodes, under),
-        recovered_above_pa=_recovered(model, faces, areas, nodes, -over),
-        smooth=on_sides(
-            model, positions, faces, smooth(labels == layer), smooth(labels == layer + 1)
-        ),
+def smooth_sides(
+    model: Model, positions: FloatArray, interface: stress.InterfaceTraction
+) -> stress.StressOnSides:
+    """Return the tractions of each layer's stress made continuous within it; there are two."""
+    corners, points = interface.faces[:, :3], model.reference.face_points
+    recovered = (
+        stress.recovered_stress(model, positions, side)[corners]
+        for side in (interface.below, ~interface.below)
     )
+    below, above = (np.einsum("pc,fcij->fpij", points, each) for each in recovered)
+    return stress.on_sides(model, positions, interface.faces, below, above)
 
 
-def forces_n(model: Model, sides: StressOnSides) -> tuple[FloatArray, FloatArray]:
+def forces_n(model: Model, sides: stress.StressOnSides) -> tuple[FloatArray, FloatArray]:
     """Return the integrals of both tractions over the whole interface [N], shape [3] each."""
     below, above = (
         -model.mesh.symmetry.whole_force(np.einsum("fpi,fp->i", side, sides.areas_m2))
         for side in (sides.below_pa, sides.above_pa)
     )
     return below, above
-
-
-def _recovered(
-    model: Model, faces: IntArray, areas: FloatArray, nodes: IntArray, forces: FloatArray
-) -> FloatArray:
-    """Return the traction whose virtual work on the faces is that of nodal forces [Pa].
-
-    On a mirror plane its components across the plane are zero.
-    """
-    values = model.reference.face_values
-    local = np.searchsorted(nodes, faces)
-    blocks = np.einsum("fp,pi,pj->fij", areas, values, values)
-    mass = assembled(blocks, local, len(nodes)).tocsc()
-    size = float(np.abs(model.mesh.vertices).max())
-    held = model.mesh.symmetry.on_plane(model.nodes[nodes], size)
-    traction = np.zeros_like(forces)
-    for axis in range(3):
-        free = np.flatnonzero(~held[:, axis])
-        part = mass[free][:, free]
-        traction[free, axis] = scipy.sparse.linalg.spsolve(part, forces[free, axis])
-    return traction

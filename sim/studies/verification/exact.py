@@ -48,6 +48,7 @@ import scipy.optimize
 import scipy.special
 
 from sim.scene.material import Layer
+from sim.scene.scene import Scene
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
@@ -86,9 +87,10 @@ class BondedLayers:
         self._missing = half * weight * (1.0 - surface_compliance(plies, self._waves))
 
     @classmethod
-    def of_pad(cls, layers: Sequence[Layer], *, height_m: float) -> BondedLayers:
-        """Return the layers of a pad of some height [m]."""
-        gels = [(layer.material, layer.share * height_m) for layer in layers]
+    def of_scene(cls, scene: Scene) -> BondedLayers:
+        """Return the layers of a scene's pad, or its one gel."""
+        layers = scene.layers or (Layer(share=1.0, material=scene.material),)
+        gels = [(layer.material, layer.share * scene.pad.height_m) for layer in layers]
         return cls([Ply(gel.young_pa, gel.poisson, thickness) for gel, thickness in gels])
 
     def punch_factor(self, radius_m: float) -> float:
@@ -132,6 +134,11 @@ class BondedLayers:
 
     def _density(self, radius_m: float) -> _Density:
         return _Density(radius_m, self._waves, self._missing)
+
+
+def radius_m(scene: Scene) -> float:
+    """Return the radius of a scene's ball or cylinder [m]."""
+    return float(getattr(scene.indenter, "radius_m"))  # noqa: B009 - others have none
 
 
 def hertz_force(*, radius_m: float, depth_m: float, young_pa: float, poisson: float) -> float:

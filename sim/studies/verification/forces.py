@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import csv
-import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -21,70 +21,59 @@ from sim.scene.material import LawName, Material
 from sim.scene.scene import ContactMode, Preset
 from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import LoadingPath
-from sim.studies.verification import Row, reference_text, section
-from sim.studies.verification.exact import BondedLayers, Ply, hertz_force
+from sim.studies import from_file
+from sim.studies.verification import Row, section
+from sim.studies.verification.exact import BondedLayers, hertz_force, radius_m
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.tables import Table
 
-# --- A punch and a ball on bonded layers.
-_YOUNG_PA = 0.3e6
-_PUNCH_RADIUS_M, _PUNCH_PAD_M, _PUNCH_DEPTH_M = 2.5e-3, 4.5e-3, 0.05e-3
-_PUNCH = "--pad disc:radius=22.5mm,height=4.5mm --indenter cylinder:diameter=5mm --depth 0.05mm"
-# Poisson's ratio, and by how much the force may be off.
-PUNCH_ALLOWED = ((0.45, 0.015), (0.47, 0.015), (0.49, 0.015), (0.499, 0.03))
-_BALL_RADIUS_M, _BALL_POISSON, _BALL_ALLOWED = 1e-3, 0.48, 0.015
 # Below this contact radius over thickness the layer is a half space, and Hertz is to be met.
 _THICK_SHARE = 0.01
-# Thickness and depth [m].
-BALL_PRESSES = ((15e-3, 10e-6), (15e-3, 20e-6), (4e-3, 40e-6), (2e-3, 40e-6))
-
-
-def _linear(stated: str, poisson: float, preset: Preset) -> str:
-    gel = f"--young {_YOUNG_PA * 1e-6:g}MPa --poisson {poisson:g} --law linear"
-    return f"{stated} {gel} --preset {preset.value}"
+_STATED = from_file("verification/presses.toml")
 
 
 def measure_punch(
-    *, preset: Preset = Preset.ACCURATE, allowed: tuple[tuple[float, float], ...] = PUNCH_ALLOWED
+    *, preset: Preset = Preset.ACCURATE, stated: Sequence[Mapping[str, Any]] = _STATED["punch"]
 ) -> Table:
     """Press a flat punch at every Poisson's ratio."""
     rows, passed = list[Row](), True
-    for poisson, limit in allowed:
-        layer = BondedLayers([Ply(_YOUNG_PA, poisson, _PUNCH_PAD_M)])
-        expected = layer.punch_force(radius_m=_PUNCH_RADIUS_M, depth_m=_PUNCH_DEPTH_M)
-        force = press(scene_from(_linear(_PUNCH, poisson, preset))).force_n[2]
-        passed &= abs(force / expected - 1.0) <= limit
+    for each in stated:
+        scene = replace(scene_from(each["press"]), preset=preset)
+        layer, radius = BondedLayers.of_scene(scene), radius_m(scene)
+        force, depth = press(scene).force_n[2], scene.target.depth_m or 0.0
+        expected = layer.punch_force(radius_m=radius, depth_m=depth)
+        passed &= abs(force / expected - 1.0) <= each["allowed"]
         rows.append(
             {
-                "nu": poisson,
-                "kappa": layer.punch_factor(_PUNCH_RADIUS_M),
+                "nu": scene.material.poisson,
+                "kappa": layer.punch_factor(radius),
                 "F_z [N]": force,
                 "exact [N]": expected,
                 "error [%]": 100.0 * (force / expected - 1.0),
-                "allowed [%]": 100.0 * limit,
+                "allowed [%]": 100.0 * each["allowed"],
             }
         )
-    words = _linear(_PUNCH, allowed[0][0], preset)
+    words = f"{stated[0]['press']} --preset {preset.value}"
     return section("punch", rows, passed=passed, press=words, preset=preset)
 
 
 def measure_ball(
-    *, preset: Preset = Preset.ACCURATE, presses: tuple[tuple[float, float], ...] = BALL_PRESSES
+    *, preset: Preset = Preset.ACCURATE, stated: Sequence[Mapping[str, Any]] = _STATED["ball"]
 ) -> Table:
     """Press a ball into pads of different thickness."""
     rows, passed = list[Row](), True
-    for height, depth in presses:
-        force = press(scene_from(_ball(height, depth, preset))).force_n[2]
-        terms = {"radius_m": _BALL_RADIUS_M, "depth_m": depth}
-        hertz = hertz_force(young_pa=_YOUNG_PA, poisson=_BALL_POISSON, **terms)
-        layers = BondedLayers([Ply(_YOUNG_PA, _BALL_POISSON, height)])
-        layer, contact = layers.ball_force(**terms)
+    for each in stated:
+        scene = replace(scene_from(each["press"]), preset=preset)
+        gel, height, force = scene.material, scene.pad.height_m, press(scene).force_n[2]
+        terms = {"radius_m": radius_m(scene), "depth_m": scene.target.depth_m or 0.0}
+        hertz = hertz_force(young_pa=gel.young_pa, poisson=gel.poisson, **terms)
+        layer, contact = BondedLayers.of_scene(scene).ball_force(**terms)
         expected = hertz if contact < _THICK_SHARE * height else layer
-        passed &= abs(force / expected - 1.0) <= _BALL_ALLOWED
+        passed &= abs(force / expected - 1.0) <= each["allowed"]
         rows.append(
             {
                 "pad [mm]": height * 1e3,
-                "depth [mm]": depth * 1e3,
+                "depth [mm]": terms["depth_m"] * 1e3,
                 "a / h": contact / height,
                 "F_z [N]": force,
                 "Hertz [N]": hertz,
@@ -93,13 +82,8 @@ def measure_ball(
                 "off the layer [%]": 100.0 * (force / layer - 1.0),
             }
         )
-    return section("ball", rows, passed=passed, press=_ball(*presses[0], preset), preset=preset)
-
-
-def _ball(height_m: float, depth_m: float, preset: Preset) -> str:
-    pad = f"--pad disc:radius=15mm,height={height_m * 1e3:g}mm"
-    stated = f"{pad} --indenter sphere:diameter=2mm --depth {depth_m * 1e3:g}mm"
-    return _linear(stated, _BALL_POISSON, preset)
+    words = f"{stated[0]['press']} --preset {preset.value}"
+    return section("ball", rows, passed=passed, press=words, preset=preset)
 
 
 # --- A bonded punch on a clamped disc at finite strain, against axisymmetric solutions.
@@ -108,17 +92,9 @@ _DISC_ALLOWED = 0.01
 
 def disc_forces() -> list[dict[str, str]]:
     """Return the reference's rows, rising in depth for each law, its own doubt in each."""
-    lines = reference_text("disc_press_nu045.csv").splitlines()
+    file = resources.files("sim.studies.verification.data") / "disc_press_nu045.csv"
+    lines = file.read_text("utf-8").splitlines()
     return list(csv.DictReader(line for line in lines if not line.startswith("#")))
-
-
-def disc_press(law: LawName, depth_m: float, preset: Preset) -> str:
-    """Return the reference's press as the command line takes it."""
-    return (
-        "--pad disc:radius=12mm,height=4.5mm --indenter cylinder:diameter=5mm "
-        f"--depth {depth_m * 1e3:g}mm --young 0.3MPa --poisson 0.45 --law {law.value} "
-        f"--contact bonded --preset {preset.value}"
-    )
 
 
 def measure_disc(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-3) -> Table:
@@ -130,7 +106,8 @@ def measure_disc(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-
             for row in disc_forces()
             if row["law"] == law and float(row["depth_mm"]) * 1e-3 <= depth_max_m
         ]
-        words = disc_press(law, wanted[-1]["depth_mm"] * 1e-3, preset)
+        depth = f"--depth {wanted[-1]['depth_mm']:g}mm"
+        words = f"{_STATED['disc']} {depth} --law {law.value} --preset {preset.value}"
         scene = scene_from(words)
         path = path_for(scene, plan_effects(scene))
         for known in wanted:
@@ -152,38 +129,31 @@ def measure_disc(*, preset: Preset = Preset.ACCURATE, depth_max_m: float = 0.5e-
 
 # --- Young's modulus from one press of a real GelSight Mini gel.
 _FIT_ALLOWED = 1e-3
-
-
-def real_press() -> dict[str, Any]:
-    """Return a press that somebody measured: its source, its words, and the force [N]."""
-    return tomllib.loads(reference_text("real_press.toml"))
+# Its source, its words, and the force that somebody measured [N].
+REAL = from_file("verification/data/real_press.toml")
 
 
 def real_words(young_pa: float, nu: float, contact: ContactMode, preset: Preset) -> str:
     """Return that press with another gel, contact and preset."""
     gel = f"--young {young_pa * 1e-6:.10g}MPa --poisson {nu:g}"
-    return f"{real_press()['press']} {gel} --contact {contact.value} --preset {preset.value}"
+    return f"{REAL['press']} {gel} --contact {contact.value} --preset {preset.value}"
 
 
 def fitted_young(nu: float, contact: ContactMode, preset: Preset) -> float:
     """Return the E [Pa] that gives the measured force, to which it is proportional."""
-    young, wanted = scene_from(real_press()["press"]).material.young_pa, real_press()["force_n"]
+    young = scene_from(REAL["press"]).material.young_pa
     force = press(scene_from(real_words(young, nu, contact, preset))).force_n[2]
-    return float(young * wanted / force)
+    return float(young * REAL["force_n"] / force)
 
 
 def measure_real(*, preset: Preset = Preset.ACCURATE) -> Table:
     """Fit E, press anew with it, and show what the fit hangs on."""
-    real = real_press()
-    scene = scene_from(real["press"])
+    scene = scene_from(REAL["press"])
     numbers = load_sensor(scene.sensor).numbers
     young, poisson = numbers["material.young"], numbers["material.poisson"]
-    asked = (
-        (poisson.value, ContactMode.FRICTIONLESS),
-        (poisson.value, ContactMode.BONDED),
-        (poisson.value - poisson.uncertainty, ContactMode.FRICTIONLESS),
-        (poisson.value + poisson.uncertainty, ContactMode.FRICTIONLESS),
-    )
+    ratios = (poisson.value, *(poisson.value + s * poisson.uncertainty for s in (-1.0, 1.0)))
+    asked = [(nu, ContactMode.FRICTIONLESS) for nu in ratios]
+    asked.insert(1, (poisson.value, ContactMode.BONDED))
     fits = [fitted_young(nu, contact, preset) for nu, contact in asked]
     words = real_words(fits[0], *asked[0], preset)
     again = press(scene_from(words)).force_n[2]
@@ -193,12 +163,12 @@ def measure_real(*, preset: Preset = Preset.ACCURATE) -> Table:
             "contact": contact.value,
             "fitted E [MPa]": fit * 1e-6,
             "F_z pressed anew [N]": again if number == 0 else None,
-            "measured [N]": real["force_n"],
+            "measured [N]": REAL["force_n"],
         }
         for number, ((nu, contact), fit) in enumerate(zip(asked, fits, strict=True))
     ]
-    facts = {"preset": preset, "real": real, "scene": scene, "fit": fits[0], "young": young}
-    passed = abs(again / real["force_n"] - 1.0) <= _FIT_ALLOWED
+    facts = {"preset": preset, "real": REAL, "scene": scene, "fit": fits[0], "young": young}
+    passed = abs(again / REAL["force_n"] - 1.0) <= _FIT_ALLOWED
     return section("real", rows, passed=passed, press=words, **facts)
 
 

@@ -19,10 +19,10 @@ from sim.fields.press_fields import SurfaceState, surface_state
 from sim.optics.height.height_map import height_maps
 from sim.optics.height.node_kernel import indenter_height
 from sim.scene.indenter import Cylinder, Indenter, Sphere
+from sim.scene.objects import chisel
 from sim.scene.scene import Preset, Target
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import load_sensor
-from sim.studies.objects.shapes import chisel
 from sim.studies.verification import Row, section
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.tables import Table

@@ -23,14 +23,7 @@ from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from sim.studies import from_file
-from sim.studies.verification import Row, section
-from sim.studies.verification.exact import (
-    BondedLayers,
-    Ply,
-    carried_ball_shear,
-    turned_ball_shear,
-    turned_punch_shear,
-)
+from sim.studies.verification import Row, exact, section
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.tables import Table
 
@@ -54,7 +47,7 @@ class Sampled:
     force_n: FloatArray
     twist_rad: float
     indenter: dict[str, float]  # its radius and depth, as exact solutions take them
-    layer: BondedLayers
+    layer: exact.BondedLayers
     contact_m: float
     radii_m: FloatArray
     pressure_pa: FloatArray
@@ -67,6 +60,11 @@ class Sampled:
         force = float(self.force_n[2])
         contact = (0.75 * force * self.indenter["radius_m"] / _MODULUS_PA) ** (1.0 / 3.0)
         return {"contact_m": contact, "pressure_pa": 1.5 * force / (math.pi * contact**2)}
+
+    @property
+    def inside_m(self) -> FloatArray:
+        """The radii up to where a field is finite under a sharp rim [m]."""
+        return np.minimum(self.radii_m, _FINITE_SHARE * self.contact_m)
 
     @property
     def turn(self) -> dict[str, float]:
@@ -84,43 +82,26 @@ def _hertz(found: Sampled) -> Compared:
     return found.pressure_pa, found.hertz["pressure_pa"] * np.sqrt(1.0 - share**2)
 
 
-def _ball_layer(found: Sampled) -> Compared:
-    return found.pressure_pa, found.layer.ball_pressure(found.radii_m, **found.indenter)
-
-
-def _punch_layer(found: Sampled) -> Compared:
-    inside = np.minimum(found.radii_m, _FINITE_SHARE * found.contact_m)
-    return found.pressure_pa, found.layer.punch_pressure(inside, **found.indenter)
-
-
 def _carried(found: Sampled) -> Compared:
     """The mean over a circle: the solution leaves out what is not round, and across the way."""
     held = min(float(np.hypot(*found.force_n[:2]) / (_FRICTION * found.force_n[2])), 1.0)
     terms = {"friction": _FRICTION, "held": held, **found.hertz}
-    return found.along_pa.mean(axis=1, keepdims=True), carried_ball_shear(found.radii_m, **terms)
-
-
-def _sliding(found: Sampled) -> Compared:
-    return found.along_pa, _FRICTION * _hertz(found)[1]
-
-
-def _turned_ball(found: Sampled) -> Compared:
-    return found.around_pa, turned_ball_shear(found.radii_m, **found.turn, **found.hertz)
+    shear = exact.carried_ball_shear(found.radii_m, **terms)
+    return found.along_pa.mean(axis=1, keepdims=True), shear
 
 
 def _turned_punch(found: Sampled) -> Compared:
-    inside = np.minimum(found.radii_m, _FINITE_SHARE * found.contact_m)
     terms = {"force_n": float(found.force_n[2]), "radius_m": found.contact_m, **found.turn}
-    return found.around_pa, turned_punch_shear(inside, **terms)
+    return found.around_pa, exact.turned_punch_shear(found.inside_m, **terms)
 
 
-_EXACT = {
+_EXACT: dict[str, Callable[[Sampled], Compared]] = {
     "hertz": _hertz,
-    "ball_layer": _ball_layer,
-    "punch_layer": _punch_layer,
+    "ball_layer": lambda f: (f.pressure_pa, f.layer.ball_pressure(f.radii_m, **f.indenter)),
+    "punch_layer": lambda f: (f.pressure_pa, f.layer.punch_pressure(f.inside_m, **f.indenter)),
     "carried": _carried,
-    "sliding": _sliding,
-    "turned_ball": _turned_ball,
+    "sliding": lambda f: (f.along_pa, _FRICTION * _hertz(f)[1]),
+    "turned_ball": lambda f: (f.around_pa, exact.turned_ball_shear(f.radii_m, **f.turn, **f.hertz)),
     "turned_punch": _turned_punch,
 }
 
@@ -217,8 +198,8 @@ def sampled(scene: Scene, *, beyond: float) -> Sampled:
     """Press a scene and sample its pressure and shear, up to so many radii of the contact."""
     path, point = _pressed(scene)
     body, depth = scene.indenter, scene.target.depth_m or 0.0
-    layer = BondedLayers([Ply(_YOUNG_PA, _POISSON, scene.pad.height_m)])
-    contact = radius = float(getattr(body, "radius_m"))  # noqa: B009 - balls and cylinders have one
+    layer = exact.BondedLayers.of_scene(scene)
+    contact = radius = exact.radius_m(scene)
     if isinstance(body, Sphere):
         contact = layer.ball_force(radius_m=radius, depth_m=depth)[1]
     radii = beyond * contact * (np.arange(_RADII) + 0.5) / _RADII

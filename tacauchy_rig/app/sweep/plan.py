@@ -21,10 +21,10 @@ from scipy.stats import qmc
 
 from sim.optics.colour.nominal import nominal_model
 from sim.scene.indenter import Indenter, MeshIndenter
+from sim.scene.objects import OBJECTS
 from sim.scene.pad import BoxPad
 from sim.scene.terms import parse_indenter
 from sim.sensor.sensor import Sensor, load_sensor
-from sim.studies.objects.shapes import OBJECTS
 from tacauchy_rig.app.importing.table import read_section
 from tacauchy_rig.app.replay.optics import OpticalCalibration, optics_and_frame
 from tacauchy_rig.core.arrays import FloatArray, ImageArray

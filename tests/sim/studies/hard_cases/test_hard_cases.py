@@ -23,17 +23,20 @@ from sim.studies.hard_cases.invariants import (
     repeatable,
     slide_and_return,
 )
-from sim.studies.hard_cases.materials import press_in, sliver_count, slivers, with_slivers
-from sim.studies.hard_cases.meshes import (
+from sim.studies.hard_cases.pads import brick_mesh, pad_model, quarter_brick_mesh
+from sim.studies.hard_cases.precision import in_single_precision
+from sim.studies.hard_cases.presses import (
     INDENTERS,
     forces_beside,
     off_the_pad,
     patch_test,
+    press_in,
     rigid_motion,
+    sliver_count,
+    slivers,
     uniform_mesh,
+    with_slivers,
 )
-from sim.studies.hard_cases.pads import brick_mesh, pad_model, quarter_brick_mesh
-from sim.studies.hard_cases.precision import in_single_precision
 from sim.studies.hard_cases.study import CASES, HardCases, measured
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.study import About, Result

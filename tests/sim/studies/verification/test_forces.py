@@ -8,21 +8,23 @@ import pytest
 from sim.press import press
 from sim.press_command import scene_from
 from sim.scene.scene import ContactMode, Preset
+from sim.studies import from_file
 from sim.studies.verification import forces
 from sim.studies.verification.forces import (
     fitted_order,
     fitted_young,
     measure_ball,
     measure_punch,
-    real_press,
     real_words,
     rim_forces,
 )
 
+PUNCH = from_file("verification/presses.toml")["punch"][0]
+
 
 def test_punch_states_error_and_limit_of_each_row() -> None:
     """A row's error is that of its forces, and the verdict is whether all are within limits."""
-    found = measure_punch(preset=Preset.FAST, allowed=((0.45, 0.05),))
+    found = measure_punch(preset=Preset.FAST, stated=[{**PUNCH, "allowed": 0.05}])
     _, _, force, exact, error, limit = found.rows[0]
     assert isinstance(force, float)
     assert isinstance(exact, float)
@@ -33,12 +35,13 @@ def test_punch_states_error_and_limit_of_each_row() -> None:
 
 def test_a_limit_that_is_not_met_is_missed() -> None:
     """The verdict follows the numbers."""
-    assert not measure_punch(preset=Preset.FAST, allowed=((0.45, 1e-9),)).passed
+    assert not measure_punch(preset=Preset.FAST, stated=[{**PUNCH, "allowed": 1e-9}]).passed
 
 
 def test_ball_is_compared_with_hertz_where_the_pad_is_thick() -> None:
     """Thick: Hertz and layer are near each other; thin: the layer alone is to be met."""
-    found = measure_ball(preset=Preset.FAST, presses=((15e-3, 20e-6), (2e-3, 40e-6)))
+    stated = from_file("verification/presses.toml")["ball"]
+    found = measure_ball(preset=Preset.FAST, stated=[stated[1], stated[3]])
     thick, thin = found.rows
     assert abs(float(thick[4] or 0.0) / float(thick[6] or 1.0) - 1.0) < 0.02
     assert abs(float(thin[5] or 0.0)) > 5.0
@@ -75,5 +78,5 @@ def test_fitted_modulus_gives_the_measured_force() -> None:
     asked = (0.48, ContactMode.FRICTIONLESS, Preset.FAST)
     young = fitted_young(*asked)
     force = press(scene_from(real_words(young, *asked))).force_n[2]
-    assert force == pytest.approx(real_press()["force_n"], rel=1e-6)
+    assert force == pytest.approx(forces.REAL["force_n"], rel=1e-6)
     assert 0.4e6 < young < 0.6e6

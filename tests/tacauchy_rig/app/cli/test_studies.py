@@ -17,10 +17,9 @@ from typer.testing import CliRunner, Result
 
 from sim.press import press
 from sim.press_command import scene_from
-from sim.scene.material import LawName
 from sim.scene.scene import Preset
+from sim.studies import from_file
 from sim.studies.verification import forces
-from sim.studies.verification.forces import disc_press
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.app.cli.studies import study_command
 from tacauchy_rig.core import study as core
@@ -113,8 +112,8 @@ def test_one_section_is_shown_written_and_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With two coarse presses: table, page with title and command, JSON, progress on stderr."""
-    allowed = ((0.45, 0.2), (0.47, 0.2))
-    coarse = partial(forces.measure_punch, preset=Preset.FAST, allowed=allowed)
+    stated = [each | {"allowed": 0.2} for each in from_file("verification/presses.toml")["punch"]]
+    coarse = partial(forces.measure_punch, preset=Preset.FAST, stated=stated[:2])
     monkeypatch.setattr(forces, "measure_punch", coarse)
     page, numbers = tmp_path / "page.md", tmp_path / "numbers.json"
     words = ["study", "verify", "--only", "punch", "--out", str(page), "--json", str(numbers)]
@@ -135,7 +134,8 @@ def test_one_section_is_shown_written_and_kept(
 
 def test_the_pages_command_gives_the_pages_number(tmp_path: Path) -> None:
     """A scene pressed by its command and by the simulator give the same force."""
-    words = disc_press(LawName.NEO_HOOKEAN, 0.05e-3, Preset.FAST)
+    disc = from_file("verification/presses.toml")["disc"]
+    words = f"{disc} --depth 0.05mm --law neo-hookean --preset fast"
     numbers = tmp_path / "press.json"
     done = CliRunner().invoke(app, ["press", *shlex.split(words), "--json", str(numbers)])
     assert done.exit_code == 0
