@@ -24,18 +24,14 @@ import cv2
 import numpy as np
 
 from drivers.camera.pictures import RECORDED_AS, RollWatch, encoded, frame_shape, is_jpeg, jpeg_size
-from drivers.camera.v4l2 import (
-    Offer,
-    PixelFormat,
+from drivers.camera.selection import (
     VideoDevice,
-    VideoMode,
     find_device,
     is_on_this_computer,
     is_url,
-    modes_for,
     probe_url,
-    read_offer,
 )
+from drivers.camera.v4l2 import Offer, PixelFormat, VideoMode, modes_for, read_offer
 from drivers.interfaces import MANUAL_EXPOSURE, DeviceIdentity, StreamHealth
 from drivers.stream_buffer import StreamBuffer
 from tacauchy_rig.core.arrays import ImageArray

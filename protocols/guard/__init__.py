@@ -1,4 +1,4 @@
-"""What stops the arm: limits on force, streams, place, following, and people.
+"""What stops the arm: limits on force, depth, streams, place, following, and people.
 
 A check raises ``BreachError``, which names the limit, what was measured and the reaction.
 """

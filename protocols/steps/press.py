@@ -15,6 +15,7 @@ from dataclasses import replace
 
 from protocols.control.cycle import Cycle, Press, Reading
 from protocols.guard.breach import BreachError, Reaction
+from protocols.guard.depth import DepthGuard, Floor, search_floor
 from protocols.guard.force import Contact
 from protocols.steps.motion import come_to_rest, downward, listen, summarise
 from tacauchy_rig.core.config.model import RigConfig
@@ -25,9 +26,6 @@ AVERAGED_SAMPLES = 3
 BACK_OFF_M = 0.00015
 STILL_S = 0.3
 """Stand still above the gel for the arm's own zero."""
-BEYOND_M = 0.0002
-"""How far below the lowest surface that is known the search goes on: the way of the softest gel to
-the contact force, and what an arm does not repeat (CB3 0.1 mm)."""
 
 
 def search_contact(cycle: Cycle) -> float:
@@ -40,33 +38,17 @@ def search_contact(cycle: Cycle) -> float:
     cycle.force_guard.contact = Contact.EXPECTED
     cycle.witness.begin_search()
     speed = cycle.config.robot.search_speed
-    floor = _floor(cycle, cycle.turn().arm.pose.position[2])
+    start_m = cycle.turn().arm.pose.position[2]
+    floor = search_floor(cycle.config, start_m=start_m, contact_m=cycle.contact_z_m)
     _descend_to_contact(cycle, speed, floor)
     come_to_rest(cycle)
     _back_off(cycle, speed)
     return _descend_to_contact(cycle, speed / REFINE_RATIO, floor)
 
 
-Floor = tuple[float, str]
-"""How low a search may go [m], and which setting says so."""
-
-
-def _floor(cycle: Cycle, start_m: float) -> Floor:
-    """Return the highest floor that is known."""
-    protocol, sensor = cycle.config.protocol, cycle.config.sensor
-    lowest_m = sensor.surface[2] - sensor.surface_uncertainty - BEYOND_M
-    floors = [
-        (start_m - protocol.search_travel, "protocol.search_travel"),
-        (lowest_m, "sensor.surface_uncertainty"),
-    ]
-    if cycle.contact_z_m is not None:
-        floors.append((cycle.contact_z_m - BEYOND_M, "witness.contact_height"))
-    return max(floors, key=lambda floor: floor[0])
-
-
 def _descend_to_contact(cycle: Cycle, speed: float, floor: Floor) -> float:
     reading = cycle.turn()
-    travel_m = reading.arm.pose.position[2] - floor[0]
+    travel_m = reading.arm.pose.position[2] - floor.height_m
     deadline_ns = reading.now_ns + round((1.5 * travel_m / speed + 2.0) * 1e9)
     recent: deque[Press] = deque(maxlen=AVERAGED_SAMPLES)
     before_n: float | None = None
@@ -80,7 +62,7 @@ def _descend_to_contact(cycle: Cycle, speed: float, floor: Floor) -> float:
                 return reading.arm.pose.position[2]
             before_n = force_n if before_n is None else before_n
             _check_direction(cycle.config, recent, force_n, before_n)
-        _check_travel(reading, floor, deadline_ns)
+        floor.check(reading.arm.pose.position[2], is_late=reading.now_ns > deadline_ns)
 
 
 def _check_direction(
@@ -107,19 +89,6 @@ def _check_direction(
             reaction=Reaction.RETRACT,
             remedy="the sensor's axes are swapped, or its decoupling matrix is another cell's; or "
             "something beside the gel was touched",
-        )
-
-
-def _check_travel(reading: Reading, floor: Floor, deadline_ns: int) -> None:
-    height_m, (floor_m, limit) = reading.arm.pose.position[2], floor
-    if height_m < floor_m or reading.now_ns > deadline_ns:
-        raise BreachError(
-            f"{limit}: nothing was touched down to z = {height_m * 1e3:.2f} mm",
-            limit=limit,
-            reaction=Reaction.RETRACT,
-            remedy="the force sensor sticks or reads far too little: hang a known weight on it; or "
-            "the sensor is not under the indenter: check sensor.surface, and whether it was moved "
-            "since an earlier trial (then begin a new run)",
         )
 
 
@@ -191,7 +160,9 @@ class PressDrive:
         )
         cycle.force_guard.contact = Contact.EXPECTED
         cycle.witness.begin_press(contact_z_m)
-        self._deepest_m = min(cycle.config.limits.max_depth, cycle.witness.depth_bound(target_n))
+        self._guard = DepthGuard(
+            cycle.config, target_n=target_n, needed_m=cycle.witness.depth_bound(target_n)
+        )
 
     @property
     def error_n(self) -> float:
@@ -214,29 +185,8 @@ class PressDrive:
     def watch(self) -> Reading:
         """Do one turn of the control loop without steering."""
         reading = self._cycle.turn()
-        depth_m = self.depth(reading)
-        if depth_m > self._deepest_m:
-            raise self._too_deep(depth_m)
+        self._guard.check(self.depth(reading), force_n=self._cycle.last_force_n)
         return reading
-
-    def _too_deep(self, depth_m: float) -> BreachError:
-        limit_m, force_n = self._cycle.config.limits.max_depth, self._cycle.last_force_n
-        where = f"the tip is {depth_m * 1e3:.3f} mm below contact at {force_n:.3f} N"
-        if self._deepest_m < limit_m:
-            return BreachError(
-                f"witness: {where}; the stated gel needs no more than {self._deepest_m * 1e3:.3f} "
-                f"mm for {self.target_n:g} N",
-                limit="witness.depth",
-                reaction=Reaction.RETRACT,
-                remedy="the force sensor reads too little: hang a known weight on it; or the gel "
-                "is softer than sensor.name says",
-            )
-        return BreachError(
-            f"limits.max_depth {limit_m * 1e3:g} mm: {where}",
-            limit="limits.max_depth",
-            reaction=Reaction.RETRACT,
-            remedy="the gel is softer than expected, or contact was found on something else",
-        )
 
 
 def press_to_target(cycle: Cycle, drive: PressDrive) -> None:

@@ -16,8 +16,9 @@ from sim.effects.mesh_choice import (
     mirrors,
     wild_sizing,
 )
-from sim.material.elastic_body import element_constants, prony_series
+from sim.material.elastic_body import element_constants
 from sim.material.laws.tangent import law
+from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.tet_mesh import MirrorSymmetry, TetMesh, mesh_key, refuse_flat, stored_mesh

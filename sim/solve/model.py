@@ -13,8 +13,9 @@ from sim.contact.contact_surface import (
     contact_rounding_n,
 )
 from sim.device import Device, on_host
-from sim.material.elastic_body import ElasticBody, PronySeries
+from sim.material.elastic_body import ElasticBody
 from sim.material.laws.tangent import Law
+from sim.material.relaxation import PronySeries
 from sim.mesh.discretisation import discretise
 from sim.mesh.elements import ElementOrder
 from sim.mesh.tet_mesh import TetMesh

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim.contact.contact_surface import State
-from sim.material.elastic_body import Relaxation
+from sim.material.relaxation import Relaxation
 from sim.scene.indenter import Indenter
 from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.model import Model

@@ -22,7 +22,7 @@ from sim.optics.calibrate.colours import Calibration, calibrate_optics, fit_mode
 from sim.optics.calibrate.gel_profile import GelMotion, fit_motions, motion_terms
 from sim.optics.calibrate.photometric_fit import lowest_place
 from sim.optics.calibrate.press_scene import PlacedPress, PredictedPixels, PressScene, exposed
-from sim.optics.render.renderer import darkening, lost_share
+from sim.optics.render.shadows import darkening, lost_share
 from sim.sensor.optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, FloatArray
 

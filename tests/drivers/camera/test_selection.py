@@ -12,7 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera.v4l2 import VideoDevice, check_access, find_device, is_on_this_computer, is_url
+from drivers.camera.selection import (
+    VideoDevice,
+    check_access,
+    find_device,
+    is_on_this_computer,
+    is_url,
+)
 from tacauchy_rig.core.errors import DeviceError
 
 HOST = "pci0000:00/0000:00:14.0/usb1"

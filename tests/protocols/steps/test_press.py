@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from drivers.emulators.faults import parse_fault
 from protocols.guard.breach import BreachError
+from protocols.guard.depth import BEYOND_M
 from protocols.guard.force import Contact
 from protocols.steps.motion import approach, take_tare
-from protocols.steps.press import BEYOND_M, ForceServo, search_contact
+from protocols.steps.press import ForceServo, search_contact
 from tests.mock.world import Gel
 from tests.protocols.conftest import NEAR, breach
 

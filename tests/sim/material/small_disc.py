@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim.contact.contact_surface import ContactOptions
-from sim.material.elastic_body import prony_series
 from sim.material.laws.tangent import law
+from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.tet_mesh import MirrorSymmetry

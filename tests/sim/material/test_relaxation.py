@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from sim.material.elastic_body import prony_series
+from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.scene.indenter import Sphere
 from sim.scene.material import LawName, RelaxationTerm

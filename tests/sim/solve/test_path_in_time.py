@@ -11,8 +11,8 @@ from scipy.sparse import csr_matrix, diags, triu
 from scipy.sparse.linalg import eigsh
 
 from sim.contact.contact_surface import ContactOptions
-from sim.material.elastic_body import prony_series
 from sim.material.laws.tangent import law
+from sim.material.relaxation import prony_series
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.tet_mesh import MirrorSymmetry

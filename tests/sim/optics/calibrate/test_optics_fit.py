@@ -22,7 +22,8 @@ from sim.optics.calibrate.optics_fit import (
 )
 from sim.optics.colour.colour_model import Response
 from sim.optics.colour.nominal import exponents_for
-from sim.optics.render.renderer import TactileRenderer, darkening
+from sim.optics.render.renderer import TactileRenderer
+from sim.optics.render.shadows import darkening
 from sim.sensor.optics import Lamp, ShadowCaster
 from sim.sensor.sensor import load_sensor
 from tests.sim.optics.synthetic_presses import press_scene, presses, true_model

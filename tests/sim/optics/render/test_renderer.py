@@ -18,7 +18,8 @@ from sim.optics.colour.colour_model import PixelColours, SampleColours
 from sim.optics.colour.nominal import GREY_EXPONENTS, GreyDepthModel, nominal_photometric
 from sim.optics.colour.photometric import PhotometricModel, load_photometric, polynomial_exponents
 from sim.optics.pixels.pixel_blocks import PixelBlocks
-from sim.optics.render.renderer import TactileRenderer, darkening
+from sim.optics.render.renderer import TactileRenderer
+from sim.optics.render.shadows import darkening
 from sim.sensor.optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, RealArray
 from tacauchy_rig.core.errors import ConfigError
