@@ -225,7 +225,7 @@ def _fits(model: ReplayModel, evidence: RunEvidence) -> Iterator[Fit]:
             value=f"{model.tilt_deg:.2f} deg",
             source="the measured moments of these same presses" if model.found else "stated",
             in_sample=bool(model.found),
-            effect="No image was used." if model.found else "",
+            effect="No image was used. Simulated moments are in-sample." if model.found else "",
         )
     if model.found_offset_mm:
         yield Fit(
@@ -233,7 +233,7 @@ def _fits(model: ReplayModel, evidence: RunEvidence) -> Iterator[Fit]:
             value=f"{model.found_offset_mm:.3f} mm from the stated place",
             source="the images of these same presses",
             in_sample=True,
-            effect="Image scores are in-sample; the distance counts as contact offset.",
+            effect="Image scores are in-sample. The distance counts as contact offset.",
         )
 
 
@@ -244,21 +244,21 @@ def _modulus(model: ReplayModel) -> Fit:
             value=f"{1e-3 * model.young_pa:.4g} kPa",
             source="stated, not fitted",
             in_sample=False,
-            effect="Depths, images and predicted forces are out of sample.",
+            effect="Simulated depths and predicted forces are out-of-sample.",
         )
     return Fit(
         what="Modulus of the gel",
         value=f"{model.modulus_factor:.3f} times the nominal one",
         source=f"depths and forces of {model.modulus_trials} of these same presses; no images",
         in_sample=True,
-        effect="Simulated depths and images use it and are in-sample. Predicted forces use the"
-        " nominal modulus and are out of sample.",
+        effect="Simulated depths are in-sample. No image was used; images are simulated at these"
+        " depths. Predicted forces use the nominal modulus and are out-of-sample.",
     )
 
 
 def _optics(model: ReplayModel, evidence: RunEvidence) -> Fit:
     source = model.optics.get("source")
-    effect = "Image scores are out of sample." if source else "Where they are from is not known."
+    effect = "No image of these presses was used." if source else "Their origin is not known."
     if evidence.optics_are_in_sample:
         effect = "Image scores are in-sample."
         if evidence.optics is not None:

@@ -162,7 +162,7 @@ def page_environment(summary: Mapping[str, Any]) -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {
-        write.__name__: write for write in (number, signed, plain, words, named, interval)
+        write.__name__: write for write in (number, signed, plain, words, named, interval, unjudged)
     }
     environment.globals |= {
         "metrics": {metric.value: metric for metric in Metric},
@@ -219,6 +219,12 @@ def interval(found: Mapping[str, Any], digits: int = 3, factor: float = 1.0) -> 
     if found["low"] is None:
         return text
     return f"{text} ± {number(0.5 * (found['high'] - found['low']), digits, factor)}"
+
+
+def unjudged(verdict: str) -> str:
+    """Return a verdict without its outcome, which the badge beside it says."""
+    text = verdict.removeprefix("Passed: ").removeprefix("Not passed: ")
+    return text[:1].upper() + text[1:]
 
 
 def ordered(trials: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -283,25 +289,28 @@ def overview(
             "name": "Error of the force predicted at the measured depth (%)",
             "mean": interval(statistics["prediction_error_relative"], 1, 100.0),
             "worst": _worst_prediction(summary["trials"]),
-            "required": f"at most {limits['coverage_factor']:g} standard uncertainties (±: 2)",
+            "required": f"at most {limits['coverage_factor']:g} times its standard uncertainty",
         },
         OFFSET: {
             "name": "Distance between simulated and seen contact (mm)",
             "worst": worst(OFFSET),
             "required": f"at most {1e3 * limits['max_contact_offset_m']:g}",
         },
-        MODULUS: {"name": "Fitted over nominal modulus", "mean": worst(MODULUS)},
+        MODULUS: {
+            "name": "Modulus fitted to these presses, divided by the nominal modulus",
+            "mean": worst(MODULUS),
+        },
     }
+    for name, cell in cells.items():
+        if name in rows:
+            yield _judged(rows[name]) | {"required": rows[name]["limit"]} | cell
     if metrics["ssim"]["mean"] is not None or floors["ssim"]["mean"] is not None:
         yield {
             "name": "SSIM of the whole frame",
             "mean": interval(metrics["ssim"], 4),
             "floor": interval(floors["ssim"], 4),
-            "required": "not a criterion",
+            "required": "none: SSIM is no criterion",
         }
-    for name, cell in cells.items():
-        if name in rows:
-            yield _judged(rows[name]) | {"required": rows[name]["limit"]} | cell
     matched = [abs(m) for t in summary["trials"] if (m := t["force_mismatch_n"]) is not None]
     if matched:
         yield {

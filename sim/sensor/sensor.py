@@ -91,9 +91,11 @@ def _numbers(data: dict[str, Any]) -> dict[str, Measured]:
 def _number(entry: Any, name: str, dimension: Dimension) -> Measured:
     """Return a number that has its unit, uncertainty and source."""
     if not isinstance(entry, dict) or set(entry) != {"value", "uncertainty", "source"}:
+        shown = entry.get("value", "0.8") if isinstance(entry, dict) else entry
         raise ConfigError(
             f"{name} needs a value, an uncertainty and a source",
-            remedy='write { value = "4 mm", uncertainty = "0.1 mm", source = "measured" }',
+            remedy=f'write {name.rpartition(".")[2]} = {{ value = "{shown}", uncertainty = "its '
+            'standard uncertainty, with its unit", source = "measured" }',
         )
     value, uncertainty = (
         parse_quantity(str(entry[part]), dimension=dimension, field=f"{name}.{part}")

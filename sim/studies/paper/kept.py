@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -150,8 +150,3 @@ def read_kept(folder: Path) -> list[Report]:
     """Read what is kept in a folder; empty where nothing is."""
     file = folder / REPORTS_FILE
     return _read(file) if file.exists() else []
-
-
-def json_lines(records: Sequence[Mapping[str, Any]]) -> str:
-    """Return records as JSON that a repository can keep."""
-    return json.dumps(list(records), indent=1) + "\n"

@@ -29,7 +29,6 @@ from sim.studies.paper.presses import (
     ModelPresses,
     every_press,
     mesh_numbers,
-    preset_statistics,
     pressed,
     rest_stress_pa,
     scenes,
@@ -227,7 +226,7 @@ class Paper(Study):
         """Return the models, and what else is measured here."""
         measures: dict[str, Callable[[], Any]] = {name: partial(pressed, name) for name in scenes()}
         measures[ACCURATE] = partial(pressed, ACCURATE, forces_n=())
-        measures[_MESH] = _meshes
+        measures[_MESH] = mesh_numbers
         measures[_LAW] = partial(rest_stress_pa, LawName.PAPER_EQ4)
         measures[_MODES] = _modes
         return [Case(name=name, measure=measure) for name, measure in measures.items()]
@@ -237,8 +236,7 @@ class Paper(Study):
         found = {each.name: each.found for each in results if not each.failure}
         ours: dict[str, Ours] = speed_ours(self.speeds) | score_ours(self.reports)
         if _MESH in found:
-            numbers = found[_MESH]["numbers"]
-            ours |= {name: Ours(value, "preset paper") for name, value in numbers.items()}
+            ours |= {name: Ours(value, "preset paper") for name, value in found[_MESH].items()}
         if _MODES in found:
             ours |= mode_ours(found[_MODES])
         if {*scenes(), _LAW} <= found.keys():
@@ -302,7 +300,7 @@ class Paper(Study):
             "reports": self.reports,
             "beaten": beaten(self.reports),
             "friction": scenes()[THIN].friction,
-            "tet_count": found[_MESH]["tet_count"],
+            "tet_count": found[_MESH]["mesh.tets"],
             "depth_mm": DEPTH_M * 1e3,
             "reference_n": reference["at_depth"]["force_n"],
             "presses": [*models.values(), reference],
@@ -312,11 +310,6 @@ class Paper(Study):
             "checks": checks(),
         }
         return page("sim.studies.paper", "page.md.jinja", facts)
-
-
-def _meshes() -> dict[str, Any]:
-    coarse, fine = preset_statistics(scenes()[ACCURATE])
-    return {"numbers": mesh_numbers(coarse, fine), "tet_count": fine.tet_count}
 
 
 def _modes() -> dict[str, list[bool]]:

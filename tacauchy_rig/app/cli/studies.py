@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
@@ -373,12 +374,12 @@ def paper(
 
     Example: tacauchy-rig study paper --out paper
     """
-    from sim.studies.paper.kept import REPORTS_FILE, json_lines, of_run
+    from sim.studies.paper.kept import REPORTS_FILE, of_run
     from sim.studies.paper.study import Paper
 
     if report:
-        kept = json_lines([of_run(run) for run in report])
-        write_text(benchmarks / REPORTS_FILE, kept, option="--benchmarks")
+        kept = json.dumps([of_run(run) for run in report], indent=1)
+        write_text(benchmarks / REPORTS_FILE, f"{kept}\n", option="--benchmarks")
     return Paper(benchmarks)
 
 

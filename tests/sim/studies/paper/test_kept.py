@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from sim.studies.paper.kept import REPORTS_FILE, SCORES, json_lines, of_run, read_kept, read_speeds
+from sim.studies.paper.kept import REPORTS_FILE, SCORES, of_run, read_kept, read_speeds
 from tacauchy_rig.core.errors import RecordError
 
 
@@ -86,7 +86,7 @@ def test_reports_come_back_as_they_were_kept(tmp_path: Path) -> None:
     """Written as JSON and read, with the forces of its trials."""
     found = of_run(run(tmp_path, summary(simulated=0.75)))
     assert found["trials"][0]["force_n"] == 1.0
-    (tmp_path / REPORTS_FILE).write_text(json_lines([found]))
+    (tmp_path / REPORTS_FILE).write_text(json.dumps([found]))
     assert read_kept(tmp_path) == [found]
 
 
