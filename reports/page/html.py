@@ -309,7 +309,7 @@ def overview(
             "name": "SSIM of the whole frame",
             "mean": interval(metrics["ssim"], 4),
             "floor": interval(floors["ssim"], 4),
-            "required": "none: SSIM is no criterion",
+            "required": "none: the verdict does not depend on it",
         }
     matched = [abs(m) for t in summary["trials"] if (m := t["force_mismatch_n"]) is not None]
     if matched:
