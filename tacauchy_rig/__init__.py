@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from sim.scene.scene import Target as Target
     from sim.sensor.sensor import Sensor as Sensor
     from sim.sensor.sensor import load_sensor as load_sensor
-    from tacauchy_rig.app.replay.parts import open_run as open_run
+    from tacauchy_rig.app.replay.reading import open_run as open_run
     from tacauchy_rig.app.replay.rendering import image_of as image_of
     from tacauchy_rig.app.replay.replay import replay_run as replay  # noqa: F401
     from tacauchy_rig.app.replay.report import evidence_of as evidence_of

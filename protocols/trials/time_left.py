@@ -9,7 +9,7 @@ import numpy as np
 from protocols.steps.preflight import TRAVEL_M
 from protocols.trials.trial import PlannedTrial
 from tacauchy_rig.core.config.model import RigConfig
-from tacauchy_rig.core.run import ExpectedPress, JournalEvent
+from tacauchy_rig.core.run import ExpectedPress, JournalEvent, Outcome
 
 UNKNOWN_DEPTH_M = 0.5e-3
 SETTLE_S = 2.0
@@ -27,6 +27,7 @@ class TimeLeft:
             for trial in plan
             if not trial.done
         }
+        self._last = {each.index: each.next_attempt + config.protocol.attempts - 1 for each in plan}
         self._before_s = _before_trials_s(config)
         self._begun_ns: int | None = None
         self._trial = 0
@@ -42,8 +43,12 @@ class TimeLeft:
                 self._trial, self._begun_ns, self._before_s = event.trial, event.stamp_ns, 0.0
             case "attempt-end" if event.trial in self._planned_s and self._begun_ns is not None:
                 took_s = (event.stamp_ns - self._begun_ns) * 1e-9
-                self._taken.append(took_s / self._planned_s.pop(event.trial))
                 self._trial, self._begun_ns = 0, event.stamp_ns
+                passed = event.detail.get("outcome") == Outcome.PASSED
+                if passed:  # others may have ended early
+                    self._taken.append(took_s / self._planned_s[event.trial])
+                if passed or event.attempt >= self._last[event.trial]:
+                    del self._planned_s[event.trial]
             case "run-end":
                 self._ended = True
 

@@ -155,7 +155,7 @@ def _from_target(image: Path, text: str, sensor: Sensor | None) -> tuple[ScaleFi
     from reports.evidence.attempt import crop_and_resize
     from sim.optics.calibrate.ball_press import read_rgb
     from sim.optics.calibrate.scale_fit import find_target, fit_scale, parse_target
-    from tacauchy_rig.app.replay.parts import scored_geometry
+    from tacauchy_rig.app.replay.reading import scored_geometry
     from tacauchy_rig.core.rgb import to_grey
 
     seen = read_rgb(image)
@@ -434,7 +434,7 @@ def optics(
     from tacauchy_rig.app.calibration.optics.of_run import keep_optics, request_of
     from tacauchy_rig.app.calibration.optics.run import calibrate_and_check
     from tacauchy_rig.app.judging.of_run import check_empty
-    from tacauchy_rig.app.replay.parts import open_run
+    from tacauchy_rig.app.replay.reading import open_run
 
     run = open_run(folder) if (folder / "run.json").is_file() else None
     request = request_of(

@@ -87,7 +87,7 @@ def check_press(
     """
     from tacauchy_rig.app.cli.session import recorded
     from tacauchy_rig.app.gel_health.comparison import Advice, compare_runs, nearest_force_n
-    from tacauchy_rig.app.replay.parts import open_run
+    from tacauchy_rig.app.replay.reading import open_run
 
     known = open_run(before)
     target_n = nearest_force_n(known, USUAL_N)

@@ -56,7 +56,7 @@ def replay(
     """
     from sim.error import parse_tolerance
     from tacauchy_rig.app.cli.emulation import begin_calibration, emulated_calibration
-    from tacauchy_rig.app.replay.parts import open_run
+    from tacauchy_rig.app.replay.reading import open_run
     from tacauchy_rig.core.long_task import doing
     from tacauchy_rig.core.parallel import worker_process
     from tacauchy_rig.core.store.check.run import check_run
@@ -100,7 +100,7 @@ def report(folder: RunFolder, json_file: JsonFile = None) -> None:
 
     Example: tacauchy-rig report runs/20261123-gelsight-mini
     """
-    from tacauchy_rig.app.replay.parts import open_run
+    from tacauchy_rig.app.replay.reading import open_run
 
     report_and_exit(open_run(folder), json_file)
 

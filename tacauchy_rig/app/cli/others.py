@@ -133,7 +133,7 @@ def judge(
     from reports.comparison.judging import judge as judged
     from reports.page.judged import write_judgement
     from tacauchy_rig.app.judging.of_run import replay_outputs, write_task
-    from tacauchy_rig.app.replay.parts import open_run
+    from tacauchy_rig.app.replay.reading import open_run
     from tacauchy_rig.app.replay.report import evidence_of
 
     reading = open_run(run)

@@ -24,6 +24,7 @@ from tacauchy_rig.app.cli.output import (
 from tacauchy_rig.app.cli.watching import TWIN_WORDS, port_of, told_of_errors, viewers_of
 from tacauchy_rig.core.check_result import CheckStatus
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RecordError, RigError, command_line
+from tacauchy_rig.core.long_task import doing
 
 if TYPE_CHECKING:
     from protocols.processes.supervisor import SessionResult
@@ -217,6 +218,7 @@ def recorded(path: Path | None, overrides: Sequence[str]) -> RunStore:
     return store
 
 
+@doing("preparing the run")
 def _created(loaded: LoadedConfig, text: str, *, press_only: bool) -> RunStore:
     from drivers.checks import require_devices
     from tacauchy_rig.app.session.record import create_run
@@ -228,6 +230,7 @@ def _created(loaded: LoadedConfig, text: str, *, press_only: bool) -> RunStore:
     return store
 
 
+@doing("checking simulator and gel")
 def _check_before(config: RigConfig, *, press_only: bool) -> None:
     """Refuse what must not wait until six presses are done, or until the gel is torn."""
     from tacauchy_rig.app.doctor.host import descriptor_check
@@ -245,7 +248,7 @@ def _check_before(config: RigConfig, *, press_only: bool) -> None:
 def _press_and_report(store: RunStore, config: RigConfig, request: Request) -> None:
     from tacauchy_rig.app.cli.emulation import begin_calibration
     from tacauchy_rig.app.cli.folders import replay_and_show, report_and_exit
-    from tacauchy_rig.app.replay.parts import open_run
+    from tacauchy_rig.app.replay.reading import open_run
     from tacauchy_rig.core.parallel import worker_process
 
     if request.press_only:
@@ -288,7 +291,10 @@ def _press_confirmed(
         require_bounded_force(store, config)
         if note := standing_check(store):
             say(note)
-    expected = kept_expectation(store)  # here, so that what is confirmed moves at once
+    elif not config.force_sensor.is_emulated:  # while the person who called this is still there
+        _check_force(store, config, request.weight, None)
+    with doing("computing the force expected of the gel"):
+        expected = kept_expectation(store)  # here, so that what is confirmed moves at once
     made = expected.made if expected else "unknown; the arm's estimate and the camera are left"
     say(f"force expected of the gel: {made}")
     if config.moves_real_hardware:
@@ -351,7 +357,8 @@ def press(
             running = emulation.start()
             with store.lock():
                 store.truth.write((store.paths.emulation / TRUTH_FILE).read_bytes())
-        _check_force(store, running, request.weight, played)
+        if request.weight is None or config.force_sensor.is_emulated:
+            _check_force(store, running, request.weight, played)
         if on_start is not None:
             on_start()
         progress = SessionProgress(

@@ -1,47 +1,19 @@
-"""A run, opened, and its parts: presses of one indenter at one place, which share a mesh."""
+"""The parts of a run: presses of one indenter at one place, which share a mesh."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from reports.evidence.attempt import AttemptReading, RunReading
-from reports.evidence.evidence import ImageGeometry
 from sim.error import Tolerance
 from sim.scene.indenter import describe
-from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import RecordError, command_line
 from tacauchy_rig.core.run import SAME_PLACE_M, ImportedTrial, TrialRecord
-from tacauchy_rig.core.store.run_store import RunStore
-
-
-def open_run(folder: Path) -> RunReading:
-    """Open a run; forces and images are read when they are first asked for, and kept.
-
-    Raises:
-        RecordError: The folder is not a run, or its description is damaged.
-        ConfigError: Its configuration is no longer accepted.
-    """
-    store = RunStore.open(folder)
-    return RunReading(store, scored_geometry(load_sensor(store.config.sensor.name)))
-
-
-def scored_geometry(sensor: Sensor) -> ImageGeometry:
-    """Return how frames of a sensor become the images that are scored."""
-    view = sensor.camera
-    return ImageGeometry(
-        crop_fraction=view.crop_fraction,
-        width_px=view.width,
-        height_px=view.height,
-        scale_x_m_px=view.scale_x_m,
-        scale_y_m_px=view.scale_y_m,
-    )
-
 
 Place = tuple[float, float]
 _FEW = 4

@@ -12,7 +12,7 @@ from typing import Any
 from sim.scene.indenter import describe
 from tacauchy_rig.app.gel_health.comparison import COVERAGE, Change, GelState, compare_runs
 from tacauchy_rig.app.replay.inputs import indenter_of
-from tacauchy_rig.app.replay.parts import open_run
+from tacauchy_rig.app.replay.reading import open_run
 from tacauchy_rig.core.errors import ConfigError, RecordError, RigError, command_line
 from tacauchy_rig.core.run import Outcome
 from tacauchy_rig.core.store.codec import loads

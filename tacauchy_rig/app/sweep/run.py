@@ -259,8 +259,11 @@ def sweep(
         Whether all rows are there; of a folder that several tasks share, others may have some.
 
     Raises:
+        ConfigError: A library that writes the datasheet is not installed.
         RecordError: The disk has no room, or a file is damaged.
     """
+    for name in ("pyarrow", "mlcroissant", "rocrate"):
+        library(name, extra="sweep")
     with doing("hashing presses"):
         named = hashed(plan, rows)
         done = done_rows(out)

@@ -16,9 +16,10 @@ def config():
     return load_config(overrides=['protocol.force_targets=["1 N", "2 N"]']).config
 
 
-def event(name, at_s, trial=0, **detail):
+def event(name, at_s, trial=0, attempt=1, **detail):
     """Return an event at a time [s]."""
-    return JournalEvent(stamp_ns=round(at_s * 1e9), name=name, trial=trial, detail=detail)
+    stamp_ns = round(at_s * 1e9)
+    return JournalEvent(stamp_ns=stamp_ns, name=name, trial=trial, attempt=attempt, detail=detail)
 
 
 def test_it_counts_down_and_ends_at_nothing(config):
@@ -40,9 +41,25 @@ def test_a_trial_that_took_twice_as_long_doubles_the_next(config):
     left = TimeLeft(config, plan, None)
     took_s = 2.0 * trial_duration_s(config, plan[0].force_target_n, None)
     left.note(event("attempt-start", 0.0, 1))
-    left.note(event("attempt-end", took_s, 1))
+    left.note(event("attempt-end", took_s, 1, outcome="passed"))
     next_s = 2.0 * trial_duration_s(config, plan[1].force_target_n, None)
     assert left.seconds(round(took_s * 1e9)) == pytest.approx(next_s)
+
+
+def test_a_trial_that_failed_is_still_to_be_done(config):
+    """Until its attempts are used up; how long one took that was cut off tells nothing."""
+    plan = fresh_plan(config)
+    left = TimeLeft(config, plan, None)
+    left.note(event("attempt-start", 0.0, 1))
+    whole_s = left.seconds(0)
+    most = config.protocol.attempts
+    for attempt in range(1, most + 1):
+        left.note(event("attempt-start", attempt, 1, attempt))
+        assert left.seconds(attempt * 10**9) == pytest.approx(whole_s)
+        left.note(event("attempt-end", attempt, 1, attempt, outcome="failed"))
+    second_s = trial_duration_s(config, plan[1].force_target_n, None)
+    assert most > 1
+    assert left.seconds(most * 10**9) == pytest.approx(second_s)
 
 
 def test_what_an_earlier_session_did_takes_no_time(config):

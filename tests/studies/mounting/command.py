@@ -243,7 +243,7 @@ def mounting_check(
     Example: python -m tests.studies mounting runs/20261123-dry-run
     """
     from tacauchy_rig.app.cli.emulation import emulated_calibration
-    from tacauchy_rig.app.replay.parts import open_run
+    from tacauchy_rig.app.replay.reading import open_run
     from tacauchy_rig.core.page import page
     from tests.studies.verdict.bench import bench_of
 

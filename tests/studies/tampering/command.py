@@ -14,7 +14,7 @@ import typer
 from reports.comparison.compare import compare
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import JsonFile, RunFolder, complain, say, write_json, write_text
-from tacauchy_rig.app.replay.parts import open_run
+from tacauchy_rig.app.replay.reading import open_run
 from tacauchy_rig.app.replay.report import evidence_of
 from tacauchy_rig.core.errors import RecordError, RigError
 from tacauchy_rig.core.page import page

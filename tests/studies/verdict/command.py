@@ -243,7 +243,7 @@ def verdict_check(
 ) -> None:
     """Say which wrong models the verdict catches, and the smallest change of each that it does."""
     from tacauchy_rig.app.cli.emulation import emulated_calibration
-    from tacauchy_rig.app.replay.parts import open_run
+    from tacauchy_rig.app.replay.reading import open_run
     from tacauchy_rig.core.parallel import parallel_map
     from tests.studies.verdict.bench import bench_of
     from tests.studies.verdict.wrong_models import WRONG_MODELS

@@ -15,7 +15,8 @@ from sim.scene.indenter import Cylinder, Sphere, describe
 from tacauchy_rig.app.importing.source import Source
 from tacauchy_rig.app.importing.table import Column, read_table
 from tacauchy_rig.app.replay.inputs import ReplayInputs, inputs_of
-from tacauchy_rig.app.replay.parts import Part, open_run, parts_of
+from tacauchy_rig.app.replay.parts import Part, parts_of
+from tacauchy_rig.app.replay.reading import open_run
 from tacauchy_rig.core.arrays import FloatArray, IndexArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig

@@ -11,7 +11,7 @@ from scipy.optimize import OptimizeWarning, curve_fit
 
 from sim.sensor.sensor import parse_sensor
 from tacauchy_rig.app.calibration.material.fit import Interval
-from tacauchy_rig.app.replay.parts import open_run
+from tacauchy_rig.app.replay.reading import open_run
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.registry import Kind, load, unknown

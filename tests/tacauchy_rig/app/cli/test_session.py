@@ -85,6 +85,23 @@ def test_the_program_tells_it_and_ends_with_one(
     assert f"tacauchy-rig resume {store.paths.root}" in told[3]
 
 
+@pytest.mark.parametrize(("is_emulated", "asked"), [(False, ["weight"]), (True, [])])
+def test_a_person_hangs_the_weight_before_what_takes_long(
+    monkeypatch: pytest.MonkeyPatch, is_emulated: bool, asked: list[str]
+) -> None:
+    """On an emulated cell it hangs once that cell has started."""
+    done: list[str] = []
+    monkeypatch.setattr(session, "_check_force", lambda *_: done.append("weight"))
+    expected = "tacauchy_rig.app.session.expected.kept_expectation"
+    monkeypatch.setattr(expected, lambda _: done.append("expected"))
+    ended: Any = SimpleNamespace(outcome=Outcome.PASSED, records=())
+    monkeypatch.setattr(session, "press", lambda *_: ended)
+    cell: Any = SimpleNamespace(is_emulated=is_emulated)
+    config: Any = SimpleNamespace(force_sensor=cell, moves_real_hardware=False)
+    session._press_confirmed(_store(), config, session.Request(check_weight="200g"))
+    assert done == [*asked, "expected"]
+
+
 def test_a_weight_that_had_to_be_hung_before_is_asked_for_again_after_the_last_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

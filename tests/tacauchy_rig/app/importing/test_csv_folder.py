@@ -12,7 +12,7 @@ import pytest
 
 from tacauchy_rig.app.importing.guess import write_guess
 from tacauchy_rig.app.importing.importer import import_run
-from tacauchy_rig.app.replay.parts import open_run
+from tacauchy_rig.app.replay.reading import open_run
 from tacauchy_rig.app.replay.report import report_run
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb

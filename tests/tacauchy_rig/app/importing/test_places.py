@@ -20,7 +20,8 @@ from tacauchy_rig.app.replay import places
 from tacauchy_rig.app.replay import replay as replaying
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.app.replay.optics import nominal_optics
-from tacauchy_rig.app.replay.parts import open_run, parts_of
+from tacauchy_rig.app.replay.parts import parts_of
+from tacauchy_rig.app.replay.reading import open_run
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report import report_run
 from tacauchy_rig.core.errors import ConfigError, RecordError

@@ -21,7 +21,7 @@ from sim.sensor.sensor import Sensor
 from tacauchy_rig.app.importing.importer import import_run
 from tacauchy_rig.app.replay import replay
 from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, optics_of
-from tacauchy_rig.app.replay.parts import open_run
+from tacauchy_rig.app.replay.reading import open_run
 from tacauchy_rig.app.replay.replay import replay_run
 from tacauchy_rig.app.replay.report import report_run
 from tacauchy_rig.core.store.run_store import RunStore

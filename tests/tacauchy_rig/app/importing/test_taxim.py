@@ -15,7 +15,7 @@ from sim.scene.scene import Preset
 from tacauchy_rig.app.calibration.optics.of_run import request_of
 from tacauchy_rig.app.calibration.optics.run import read_input
 from tacauchy_rig.app.importing.importer import import_run
-from tacauchy_rig.app.replay.parts import open_run
+from tacauchy_rig.app.replay.reading import open_run
 from tacauchy_rig.app.replay.report import report_run
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.rgb import encode_png

@@ -15,7 +15,7 @@ import pytest
 from protocols.processes.messages import Shown
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.twin import follower
-from tacauchy_rig.app.replay.parts import open_run
+from tacauchy_rig.app.replay.reading import open_run
 from tacauchy_rig.app.twin.twin import (
     FRAMES_PER_S,
     MAPS_EVERY,
