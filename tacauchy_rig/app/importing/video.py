@@ -207,7 +207,8 @@ def _coarse(first: Signal, second: Signal, step_s: float) -> float:
             f"video and force log fit best with an offset of {lag_s[best]:.2f} s, where they are "
             f"correlated by {like:.2f}; another offset fits {100.0 * rival / both[best]:.0f} % "
             "as well",
-            remedy=f"both have to show the same presses ({LIKE} at least), at uneven times",
+            remedy=f"both have to show the same presses ({LIKE} at least), at uneven times; if "
+            "frames were dropped, state their mean rate as data.frame_rate",
         )
     return float(lag_s[best])
 

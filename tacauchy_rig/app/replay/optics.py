@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from pydantic import TypeAdapter
 
-from sim.optics.calibrate.ball_press import read_ball_presses, read_rgb
+from sim.optics.calibrate.ball_press import BallPress, read_ball_presses, read_rgb
 from sim.optics.calibrate.gel_profile import rest_slopes, touching_places
 from sim.optics.calibrate.optics_fit import BLUR_PX, SHADOWS, calibrate_presses, read_shadows
-from sim.optics.calibrate.press_scene import pressed_scene
+from sim.optics.calibrate.press_scene import PressScene, pressed_scene
 from sim.optics.calibrate.scale_fit import fit_scale, read_positions
 from sim.optics.colour.colour_model import ColourModel
 from sim.optics.colour.nominal import exponents_for, nominal_model
@@ -25,9 +27,10 @@ from tacauchy_rig.core.errors import ConfigError
 
 WIDTH, HEIGHT = "width_px", "height_px"  # names in a calibration's provenance
 SCALE_X, SCALE_Y = "scale_x_m_px", "scale_y_m_px"
+VIEW = "view"  # fields of its geometry that were fitted to places of presses
 CAMERA_DISTANCE = "camera_distance_m"
 CIRCLES, POSITIONS, NO_CONTACT = "circles.csv", "positions.csv", "no_contact.png"
-_SCALES_APART = 0.05  # of each other: a calibration's and the sensor file's
+SCALES_APART = 0.05  # of each other: a calibration's and the sensor file's
 
 Say = Callable[[str], None]
 """Told of progress, a line of text each time."""
@@ -74,28 +77,15 @@ def calibrate_folder(
     unloaded = read_rgb(folder / NO_CONTACT)
     scene = pressed_scene(sensor, unloaded, nominal, ball_diameter_m=ball_diameter_m)
     presses = [scene.followed(press) for press in presses]
-    geometry, residual_px = nominal, None
+    residual_px = None
     if places:
-        circles = calibrate_presses(presses, scene, sensor.optics.shadows, blurred=False)
-        known = [(p, c) for p, c in zip(presses, circles.circles, strict=True) if p.name in places]
-        # The robot states where its axis is, not where the ball touches a dome.
-        axes = np.array([places[press.name] for press, _ in known])
-        fit = fit_scale(
-            touching_places(axes, sensor.pad, ball_radius_m=0.5 * ball_diameter_m),
-            np.array([(circle.x_px, circle.y_px) for _, circle in known]),
-            width=nominal.width,
-            height=nominal.height,
+        scene, told, residual_px = with_view(
+            scene, presses, places, sensor, ball_diameter_m=ball_diameter_m
         )
-        geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
-        scene = replace(scene, geometry=geometry, rest_slope=rest_slopes(sensor.pad, geometry))
-        residual_px = fit.residual_px
-        on_progress(
-            f"  scale {fit.geometry.scale_x_m * 1e3:.4f} x {fit.geometry.scale_y_m * 1e3:.4f} mm/px"
-            f", residual {residual_px:.2f} px over {len(known)} presses"
-        )
+        on_progress(f"  {told}")
     found = calibrate_presses(presses, scene, sensor.optics.shadows)
     shadows = found.shadows
-    geometry = replace(geometry, distance_m=found.motion.distance_m)
+    geometry = replace(scene.geometry, distance_m=found.motion.distance_m)
     source = {
         BLUR_PX: found.blur_px,
         SHADOWS: None if shadows is None else asdict(shadows),
@@ -107,6 +97,48 @@ def calibrate_folder(
     return OpticalCalibration(
         model=model, geometry=geometry, shadows=shadows, blur_px=found.blur_px
     )
+
+
+def with_view(
+    scene: PressScene,
+    presses: Sequence[BallPress],
+    places: Mapping[str, tuple[float, float]],
+    sensor: Sensor,
+    *,
+    ball_diameter_m: float,
+) -> tuple[PressScene, str, float]:
+    """Fit where pixels look to presses at known places.
+
+    Args:
+        places: Where the axis of the ball was, x and y from the pad's centre [m], by image.
+
+    Returns:
+        The scene as it is seen, what was found in words, and the fit's residual [px].
+
+    Raises:
+        ConfigError: Fewer than four places, or all of them on one line.
+    """
+    nominal = scene.geometry
+    circles = calibrate_presses(presses, scene, sensor.optics.shadows, blurred=False).circles
+    known = [(p, c) for p, c in zip(presses, circles, strict=True) if p.name in places]
+    # The robot states where its axis is, not where the ball touches a dome.
+    axes = np.array([places[press.name] for press, _ in known])
+    fit = fit_scale(
+        touching_places(axes, sensor.pad, ball_radius_m=0.5 * ball_diameter_m),
+        np.array([(circle.x_px, circle.y_px) for _, circle in known]),
+        width=nominal.width,
+        height=nominal.height,
+    )
+    geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
+    x_m, y_m = geometry.centre_from_middle_m
+    told = (
+        f"scale {geometry.scale_x_m * 1e3:.4f} x {geometry.scale_y_m * 1e3:.4f} mm/px, pad's "
+        f"centre {x_m * 1e3:+.3f}, {y_m * 1e3:+.3f} mm from the image's, turned by "
+        f"{math.degrees(geometry.rotation_rad):+.2f} deg; residual {fit.residual_px:.2f} px over "
+        f"{len(known)} presses"
+    )
+    scene = replace(scene, geometry=geometry, rest_slope=rest_slopes(sensor.pad, geometry))
+    return scene, told, fit.residual_px
 
 
 def optics_of(
@@ -143,7 +175,7 @@ def nominal_optics(sensor: Sensor) -> OpticalCalibration:
 
 
 def calibrated_optics(given: str, sensor: Sensor) -> OpticalCalibration:
-    """Return the optics of a calibration file, with the view that the sensor's file states.
+    """Return the optics of a calibration file, with its view or that of the sensor's file.
 
     Raises:
         ConfigError: The file is missing or damaged, or is of images of another size or scale, or
@@ -154,6 +186,8 @@ def calibrated_optics(given: str, sensor: Sensor) -> OpticalCalibration:
     model = load_photometric(Path(given))
     _check_view(given, model.provenance, nominal)
     blur_px = model.provenance.get(BLUR_PX, 0.0)
+    if view := model.provenance.get(VIEW):
+        nominal = TypeAdapter(CameraGeometry).validate_python({**asdict(nominal), **view})
     distance_m = model.provenance.get(CAMERA_DISTANCE)
     if isinstance(distance_m, float):
         nominal = replace(nominal, distance_m=distance_m)
@@ -176,7 +210,7 @@ def _check_view(given: str, provenance: Mapping[str, object], nominal: CameraGeo
         )
     for name, scale_m in ((SCALE_X, nominal.scale_x_m), (SCALE_Y, nominal.scale_y_m)):
         known = provenance.get(name)
-        if isinstance(known, float) and abs(known / scale_m - 1.0) > _SCALES_APART:
+        if isinstance(known, float) and abs(known / scale_m - 1.0) > SCALES_APART:
             raise ConfigError(
                 f"sensor.optics_calibration {given} is of {known * 1e3:.4f} mm per pixel, the "
                 f"sensor's file says {scale_m * 1e3:.4f} mm",

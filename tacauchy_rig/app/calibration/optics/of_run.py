@@ -53,10 +53,13 @@ def request_of(
         RecordError: No press of the run has an image.
     """
     trials: dict[str, int] = {}
+    places: dict[str, tuple[float, float]] = {}
     if run is not None:
         own = sensor_of(run.store.config) if sensor is None else load_sensor(sensor)
         ball_diameter_m, presses = _ball_presses(run, ball_diameter_m)
         folder, trials = _presses_folder(run), _write_presses(run, presses)
+        stated = {name: run.store.imported_trials.get(index) for name, index in trials.items()}
+        places = {n: each.place_m for n, each in stated.items() if each and each.place_m}
         background = background or Path(NO_CONTACT)
         scale_px_m = scale_px_m or (1.0 / own.camera.scale_x_m, 1.0 / own.camera.scale_y_m)
         out = out or run.store.paths.calibration
@@ -75,6 +78,7 @@ def request_of(
         out=out,
         sensor=own,
         trials=trials,
+        places=places,
         **further,
     )
 

@@ -46,7 +46,17 @@ from sim.scene.scene import Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.sensor import Sensor
 from tacauchy_rig import __version__
-from tacauchy_rig.app.replay.optics import CAMERA_DISTANCE, CIRCLES, HEIGHT, SCALE_X, SCALE_Y, WIDTH
+from tacauchy_rig.app.replay.optics import (
+    CAMERA_DISTANCE,
+    CIRCLES,
+    HEIGHT,
+    SCALE_X,
+    SCALE_Y,
+    SCALES_APART,
+    VIEW,
+    WIDTH,
+    with_view,
+)
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.long_task import Remaining, doing
@@ -54,6 +64,7 @@ from tacauchy_rig.core.rgb import encode_png
 from tacauchy_rig.core.run import IMAGES_SHA256
 from tacauchy_rig.core.store.run_files import file_sha256
 
+_VIEWED = (*("scale_x_m", "scale_y_m", "centre_x_px", "centre_y_px"), *("rotation_rad", "mirrored"))
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
@@ -76,6 +87,8 @@ class OpticsRequest:
     jobs: int  # fits at a time, each in a process of its own
     # Of a run, by the name of their image; empty for a folder of images
     trials: dict[str, int] = field(default_factory=dict)
+    # Where the ball's axis was, x and y from the pad's centre [m], by image; empty where unknown
+    places: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def figures(self) -> tuple[Path, Path]:
@@ -173,6 +186,29 @@ def find_presses(
     return presses, wrong + check_before(presses, read.geometry, ball_radius_m=ball_radius_m)
 
 
+def viewed(
+    request: OpticsRequest, presses: Sequence[BallPress], scene: PressScene
+) -> tuple[PressScene, dict[str, Any], str]:
+    """Return the scene as the places of the presses say that it is seen.
+
+    Returns:
+        The scene; the fields of its geometry that were fitted, none where the places do not tell or
+        contradict the stated scale; and what was found in words.
+    """
+    stated = scene.geometry
+    try:
+        found, told, _ = with_view(
+            scene, presses, request.places, request.sensor, ball_diameter_m=request.ball_diameter_m
+        )
+    except ConfigError as error:
+        return scene, {}, f"the view stays as stated: {error.message}"
+    view = {name: getattr(found.geometry, name) for name in _VIEWED}
+    off = max(abs(view[name] / getattr(stated, name) - 1.0) for name in ("scale_x_m", "scale_y_m"))
+    if off > SCALES_APART:
+        return scene, {}, f"the view stays as stated, since places contradict it: {told}"
+    return found, view, told
+
+
 def _in_folder_or_as_given(path: Path, folder: Path) -> Path:
     """Return the path in the folder if it is there, else as it stands."""
     return folder / path if (folder / path).exists() else path
@@ -209,6 +245,7 @@ class OpticsResult:
     check: CheckScores | None
     coverage: SlopeCoverage
     warnings: list[str]
+    view: str  # where pixels look, in words; empty where that stays as stated
     # Of each press: name, circle as labelled and as nudged [px], and its mean absolute error when
     # held out [grey levels]
     presses: list[dict[str, Any]]
@@ -266,6 +303,11 @@ def calibrate_and_check(
     with doing("finding the contacts"):
         presses, warnings = find_presses(read, scene, ball_radius_m=radius_m)
     alone.spend(find_s)
+    view, told = dict[str, Any](), ""
+    if request.places:
+        with doing("finding where pixels look"):
+            scene, view, told = viewed(request, presses, scene)
+        warnings += [] if view else [told]
     fits.begin()
     fit = partial(calibrate_presses, scene=scene, shadows=shadows)
     scores, labelled, held_out, calibration = cross_validate(
@@ -276,7 +318,7 @@ def calibrate_and_check(
     checked, wrong = rightly_labelled(read.check, scene, ball_radius_m=radius_m)
     warnings += wrong
     others = render_presses(checked, calibration)
-    provenance = _provenance(request, presses, scores, calibration)
+    provenance = _provenance(request, presses, scores, calibration) | {VIEW: view}
     files = _write_files(request, calibration, coverage, held_out, scene, provenance)
     names = [item.press.name for item in held_out]
     errors = dict(zip(names, held_out_errors(held_out, scene), strict=True))
@@ -285,6 +327,7 @@ def calibrate_and_check(
         check=check_scores(*others, scene) if checked else None,
         coverage=coverage,
         warnings=warnings,
+        view=told if view else "",
         presses=[
             {
                 "image": press.name,
