@@ -506,8 +506,6 @@ def _show_optics(result: OpticsResult) -> None:
         f"coverage   {result.coverage.slopes_seen_share:.0%} of the slopes, "
         f"{result.coverage.image_share:.0%} of the image"
     )
-    if result.view:
-        say(f"view       {result.view}")
     say("                                  R2      error   SSIM    (no-contact frame)")
     for name, scores in (("cross-validated", result.cross_validation), ("check", result.check)):
         if scores is None:

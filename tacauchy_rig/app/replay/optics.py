@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -10,15 +9,16 @@ from pathlib import Path
 import numpy as np
 from pydantic import TypeAdapter
 
-from sim.optics.calibrate.ball_press import BallPress, read_ball_presses, read_rgb
+from sim.optics.calibrate.ball_press import Circle, read_ball_presses, read_rgb
 from sim.optics.calibrate.gel_profile import rest_slopes, touching_places
 from sim.optics.calibrate.optics_fit import BLUR_PX, SHADOWS, calibrate_presses, read_shadows
-from sim.optics.calibrate.press_scene import PressScene, pressed_scene
-from sim.optics.calibrate.scale_fit import fit_scale, read_positions
+from sim.optics.calibrate.press_scene import pressed_scene
+from sim.optics.calibrate.scale_fit import ScaleFit, fit_scale, read_positions
 from sim.optics.colour.colour_model import ColourModel
 from sim.optics.colour.nominal import exponents_for, nominal_model
 from sim.optics.colour.photometric import load_photometric
 from sim.optics.render.renderer import GREY_LEVEL
+from sim.scene.pad import Pad
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import ShadowCaster
 from sim.sensor.sensor import Sensor
@@ -30,7 +30,8 @@ SCALE_X, SCALE_Y = "scale_x_m_px", "scale_y_m_px"
 VIEW = "view"  # fields of its geometry that were fitted to places of presses
 CAMERA_DISTANCE = "camera_distance_m"
 CIRCLES, POSITIONS, NO_CONTACT = "circles.csv", "positions.csv", "no_contact.png"
-SCALES_APART = 0.05  # of each other: a calibration's and the sensor file's
+VIEWED = ("scale_x_m", "scale_y_m", "centre_x_px", "centre_y_px", "rotation_rad", "mirrored")
+_SCALES_APART = 0.05  # of each other: a calibration's and the sensor file's
 
 Say = Callable[[str], None]
 """Told of progress, a line of text each time."""
@@ -79,9 +80,14 @@ def calibrate_folder(
     presses = [scene.followed(press) for press in presses]
     residual_px = None
     if places:
-        scene, told, residual_px = with_view(
-            scene, presses, places, sensor, ball_diameter_m=ball_diameter_m
-        )
+        circles = calibrate_presses(presses, scene, sensor.optics.shadows, blurred=False).circles
+        seen = [
+            (c, places[p.name]) for p, c in zip(presses, circles, strict=True) if p.name in places
+        ]
+        fit, told = fitted_view(seen, nominal, sensor.pad, ball_radius_m=0.5 * ball_diameter_m)
+        geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
+        scene = replace(scene, geometry=geometry, rest_slope=rest_slopes(sensor.pad, geometry))
+        residual_px = fit.residual_px
         on_progress(f"  {told}")
     found = calibrate_presses(presses, scene, sensor.optics.shadows)
     shadows = found.shadows
@@ -99,46 +105,40 @@ def calibrate_folder(
     )
 
 
-def with_view(
-    scene: PressScene,
-    presses: Sequence[BallPress],
-    places: Mapping[str, tuple[float, float]],
-    sensor: Sensor,
+def fitted_view(
+    seen: Sequence[tuple[Circle, tuple[float, float]]],
+    stated: CameraGeometry,
+    pad: Pad,
     *,
-    ball_diameter_m: float,
-) -> tuple[PressScene, str, float]:
-    """Fit where pixels look to presses at known places.
+    ball_radius_m: float,
+) -> tuple[ScaleFit, str]:
+    """Fit where pixels look to where contacts of a ball are seen; return it also in words.
 
     Args:
-        places: Where the axis of the ball was, x and y from the pad's centre [m], by image.
-
-    Returns:
-        The scene as it is seen, what was found in words, and the fit's residual [px].
+        seen: Contacts, and where the axis of the ball was, x and y from the pad's centre [m].
 
     Raises:
-        ConfigError: Fewer than four places, or all of them on one line.
+        ConfigError: Fewer than four places, all of them on one line, or at another scale than is
+            stated.
     """
-    nominal = scene.geometry
-    circles = calibrate_presses(presses, scene, sensor.optics.shadows, blurred=False).circles
-    known = [(p, c) for p, c in zip(presses, circles, strict=True) if p.name in places]
     # The robot states where its axis is, not where the ball touches a dome.
-    axes = np.array([places[press.name] for press, _ in known])
+    axes_m = np.array([place for _, place in seen]).reshape(-1, 2)
     fit = fit_scale(
-        touching_places(axes, sensor.pad, ball_radius_m=0.5 * ball_diameter_m),
-        np.array([(circle.x_px, circle.y_px) for _, circle in known]),
-        width=nominal.width,
-        height=nominal.height,
+        touching_places(axes_m, pad, ball_radius_m=ball_radius_m),
+        np.array([(circle.x_px, circle.y_px) for circle, _ in seen]),
+        width=stated.width,
+        height=stated.height,
     )
-    geometry = replace(fit.geometry, crop_fraction=nominal.crop_fraction)
-    x_m, y_m = geometry.centre_from_middle_m
+    view, middle_m = fit.geometry, fit.geometry.centre_from_middle_m
     told = (
-        f"scale {geometry.scale_x_m * 1e3:.4f} x {geometry.scale_y_m * 1e3:.4f} mm/px, pad's "
-        f"centre {x_m * 1e3:+.3f}, {y_m * 1e3:+.3f} mm from the image's, turned by "
-        f"{math.degrees(geometry.rotation_rad):+.2f} deg; residual {fit.residual_px:.2f} px over "
-        f"{len(known)} presses"
+        f"scale {view.scale_x_m * 1e3:.4f} x {view.scale_y_m * 1e3:.4f} mm/px, pad's centre "
+        f"{middle_m[0] * 1e3:+.3f}, {middle_m[1] * 1e3:+.3f} mm from the image's, residual "
+        f"{fit.residual_px:.2f} px over {len(seen)} presses"
     )
-    scene = replace(scene, geometry=geometry, rest_slope=rest_slopes(sensor.pad, geometry))
-    return scene, told, fit.residual_px
+    scales = view.scale_x_m / stated.scale_x_m, view.scale_y_m / stated.scale_y_m
+    if max(abs(scale - 1.0) for scale in scales) > _SCALES_APART:
+        raise ConfigError(f"places contradict the stated scale: {told}", remedy="check both")
+    return fit, told
 
 
 def optics_of(
@@ -210,7 +210,7 @@ def _check_view(given: str, provenance: Mapping[str, object], nominal: CameraGeo
         )
     for name, scale_m in ((SCALE_X, nominal.scale_x_m), (SCALE_Y, nominal.scale_y_m)):
         known = provenance.get(name)
-        if isinstance(known, float) and abs(known / scale_m - 1.0) > SCALES_APART:
+        if isinstance(known, float) and abs(known / scale_m - 1.0) > _SCALES_APART:
             raise ConfigError(
                 f"sensor.optics_calibration {given} is of {known * 1e3:.4f} mm per pixel, the "
                 f"sensor's file says {scale_m * 1e3:.4f} mm",

@@ -104,12 +104,6 @@ def test_small_frames_are_refused() -> None:
     assert "camera mode" in caught.value.remedy
 
 
-def test_median_ignores_an_outlier() -> None:
-    """One flash among five frames leaves no trace."""
-    frames = [flat((100, 100, 100), (4, 4)) for _ in range(4)] + [flat((255, 255, 255), (4, 4))]
-    assert np.all(median_image(frames) == 100)
-
-
 def test_dwell_is_split_and_broken_frames_are_left_out(
     store: RunStore, press: SimpleNamespace
 ) -> None:

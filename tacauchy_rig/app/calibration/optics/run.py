@@ -52,10 +52,10 @@ from tacauchy_rig.app.replay.optics import (
     HEIGHT,
     SCALE_X,
     SCALE_Y,
-    SCALES_APART,
     VIEW,
+    VIEWED,
     WIDTH,
-    with_view,
+    fitted_view,
 )
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.errors import ConfigError, RecordError
@@ -64,7 +64,6 @@ from tacauchy_rig.core.rgb import encode_png
 from tacauchy_rig.core.run import IMAGES_SHA256
 from tacauchy_rig.core.store.run_files import file_sha256
 
-_VIEWED = (*("scale_x_m", "scale_y_m", "centre_x_px", "centre_y_px"), *("rotation_rad", "mirrored"))
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
@@ -186,29 +185,6 @@ def find_presses(
     return presses, wrong + check_before(presses, read.geometry, ball_radius_m=ball_radius_m)
 
 
-def viewed(
-    request: OpticsRequest, presses: Sequence[BallPress], scene: PressScene
-) -> tuple[PressScene, dict[str, Any], str]:
-    """Return the scene as the places of the presses say that it is seen.
-
-    Returns:
-        The scene; the fields of its geometry that were fitted, none where the places do not tell or
-        contradict the stated scale; and what was found in words.
-    """
-    stated = scene.geometry
-    try:
-        found, told, _ = with_view(
-            scene, presses, request.places, request.sensor, ball_diameter_m=request.ball_diameter_m
-        )
-    except ConfigError as error:
-        return scene, {}, f"the view stays as stated: {error.message}"
-    view = {name: getattr(found.geometry, name) for name in _VIEWED}
-    off = max(abs(view[name] / getattr(stated, name) - 1.0) for name in ("scale_x_m", "scale_y_m"))
-    if off > SCALES_APART:
-        return scene, {}, f"the view stays as stated, since places contradict it: {told}"
-    return found, view, told
-
-
 def _in_folder_or_as_given(path: Path, folder: Path) -> Path:
     """Return the path in the folder if it is there, else as it stands."""
     return folder / path if (folder / path).exists() else path
@@ -245,7 +221,6 @@ class OpticsResult:
     check: CheckScores | None
     coverage: SlopeCoverage
     warnings: list[str]
-    view: str  # where pixels look, in words; empty where that stays as stated
     # Of each press: name, circle as labelled and as nudged [px], and its mean absolute error when
     # held out [grey levels]
     presses: list[dict[str, Any]]
@@ -303,11 +278,6 @@ def calibrate_and_check(
     with doing("finding the contacts"):
         presses, warnings = find_presses(read, scene, ball_radius_m=radius_m)
     alone.spend(find_s)
-    view, told = dict[str, Any](), ""
-    if request.places:
-        with doing("finding where pixels look"):
-            scene, view, told = viewed(request, presses, scene)
-        warnings += [] if view else [told]
     fits.begin()
     fit = partial(calibrate_presses, scene=scene, shadows=shadows)
     scores, labelled, held_out, calibration = cross_validate(
@@ -318,7 +288,18 @@ def calibrate_and_check(
     checked, wrong = rightly_labelled(read.check, scene, ball_radius_m=radius_m)
     warnings += wrong
     others = render_presses(checked, calibration)
-    provenance = _provenance(request, presses, scores, calibration) | {VIEW: view}
+    provenance = _provenance(request, presses, scores, calibration)
+    pairs = zip(presses, calibration.circles, strict=True)
+    seen = [(c, request.places[p.name]) for p, c in pairs if p.name in request.places]
+    try:
+        if seen:
+            view, told = fitted_view(
+                seen, read.geometry, request.sensor.pad, ball_radius_m=radius_m
+            )
+            provenance[VIEW] = {name: getattr(view.geometry, name) for name in VIEWED}
+            tell(told, depths + folds + 1)
+    except ConfigError as error:
+        warnings.append(f"the view stays as stated: {error.message}")
     files = _write_files(request, calibration, coverage, held_out, scene, provenance)
     names = [item.press.name for item in held_out]
     errors = dict(zip(names, held_out_errors(held_out, scene), strict=True))
@@ -327,7 +308,6 @@ def calibrate_and_check(
         check=check_scores(*others, scene) if checked else None,
         coverage=coverage,
         warnings=warnings,
-        view=told if view else "",
         presses=[
             {
                 "image": press.name,

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from importlib.resources import files
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from sim.effects.plan import PRESET_TOLERANCE
 from sim.error import Tolerance
 from sim.optics.calibrate.ball_press import Circle
 from sim.optics.calibrate.gel_profile import touching_places
-from sim.optics.calibrate.press_scene import PressScene
 from sim.optics.colour.nominal import nominal_photometric
 from sim.optics.colour.photometric import PhotometricModel
 from sim.scene.indenter import describe
@@ -24,10 +22,15 @@ from sim.scene.scene import ContactMode, Preset
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp
 from sim.sensor.sensor import Sensor, load_sensor
-from tacauchy_rig.app.calibration.optics.run import viewed
-from tacauchy_rig.app.replay import optics
 from tacauchy_rig.app.replay.inputs import check_optics, check_replay, inputs_of
-from tacauchy_rig.app.replay.optics import OpticalCalibration, Say, calibrated_optics, optics_of
+from tacauchy_rig.app.replay.optics import (
+    VIEWED,
+    OpticalCalibration,
+    Say,
+    calibrated_optics,
+    fitted_view,
+    optics_of,
+)
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.errors import ConfigError
@@ -219,32 +222,23 @@ MOVED = replace(
     ("seen", "places_m", "told"),
     [
         (MOVED, PLACES_M, ""),
-        (replace(MOVED, scale_y_m=1.1 * VIEW.scale_y_m), PLACES_M, "places contradict it: scale"),
+        (replace(MOVED, scale_y_m=1.1 * VIEW.scale_y_m), PLACES_M, "contradict the stated scale"),
         (MOVED, [(x, 0.5 * x) for x, _ in PLACES_M], "lie on one line"),
     ],
 )
 def test_presses_at_known_places_tell_where_pixels_look(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    seen: CameraGeometry,
-    places_m: Sequence[tuple[float, float]],
-    told: str,
+    tmp_path: Path, seen: CameraGeometry, places_m: Sequence[tuple[float, float]], told: str
 ) -> None:
     """Balls are seen where they touch the dome; a replay with the calibration looks there, too."""
     touched_m = touching_places(np.array(places_m), MINI.pad, ball_radius_m=4e-3)
-    circles = [Circle(x_px=x, y_px=y, radius_px=9.0) for x, y in seen.to_pixels(touched_m).tolist()]
-    found = SimpleNamespace(circles=circles)
-    monkeypatch.setattr(optics, "calibrate_presses", lambda *_, **__: found)
-    grey = np.full((VIEW.height, VIEW.width, 3), 90.0)
-    scene = PressScene(geometry=VIEW, background=grey, profile=None, exponents=np.zeros((1, 5)))
-    presses = [SimpleNamespace(name=str(k)) for k in range(len(circles))]
-    places = {str(k): place for k, place in enumerate(places_m)}
-    request = SimpleNamespace(places=places, sensor=MINI, ball_diameter_m=8e-3)
-    looked, view, words = viewed(request, presses, scene)
-    replayed = calibrated_optics(_calibration(tmp_path, view=view), MINI).geometry
+    pixels = seen.to_pixels(touched_m).tolist()
+    circles = [Circle(x_px=x, y_px=y, radius_px=9.0) for x, y in pixels]
+    pairs = list(zip(circles, places_m, strict=True))
     if told:
-        assert told in words
-        assert looked.geometry == replayed == VIEW
-    else:
-        assert asdict(looked.geometry) == pytest.approx(asdict(seen), rel=1e-6)
-        assert replayed == looked.geometry
+        with pytest.raises(ConfigError, match=told):
+            fitted_view(pairs, VIEW, MINI.pad, ball_radius_m=4e-3)
+        return
+    fit, _ = fitted_view(pairs, VIEW, MINI.pad, ball_radius_m=4e-3)
+    view = {name: getattr(fit.geometry, name) for name in VIEWED}
+    found = calibrated_optics(_calibration(tmp_path, view=view), MINI).geometry
+    assert asdict(found) == pytest.approx(asdict(seen), rel=1e-6)
