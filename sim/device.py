@@ -75,6 +75,28 @@ def constant_table(values: NDArray[np.float64]) -> Any:
     return entry
 
 
+@wp.func
+def repeatable(term: Any, shift: wp.float64):
+    """Round a term so that its sum over threads is the same in any order of theirs.
+
+    Multiples of 2^-52 of the power of two below ``shift`` are summed without rounding, up to twice
+    this power; ``shift_for`` gives 1.5 times it. A shift of zero rounds nothing.
+    """
+    return (term + shift) - shift
+
+
+@wp.func
+def repeatable(term: wp.vec3d, shift: wp.float64):  # noqa: F811 - Warp overloads it
+    """Round a vector's components likewise."""
+    shifts = wp.vec3d(shift, shift, shift)
+    return (term + shifts) - shifts
+
+
+def shift_for(largest: float) -> float:
+    """Return the shift by which ``repeatable`` serves sums up to this size."""
+    return float(1.5 * 2.0 ** np.ceil(np.log2(largest)))
+
+
 def start_warp() -> None:
     """Initialise Warp; the native library reports a missing CUDA driver on file descriptor 2."""
     wp.config.log_level = wp.LOG_INFO

@@ -21,7 +21,7 @@ from sim.batch.contact_inverse import ContactInverse
 from sim.batch.frames import Frames
 from sim.batch.sensor_model import Rim, bias_of, edge_of, rims_of, stiffness_of
 from sim.contact.indenter_distance import poses_at
-from sim.device import Device, on_host
+from sim.device import Device, on_host, shift_for
 from sim.material.elastic_body import element_constants
 from sim.mesh.elements import quarter_hats
 from sim.scene.indenter import Indenter, IndenterSet
@@ -33,6 +33,8 @@ from tacauchy_rig.core.errors import ConfigError
 
 # A residual that is always enough, over E H^2 with the pad's height H.
 _FLOOR_SHARE = 1e-9
+# Sums of forces up to this over E H^2 are the same in any order.
+_SUMMED_SHARE = 1e3
 # Steps that an environment remembers.
 _REMEMBERED = 8
 # Of the pad's height: the longest way of an indenter in one step, of its tip or of a point so far
@@ -153,7 +155,8 @@ class Batch:
         self.inverse = ContactInverse(
             model, count=self.count, young_share=model.young_pa / young_pa
         )
-        self.gel = model.gel.of(own)
+        shift = shift_for(_SUMMED_SHARE * young_pa.max() * model.height_m**2)
+        self.gel = model.gel.of(own, shift=shift)
         stiffness = stiffness_of(model, rims)
         self.descents = Descents(
             model,
@@ -165,7 +168,9 @@ class Batch:
             self.inverse,
             count=self.count,
             gel=self.gel,
-            surface=model.surface.of(young_pa.tolist(), mu.tolist(), stiffness.tolist()),
+            surface=model.surface.of(
+                young_pa.tolist(), mu.tolist(), stiffness.tolist(), shift=shift
+            ),
             memory=_REMEMBERED,
             young_share=model.young_pa / young_pa,
             keeps=True,

@@ -40,6 +40,8 @@ class Correction:
     rows: wp.array2d(dtype=wp.int32)  # unknowns of a surface node, shape [surface_count, 3]
     # surface nodes of a face, -1 for fixed ones, shape [face_count, face_node_count]
     faces: wp.array2d(dtype=wp.int32)
+    # corners of faces at a surface node, -1 after the last, shape [surface_count, most of a node]
+    around: wp.array2d(dtype=wp.int32)
     values: wp.array2d(dtype=wp.float32)  # shape functions, shape [point_count, face_node_count]
     # block of K0^-1 [m/N], shape [3 surface_count, 3 surface_count]
     compliance: wp.array2d(dtype=wp.float32)
@@ -181,13 +183,9 @@ _SWEEP = """
 _FACTOR = f"""
     {_SHARED}
 #if defined(__CUDA_ARCH__)
-    #define ADD(at, what) atomicAdd(&(at), what)
-    #define BALLOT(is) __ballot_sync(0xffffffffu, is)
-    #define LOWEST(bits) (__ffs(bits) - 1)
+    #define SYNC_WARP __syncwarp()
 #else
-    #define ADD(at, what) (at) += what
-    #define BALLOT(is) ((is) ? 1u : 0u)
-    #define LOWEST(bits) 0
+    #define SYNC_WARP
 #endif
     const int count = c.counts.data[b], n = 3 * count, size = c.inverse.shape[1];
     const int* local = c.local.data + (size_t)b * nodes;
@@ -200,26 +198,27 @@ _FACTOR = f"""
     SYNC;
     const int faces = c.faces.shape[0], corners = c.faces.shape[1], points = c.values.shape[0];
     const wp::mat33f* stiffness = c.stiffness.data + (size_t)b * faces * points;
-    for (int first = row * lanes; first < faces; first += rows * lanes) {{
-        bool touches = false;
-        for (int a = 0; a < corners && first + lane < faces; ++a) {{
-            const int own = c.faces.data[(first + lane) * corners + a];
-            touches = touches || (own >= 0 && local[own] >= 0);
-        }}
-        for (unsigned left = BALLOT(touches); left; left &= left - 1) {{
-            const int f = first + LOWEST(left), *own = c.faces.data + f * corners;
-            for (int e = lane; e < corners * corners; e += lanes) {{
-                const int a = e / corners, o = e % corners;
-                const int i = own[a] < 0 ? -1 : local[own[a]], j = own[o] < 0 ? -1 : local[own[o]];
+    // A warp has a node's rows and takes its faces in turn: their sum is always the same.
+    const int most = c.around.shape[1];
+    for (int i = row; i < count; i += rows) {{
+        const int* around = c.around.data + (size_t)listed[i] * most;
+        for (int t = 0; t < most && around[t] >= 0; ++t) {{
+            const int f = around[t] / corners, a = around[t] % corners;
+            for (int e = lane; e < 3 * corners; e += lanes) {{
+                const int o = e / 3, p = e % 3, other = c.faces.data[f * corners + o];
+                const int j = other < 0 ? -1 : local[other];
                 if (j < 0 || i < j) continue;
-                wp::mat33f sum(0.f);
-                for (int q = 0; q < points; ++q)
-                    sum += stiffness[f * points + q]
-                        * (c.values.data[q * corners + a] * c.values.data[q * corners + o]);
-                for (int p = 0; p < 3; ++p)
-                    for (int q = 0; q < 3; ++q)
-                        ADD(s_at[(size_t)(3 * i + p) * size + 3 * j + q], sum.data[p][q]);
+                float sum[3] = {{}};
+                for (int q = 0; q < points; ++q) {{
+                    const float* own = stiffness[f * points + q].data[p];
+                    const float share =
+                        c.values.data[q * corners + a] * c.values.data[q * corners + o];
+                    for (int k = 0; k < 3; ++k) sum[k] += own[k] * share;
+                }}
+                float* at = s_at + (size_t)(3 * i + p) * size + 3 * j;
+                for (int k = 0; k < 3; ++k) at[k] += sum[k];
             }}
+            SYNC_WARP;
         }}
     }}
     SYNC;

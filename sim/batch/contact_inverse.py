@@ -21,7 +21,7 @@ from sim.batch.rest_inverse import DenseRest, FactoredRest
 from sim.device import Device, filled
 from sim.solve.descents import Descents
 from sim.solve.model import Model
-from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.arrays import FloatArray, IntArray
 
 # Stiffness that holds the height of a pushed indenter, over E H with the pad's height H: contact is
 # 0.1 to 2 times that, so that the inverse is off by a few per cent along one direction only.
@@ -54,13 +54,14 @@ class ContactInverse:
         self.row_count, self.column_count = self._rest.row_count, self._rest.column_count
         numbers = np.full(len(model.nodes), -1, dtype=np.int32)
         numbers[surface] = np.arange(len(surface))
-        faces = device.array(numbers[model.faces], wp.int32)
+        faces = numbers[model.faces]
         capacity = min(CAPACITY, len(surface))
         points = tuple(model.surface.areas.shape)
         self._correction = filled(
             Correction,
             rows=device.array(rows, wp.int32),
-            faces=faces,
+            faces=device.array(faces, wp.int32),
+            around=device.array(_around(faces, len(surface)), wp.int32),
             values=device.array(model.reference.face_values, wp.float32),
             compliance=self._rest.compliance,
             held=_HELD_SHARE * model.young_pa * model.height_m,
@@ -121,3 +122,15 @@ class ContactInverse:
         correct.launch()
         self._rest.apply(asked, self._corrected, found)
         set_tip.launch()
+
+
+def _around(faces: IntArray, count: int) -> IntArray:
+    """Return the corners of faces at each of so many nodes, -1 after the last."""
+    flat = faces.reshape(-1)
+    corners = np.argsort(flat, kind="stable")
+    corners = corners[flat[corners] >= 0]
+    nodes = flat[corners]
+    place = np.arange(len(nodes)) - np.searchsorted(nodes, nodes)
+    found = np.full((count, int(place.max()) + 1), -1, dtype=np.int32)
+    found[nodes, place] = corners
+    return found

@@ -49,6 +49,7 @@ from sim.contact.indenter_distance import (
     posed,
     signed_distance,
 )
+from sim.device import repeatable
 
 
 @wp.struct
@@ -68,6 +69,7 @@ class TouchedSurface:
     distance: wp.float64  # d_hat [m]
     slip: wp.float64  # s [m], the offset at which sticking has become sliding
     bonded: wp.bool  # points that touch stick, with k = E / d_hat
+    shift: wp.float64  # of ``repeatable`` for forces [N] and moments [N m]
 
 
 @wp.func
@@ -287,7 +289,8 @@ def add_traction(
     if wp.dot(traction, traction) > wp.float64(0.0):
         force = traction * surface.areas[f, q]
         for k in range(surface.faces.shape[1]):
-            wp.atomic_add(nodes, b, surface.faces[f, k], force * surface.values[q, k])
+            term = repeatable(force * surface.values[q, k], surface.shift)
+            wp.atomic_add(nodes, b, surface.faces[f, k], term)
 
 
 @cache
@@ -505,13 +508,14 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             if distance < surface.distance:
                 _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
                 v = n * slope
-                wp.atomic_add(wrench_out, b, 6, surface.areas[f, q])
+                area = repeatable(surface.areas[f, q], surface.shift / surface.young[b])
+                wp.atomic_add(wrench_out, b, 6, area)
             if wp.static(grips):
                 _more, along = held_back(surface, here, grip, b, f, q, x)
                 v += along
             if wp.dot(v, v) > wp.float64(0.0):
-                force = v * surface.areas[f, q]
-                moment = wp.cross(x - poses.tips[b], force)
+                force = repeatable(v * surface.areas[f, q], surface.shift)
+                moment = repeatable(wp.cross(x - poses.tips[b], force), surface.shift)
                 for k in range(3):
                     wp.atomic_add(wrench_out, b, k, force[k])
                     wp.atomic_add(wrench_out, b, 3 + k, moment[k])
@@ -542,8 +546,10 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             for k in range(surface.faces.shape[1]):
                 share = hats[q, k] * surface.areas[f, q]
                 if share > wp.float64(0.0):
-                    wp.atomic_add(pressed_out, b, surface.faces[f, k], -slope * share)
-                    wp.atomic_add(sheared_out, b, surface.faces[f, k], -along * share)
+                    pressed = repeatable(-slope * share, surface.shift)
+                    wp.atomic_add(pressed_out, b, surface.faces[f, k], pressed)
+                    sheared = repeatable(-along * share, surface.shift)
+                    wp.atomic_add(sheared_out, b, surface.faces[f, k], sheared)
 
     def built(kernel: Any) -> Any:
         return wp.overload(kernel, {"body": body_kind})

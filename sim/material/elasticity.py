@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from sim.device import constant_table, start_warp
+from sim.device import constant_table, repeatable, start_warp
 from sim.material.laws.tangent import Law, Tangent, cofactor, tangent_block
 from sim.mesh.elements import ElementOrder, reference_element
 
@@ -40,6 +40,7 @@ class GelArrays:
     stiffening: wp.array(dtype=wp.float64)
     # H of every quadrature point [Pa], what it remembers; empty where it does not
     history: wp.array2d(dtype=wp.mat33d)
+    shift: wp.float64  # of ``repeatable`` for the nodes' forces [N]
 
 
 @wp.func
@@ -295,6 +296,6 @@ def element_kernel(law: Law, order: ElementOrder, *, remembers: bool) -> Any:
         volume_ratio_out[b, e] = least
         for k in range(wp.static(node_count)):
             node_total = wp.vec3d(total[k, 0], total[k, 1], total[k, 2])
-            wp.atomic_add(gradient_out, b, gel.nodes[e, k], node_total)
+            wp.atomic_add(gradient_out, b, gel.nodes[e, k], repeatable(node_total, gel.shift))
 
     return element

@@ -6,13 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 from scipy.spatial.transform import Rotation
 
 from sim.batch.batch import Batch, BatchOptions
 from sim.batch.sensor_model import sensor_model
 from sim.contact.contact_surface import ContactOptions
-from sim.device import on_host
+from sim.device import Device, on_host, replaced, shift_for
 from sim.fields.stress import StressProjection, surface_stress
+from sim.material.elasticity import GelArrays
 from sim.material.laws.tangent import law
 from sim.mesh.elements import ElementOrder, quarter_hats
 from sim.mesh.refinement import sensor_mesh
@@ -264,6 +266,40 @@ def test_who_takes_no_part_stays(smooth: Model) -> None:
     before = batch.positions.numpy()[1].copy()
     batch.step(np.array([_pose(0, 0, 0.3e-3)] * 2), active=np.array([True, False]))
     np.testing.assert_array_equal(batch.positions.numpy()[1], before)
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])
+def test_a_repetition_is_the_same_to_the_bit(device: str) -> None:
+    """Wrenches and nodes of presses that slide, from two batches."""
+    model = sensor_model(PAD, GEL, edge_m=2e-3, friction=0.5, device=device)
+    poses = np.array([[_pose(x, 0, 0.4e-3) for x in (-0.1e-3, 0, 0.3e-3)]] * 2)
+    poses[1, :, 1] = 0.2e-3
+    found = []
+    for _ in range(2):
+        batch = Batch(model, [BALL, BLOCK], [0, 1, 0])
+        found.append((batch.follow(poses).raw_wrench, on_host(batch.positions).copy()))
+    for first, second in zip(*found, strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
+def test_forces_sum_to_the_same_in_any_order(smooth: Model) -> None:
+    """Elements that are added backwards change no bit of the forces, but do if not rounded."""
+    rng, device = np.random.default_rng(6), Device("cpu")
+    at = device.array(smooth.nodes[None] + 1e-5 * rng.normal(size=smooth.nodes.shape), wp.vec3d)
+    wanted = device.array([1], wp.int32)
+    for shift in (0.0, shift_for(1e3 * GEL.young_pa * PAD.height_m**2)):
+        gel = smooth.gel.of([(GEL.young_pa, GEL.poisson)], shift=shift)
+        names = ("nodes", "inverse_jacobians", "weights")
+        backwards = {name: getattr(gel, name).numpy()[::-1] for name in names}
+        kinds = {name: getattr(gel, name).dtype for name in names}
+        arrays = {name: device.array(backwards[name], kinds[name]) for name in names}
+        forces = []
+        for each in (gel, replaced(GelArrays, gel, **arrays)):
+            buffers = smooth.gel.buffers(1)
+            smooth.gel.recorded(wanted, at, buffers, gel=each).launch()
+            forces.append(buffers[0].numpy())
+        assert np.array_equal(*forces) == (shift > 0.0)
+        np.testing.assert_allclose(forces[0][0], smooth.gel.gradient(at.numpy()[0]), atol=1e-11)
 
 
 @pytest.mark.parametrize(
