@@ -42,6 +42,9 @@ _GIVES, _GIVES_SHARP = 0.05, 0.02
 # The bias is known of models that give way like that, up to this factor: a mesh's edges are not
 # exactly as long as was asked.
 _SAME_GIVES = 2.0
+# Edges of the mesh at which sticking has become sliding. A tenth of it takes more evaluations and
+# changes forces by 0.4 % in the median.
+_SLIP_SHARE = 0.004
 # Edges of the mesh by which a point may overlap; and of the radius below which a body is sharp.
 _OVERLAP_SHARE, _SHARP_SHARE = 0.4, 0.25
 
@@ -107,6 +110,7 @@ def sensor_model(
     options = ContactOptions(
         distance_m=distance_m,
         friction=friction,
+        slip_m=_SLIP_SHARE * edge_m,
         extension=1.0,
         overlap=_OVERLAP_SHARE * edge_m / distance_m,
         stiffness=distance_m / (_GIVES * edge_m * (1.0 - material.poisson**2)),

@@ -388,7 +388,8 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
         change_out: wp.array3d(dtype=wp.float64),
         limit_out: wp.array3d(dtype=wp.float64),
     ):
-        # ``start`` is what was held before the step; of a free point, where it was.
+        # ``start`` is what was held before the step; of a free point, where it was. Where n is
+        # ``wanted``, 1/n of the pressure's change is taken over.
         b, f, q = wp.tid()
         if wanted[b] > 0:
             x = surface_point(surface, positions[b], f, q)
@@ -410,9 +411,10 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
                 load = (wp.transpose(here.rotation) * n) * wp.max(-slope, _TINY_PA)
             change_out[b, f, q] = surface.areas[f, q] * wp.length(load - grip.loads[b, f, q])
             limit_out[b, f, q] = surface.areas[f, q] * wp.length(load)
-            if wanted[b] == 2:
-                load = (load + grip.loads[b, f, q]) * wp.float64(0.5)
-                held = (held + grip.held[b, f, q]) * wp.float64(0.5)
+            if wanted[b] > 1:
+                share = wp.float64(1.0) / wp.float64(wanted[b])
+                load = wp.lerp(grip.loads[b, f, q], load, share)
+                held = wp.lerp(grip.held[b, f, q], held, share)
             grip.held[b, f, q] = held
             grip.anchors[b, f, q] = anchor
             grip.loads[b, f, q] = load

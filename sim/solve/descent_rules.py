@@ -46,9 +46,6 @@ _GRIP_AGAIN = wp.constant(wp.float64(0.9))
 # The friction limit, summed over the points, may still change by this over itself.
 _GRIP_CHANGE = wp.constant(wp.float64(1e-4))
 _GRIP_PER_RESIDUAL = wp.constant(wp.float64(10.0))
-# After so many steps points that go on and off in turn are taken to cycle: half of what they change
-# by is taken over then.
-_CYCLES_AFTER = wp.constant(100)
 # Steps with less curvature are not learnt from: s . y over |s| |y|, which rounding would decide.
 _CURVATURE_MIN = wp.constant(wp.float64(1e-12))
 # A change of a gap, or a force, that is none; it keeps quotients finite.
@@ -174,7 +171,7 @@ def _assess(d: Descent, b: wp.int32, limits: Limits, push: wp.vec3d, grip: wp.fl
                 due = wp.float64(0.0)  # what a start overlaps is no pressure
             if residual <= wp.max(due, _asked(d, b)):
                 d.mode[b] = Mode.HELD
-                d.holding[b] = wp.where(d.recorded[b] > _CYCLES_AFTER, 2, 1)
+                d.holding[b] = 1 + d.recorded[b] / limits.shares_after
                 return
     note_residual(d.residuals[b], residual)
     d.recorded[b] = d.recorded[b] + 1

@@ -51,6 +51,8 @@ class Limits:
     tip_step: wp.float64  # longest step of an indenter that is pushed [m]
     energy_scale: wp.float64  # E times the volume [J]
     lags: wp.bool  # points hold on with a lagged pressure
+    # after so many steps half of its change is taken over, after twice as many a third, and so on
+    shares_after: wp.int32
     # there is no other factor: one that asks for it forgets what it learnt, and goes on
     keeps: wp.bool
     # after so many steps a factor is renewed where the residual is still more than this share of
@@ -67,7 +69,7 @@ class Descent:
     mode: wp.array(dtype=wp.int32)  # what is evaluated
     act: wp.array(dtype=wp.int32)  # what is done next
     wanted: wp.array(dtype=wp.int32)  # 1 where the forces are to be evaluated
-    # 1 where points are held anew, with the mean of before and now where it is 2
+    # n where points are held anew, with 1/n of what their pressure changes by
     holding: wp.array(dtype=wp.int32)
     takes: wp.array(dtype=wp.int32)
     # 1 where the step that was accepted is remembered; ``takes`` where any is accepted

@@ -33,6 +33,9 @@ _TIP_STEP_SHARE = 0.025
 # Threads of a block on a GPU: few environments leave multiprocessors idle, and each of them may
 # have a larger block.
 _THREADS, _THREADS_OF_FEW, _FEW = 256, 1024, 132
+# Steps after which lagged pressure that goes up and down in turn is damped; and with an inverse
+# that is never made anew, which leaves more of the residual in each.
+_SHARES_AFTER, _SHARES_AFTER_KEPT = 100, 8
 # Steps that are never taken, for patience that does not end.
 _NEVER = 2**30
 
@@ -154,6 +157,7 @@ class Descents:
             tip_step=_TIP_STEP_SHARE * model.height_m,
             energy_scale=model.energy_scale_j,
             lags=model.contact_options.friction > 0.0,
+            shares_after=_SHARES_AFTER_KEPT if keeps else _SHARES_AFTER,
             keeps=keeps,
             patience_steps=wp.vec3i(*(steps for steps, _ in patience)),
             patience_shares=wp.vec3d(*(share for _, share in patience)),
