@@ -35,6 +35,7 @@ _PARTS: dict[Part, tuple[Callable[..., Any], Callable[[Sequence[rendering.Row]],
     Part.MOVING: (sensor_batches.measure_moving, sensor_batches.moving_table),
     Part.ALONE: (sensor_batches.measure_alone, sensor_batches.alone_table),
 }
+_DRAWN = (Part.UNLIKE, Part.MOVING)
 # Presets of references; the next is taken where one does not come to its end.
 _REFERENCES = (Preset.REFERENCE, Preset.ACCURATE, Preset.BALANCED)
 _REFERENCE = "reference: "
@@ -49,7 +50,8 @@ class Bench(Study):
     # Makes, of a sensor, what turns a pressed surface into a replay's image
     make_images: Callable[[Sensor], rendering.ImageOf]
     chosen: Sequence[Part] = tuple(Part)  # parts that are measured
-    drawn: int | None = None  # seed of scenes that are drawn in place of the table's
+    # Seed of scenes that are drawn in place of the table's, and of unlike presses and moving tools
+    drawn: int | None = None
     manners: Sequence[scenes.Manner] = (scenes.Manner(),)  # how the scenes are pressed
     reference: bool = False  # press them with preset reference first
     against: Path = REFERENCE_FILE  # references that are kept
@@ -192,7 +194,10 @@ class Bench(Study):
         _warm_up(scene)
         measure, _ = _PARTS[part]
         if part is not Part.REPLAY:
-            return list(measure(scene))
+            given = {"seed": self.drawn} if self.drawn and part in _DRAWN else {}
+            if part is Part.UNLIKE:
+                given["count"] = self.manners[0].environments or 0
+            return list(measure(scene, **given))
         replayed = partial(
             measure, scene, self.forces_n, self.make_images(load_sensor(scene.sensor))
         )

@@ -393,7 +393,9 @@ def bench(
     drawn: Annotated[
         int | None,
         typer.Option(
-            metavar="SEED", help="Scenes: a dozen, drawn at random, instead of the table's."
+            metavar="SEED",
+            help="Scenes: a dozen, drawn at random, instead of the table's. Unlike, moving: their "
+            "seed.",
         ),
     ] = None,
     tolerances: Annotated[
@@ -410,7 +412,8 @@ def bench(
         typer.Option(
             metavar="N",
             min=1,
-            help="Scenes: size of a batch, instead of one press alone; may be repeated.",
+            help="Scenes: size of a batch, instead of one press alone; may be repeated. Unlike: "
+            "number of presses.",
         ),
     ] = None,
     images: Annotated[
