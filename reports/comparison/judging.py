@@ -55,6 +55,7 @@ FRAME = tuple(Score(m.value, m.heading, m.decimals, m.larger_is_better) for m in
 """Of the whole frame."""
 CONTACT = (
     Score(f"{OF_CONTACT}relative_residual", "Contact residual", 3, False),
+    Score(f"{OF_CONTACT}ring_residual", "Residual in a ring around it", 3, False),
     Score(WRONG, "Residual of the best wrong press", 3, None),
     Score(CORRECTED, "Residual without translation and light", 3, False),
     Score(f"{OF_CONTACT}zncc", "Contact ZNCC", 3, True),
@@ -290,7 +291,7 @@ def _image_means(scores: Sequence[ImageScores]) -> dict[str, MeanInterval]:
 
 
 def _contact_means(contacts: Sequence[ContactScores]) -> dict[str, MeanInterval]:
-    names = ("zncc", "relative_residual", "error_levels", "ssim_crop")
+    names = ("zncc", "relative_residual", "ring_residual", "error_levels", "ssim_crop")
     return {f"{OF_CONTACT}{n}": t_interval([getattr(c, n) for c in contacts]) for n in names}
 
 

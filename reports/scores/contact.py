@@ -33,6 +33,7 @@ MIN_CHANGE_LEVELS = 4.0
 COMPONENT_FRACTION = 0.10
 MIN_AREA_FRACTION = 0.002
 REGION_MARGIN = 0.25
+RING = (1.1, 2.2)  # radii of a contact between which skirt and shadows are scored by themselves
 CROP_RADII = 1.5  # half of the crop's side: the mark, and half of its radius around it
 MIN_CROP_PX = 16  # SSIM's window of 11 px moves in it
 
@@ -52,6 +53,7 @@ class ContactScores:
     # Norm of the difference of the changes over the norm of the real one: amplitude, so force. 0 is
     # perfect, 1 is what predicting no contact gives.
     relative_residual: float
+    ring_residual: float  # the same of a ring around the footprint: skirt and shadows
     error_levels: float  # mean absolute error inside the region [grey level]
     ssim_crop: float  # SSIM of a square around the real footprint
     mask_iou: float  # overlap of the two footprints over their union
@@ -110,6 +112,12 @@ def contact_region(footprint: BoolArray) -> BoolArray:
     """Widen a footprint by a quarter of its radius, so that the gel's skirt is judged too."""
     margin = max(1, round(REGION_MARGIN * footprint_radius(footprint)))
     return _distance_px(footprint) <= margin
+
+
+def contact_ring(footprint: BoolArray) -> BoolArray:
+    """Return what lies 0.1 to 1.2 of a footprint's radius beside it."""
+    away = _distance_px(footprint) / footprint_radius(footprint)
+    return (away > RING[0] - 1.0) & (away <= RING[1] - 1.0)
 
 
 def _distance_px(footprint: BoolArray) -> Float32Array:
@@ -202,6 +210,7 @@ def score_contact(
     return ContactScores(
         zncc=zero_mean_correlation(real_change[region], simulated_change[region]),
         relative_residual=relative_residual(real_change, simulated_change, region),
+        ring_residual=relative_residual(real_change, simulated_change, contact_ring(footprint)),
         error_levels=float(np.mean(np.abs((simulated_change - real_change)[region]))),
         ssim_crop=structural_similarity_index(real[crop], simulated[crop]),
         mask_iou=iou,

@@ -1,15 +1,12 @@
 """Signed distance to the rigid indenter on the device, in double precision.
 
 Kernels are compiled for analytic bodies and, when the first mesh is pressed, for those: the others
-carry nothing of its search. Warp's tree of triangles works in single precision, so it only proposes
-a face. The exact distance to that face and to those around it is computed from the double-precision
-vertices, and the search moves on while a neighbour is nearer: near an edge, single precision may
-propose the wrong one of two faces.
+carry nothing of its search.
 """
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from functools import lru_cache
 from typing import Any
 
@@ -18,128 +15,21 @@ import warp as wp
 
 from sim.device import Device, filled
 from sim.scene.indenter import Cylinder, Indenter, IndenterSet, MeshIndenter, Sphere
-from sim.scene.triangle_rays import DeviceSurface, on_device
-from sim.scene.triangle_surface import TriangleSurface, offset
+from sim.scene.triangle_rays import (
+    DeviceSurface,
+    nearby_distance,
+    on_device,
+    surface_curvature,
+    surface_distance,
+)
+from sim.scene.triangle_surface import TriangleSurface
 from tacauchy_rig.core.arrays import FloatArray
-
-_FACE = wp.constant(0)
-_EDGE = wp.constant(1)
-_VERTEX = wp.constant(4)
-_MOVES_MAX = wp.constant(16)
-# Of the surface's size: farther than this from its box, the distance to the box will do.
-_FAR_SHARE = wp.constant(wp.float64(0.02))
 
 
 @lru_cache(maxsize=64)
 def uploaded_surface(indenter: MeshIndenter, device: str) -> tuple[Any, Any]:
     """Return a surface on a device, uploaded once, and its tree, which must live as long."""
-    return on_device(indenter.surface, device)
-
-
-@wp.struct
-class Nearest:
-    """The nearest point of a face."""
-
-    squared: wp.float64  # squared distance [m^2]
-    point: wp.vec3d  # the nearest point [m]
-    face: wp.int32
-    feature: wp.int32  # face, edge k or vertex k of the face
-
-
-@wp.func
-def nearest_on_face(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Nearest:
-    """Return the point of a face nearest to ``p``; a face without area counts by its edges."""
-    zero, one = wp.float64(0.0), wp.float64(1.0)
-    found = Nearest()
-    found.face = face
-    found.squared = wp.float64(1.0e300)
-    n = surface.face_normals[face]
-    above = bool(wp.dot(n, n) > zero)
-    for k in range(3):
-        a = surface.vertices[surface.faces[face, k]]
-        edge = surface.vertices[surface.faces[face, (k + 1) % 3]] - a
-        away = p - a
-        if wp.dot(wp.cross(edge, away), n) < zero:
-            above = bool(False)  # noqa: UP018 - a variable to Warp, not a constant
-        t = wp.clamp(wp.dot(away, edge) / wp.dot(edge, edge), zero, one)
-        left = away - edge * t
-        squared = wp.dot(left, left)
-        if squared < found.squared:
-            found.squared = squared
-            found.point = a + edge * t
-            found.feature = _EDGE + k
-            if t == zero:
-                found.feature = _VERTEX + k
-            if t == one:
-                found.feature = _VERTEX + (k + 1) % 3
-    if above:
-        height = wp.dot(p - surface.vertices[surface.faces[face, 0]], n)
-        found.squared = height * height
-        found.point = p - n * height
-        found.feature = _FACE
-    return found
-
-
-@wp.func
-def nearest_on_surface(surface: DeviceSurface, p: wp.vec3d) -> Nearest:
-    """Return the nearest point of a surface, from the face that the tree proposes."""
-    scaled = wp.vec3f((p - surface.centre) * surface.per_size)
-    query = wp.mesh_query_point_no_sign(surface.tree, scaled, wp.float32(1.0e6))
-    best = nearest_on_face(surface, surface.first_face + (query.face if query.result else 0), p)
-    for _ in range(_MOVES_MAX):
-        here = best
-        for k in range(3):
-            other = nearest_on_face(surface, surface.neighbours[here.face, k], p)
-            if other.squared < best.squared:
-                best = other
-        if here.feature >= _VERTEX:
-            vertex = surface.faces[here.face, here.feature - _VERTEX]
-            for slot in range(surface.ring_starts[vertex], surface.ring_starts[vertex + 1]):
-                other = nearest_on_face(surface, surface.ring_faces[slot], p)
-                if other.squared < best.squared:
-                    best = other
-        if best.face == here.face:
-            break
-    return best
-
-
-@wp.func
-def surface_distance(surface: DeviceSurface, p: wp.vec3d):
-    """Return the distance [m], positive outside, and its gradient."""
-    found = nearest_on_surface(surface, p)
-    n = surface.face_normals[found.face]
-    distance = wp.dot(p - surface.vertices[surface.faces[found.face, 0]], n)
-    if found.feature != _FACE:
-        if found.feature >= _VERTEX:
-            n = surface.vertex_normals[surface.faces[found.face, found.feature - _VERTEX]]
-        else:
-            n = wp.normalize(
-                n + surface.face_normals[surface.neighbours[found.face, found.feature - _EDGE]]
-            )
-        left = p - found.point
-        distance = wp.sqrt(found.squared)
-        if wp.dot(left, n) < wp.float64(0.0):
-            distance = -distance
-        if found.squared > wp.float64(1.0e-30):
-            n = left / distance
-    return distance, n
-
-
-@wp.func
-def nearby_distance(surface: DeviceSurface, p: wp.vec3d, exact: wp.float64):
-    """Return the same; far from the surface the distance to its box, which is less.
-
-    It is exact where it is less than ``exact`` [m].
-    """
-    away = p - surface.centre
-    beside = away - wp.max(-surface.half, wp.min(surface.half, away))
-    distance = wp.length(beside)
-    n = beside
-    if distance > exact and distance * surface.per_size > _FAR_SHARE:
-        n = beside / distance
-    else:
-        distance, n = surface_distance(surface, p)
-    return distance, n
+    return on_device(indenter.surface, device, rounding_m=indenter.rounding_m)
 
 
 # Of a body's least extent: how far its triangles are moved inwards at most, to round its edges.
@@ -192,7 +82,6 @@ class AnyBody:
     first_faces: wp.array(dtype=wp.int32)
     roundings: wp.array(dtype=wp.float64)  # what lies so far from the triangles counts too [m]
     is_mesh: wp.bool
-    rounding: wp.float64
     analytic: Body
     mesh: MeshBody
     position: wp.vec3d
@@ -224,7 +113,6 @@ def posed(body: AnyBody, poses: Poses, b: wp.int32):  # noqa: F811 - Warp overlo
     made.position = poses.tips[b]
     made.rotation = poses.rotations[b]
     made.is_mesh = body.meshes[k] == 1
-    made.rounding = body.roundings[k]
     made.analytic.is_ball = body.balls[k] == 1
     made.analytic.radius = body.radii[k]
     made.analytic.fillet = body.fillets[k]
@@ -235,6 +123,7 @@ def posed(body: AnyBody, poses: Poses, b: wp.int32):  # noqa: F811 - Warp overlo
     made.mesh.surface.per_size = body.per_sizes[k]
     made.mesh.surface.half = body.halves[k]
     made.mesh.surface.first_face = body.first_faces[k]
+    made.mesh.surface.rounding = body.roundings[k]
     made.mesh.position = made.position
     made.mesh.rotation = made.rotation
     return made
@@ -275,10 +164,11 @@ def _bodies_of(indenters: IndenterSet, device: str) -> Any:
             table["balls"][k], table["radii"][k] = own.is_ball, own.radius
             table["fillets"][k] = max(own.fillet, min(indenters.rounding_m, own.radius))
             continue
-        rounding = min(indenters.rounding_m, _INSET_SHARE * float(indenter.size_m.min()))
-        surface = offset(indenter.surface, -rounding)
-        inset = replace(indenter, surface=surface, content_hash=surface.content_hash)
-        uploaded, table["roundings"][k] = uploaded_surface(inset, device)[0], rounding
+        rounded = indenter.with_edges(
+            min(indenters.rounding_m, _INSET_SHARE * float(indenter.size_m.min()))
+        )
+        surface, table["roundings"][k] = rounded.surface, rounded.rounding_m
+        uploaded = uploaded_surface(rounded, device)[0]
         table["meshes"][k], table["trees"][k] = 1, uploaded.tree
         table["centres"][k], table["halves"][k] = uploaded.centre, uploaded.half
         table["per_sizes"][k], table["first_faces"][k] = uploaded.per_size, face_count
@@ -354,7 +244,7 @@ def signed_distance(body: MeshBody, x: wp.vec3d):  # noqa: F811 - Warp overloads
 @wp.func
 def nearby_gap(body: MeshBody, x: wp.vec3d):
     """Return the gap [m] and its gradient; far from the body too small a gap."""
-    gap, n = nearby_distance(body.surface, local_point(body, x), wp.float64(0.0))
+    gap, n = nearby_distance(body.surface, local_point(body, x), body.surface.rounding)
     return gap, body.rotation * n
 
 
@@ -365,7 +255,6 @@ def signed_distance(body: AnyBody, x: wp.vec3d):  # noqa: F811 - Warp overloads 
     n = wp.vec3d()
     if body.is_mesh:
         gap, n = signed_distance(body.mesh, x)
-        gap -= body.rounding
     else:
         gap, n = signed_distance(body.analytic, x)
     return gap, n
@@ -377,10 +266,7 @@ def nearby_gap(body: AnyBody, x: wp.vec3d):  # noqa: F811 - Warp overloads by ty
     gap = wp.float64(0.0)
     n = wp.vec3d()
     if body.is_mesh:
-        p = local_point(body.mesh, x)
-        gap, n = nearby_distance(body.mesh.surface, p, wp.float64(2.0) * body.rounding)
-        n = body.rotation * n
-        gap -= body.rounding
+        gap, n = nearby_gap(body.mesh, x)
     else:
         gap, n = signed_distance(body.analytic, x)
     return gap, n
@@ -419,15 +305,21 @@ def distance_curvature(body: Body, x: wp.vec3d) -> wp.mat33d:
 
 
 @wp.func  # type: ignore[no-redef]
-def distance_curvature(body: MeshBody, x: wp.vec3d) -> wp.mat33d:  # noqa: ARG001, F811
-    """Return zero: faces are flat, and edges are left out as a sharp rim is."""
-    return wp.mat33d()
+def distance_curvature(body: MeshBody, x: wp.vec3d) -> wp.mat33d:  # noqa: F811
+    """Return that of round edges; faces are flat, and sharp edges are left out as rims are."""
+    found = wp.mat33d()
+    if body.surface.rounding > wp.float64(0.0):
+        found = surface_curvature(body.surface, local_point(body, x))
+        found = body.rotation * found * wp.transpose(body.rotation)
+    return found
 
 
 @wp.func  # type: ignore[no-redef]
 def distance_curvature(body: AnyBody, x: wp.vec3d) -> wp.mat33d:  # noqa: F811
     """Return the second derivative of the gap [1/m] in the pad's frame."""
     found = wp.mat33d()
-    if not body.is_mesh:
+    if body.is_mesh:
+        found = distance_curvature(body.mesh, x)
+    else:
         found = distance_curvature(body.analytic, x)
     return found

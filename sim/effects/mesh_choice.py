@@ -215,6 +215,14 @@ def footprint_mesh(
     return mesh
 
 
+def sharp_edge_m(scene: Scene) -> float:
+    """Return how long a scene's edges are at an indenter's sharp edges [m]; zero without those."""
+    touched = _scene_footprint(scene, depth_m=mesh_depth(scene))
+    resolution = _FOOTPRINTS[scene.preset]
+    edge_m = resolution.edge_share * touched.radius_m / scene.refinement
+    return edge_m if len(touched.edge) else 0.0
+
+
 def _scene_footprint(scene: Scene, *, depth_m: float) -> Footprint:
     """Return where a scene's indenter touches the pad, before it is carried along and after."""
     turned = TurnedIndenter(indenter=scene.indenter, rotation=tilted(*scene.motion.tilt_rad))

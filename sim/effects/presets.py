@@ -13,7 +13,9 @@ from sim.effects.mesh_choice import (
     contact_reach,
     footprint_mesh,
     mesh_choice,
+    mesh_depth,
     mirrors,
+    sharp_edge_m,
     wild_sizing,
 )
 from sim.material.elastic_body import element_constants
@@ -23,7 +25,7 @@ from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh
 from sim.mesh.tet_mesh import MirrorSymmetry, TetMesh, mesh_key, refuse_flat, stored_mesh
 from sim.mesh.tetwild import WildSizing, wild_mesh
-from sim.scene.indenter import Cylinder, Indenter
+from sim.scene.indenter import Cylinder, Indenter, MeshIndenter
 from sim.scene.material import LawName, interface_shares, law_name, sector_factor
 from sim.scene.pad import SurfacePad
 from sim.scene.scene import ContactMode, Effect, Output, Preset, Scene
@@ -178,15 +180,18 @@ def finest_edge_m(scene: Scene) -> float:
 
 
 def regularised_indenter(scene: Scene, *, refinement: float = 1.0) -> Indenter:
-    """Return the mesh-regularised indenter: a sharp rim is rounded by a share of an edge.
+    """Return the mesh-regularised indenter: sharp edges are rounded by a share of an edge.
 
     Args:
         refinement: Every edge is this many times shorter.
     """
     indenter = scene.indenter
-    if not isinstance(indenter, Cylinder) or indenter.fillet_m > 0.0:
-        return indenter
     if scene.preset is Preset.PAPER:
+        return indenter
+    if isinstance(indenter, MeshIndenter):
+        edge_m = sharp_edge_m(scene) / refinement
+        return indenter.with_edges(_RIM_SHARE * min(edge_m, mesh_depth(scene)))
+    if not isinstance(indenter, Cylinder) or indenter.fillet_m > 0.0:
         return indenter
     edge_m = finest_edge_m(scene) / (scene.refinement * refinement)
     return replace(indenter, fillet_m=_RIM_SHARE * min(edge_m, expected_depth(scene)))

@@ -22,6 +22,8 @@ from tacauchy_rig.core.errors import ConfigError
 
 _SIZE_MIN_M = 0.1e-3
 _SIZE_MAX_M = 0.5
+# Of a mesh's least extent: the largest radius of its edges.
+_EDGE_SHARE_MAX = 0.25
 # Of a mesh's size: points of its lowest face may differ by so much in height.
 _SAME_HEIGHT = 1e-6
 
@@ -89,23 +91,32 @@ class Plane:
 class MeshIndenter:
     """A body bounded by triangles, its tip at the origin and z up, away from the gel.
 
-    Two are equal when their triangles are.
+    Two are equal when their triangles and their rounding are.
     """
 
     surface: TriangleSurface = field(repr=False, compare=False)  # its triangles [m]
     name: str = field(compare=False)
     content_hash: str  # first 16 hex digits of the SHA-256 of vertices and faces
+    rounding_m: float = 0.0  # what lies so far from its triangles belongs to it [m]
 
     def lower_surface(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the height of the underside above the tip [m], inf beside the body."""
         from sim.scene.triangle_rays import underside  # noqa: PLC0415 - Warp, where rays are cast
 
-        return underside(self.surface, x, y)
+        return underside(self.surface, x, y, rounding_m=self.rounding_m)
 
     @property
     def size_m(self) -> FloatArray:
         """Extents along x, y and z [m], shape [3]."""
-        return np.asarray(np.ptp(self.surface.vertices, axis=0))
+        return np.asarray(np.ptp(self.surface.vertices, axis=0) + 2.0 * self.rounding_m)
+
+    def with_edges(self, radius_m: float) -> MeshIndenter:
+        """Return the body with outer edges and corners of at least this radius [m].
+
+        Faces stay where they are; where a corner is the tip, the new tip is the origin.
+        """
+        inwards = radius_m - self.rounding_m
+        return self if inwards <= 0.0 else _around(self, offset(self.surface, -inwards), radius_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,10 +142,19 @@ def grown(indenter: Indenter, by_m: float) -> Indenter:
     if isinstance(indenter, Sphere):
         return replace(indenter, diameter_m=indenter.diameter_m + 2.0 * by_m)
     if isinstance(indenter, MeshIndenter):
-        surface = offset(indenter.surface, by_m)
-        raised = replace(surface, vertices=surface.vertices + np.array([0.0, 0.0, by_m]))
-        return replace(indenter, surface=raised, content_hash=raised.content_hash)
+        if indenter.rounding_m > 0.0:
+            return _around(indenter, indenter.surface, indenter.rounding_m + by_m)
+        return _around(indenter, offset(indenter.surface, by_m), 0.0)
     return indenter
+
+
+def _around(indenter: MeshIndenter, surface: TriangleSurface, rounding_m: float) -> MeshIndenter:
+    """Return a body around other triangles, its lowest point at a height of zero."""
+    lift = np.array([0.0, 0.0, rounding_m - surface.vertices[:, 2].min()])
+    placed = replace(surface, vertices=surface.vertices + lift)
+    return replace(
+        indenter, surface=placed, content_hash=placed.content_hash, rounding_m=rounding_m
+    )
 
 
 def describe(indenter: Indenter) -> str:
@@ -166,14 +186,29 @@ def mesh_indenter(vertices: FloatArray, faces: IntArray, *, name: str) -> MeshIn
     return MeshIndenter(surface=surface, name=name, content_hash=surface.content_hash)
 
 
-def read_mesh_indenter(path: Path, *, unit: MeshUnit = MeshUnit.MILLIMETRE) -> MeshIndenter:
+def read_mesh_indenter(
+    path: Path, *, unit: MeshUnit = MeshUnit.MILLIMETRE, edge_m: float = 0.0
+) -> MeshIndenter:
     """Read an indenter from an STL or OBJ file; its +z points away from the gel.
 
+    Args:
+        edge_m: Radius of its outer edges and corners, which the file has sharp [m].
+
     Raises:
-        ConfigError: The file cannot be read, or its triangles bound no body of a likely size.
+        ConfigError: The file cannot be read, or its triangles bound no body of a likely size, or
+            none with such edges.
     """
     vertices, faces = read_triangles(path, unit)
-    return mesh_indenter(vertices, faces, name=f"{path.name},unit={unit.value}")
+    edge = f",edge={edge_m * 1e3:g}mm" if edge_m else ""
+    found = mesh_indenter(vertices, faces, name=f"{path.name},unit={unit.value}{edge}")
+    most_m = _EDGE_SHARE_MAX * float(found.size_m.min())
+    if not 0.0 <= edge_m <= most_m:
+        raise ConfigError(
+            f"mesh {path.name}: an edge radius of {edge_m * 1e3:g} mm is not between 0 and "
+            f"{most_m * 1e3:.3g} mm, a quarter of the body's least extent",
+            remedy="give edge=0.1mm or the like, or leave it out",
+        )
+    return found.with_edges(edge_m)
 
 
 def _round_underside(radius_m: float, fillet_m: float, away_m: FloatArray) -> FloatArray:
@@ -227,7 +262,11 @@ class TurnedIndenter:
             return np.asarray(beneath + middle[2] - self.indenter.radius_m)
         from sim.scene.triangle_rays import underside  # noqa: PLC0415 - Warp, where rays are cast
 
-        return underside(self._triangles(), x, y)
+        return underside(self._triangles(), x, y, rounding_m=self._rounding_m)
+
+    @property
+    def _rounding_m(self) -> float:
+        return self.indenter.rounding_m if isinstance(self.indenter, MeshIndenter) else 0.0
 
     def reach(self) -> tuple[FloatArray, FloatArray]:
         """Return the least and the greatest x and y of the body [m], shape [2] each."""
@@ -243,7 +282,7 @@ class TurnedIndenter:
             wide, end = fillet + (radius - fillet) * shares, radius * shares
             return np.minimum(low - wide, high - end), np.maximum(low + wide, high + end)
         plan = self._triangles().vertices[:, :2]
-        return plan.min(axis=0), plan.max(axis=0)
+        return plan.min(axis=0) - self._rounding_m, plan.max(axis=0) + self._rounding_m
 
     def _triangles(self) -> TriangleSurface:
         if isinstance(self.indenter, Cylinder):

@@ -113,9 +113,12 @@ def parse_plane(_sizes: str) -> Plane:
 
 
 def parse_mesh(text: str) -> MeshIndenter:
-    """Read ``FILE[,unit=]``; triangle files name no unit, so millimetres are assumed."""
+    """Read ``FILE[,unit=][,edge=]``; triangle files name no unit, so millimetres are assumed."""
+    text, _, edge = text.partition(",edge=")
     file, unit = _file_and_unit(text, "--indenter", default=MeshUnit.MILLIMETRE)
-    return read_mesh_indenter(file, unit=unit)
+    length = Dimension.LENGTH
+    radius_m = parse_quantity(edge, dimension=length, field="--indenter edge") if edge else 0.0
+    return read_mesh_indenter(file, unit=unit, edge_m=radius_m)
 
 
 def parse_contact(text: str) -> tuple[ContactMode, float]:

@@ -1,4 +1,11 @@
-"""A triangle surface on a device, and rays against it: how low it is over points of the plan."""
+"""A triangle surface on a device, in double precision: distances, and heights over the plan.
+
+Warp's tree of triangles works in single precision, so it only proposes a face. The exact distance
+to that face and to those around it is computed from the double-precision vertices, and the search
+moves on while a neighbour is nearer: near an edge, single precision may propose the wrong one of
+two faces. What lies within ``rounding`` of the triangles belongs to a body, so that its edges are
+round.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +28,16 @@ _UPRIGHT = wp.constant(wp.float64(1.0e-3))
 # In place of infinity, which is not the same number on all devices.
 BESIDE = wp.constant(wp.float64(1.0e9))
 
+_FACE = wp.constant(0)
+_EDGE = wp.constant(1)
+_VERTEX = wp.constant(4)
+_MOVES_MAX = wp.constant(16)
+# How often a point rises towards a round body at most, and the distance at which it has met it [m].
+_RISES_MAX = wp.constant(60)
+_MET_M = wp.constant(wp.float64(1.0e-10))
+# Of the surface's size: farther than this from its box, the distance to the box will do.
+_FAR_SHARE = wp.constant(wp.float64(0.02))
+
 
 @wp.struct
 class DeviceSurface:
@@ -33,6 +50,7 @@ class DeviceSurface:
     per_size: wp.float64
     half: wp.vec3d  # half the extents of its box
     first_face: wp.int32  # of the tree's faces, where the arrays hold several surfaces
+    rounding: wp.float64  # what lies so far from the triangles counts too [m]
     vertices: wp.array(dtype=wp.vec3d)
     faces: wp.array2d(dtype=wp.int32)
     neighbours: wp.array2d(dtype=wp.int32)
@@ -42,7 +60,7 @@ class DeviceSurface:
     vertex_normals: wp.array(dtype=wp.vec3d)
 
 
-def on_device(surface: TriangleSurface, device: str) -> tuple[Any, Any]:
+def on_device(surface: TriangleSurface, device: str, *, rounding_m: float = 0.0) -> tuple[Any, Any]:
     """Return a surface on a device, and its tree, which must live as long."""
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     centre, size = 0.5 * (low + high), float((high - low).max())
@@ -53,14 +71,15 @@ def on_device(surface: TriangleSurface, device: str) -> tuple[Any, Any]:
         "centre": wp.vec3d(*centre),
         "half": wp.vec3d(*(np.abs(surface.vertices - centre).max(axis=0))),
         "per_size": 1.0 / size,
+        "rounding": rounding_m,
     }
     arrays = {field.name: getattr(surface, field.name) for field in fields(surface)}
     return Device(device).tables(DeviceSurface, arrays, tree=tree.id, **placed), tree
 
 
 @wp.func
-def lowest_height(surface: DeviceSurface, x: wp.float64, y: wp.float64) -> wp.float64:
-    """Return the lowest height of a surface over a point of the plan, ``BESIDE`` beside it.
+def _lowest_on_faces(surface: DeviceSurface, x: wp.float64, y: wp.float64) -> wp.float64:
+    """Return the lowest height of triangles over a point of the plan, ``BESIDE`` beside them.
 
     A ray in single precision finds the face; the height on it is kept within the face.
     """
@@ -80,6 +99,156 @@ def lowest_height(surface: DeviceSurface, x: wp.float64, y: wp.float64) -> wp.fl
     return wp.clamp(a[2] + (n[0] * (a[0] - x) + n[1] * (a[1] - y)) / n[2], low, high)
 
 
+@wp.struct
+class Nearest:
+    """The nearest point of a face."""
+
+    squared: wp.float64  # squared distance [m^2]
+    point: wp.vec3d  # the nearest point [m]
+    face: wp.int32
+    feature: wp.int32  # face, edge k or vertex k of the face
+
+
+@wp.func
+def nearest_on_face(surface: DeviceSurface, face: wp.int32, p: wp.vec3d) -> Nearest:
+    """Return the point of a face nearest to ``p``; a face without area counts by its edges."""
+    zero, one = wp.float64(0.0), wp.float64(1.0)
+    found = Nearest()
+    found.face = face
+    found.squared = wp.float64(1.0e300)
+    n = surface.face_normals[face]
+    above = bool(wp.dot(n, n) > zero)
+    for k in range(3):
+        a = surface.vertices[surface.faces[face, k]]
+        edge = surface.vertices[surface.faces[face, (k + 1) % 3]] - a
+        away = p - a
+        if wp.dot(wp.cross(edge, away), n) < zero:
+            above = bool(False)  # noqa: UP018 - a variable to Warp, not a constant
+        t = wp.clamp(wp.dot(away, edge) / wp.dot(edge, edge), zero, one)
+        left = away - edge * t
+        squared = wp.dot(left, left)
+        if squared < found.squared:
+            found.squared = squared
+            found.point = a + edge * t
+            found.feature = _EDGE + k
+            if t == zero:
+                found.feature = _VERTEX + k
+            if t == one:
+                found.feature = _VERTEX + (k + 1) % 3
+    if above:
+        height = wp.dot(p - surface.vertices[surface.faces[face, 0]], n)
+        found.squared = height * height
+        found.point = p - n * height
+        found.feature = _FACE
+    return found
+
+
+@wp.func
+def nearest_on_surface(surface: DeviceSurface, p: wp.vec3d) -> Nearest:
+    """Return the nearest point of a surface, from the face that the tree proposes."""
+    scaled = wp.vec3f((p - surface.centre) * surface.per_size)
+    query = wp.mesh_query_point_no_sign(surface.tree, scaled, wp.float32(1.0e6))
+    best = nearest_on_face(surface, surface.first_face + (query.face if query.result else 0), p)
+    for _ in range(_MOVES_MAX):
+        here = best
+        for k in range(3):
+            other = nearest_on_face(surface, surface.neighbours[here.face, k], p)
+            if other.squared < best.squared:
+                best = other
+        if here.feature >= _VERTEX:
+            vertex = surface.faces[here.face, here.feature - _VERTEX]
+            for slot in range(surface.ring_starts[vertex], surface.ring_starts[vertex + 1]):
+                other = nearest_on_face(surface, surface.ring_faces[slot], p)
+                if other.squared < best.squared:
+                    best = other
+        if best.face == here.face:
+            break
+    return best
+
+
+@wp.func
+def surface_distance(surface: DeviceSurface, p: wp.vec3d):
+    """Return the distance [m], positive outside, and its gradient."""
+    found = nearest_on_surface(surface, p)
+    n = surface.face_normals[found.face]
+    distance = wp.dot(p - surface.vertices[surface.faces[found.face, 0]], n)
+    if found.feature != _FACE:
+        if found.feature >= _VERTEX:
+            n = surface.vertex_normals[surface.faces[found.face, found.feature - _VERTEX]]
+        else:
+            n = wp.normalize(
+                n + surface.face_normals[surface.neighbours[found.face, found.feature - _EDGE]]
+            )
+        left = p - found.point
+        distance = wp.sqrt(found.squared)
+        if wp.dot(left, n) < wp.float64(0.0):
+            distance = -distance
+        if found.squared > wp.float64(1.0e-30):
+            n = left / distance
+    return distance - surface.rounding, n
+
+
+@wp.func
+def surface_curvature(surface: DeviceSurface, p: wp.vec3d) -> wp.mat33d:
+    """Return the second derivative of the distance [1/m], of round edges and corners only."""
+    found = nearest_on_surface(surface, p)
+    bend = wp.mat33d()
+    least = wp.float64(0.25) * surface.rounding * surface.rounding
+    if found.feature != _FACE and found.squared > least:
+        n = wp.normalize(p - found.point)
+        bend = wp.identity(n=3, dtype=wp.float64) - wp.outer(n, n)
+        if found.feature < _VERTEX:
+            start = surface.vertices[surface.faces[found.face, found.feature - _EDGE]]
+            end = surface.vertices[surface.faces[found.face, (found.feature - _EDGE + 1) % 3]]
+            along = wp.normalize(end - start)
+            bend = bend - wp.outer(along, along)
+        bend = bend / wp.sqrt(found.squared)
+    return bend
+
+
+@wp.func
+def nearby_distance(surface: DeviceSurface, p: wp.vec3d, exact: wp.float64):
+    """Return the same; far from the surface the distance to its box, which is less.
+
+    It is exact where it is less than ``exact`` [m].
+    """
+    away = p - surface.centre
+    beside = away - wp.max(-surface.half, wp.min(surface.half, away))
+    distance = wp.length(beside) - surface.rounding
+    n = beside
+    if distance > exact and distance * surface.per_size > _FAR_SHARE:
+        n = wp.normalize(beside)
+    else:
+        distance, n = surface_distance(surface, p)
+    return distance, n
+
+
+@wp.func
+def lowest_height(surface: DeviceSurface, x: wp.float64, y: wp.float64) -> wp.float64:
+    """Return the lowest height of a body over a point of the plan, ``BESIDE`` beside it.
+
+    A round one is met from below: along tangents, which pass through no convex body; where they
+    would, by the distance itself.
+    """
+    zero = wp.float64(0.0)
+    if surface.rounding == zero:
+        return _lowest_on_faces(surface, x, y)
+    low = surface.centre[2] - surface.half[2] - surface.rounding
+    high = surface.centre[2] + surface.half[2] + surface.rounding
+    at = wp.vec3d(x, y, low)
+    safe = at[2]
+    for _ in range(_RISES_MAX):
+        distance, n = surface_distance(surface, at)
+        if wp.abs(distance) < _MET_M or at[2] > high:
+            break
+        if distance < zero:
+            at[2] = safe
+        else:
+            safe = at[2] + distance
+            at[2] += distance / wp.max(-n[2], _UPRIGHT)
+    return wp.where(distance < _MET_M, at[2], BESIDE)
+
+
 @wp.kernel(enable_backward=False, module="unique")
 def _lowest_heights(
     surface: DeviceSurface,
@@ -93,12 +262,14 @@ def _lowest_heights(
     height_out[i] = lowest_height(surface, plan[i][0], plan[i][1])
 
 
-def underside(surface: TriangleSurface, x: FloatArray, y: FloatArray) -> FloatArray:
+def underside(
+    surface: TriangleSurface, x: FloatArray, y: FloatArray, *, rounding_m: float = 0.0
+) -> FloatArray:
     """Return the lowest height over points of the plan, of one shape together; inf beside it."""
     x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
     plan = np.column_stack([x.reshape(-1), y.reshape(-1)])
     device = Device("cpu")
-    uploaded, _tree = on_device(surface, device.name)
+    uploaded, _tree = on_device(surface, device.name, rounding_m=rounding_m)
     heights = device.empty((len(plan),), wp.float64)
     inputs = [uploaded, device.array(plan, wp.vec2d)]
     device.launch(_lowest_heights, (len(plan),), inputs, [heights])

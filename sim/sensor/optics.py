@@ -21,6 +21,9 @@ class Lamp:
     elevation_rad: float  # angle of its light to the unloaded surface [rad]
     # Grey levels added to red, green and blue of a surface that faces the lamp
     colour: tuple[float, float, float]
+    # From the middle of the image along the gel [m]; None is so far that it shines from everywhere
+    # in one direction
+    distance_m: float | None = None
 
     @property
     def towards(self) -> tuple[float, float, float]:
@@ -39,6 +42,7 @@ class ShadowCaster:
 
     lamps: Sequence[Lamp]
     softness_m: float  # height by which the gel must reach over a ray to hide the lamp whole [m]
+    spread: float = 0.0  # what is added to that over the distance from what casts the shadow
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -30,6 +30,7 @@ from tacauchy_rig.core.parallel import parallel_map
 _NUDGES = 2
 CROP_SHARE = 0.375
 """Of the image's width, the side of the square that SSIM is of: 120 px of 320."""
+_RING = (1.1, 2.2)  # radii of a contact, between which skirt and shadows are scored by themselves
 _SSIM = partial(structural_similarity, channel_axis=2, data_range=255.0)
 FEWEST, _FEW = 5, 14
 _SATURATED_WARN, _SATURATED_REFUSE = 0.01, 0.6
@@ -158,6 +159,8 @@ class PressScores:
     mae_no_contact: float
     ssim_crop_no_contact: float
     press_count: int
+    # Norm of the error over that of the real change, 1.1 to 2.2 radii from the contacts' centres
+    ring_residual: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,7 +217,7 @@ def score_presses(
     rendered: Sequence[RenderedPress], scene: PressScene, *, light_matched: bool
 ) -> PressScores:
     """Score renderings against the real presses."""
-    changes, errors, similarities, floors = [], [], [], []
+    changes, errors, similarities, floors, ring = [], [], [], [], np.zeros(2)
     for item in rendered:
         light = item.light if light_matched else np.zeros_like(item.light)
         real = item.press.image.astype(np.float64)
@@ -223,6 +226,8 @@ def score_presses(
         inside = contact_mask(item.press.circle, *real.shape[:2])
         changes.append((real - without)[inside])
         errors.append((image - real)[inside])
+        around = _ring_mask(item.press.circle, *real.shape[:2]) & item.press.shown
+        ring += np.sum((image - real)[around] ** 2), np.sum((real - without)[around] ** 2)
         window = crop_window(item.press.circle, *real.shape[:2])
         similarities.append(_SSIM(real[window], image[window]))
         floors.append(_SSIM(real[window], without[window]))
@@ -236,6 +241,7 @@ def score_presses(
         mae_no_contact=float(np.mean(np.abs(change))),
         ssim_crop_no_contact=float(np.mean(floors)),
         press_count=len(rendered),
+        ring_residual=float(np.sqrt(ring[0] / max(ring[1], 1e-300))),
     )
 
 
@@ -248,6 +254,12 @@ def contact_mask(circle: Circle, height: int, width: int) -> np.ndarray[tuple[in
     """Return True inside the circle, shape [height, width]."""
     rows, columns = np.ogrid[:height, :width]
     return circle.distance(columns, rows) < circle.radius_px
+
+
+def _ring_mask(circle: Circle, height: int, width: int) -> np.ndarray[tuple[int, int]]:
+    rows, columns = np.ogrid[:height, :width]
+    away = circle.distance(columns, rows) / circle.radius_px
+    return (away >= _RING[0]) & (away < _RING[1])
 
 
 def crop_side(width: int) -> int:

@@ -8,7 +8,7 @@ without those.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from typing import Any
@@ -32,7 +32,9 @@ _ROUNDS = 2
 _LOOKED_AT = 10  # deepest presses; their shadows are the longest
 _COARSE = 2  # pixels along rows and columns that are taken together
 _DIRECTIONS = 16  # around the gel, at which lamps are looked for besides those that are named
-_STEPS = (0.2, 0.1, 0.05)  # of azimuth [rad], and of the logarithm of elevation
+_NEAR_SHARE = 1.5  # of the image's width: distance of lamps where a search starts
+# Of azimuth [rad], of the logarithms of elevation and distance, and of the spread
+_STEPS = (0.2, 0.1, 0.05)
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 _BLUR_TURNS = 4
 _SETTLED_PX = 0.05
@@ -132,67 +134,69 @@ def calibrate_with_shadows(
 
 
 def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaster) -> ShadowCaster:
-    """Search direction and elevation one lamp after the other; colours follow linearly."""
+    """Search where lamps stand, one after the other, and how large; colours follow linearly."""
     chosen = np.argsort([-circle.radius_px for circle in found.circles])[:_LOOKED_AT]
     placed = found.placed(presses)
-    lost = _LostLight([_dent(placed[i], found) for i in chosen.tolist()], found, start.softness_m)
-    lamps, misfit = lost.best_of(start.lamps)
+    lost = _LostLight([_dent(placed[i], found) for i in chosen.tolist()], found)
+    best, misfit = lost.best_of(start)
+    distance_m = _NEAR_SHARE * found.scene.geometry.width * found.scene.geometry.scale_x_m
+    near = [replace(lamp, distance_m=lamp.distance_m or distance_m) for lamp in best.lamps]
+    best, misfit = lost.coloured(replace(best, lamps=near))
     for step in _STEPS:
-        moves = product(range(len(lamps)), (_turned, _raised), (-step, step))
-        for index, move, by in moves:
+        moves = [*product((_turned, _raised, _removed), range(len(best.lamps))), (None, 0)]
+        for (move, index), by in product(moves, (-step, step)):
             while True:
-                tried = list(lamps)
-                tried[index] = move(tried[index], by)
-                tried, error = lost.coloured(tried)
+                tried, error = lost.coloured(_moved(best, move, index, by))
                 if error >= misfit:
                     break
-                lamps, misfit = tried, error
-    return replace(start, lamps=lamps)
+                best, misfit = tried, error
+    return best
 
 
 class _LostLight:
     """What lamps lose by some presses, compared with what the fit of the colours leaves over."""
 
-    def __init__(self, dents: Sequence[_Dent], found: Calibration, softness_m: float) -> None:
-        self._dents, self._softness_m = dents, softness_m
+    def __init__(self, dents: Sequence[_Dent], found: Calibration) -> None:
+        self._dents = dents
         self._geometry = found.scene.geometry.refined(1.0 / _COARSE)
         self._left_over = np.concatenate([left for _, _, left in dents]).astype(np.float64)
         self._total = float(np.sum(self._left_over**2))
-        self._known: dict[tuple[float, float], FloatArray] = {}
+        self._known: dict[tuple[float | None, ...], FloatArray] = {}
 
-    def best_of(self, named: Sequence[Lamp]) -> tuple[list[Lamp], float]:
+    def best_of(self, start: ShadowCaster) -> tuple[ShadowCaster, float]:
         """Return as many lamps as are named that explain most, of these and of others all around.
 
         A search from lamps that are far off would end with two of them at the same shadow.
         """
+        named = start.lamps
         low_rad = float(np.mean([lamp.elevation_rad for lamp in named]))
         around = np.linspace(-math.pi, math.pi, _DIRECTIONS, endpoint=False).tolist()
         lamps = [
             *named,
             *(replace(named[0], azimuth_rad=at, elevation_rad=low_rad) for at in around),
         ]
-        normal, load = self._equations(lamps)
+        normal, load = self._equations(replace(start, lamps=lamps))
         choices = [list(each) for each in combinations(range(len(lamps)), len(named))]
         misfits = [_colours(normal[np.ix_(each, each)], load[each])[1] for each in choices]
         best = choices[int(np.argmin(misfits))]
-        return self.coloured([lamps[index] for index in best])
+        return self.coloured(replace(start, lamps=[lamps[index] for index in best]))
 
-    def coloured(self, lamps: Sequence[Lamp]) -> tuple[list[Lamp], float]:
+    def coloured(self, shadows: ShadowCaster) -> tuple[ShadowCaster, float]:
         """Give lamps the colours that explain best what is left over; return the misfit too."""
-        colours, misfit = _colours(*self._equations(lamps))
-        pairs = zip(lamps, colours.tolist(), strict=True)
+        colours, misfit = _colours(*self._equations(shadows))
+        pairs = zip(shadows.lamps, colours.tolist(), strict=True)
         given = [replace(lamp, colour=(r, g, b)) for lamp, (r, g, b) in pairs]
-        return given, self._total + misfit
+        return replace(shadows, lamps=given), self._total + misfit
 
-    def _equations(self, lamps: Sequence[Lamp]) -> tuple[FloatArray, FloatArray]:
-        terms = np.stack([self._lost(lamp) for lamp in lamps])
+    def _equations(self, shadows: ShadowCaster) -> tuple[FloatArray, FloatArray]:
+        terms = np.stack([self._lost(lamp, shadows) for lamp in shadows.lamps])
         return terms @ terms.T, -(terms @ self._left_over)
 
-    def _lost(self, lamp: Lamp) -> FloatArray:
-        key = (lamp.azimuth_rad, lamp.elevation_rad)
+    def _lost(self, lamp: Lamp, shadows: ShadowCaster) -> FloatArray:
+        key = (lamp.azimuth_rad, lamp.elevation_rad, lamp.distance_m, shadows.spread)
         if key not in self._known:
             shares = [
-                lost_share(bulge, tilt, lamp, self._geometry, softness_m=self._softness_m)
+                lost_share(bulge, tilt, lamp, shadows, self._geometry)
                 for bulge, tilt, _ in self._dents
             ]
             self._known[key] = np.concatenate([share.ravel() for share in shares])
@@ -231,6 +235,21 @@ def _turned(lamp: Lamp, by_rad: float) -> Lamp:
 def _raised(lamp: Lamp, by: float) -> Lamp:
     raised_rad = lamp.elevation_rad * math.exp(by)
     return replace(lamp, elevation_rad=min(max(raised_rad, _LOWEST_RAD), _HIGHEST_RAD))
+
+
+def _removed(lamp: Lamp, by: float) -> Lamp:
+    away_m = lamp.distance_m
+    return lamp if away_m is None else replace(lamp, distance_m=away_m * math.exp(by))
+
+
+def _moved(
+    shadows: ShadowCaster, move: Callable[[Lamp, float], Lamp] | None, index: int, by: float
+) -> ShadowCaster:
+    """Move a lamp; without a move, change how large all are."""
+    if move is None:
+        return replace(shadows, spread=max(0.0, shadows.spread + by))
+    lamps = [move(lamp, by) if i == index else lamp for i, lamp in enumerate(shadows.lamps)]
+    return replace(shadows, lamps=lamps)
 
 
 def read_shadows(provenance: Mapping[str, Any]) -> ShadowCaster | None:

@@ -10,9 +10,8 @@ and a row of room above and below. A sample (a, c) of a pixel lies in a plane of
 ``a * samples + c``-th of its image. Where an array has two indices, the first says by how many
 pixels the block lies further right, less those of room.
 
-Shadows are found in sweeps from a lamp. A sweep has its own order of values: step by step as
-``whole`` has them, and in a step across the rays, ``room`` blocks of zeros at each end. There the
-first of two indices says by how many values a block lies further on, less a block's length.
+Shadows are found in sweeps from a lamp, along rays that part from it: step by step, and in a step
+ray by ray.
 """
 
 from __future__ import annotations
@@ -164,24 +163,54 @@ def bend_of(
     return p + _down_column(layout, across, at, a) * layout.half_per_y
 
 
-# Below everything that a ray may meet [m].
-_NOTHING_M = wp.constant(wp.float32(-1.0))
+# Below everything that a ray may meet, over its distance [1].
+_NOTHING = wp.constant(wp.float32(-1.0e3))
 
 
 @wp.struct
 class Rays:
-    """How a lamp's rays go over images, see ``shadows.rays_towards``."""
+    """How a lamp's rays go over images, see ``renderer.rays_from``.
+
+    The first step is the one nearest to the lamp. At a step k the ray m goes through the place
+    ``starts[k] + m spacings[k]`` across.
+    """
 
     along_columns: wp.int32
-    forward: wp.int32
+    forward: wp.int32  # steps go towards higher columns or rows
     across: wp.int32  # values across
-    pitch: wp.int32  # blocks of a step's values with their room
-    room: wp.int32  # blocks
-    ray_pitch: wp.int32  # blocks of a step's rays
-    whole: wp.array(dtype=wp.int32)
-    part: wp.array(dtype=wp.float32)
-    sunk: wp.array(dtype=wp.float32)  # [m]
-    per_softness: wp.float32  # [1/m]
+    pitch: wp.int32  # blocks of a step's rays
+    starts: wp.array(dtype=wp.float32)
+    spacings: wp.array(dtype=wp.float32)
+    # Distance of a step from the lamp's [m], its inverse [1/m], and the fall of the ray that goes
+    # from the lamp through the first step's gel, over its distance [1]
+    distances: wp.array(dtype=wp.float32)
+    inverses: wp.array(dtype=wp.float32)
+    falls: wp.array(dtype=wp.float32)
+    # Length of a ray over its part along the steps: of the first, and by how much its slope grows
+    slope: wp.float32
+    slopes_apart: wp.float32
+    softness: wp.float32  # [m]
+    spread: wp.float32
+    # Of the lamp: column and row among the samples, distances of these, and its height [m]
+    column: wp.float32
+    row: wp.float32
+    per_column: wp.float32
+    per_row: wp.float32
+    height: wp.float32
+
+
+@wp.func
+def _dent_at(
+    rays: Rays, dent: wp.array3d(dtype=wp.float32), image: int, at: int, side: int
+) -> wp.float32:
+    """Return the indentation at a step's column or row [m]; beside the image there is none."""
+    value = wp.float32(0.0)
+    if side >= 0 and side < rays.across:
+        row, column = at, side
+        if rays.along_columns == 1:
+            row, column = side, at
+        value = dent[image, row, column]
+    return value
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -193,20 +222,20 @@ def turn_dents(
     # Data out:
     turned_out: wp.array(dtype=Any),
 ):
-    """Bring indentations into the order of a sweep."""
+    """Interpolate indentations where rays cross columns or rows."""
     image, k, m = wp.tid()
     k += first
-    steps = rays.whole.shape[0]
+    steps = rays.starts.shape[0]
     at = wp.where(rays.forward == 1, k, steps - 1 - k)
-    to = (image * steps + k) * rays.pitch + rays.room + m
+    to = (image * steps + k) * rays.pitch + m
     values = type(turned_out[to])()
     for n in range(len(values)):
-        side = m * len(values) + n
-        if side < rays.across:
-            if rays.along_columns == 1:
-                values[n] = dent[image, side, at]
-            else:
-                values[n] = dent[image, at, side]
+        place = rays.starts[k] + wp.float32(m * len(values) + n) * rays.spacings[k]
+        whole = wp.floor(place)
+        side, part = int(whole), place - whole
+        lower = _dent_at(rays, dent, image, at, side)
+        upper = _dent_at(rays, dent, image, at, side + 1)
+        values[n] = lower + part * (upper - lower)
     turned_out[to] = values
 
 
@@ -214,54 +243,84 @@ def turn_dents(
 def follow_rays(
     rays: Rays,
     first: wp.int32,
-    # Data in:
-    turned: wp.array2d(dtype=Any),
-    # Data out:
-    highest_out: wp.array(dtype=Any),
-):
-    """Follow rays from the lamp on; each step keeps the highest that was passed before it [m].
-
-    Heights between samples are interpolated linearly across the rays; beside the image they are 0.
-    """
-    image, m = wp.tid()
-    m += first
-    steps = rays.whole.shape[0]
-    highest = type(highest_out[m])(_NOTHING_M)
-    lanes = len(highest)
-    for back in range(steps):
-        k = steps - 1 - back
-        highest_out[(image * steps + k) * rays.ray_pitch + m] = highest
-        value = (rays.room + m) * lanes + rays.whole[k]
-        at, shift = (image * steps + k) * rays.pitch + value / lanes, lanes + value % lanes
-        lower, upper = turned[shift, at], turned[shift + 1, at]
-        passed = (wp.float32(1.0) - rays.part[k]) * lower + rays.part[k] * upper
-        highest = wp.max(highest, passed - type(highest)(rays.sunk[k]))
-
-
-@wp.kernel(enable_backward=False, module="unique")
-def hide_samples(
-    rays: Rays,
-    first: wp.int32,
-    # Data in:
-    highest: wp.array2d(dtype=Any),
     # Data in and out:
     turned: wp.array(dtype=Any),
 ):
-    """Put how much of the lamp each sample does not see, 0 to 1, in its indentation's place."""
-    image, k, m = wp.tid()
-    k += first
-    step = image * rays.whole.shape[0] + k
-    dent = turned[step * rays.pitch + rays.room + m]
-    lanes = len(dent)
-    # A sample at y lies between the rays y - whole - 1 and y - whole.
-    ray = m * lanes - rays.whole[k] - 1
-    at, shift = step * rays.ray_pitch + ray / lanes, lanes + ray % lanes
-    seen = rays.part[k] * highest[shift, at]
-    seen += (wp.float32(1.0) - rays.part[k]) * highest[shift + 1, at]
-    hidden = (seen - dent + type(dent)(rays.sunk[k])) * rays.per_softness
-    for n in range(len(hidden)):
-        hidden[n] = wp.clamp(hidden[n], wp.float32(0.0), wp.float32(1.0))
-    turned[step * rays.pitch + rays.room + m] = hidden
+    """Follow rays from the lamp on; put how much of it is hidden, 0 to 1, in indentations' place.
+
+    The ray that the gel has cut off farthest, by its slope, is the one in which gel stands next;
+    the penumbra widens from where it was cut off.
+    """
+    image, m = wp.tid()
+    m += first
+    steps = rays.starts.shape[0]
+    edge = type(turned[m])(_NOTHING)
+    cut = type(edge)()
+    longer = type(edge)()
+    for n in range(len(edge)):
+        slope = rays.slope + wp.float32(m * len(edge) + n) * rays.slopes_apart
+        longer[n] = rays.spread * wp.sqrt(wp.float32(1.0) + slope * slope)
+    for k in range(steps):
+        at = (image * steps + k) * rays.pitch + m
+        dent = turned[at]
+        far, near, fall = rays.distances[k], rays.inverses[k], rays.falls[k]
+        hidden = type(dent)()
+        for n in range(len(dent)):
+            over = far * (edge[n] + fall) - dent[n]
+            wide = rays.softness + longer[n] * (far - cut[n])
+            hidden[n] = wp.clamp(over / wide, wp.float32(0.0), wp.float32(1.0))
+            slope = dent[n] * near - fall
+            cut[n] = wp.where(slope > edge[n], far, cut[n])
+            edge[n] = wp.max(slope, edge[n])
+        turned[at] = hidden
+
+
+@wp.func
+def lost_light(
+    rays: Rays,
+    hidden: wp.array(dtype=wp.float32),
+    steps_before: int,
+    row: int,
+    column: int,
+    p: wp.float32,
+    q: wp.float32,
+    lanes: int,
+) -> wp.float32:
+    """Return what of a lamp's light a sample of a tilt does not get, from 0 to 1."""
+    step, side = row, column
+    if rays.along_columns == 1:
+        step, side = column, row
+    if rays.forward == 0:
+        step = rays.starts.shape[0] - 1 - step
+    ray = (wp.float32(side) - rays.starts[step]) / rays.spacings[step]
+    whole = wp.floor(ray)
+    place = (steps_before + step) * rays.pitch * lanes + int(whole)
+    lower, upper = hidden[place], hidden[place + 1]
+    share = lower + (ray - whole) * (upper - lower)
+    if share > wp.float32(0.0):  # few are
+        level = wp.float32(1.0) - p * p - q * q
+        normal = wp.vec3f(p, q, wp.sqrt(wp.max(level, wp.float32(0.0))))
+        x = (rays.column - wp.float32(column)) * rays.per_column
+        y = (rays.row - wp.float32(row)) * rays.per_row
+        facing = wp.dot(wp.normalize(wp.vec3f(x, y, rays.height)), normal)
+        share *= wp.max(facing, wp.float32(0.0))
+    return share
+
+
+@wp.kernel(enable_backward=False)
+def lose_light(
+    rays: Rays,
+    lanes: wp.int32,
+    # Data in:
+    hidden: wp.array(dtype=wp.float32),
+    tilt: wp.array3d(dtype=wp.float32),
+    # Data out:
+    lost_out: wp.array2d(dtype=wp.float32),
+):
+    """Find what of a lamp's light the pixels of one image do not get."""
+    row, column = wp.tid()
+    p, q = tilt[0, row, column], tilt[1, row, column]
+    lost_out[row, column] = lost_light(rays, hidden, 0, row, column, p, q, lanes)
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -270,7 +329,6 @@ def darken_pixels(
     first: wp.int32,
     # Model:
     rays: Rays,
-    towards: wp.vec3f,
     colour: wp.vec3f,
     # Data in:
     hidden: wp.array(dtype=wp.float32),
@@ -281,33 +339,21 @@ def darken_pixels(
 ):
     """Take away what is hidden of a lamp, in the mean of each pixel's samples."""
     image, i, k = wp.tid()
-    row = first + i
-    at = place_of(layout, image, row, k)
+    pixel_row = first + i
+    at = place_of(layout, image, pixel_row, k)
     lost = type(along[at])()
     lanes = len(lost)
-    steps, pitch = rays.whole.shape[0], rays.pitch * lanes
-    # The place of a sample in the sweep is linear in its row and column.
-    turn = wp.where(rays.forward == 1, 1, -1)
-    per_row, per_column = turn * pitch, 1
-    if rays.along_columns == 1:
-        per_row, per_column = 1, turn * pitch
-    origin = (image * steps + wp.where(rays.forward == 1, 0, steps - 1)) * pitch
-    origin += rays.room * lanes
+    before = image * rays.starts.shape[0]
     for a in range(layout.samples):
+        row = pixel_row * layout.samples + a
         for c in range(layout.samples):
             p, q = along[at], across[at]
-            place = origin + (row * layout.samples + a) * per_row + c * per_column
-            for n in range(len(lost)):
-                column = wp.min(k * lanes + n, layout.columns - 1) * layout.samples
-                share = hidden[place + column * per_column]
-                if share > wp.float32(0.0):  # few are
-                    level = wp.float32(1.0) - p[n] * p[n] - q[n] * q[n]
-                    up = wp.sqrt(wp.max(level, wp.float32(0.0)))
-                    facing = wp.dot(towards, wp.vec3f(p[n], q[n], up))
-                    lost[n] = lost[n] + share * wp.max(facing, wp.float32(0.0))
+            for n in range(lanes):
+                column = wp.min(k * lanes + n, layout.columns - 1) * layout.samples + c
+                lost[n] += lost_light(rays, hidden, before, row, column, p[n], q[n], lanes)
             at += layout.plane
     lost = lost * (wp.float32(1.0) / wp.float32(layout.samples * layout.samples))
-    to = (image * layout.rows + row) * layout.blocks + k
+    to = (image * layout.rows + pixel_row) * layout.blocks + k
     for channel in range(3):
         change[channel, to] = change[channel, to] - colour[channel] * lost
 

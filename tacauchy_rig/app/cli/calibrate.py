@@ -408,7 +408,8 @@ def optics(
         ),
     ] = None,
     check: Annotated[
-        Path | None, typer.Option(help="Folder of other labelled presses to score.")
+        Path | None,
+        typer.Option(help="Folder of other presses to score, labelled or not, as FOLDER's are."),
     ] = None,
     sensor: Annotated[
         str | None, typer.Option(help="Sensor whose pad is pressed: the run's, else gelsight-mini.")
@@ -506,7 +507,7 @@ def _show_optics(result: OpticsResult) -> None:
         f"coverage   {result.coverage.slopes_seen_share:.0%} of the slopes, "
         f"{result.coverage.image_share:.0%} of the image"
     )
-    say("                                  R2      error   SSIM    (no-contact frame)")
+    say("                                  R2      error   SSIM   ring    (no-contact frame)")
     for name, scores in (("cross-validated", result.cross_validation), ("check", result.check)):
         if scores is None:
             continue
@@ -518,6 +519,7 @@ def _show_optics(result: OpticsResult) -> None:
         ):
             say(
                 f"  {how:32}{values.r2:.4f}  {values.mae:5.2f}   {values.ssim_crop:.4f}  "
+                f"{values.ring_residual:.3f}  "
                 f"({values.r2_no_contact:.2f}, {values.mae_no_contact:.1f}, "
                 f"{values.ssim_crop_no_contact:.3f})"
             )

@@ -110,6 +110,12 @@ def press(
             "indenter, a figure; of a sensor its image, height map and markers too.",
         ),
     ] = None,
+    optics: Annotated[
+        str, typer.Option(metavar="FILE", help="Calibration of the image; else nominal lamps.")
+    ] = "",
+    background: Annotated[
+        Path | None, typer.Option(help="No-contact frame of the image; else evenly grey.")
+    ] = None,
 ) -> None:
     """Simulate one press; print force, depth, their errors and the cost.
 
@@ -126,6 +132,7 @@ def press(
     terms = replace(terms, output=tuple(output or ()) if out is None else tuple(Output))
     with limited_to(limit_s):
         scene = scene_of(terms)
+        images = _optics_for(scene, out, optics, background)
         if terms.law == LawName.PAPER_EQ4:
             _warn_of_rest_stress(scene.material)
         result = simulate_press(
@@ -142,7 +149,7 @@ def press(
 
         write_json(out / "press.json", result.as_json())
         with doing("writing fields and figures"):
-            paths = list(write_press(out, scene, result))
+            paths = list(write_press(out, scene, result, images))
         for path in paths:
             say(f"wrote      {path}")
         if not scene.sensor:
@@ -203,6 +210,20 @@ def plan(terms: SceneTerms, output: OutputOption = None, json_file: JsonFile = N
             "alternatives": [asdict(other) for other in others],
         },
     )
+
+
+def _optics_for(scene: Scene, out: Path | None, optics: str, background: Path | None) -> Any:
+    """Read how the image is to be made, before anything is simulated; None where none is made."""
+    from tacauchy_rig.app.replay.press_folder import optics_for
+
+    if out is not None and scene.sensor:
+        return optics_for(scene, optics, background)
+    if optics or background is not None:
+        raise ConfigError(
+            "--optics and --background are of an image, and none is made",
+            remedy="give --sensor and --out too, or leave them out",
+        )
+    return None
 
 
 def _seconds(text: str | None) -> float | None:

@@ -14,13 +14,19 @@ from sim.effects.plan import plan_effects
 from sim.effects.scene_path import path_for
 from sim.fields.press_fields import TrialFields, gel_vtu, indenter_vtu, passed_states, trial_fields
 from sim.mesh.elements import linear_facets
+from sim.optics.calibrate.ball_press import check_size, read_rgb
 from sim.optics.height.height_map import HeightMaps, height_maps
 from sim.optics.markers.marker_printer import surface_displacement
 from sim.optics.markers.printed_markers import draw_markers, marker_places
 from sim.press import PressResult
 from sim.scene.scene import Scene
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.replay.optics import grey_frame, nominal_optics
+from tacauchy_rig.app.replay.optics import (
+    OpticalCalibration,
+    calibrated_optics,
+    grey_frame,
+    nominal_optics,
+)
 from tacauchy_rig.app.replay.rendering import height_arrays, image_of
 from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.figure_style import FRAMED_STYLE, PAGE_IN, save_figure
@@ -33,34 +39,64 @@ STATES_NAME = "states.npz"
 _REACH = 1.6
 
 
-def write_press(folder: Path, scene: Scene, result: PressResult) -> list[Path]:
+def optics_for(
+    scene: Scene, calibration: str, background: Path | None
+) -> tuple[OpticalCalibration, ImageArray]:
+    """Return how images of a sensor's press are made: its optics, and the no-contact frame.
+
+    Args:
+        calibration: A file of ``calibrate optics``; empty takes the lamps of the sensor's file.
+        background: The no-contact frame; None is evenly grey with the markers of that file.
+
+    Raises:
+        ConfigError: A file is missing or of another size, or the sensor's file names no lamps.
+    """
+    sensor = load_sensor(scene.sensor)
+    optics = calibrated_optics(calibration, sensor) if calibration else nominal_optics(sensor)
+    if background is not None:
+        frame = read_rgb(background)
+        check_size(background.name, frame, grey_frame(optics))
+        return optics, frame
+    frame = grey_frame(optics)
+    if sensor.markers is not None:
+        places = marker_places(sensor.markers)
+        frame = draw_markers(frame, places, sensor.markers.radius_m, optics.geometry)
+    return optics, frame
+
+
+def write_press(
+    folder: Path,
+    scene: Scene,
+    result: PressResult,
+    optics: tuple[OpticalCalibration, ImageArray] | None,
+) -> list[Path]:
     """Write fields, whole gel, indenter and figure; of a sensor image, height map and markers too.
+
+    Args:
+        optics: As of ``optics_for``; None for a bare pad.
 
     Returns:
         The files.
 
     Raises:
-        ConfigError: The sensor's file names no lamps.
         RecordError: A file cannot be written.
     """
     path = path_for(scene, plan_effects(scene), model=result.model)
     fields = trial_fields(path, result.point)
     seen, kept = None, ReplayFields(fields=fields.arrays, surface_vtu=fields.surface_vtu)
-    if scene.sensor:
-        sensor = load_sensor(scene.sensor)
-        optics = nominal_optics(sensor)
-        seen = height_maps(fields.surface, optics.geometry, pad=sensor.pad)
-        even, arrays = grey_frame(optics), fields.arrays
+    if optics is not None:
+        sensor, (calibration, unloaded) = load_sensor(scene.sensor), optics
+        seen = height_maps(fields.surface, calibration.geometry, pad=sensor.pad)
+        arrays = fields.arrays
         if sensor.markers is not None:
             places = marker_places(sensor.markers)
-            even = draw_markers(even, places, sensor.markers.radius_m, optics.geometry)
             moved = surface_displacement(fields.surface, places)[:, :2]
             arrays |= {"marker_rest_m": places, "marker_displacement_m": moved}
         kept = replace(
             kept,
             fields=arrays,
             height=height_arrays(seen),
-            image=image_of(fields.surface, sensor, optics, unloaded=even),
+            image=image_of(fields.surface, sensor, calibration, unloaded=unloaded),
         )
     write_fields(folder, kept)
     write_atomically(folder / "gel.vtu", gel_vtu(result.model, result.point))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import product
 
 import numpy as np
@@ -122,6 +123,55 @@ def test_distance_and_direction_are_those_of_a_box(
     normals = -found.forces / np.linalg.norm(found.forces, axis=-1, keepdims=True)
     on_the_box = points - gaps[..., None] * (normals @ rotation)
     np.testing.assert_allclose(formula(on_the_box), 0.0, atol=1e-12)
+
+
+def test_round_edges_are_as_far_as_a_smaller_box_is(wide_block: Model, box: MeshIndenter) -> None:
+    """Less the radius of the edges; faces stay, edges and corners are cylinders and spheres."""
+    radius = 0.4e-3
+    rotation = Rotation.random(random_state=9).as_matrix()
+    tip = np.array([0.0, 0.0, wide_block.height_m]) - rotation[:, 2] * HALF_M[2]
+    state = wide_block.rest_state(tip=tip, rotation=rotation)
+    rounded = box.with_edges(radius)
+    found = wide_block.surface.forces(wide_block.nodes, rounded, state)
+    points = (found.points - tip) @ rotation
+    beyond = np.abs(points - np.array([0.0, 0.0, HALF_M[2]])) - (HALF_M - radius)
+    outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=-1)
+    expected = outside + np.minimum(beyond.max(axis=-1), 0.0) - radius
+    np.testing.assert_allclose(found.gaps, expected, atol=1e-15)
+    np.testing.assert_array_equal(rounded.with_edges(0.5 * radius).surface, rounded.surface)
+
+
+def test_a_round_edge_is_met_from_below(box: MeshIndenter) -> None:
+    """A box's underside ends in quarter circles; a ridge between slopes ends in an arc."""
+    radius, slope = 0.4e-3, math.radians(30.0)
+    inwards = np.linspace(0.0, 2.0 * radius, 9)
+    arc = radius - np.sqrt(radius**2 - np.maximum(radius - inwards, 0.0) ** 2)
+    under = box.with_edges(radius).lower_surface(HALF_M[0] - inwards, np.zeros(9))
+    np.testing.assert_allclose(under, arc, atol=1e-9)
+    assert np.isinf(box.with_edges(radius).lower_surface(HALF_M[:1] + 1e-6, np.zeros(1)))
+    away = np.linspace(0.0, 1e-3, 21)
+    ridge = chisel().with_edges(radius).lower_surface(np.zeros(21), away)
+    lift = radius / math.cos(slope) - radius
+    on_arc = radius - np.sqrt(np.maximum(radius**2 - away**2, 0.0))
+    is_arc = away < radius * math.sin(slope)
+    expected = np.where(is_arc, on_arc, away * math.tan(slope) - lift)
+    np.testing.assert_allclose(ridge, expected, atol=1e-9)
+
+
+def test_a_round_edge_bends_the_gap(wide_block: Model, box: MeshIndenter) -> None:
+    """The stiffness of a barrier around an edge is the change of its force."""
+    rounded = box.with_edges(0.4e-3)
+    tip = np.array([0.1e-3, 0.2e-3, wide_block.height_m - 0.5e-3])
+    state = wide_block.rest_state(tip=tip, rotation=np.eye(3))
+    step = np.array([0.0, 0.0, 1e-9])
+    ends = [wide_block.surface.forces(wide_block.nodes + s * step, rounded, state) for s in (1, -1)]
+    here = wide_block.surface.forces(wide_block.nodes, rounded, state)
+    change = (ends[0].forces - ends[1].forces) / 2e-9
+    outside = here.gaps > 1e-5
+    size = np.linalg.norm(here.stiffness[outside], axis=(1, 2)).max()
+    off = np.abs(change[outside] + here.stiffness[outside][..., 2]).max(axis=1)
+    assert np.median(off) < 1e-6 * size
+    assert np.mean(off > 1e-3 * size) < 0.01
 
 
 _CORNERS = 1e-3 * np.array([[0, 0, 0], [1, 1, 4], [-1, 1, 4], [-1, -1, 4], [1, -1, 4]])

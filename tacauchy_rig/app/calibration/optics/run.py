@@ -97,14 +97,25 @@ class OpticsRequest:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PressFolder:
+    """The presses of a folder."""
+
+    labelled: list[BallPress]  # where there is a table of their circles
+    images: dict[str, ImageArray]  # where there is none, by name
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self.labelled) + len(self.images)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class OpticsInput:
     """What was read."""
 
     background: ImageArray  # no-contact frame, RGB, shape [height, width, 3]
     geometry: CameraGeometry
-    labelled: list[BallPress]  # the presses where there is a table of their circles
-    images: dict[str, ImageArray]  # the images of the presses where there is none, by name
-    check: list[BallPress]
+    presses: PressFolder
+    check: PressFolder
 
 
 def read_input(request: OpticsRequest) -> OpticsInput:
@@ -123,28 +134,32 @@ def read_input(request: OpticsRequest) -> OpticsInput:
     height, width = background.shape[:2]
     scale_x_m, scale_y_m = (1.0 / scale for scale in request.scale_px_m)
     geometry = CameraGeometry.centred(width, height, scale_x_m=scale_x_m, scale_y_m=scale_y_m)
-    table = _in_folder_or_as_given(request.circles, request.folder) if request.circles else None
-    if table is None and (request.folder / CIRCLES).exists():
-        table = request.folder / CIRCLES
-    labelled = read_ball_presses(request.folder, table) if table else []
-    check_presses_fit(labelled, background)
-    images = _images(request, background) if table is None else {}
-    if (count := len(labelled) + len(images)) < FEWEST:
+    presses = _read_folder(request, request.folder, background)
+    if len(presses) < FEWEST:
         raise ConfigError(
-            f"{count} ball presses are too few to calibrate and to check by",
+            f"{len(presses)} ball presses are too few to calibrate and to check by",
             remedy=f"give at least {FEWEST}, better 20 all over the image and at several depths",
         )
-    if labelled:
-        check_before(labelled, geometry, ball_radius_m=0.5 * request.ball_diameter_m)
-    check = []
+    if presses.labelled:
+        check_before(presses.labelled, geometry, ball_radius_m=0.5 * request.ball_diameter_m)
+    check = PressFolder(labelled=[], images={})
     if request.check is not None:
-        other = request.check / (request.circles or Path(CIRCLES)).name
-        table = other if other.exists() else request.check / CIRCLES
-        check = read_ball_presses(request.check, table)
-        check_presses_fit(check, background)
-    return OpticsInput(
-        background=background, geometry=geometry, labelled=labelled, images=images, check=check
-    )
+        check = _read_folder(request, request.check, background)
+    return OpticsInput(background=background, geometry=geometry, presses=presses, check=check)
+
+
+def _read_folder(request: OpticsRequest, folder: Path, background: ImageArray) -> PressFolder:
+    """Read the presses of a folder, with the table of their circles if there is one."""
+    table = folder / CIRCLES if (folder / CIRCLES).exists() else None
+    if request.circles is not None:
+        own = folder / request.circles.name
+        is_main = folder == request.folder
+        table = _in_folder_or_as_given(request.circles, folder) if is_main else table
+        table = own if own.exists() else table
+    labelled = read_ball_presses(folder, table) if table else []
+    check_presses_fit(labelled, background)
+    images = {} if table else _images(request, folder, background)
+    return PressFolder(labelled=labelled, images=images)
 
 
 def rightly_labelled(
@@ -162,27 +177,22 @@ def rightly_labelled(
 
 
 def find_presses(
-    read: OpticsInput, scene: PressScene, *, ball_radius_m: float
+    read: PressFolder, scene: PressScene, *, ball_radius_m: float
 ) -> tuple[list[BallPress], list[str]]:
     """Return the labelled presses, or find the contacts of those without labels; and warnings.
 
     Presses whose label their image contradicts are left out, and named in the warnings.
 
     Raises:
-        ConfigError: An image shows no contact, or hardly any label is right.
+        ConfigError: An image shows no contact.
     """
     presses, wrong = rightly_labelled(read.labelled, scene, ball_radius_m=ball_radius_m)
-    if read.labelled and len(presses) < FEWEST:
-        raise ConfigError(
-            f"{len(wrong)} of {len(read.labelled)} labels contradict their images: {wrong[0]}",
-            remedy="check that the circles are of these images, and their columns",
-        )
     for name, image in read.images.items():
         unplaced = BallPress(name=name, image=image, circle=Circle(x_px=0, y_px=0, radius_px=1))
         press = scene.followed(unplaced)
         circle = find_circle(press, scene, ball_radius_m=ball_radius_m)
         presses.append(replace(press, circle=circle))
-    return presses, wrong + check_before(presses, read.geometry, ball_radius_m=ball_radius_m)
+    return presses, wrong
 
 
 def _in_folder_or_as_given(path: Path, folder: Path) -> Path:
@@ -190,19 +200,17 @@ def _in_folder_or_as_given(path: Path, folder: Path) -> Path:
     return folder / path if (folder / path).exists() else path
 
 
-def _images(request: OpticsRequest, background: ImageArray) -> dict[str, ImageArray]:
-    """Return the images of the folder but those that are no presses, by name."""
-    own = (_in_folder_or_as_given(request.background, request.folder), *request.figures)
-    others = {path.resolve() for path in own}
+def _images(request: OpticsRequest, folder: Path, background: ImageArray) -> dict[str, ImageArray]:
+    """Return the images of a folder but those that are no presses, by name."""
+    frame = _in_folder_or_as_given(request.background, request.folder)
+    others = {p.resolve() for p in (frame, folder / frame.name, *request.figures)}
     images = {
         path.name: read_rgb(path)
-        for path in sorted(request.folder.iterdir())
+        for path in sorted(folder.iterdir())
         if path.suffix.lower() in _IMAGE_SUFFIXES and path.resolve() not in others
     }
     if not images:
-        raise ConfigError(
-            f"{request.folder} holds no image", remedy="give a folder of PNG or JPEG files"
-        )
+        raise ConfigError(f"{folder} holds no image", remedy="give a folder of PNG or JPEG files")
     for name, image in images.items():
         check_size(name, image, background)
     return images
@@ -247,9 +255,10 @@ def calibrate_and_check(
     """
     read = read_input(request)
     radius_m, shadows = 0.5 * request.ball_diameter_m, request.sensor.optics.shadows
-    count, depths = len(read.labelled or read.images), len(DEPTHS_M)
+    count, depths = len(read.presses), len(DEPTHS_M)
     folds = min(request.folds, count)
-    fit_s, find_s = count * _FIT_S[shadows is not None], _FIND_S * len(read.images)
+    find_s = _FIND_S * (len(read.presses.images) + len(read.check.images))
+    fit_s = count * _FIT_S[shadows is not None]
     alone = Remaining(_PRESSES_S + find_s)
     fits = Remaining((folds + 1) * fit_s, jobs=min(request.jobs, folds))
 
@@ -276,7 +285,14 @@ def calibrate_and_check(
         on_press=pressed,
     )
     with doing("finding the contacts"):
-        presses, warnings = find_presses(read, scene, ball_radius_m=radius_m)
+        presses, warnings = find_presses(read.presses, scene, ball_radius_m=radius_m)
+        checked, wrong = find_presses(read.check, scene, ball_radius_m=radius_m)
+    if len(presses) < FEWEST:
+        raise ConfigError(
+            f"{len(warnings)} of {count} labels contradict their images: {warnings[0]}",
+            remedy="check that the circles are of these images, and their columns",
+        )
+    warnings += check_before(presses, read.geometry, ball_radius_m=radius_m) + wrong
     alone.spend(find_s)
     fits.begin()
     fit = partial(calibrate_presses, scene=scene, shadows=shadows)
@@ -285,8 +301,6 @@ def calibrate_and_check(
     )
     coverage = slope_coverage(calibration.circles, calibration.scene)
     warnings += check_after(scores, held_out, scene) + check_coverage(coverage)
-    checked, wrong = rightly_labelled(read.check, scene, ball_radius_m=radius_m)
-    warnings += wrong
     others = render_presses(checked, calibration)
     provenance = _provenance(request, presses, scores, calibration)
     pairs = zip(presses, calibration.circles, strict=True)
@@ -320,7 +334,7 @@ def calibrate_and_check(
         provenance=provenance,
         files=files,
     )
-    order = [press.name for press in read.labelled or presses]
+    order = [press.name for press in read.presses.labelled or presses]
     return result, {order.index(item.press.name) + 1: item for item in labelled}
 
 

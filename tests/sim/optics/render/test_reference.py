@@ -34,16 +34,16 @@ _TERMS = ShadingTerms(
 )
 _SHADOWS = ShadowCaster(
     lamps=[
-        Lamp(azimuth_rad=azimuth, elevation_rad=0.25, colour=colour)
-        for azimuth, colour in (
-            (-1.57, (80.0, 9.0, 0.0)),
-            (0.5, (0.0, 80.0, 0.0)),
-            (2.7, (9.0, 0.0, 80.0)),
+        Lamp(azimuth_rad=azimuth, elevation_rad=0.25, colour=colour, distance_m=distance)
+        for azimuth, colour, distance in (
+            (-1.57, (80.0, 9.0, 0.0), None),
+            (0.5, (0.0, 80.0, 0.0), 9e-3),
+            (2.7, (9.0, 0.0, 80.0), 25e-3),
         )
     ],
     softness_m=8e-5,
+    spread=0.1,
 )
-_NOTHING_M = -1.0
 _LOW = polynomial_exponents(tilt_degree=2, position_degree=4, indentation_degree=2)
 
 
@@ -92,41 +92,52 @@ def _plain_darkening(
 ) -> np.ndarray:
     """Return the light taken away [grey levels, not positive], shape [3, height, width]."""
     taken = np.zeros((3, *bulge.shape))
+    normal = np.stack([*tilt, np.sqrt(1 - tilt[0] ** 2 - tilt[1] ** 2)])
     for lamp in shadows.lamps:
-        over = _rise_over(bulge, lamp, geometry)
-        along, across, up = lamp.towards
-        facing = along * tilt[0] + across * tilt[1] + up * np.sqrt(1 - tilt[0] ** 2 - tilt[1] ** 2)
-        share = np.clip(over / shadows.softness_m, 0.0, 1.0) * np.maximum(facing, 0.0)
-        taken -= np.array(lamp.colour)[:, None, None] * share
+        hidden, towards = _hidden(bulge, lamp, shadows, geometry)
+        facing = np.maximum((towards * normal).sum(axis=0), 0.0)
+        taken -= np.array(lamp.colour)[:, None, None] * hidden * facing
     return taken
 
 
-def _rise_over(bulge: np.ndarray, lamp: Lamp, geometry: CameraGeometry) -> np.ndarray:
-    """Return how far the gel rises over each pixel's ray at most [m], shape [height, width]."""
-    right, down = math.cos(lamp.azimuth_rad), math.sin(lamp.azimuth_rad)
-    turned = abs(right) >= abs(down)
-    ahead, aside = (right, down) if turned else (down, right)
-    heights = bulge.T if turned else bulge
-    heights = heights if ahead > 0.0 else heights[::-1]
-    steps, across = heights.shape
-    shift = aside / abs(ahead)
-    rise_m = math.tan(lamp.elevation_rad) * geometry.mean_scale_m * math.hypot(1.0, shift)
-    margin = math.ceil((steps - 1) * abs(shift))
-    offset = margin + 1 if shift > 0.0 else 1
-    highest = np.full(across + margin + 1, _NOTHING_M)
-    rays = np.arange(len(highest))
-    over = np.empty_like(heights)
-    for step in reversed(range(steps)):
-        place = step * shift - offset
-        whole, sunk = math.floor(place), step * rise_m
-        part = place - whole
-        between = np.arange(across) - whole
-        seen = part * highest[between - 1] + (1.0 - part) * highest[between]
-        over[step] = seen + sunk - heights[step]
-        met = np.interp(rays + place, np.arange(-1, across + 1), [0.0, *heights[step], 0.0])
-        highest = np.maximum(highest, met - sunk)
-    over = over if ahead > 0.0 else over[::-1]
-    return over.T if turned else over
+def _hidden(
+    bulge: np.ndarray, lamp: Lamp, shadows: ShadowCaster, geometry: CameraGeometry
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how much of a lamp pixels do not see, and the direction to it, unit vectors.
+
+    On each of the rays that part from the lamp, the gel that is seen from there under the steepest
+    angle so far casts the shadow; between rays shadows are interpolated linearly.
+    """
+    scale = np.array([geometry.scale_x_m, geometry.scale_y_m])
+    size = np.array(bulge.shape[::-1])
+    away = lamp.distance_m or 200.0 * ((size - 1) * scale).max()
+    way = np.array([math.cos(lamp.azimuth_rad), math.sin(lamp.azimuth_rad)])
+    foot, height = 0.5 * (size - 1) * scale + away * way, away * math.tan(lamp.elevation_rad)
+    y, x = np.mgrid[: size[1], : size[0]] * scale[::-1, None, None]
+    to_lamp = np.stack([foot[0] - x, foot[1] - y, np.full(x.shape, height)])
+    towards = to_lamp / np.linalg.norm(to_lamp, axis=0)
+    beside = np.maximum(-foot, foot - (size - 1) * scale)
+    along, main, side = (bulge.T, 0, 1) if beside[0] >= beside[1] else (bulge, 1, 0)
+    steps = np.abs(np.arange(size[main]) * scale[main] - foot[main])
+    order = np.argsort(steps)
+    across = np.arange(size[side]) * scale[side] - foot[side]
+    slopes = across[[0, -1]][:, None] / steps[order[[0, -1]]]
+    apart = scale[side] / steps[order[len(order) // 2]]
+    rays = slopes.min() + apart * np.arange(math.ceil(np.ptp(slopes) / apart) + 2)
+    steepest, cut = np.full(len(rays), -np.inf), np.zeros(len(rays))
+    hidden = np.empty(along.shape)
+    for step in order:
+        padded = [0.0, *along[step], 0.0]
+        ends = [2 * across[0] - across[1], *across, 2 * across[-1] - across[-2]]
+        met = np.interp(rays * steps[step], ends, padded)
+        over = height + steps[step] * steepest - met
+        wide = shadows.spread * (steps[step] - cut) * np.hypot(1.0, rays)
+        share = np.clip(over / (shadows.softness_m + wide), 0.0, 1.0)
+        hidden[step] = np.interp(across / steps[step], rays, share)
+        slope = (met - height) / steps[step]
+        cut = np.where(slope > steepest, steps[step], cut)
+        steepest = np.maximum(slope, steepest)
+    return hidden.T if main == 0 else hidden, towards
 
 
 @pytest.mark.parametrize(
