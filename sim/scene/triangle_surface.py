@@ -113,9 +113,9 @@ _MERGE_SHARE = 1e-6
 # Difference of unit normals that are the same.
 _SAME_NORMAL = 1e-2
 # Where a surface is moved outwards, normals that differ by less than about 25 degrees count as one
-# (a share of the largest eigenvalue of the sum of n n^T), and no corner goes farther than so many
-# times as far as its faces.
-_ALIKE, _FARTHEST = 0.05, 3.0
+# (a share of the largest eigenvalue of the sum of n n^T), and no corner goes farther outwards or
+# inwards than so many times as far as its faces.
+_ALIKE, _FARTHEST, _FARTHEST_INWARDS = 0.05, 3.0, 8.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -244,8 +244,14 @@ def offset(surface: TriangleSurface, by: float) -> TriangleSurface:
     np.add.at(total, surface.faces.reshape(-1), normals)
     # Least squares of n . v = 1 over the faces around a vertex.
     ways = np.einsum("vij,vj->vi", np.linalg.pinv(around, _ALIKE, hermitian=True), total)
-    ways /= np.maximum(1.0, np.linalg.norm(ways, axis=1) / _FARTHEST)[:, None]
-    return replace(surface, vertices=surface.vertices + by * ways)
+    farthest = _FARTHEST if by > 0.0 else _FARTHEST_INWARDS
+    ways /= np.maximum(1.0, np.linalg.norm(ways, axis=1) / farthest)[:, None]
+    vertices = surface.vertices + by * ways
+    # Faces beside a corner that did not go far enough have turned.
+    face_normals, vertex_normals = _normals(vertices, surface.faces)
+    return replace(
+        surface, vertices=vertices, face_normals=face_normals, vertex_normals=vertex_normals
+    )
 
 
 def is_mirrored(surface: TriangleSurface, axis: int) -> bool:

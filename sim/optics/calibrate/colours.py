@@ -172,12 +172,15 @@ class PressSamples:
 
     Attributes:
         samples: Their surface, its colours not known yet.
+        rows, columns: Which they are, shape [n].
+        unloaded: Levels of the no-contact frame there, shape [n, 3].
     """
 
     def __init__(self, scene: PressScene, placed: PlacedPress, *, blur_px: float = 0.0) -> None:
         circle, image = placed.circle, placed.press.image
         rows, columns = scene.pixels_around(placed.press)
-        self._scene, self._circle, self._rows, self._columns = scene, circle, rows, columns
+        self._scene, self._circle, self.rows, self.columns = scene, circle, rows, columns
+        self.unloaded = scene.background[rows, columns]
         self._levels = image[rows, columns]
         self._expected = scene.expected(rows, columns, placed.light)
         surface, shares = [scene.surface(circle, columns, rows)], [1.0]
@@ -210,14 +213,13 @@ class PressSamples:
         they do not count.
         """
         seen = seen_change(self._levels, self._expected, response)
-        unloaded = self._scene.background[self._rows, self._columns]
-        gain = np.maximum(response.light(unloaded), 1.0) / REFERENCE
+        gain = np.maximum(response.light(self.unloaded), 1.0) / REFERENCE
         change, weights = seen.change, gain * light_weights(self._levels, response)
         if model is None:
             weights *= seen.exposed
         else:
             lost = np.flatnonzero(~seen.exposed.all(axis=1))
-            pixels = PredictedPixels(self._scene, model, self._columns[lost], self._rows[lost])
+            pixels = PredictedPixels(self._scene, model, self.columns[lost], self.rows[lost])
             predicted = change.copy()
             predicted[lost] = gain[lost] * pixels.light_change(self._circle)
             change = predicted - seen.misfit(predicted)  # as predicted where a bound allows it

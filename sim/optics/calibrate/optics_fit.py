@@ -18,9 +18,9 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from sim.optics.calibrate.ball_press import BallPress, Circle
-from sim.optics.calibrate.colours import Calibration, calibrate_optics, fit_model
+from sim.optics.calibrate.colours import Calibration, PressSamples, calibrate_optics, fit_model
 from sim.optics.calibrate.gel_profile import GelMotion, fit_motions, motion_terms
-from sim.optics.calibrate.photometric_fit import lowest_place
+from sim.optics.calibrate.photometric_fit import joined, lowest_place
 from sim.optics.calibrate.press_scene import PlacedPress, PredictedPixels, PressScene, exposed
 from sim.optics.render.shadows import darkening, lost_share
 from sim.sensor.optics import Lamp, ShadowCaster
@@ -41,9 +41,6 @@ _SETTLED_PX = 0.05
 _TRIED_PX = np.arange(0.0, 2.26, 0.25)
 _MARGIN_PX = 10
 _REACH = 1.4  # radii of the contact that are looked at
-
-_Dent = tuple[Float32Array, Float32Array, Float32Array]
-"""A press at coarse pixels: bulge [m], tilt, and what the colours leave over, shape [n, 3]."""
 
 
 def press_image(found: Calibration, circle: Circle, motion: GelMotion | None = None) -> FloatArray:
@@ -137,7 +134,7 @@ def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaste
     """Search where lamps stand, one after the other, and how large; colours follow linearly."""
     chosen = np.argsort([-circle.radius_px for circle in found.circles])[:_LOOKED_AT]
     placed = found.placed(presses)
-    lost = _LostLight([_dent(placed[i], found) for i in chosen.tolist()], found)
+    lost = _LostLight([placed[i] for i in chosen.tolist()], found)
     best, misfit = lost.best_of(start)
     distance_m = _NEAR_SHARE * found.scene.geometry.width * found.scene.geometry.scale_x_m
     near = [replace(lamp, distance_m=lamp.distance_m or distance_m) for lamp in best.lamps]
@@ -154,14 +151,34 @@ def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaste
 
 
 class _LostLight:
-    """What lamps lose by some presses, compared with what the fit of the colours leaves over."""
+    """What lamps lose by some presses, compared with the light that is seen.
 
-    def __init__(self, dents: Sequence[_Dent], found: Calibration) -> None:
-        self._dents = dents
-        self._geometry = found.scene.geometry.refined(1.0 / _COARSE)
-        self._left_over = np.concatenate([left for _, _, left in dents]).astype(np.float64)
+    Colours by slopes are fitted anew beside each trial of the lamps (variable projection): they
+    take up a part of any shadow, and only the rest tells where lamps stand.
+    """
+
+    def __init__(self, placed: Sequence[PlacedPress], found: Calibration) -> None:
+        scene, model = found.scene, found.model
+        self._geometry = scene.geometry.refined(1.0 / _COARSE)
+        self._dents = [_coarse_gel(scene, each.circle) for each in placed]
+        pressed = [PressSamples(scene, each) for each in placed]
+        self._places = [(each.rows // _COARSE, each.columns // _COARSE) for each in pressed]
+        seen = joined([each.through(model.response, model) for each in pressed])
+        features = np.concatenate([seen.polynomial(scene.exponents), seen.shading(model.terms)])
+        self._weights = seen.weights
+        gain = model.gain(model.response.light(np.concatenate([e.unloaded for e in pressed]))).T
+        self._per_lost = seen.weights / gain
+        self._features = [features * weight for weight in seen.weights]
+        hold = model.provenance["ridge"] * features.shape[1] * np.eye(len(features))
+        self._factors = [np.linalg.inv(each @ each.T + hold) for each in self._features]
+        self._left_over = self._beside(seen.change * seen.weights)
         self._total = float(np.sum(self._left_over**2))
         self._known: dict[tuple[float | None, ...], FloatArray] = {}
+
+    def _beside(self, light: FloatArray) -> FloatArray:
+        """Return what of weighted colours, shape [3, n], no colours by slopes explain."""
+        parts = zip(light, self._features, self._factors, strict=True)
+        return np.stack([each - (inverse @ (f @ each)) @ f for each, f, inverse in parts])
 
     def best_of(self, start: ShadowCaster) -> tuple[ShadowCaster, float]:
         """Return as many lamps as are named that explain most, of these and of others all around.
@@ -177,7 +194,7 @@ class _LostLight:
         ]
         normal, load = self._equations(replace(start, lamps=lamps))
         choices = [list(each) for each in combinations(range(len(lamps)), len(named))]
-        misfits = [_colours(normal[np.ix_(each, each)], load[each])[1] for each in choices]
+        misfits = [_colours(normal[:, each][:, :, each], load[:, each])[1] for each in choices]
         best = choices[int(np.argmin(misfits))]
         return self.coloured(replace(start, lamps=[lamps[index] for index in best]))
 
@@ -189,43 +206,43 @@ class _LostLight:
         return replace(shadows, lamps=given), self._total + misfit
 
     def _equations(self, shadows: ShadowCaster) -> tuple[FloatArray, FloatArray]:
-        terms = np.stack([self._lost(lamp, shadows) for lamp in shadows.lamps])
-        return terms @ terms.T, -(terms @ self._left_over)
+        terms = np.stack([self._lost(lamp, shadows) for lamp in shadows.lamps], axis=1)
+        normal = terms @ terms.transpose(0, 2, 1)
+        return normal, -np.einsum("cln,cn->cl", terms, self._left_over)
 
     def _lost(self, lamp: Lamp, shadows: ShadowCaster) -> FloatArray:
         key = (lamp.azimuth_rad, lamp.elevation_rad, lamp.distance_m, shadows.spread)
         if key not in self._known:
             shares = [
-                lost_share(bulge, tilt, lamp, shadows, self._geometry)
-                for bulge, tilt, _ in self._dents
+                lost_share(gel[2], gel[:2], lamp, shadows, self._geometry)[place]
+                for gel, place in zip(self._dents, self._places, strict=True)
             ]
-            self._known[key] = np.concatenate([share.ravel() for share in shares])
+            self._known[key] = self._beside(self._per_lost * np.concatenate(shares))
         return self._known[key]
 
 
 def _colours(normal: FloatArray, load: FloatArray) -> tuple[FloatArray, float]:
-    """Return colours, none below zero, that solve normal equations, and what they change."""
-    colours = np.maximum(np.linalg.lstsq(normal, load, rcond=None)[0], 0.0)
-    change = float(np.sum(colours * (normal @ colours))) - 2.0 * float(np.sum(colours * load))
-    return colours, change
+    """Return colours, none below zero, that solve normal equations, and what they change.
+
+    Args:
+        normal: Of red, green and blue, shape [3, lamp_count, lamp_count].
+        load: Shape [3, lamp_count].
+
+    Returns:
+        Colours, shape [lamp_count, 3].
+    """
+    pairs = zip(normal, load, strict=True)
+    colours = np.maximum([np.linalg.lstsq(n, b, rcond=None)[0] for n, b in pairs], 0.0)
+    change = np.einsum("ci,cij,cj->", colours, normal, colours) - 2.0 * np.sum(colours * load)
+    return colours.T, float(change)
 
 
-def _dent(placed: PlacedPress, found: Calibration) -> _Dent:
-    scene, circle, image = found.scene, placed.circle, placed.press.image
-    gel = scene.pressed_image(circle)
-    left = (
-        image
-        - scene.background
-        - scene.frame_light_image(placed.light)
-        - scene.whole_image(found.model).predict(circle).reshape(image.shape)
-    )
-    size = (image.shape[1] // _COARSE, image.shape[0] // _COARSE)
-
-    def coarse(values: FloatArray) -> Float32Array:
-        small = cv2.resize(values.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-        return np.asarray(small, dtype=np.float32)
-
-    return coarse(gel[2]), np.stack([coarse(t) for t in gel[:2]]), coarse(left).reshape(-1, 3)
+def _coarse_gel(scene: PressScene, circle: Circle) -> Float32Array:
+    """Return tilt (2) and bulge [m] of a press at coarse pixels, shape [3, height, width]."""
+    height, width = scene.background.shape[:2]
+    size = (width // _COARSE, height // _COARSE)
+    fine = scene.pressed_image(circle)[:3].astype(np.float32)
+    return np.stack([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in fine])
 
 
 def _turned(lamp: Lamp, by_rad: float) -> Lamp:

@@ -41,7 +41,8 @@ def _law(text: str) -> str:
 
 
 _HELP: dict[str, str] = {
-    "indenter": "cylinder:diameter= (and ,fillet=), sphere:diameter=, plane or mesh:FILE",
+    "indenter": "cylinder:diameter= (and ,fillet=), sphere:diameter=, plane or "
+    "mesh:FILE (and ,unit=,edge=).",
     "sensor": "Sensor by name or TOML file.",
     "pad": "box:LxWxHmm, disc:radius=,height= or mesh:FILE,unit=mm",
     "depth": "Depth below first touch, such as 0.5mm.",
