@@ -112,10 +112,10 @@ def _read(path: Path) -> tuple[FloatArray, IntArray]:
 _MERGE_SHARE = 1e-6
 # Difference of unit normals that are the same.
 _SAME_NORMAL = 1e-2
-# Where a surface is moved outwards, normals that differ by less than about 25 degrees count as one
-# (a share of the largest eigenvalue of the sum of n n^T), and no corner goes farther outwards or
-# inwards than so many times as far as its faces.
-_ALIKE, _FARTHEST, _FARTHEST_INWARDS = 0.05, 3.0, 8.0
+# Where a surface is moved, outwards or inwards: normals that differ by less than about 25 or 8
+# degrees count as one (a share of the largest eigenvalue of the sum of n n^T), and no corner goes
+# farther than so many times as far as its faces.
+_OUTWARDS, _INWARDS = (0.05, 3.0), (0.005, 8.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -242,9 +242,9 @@ def offset(surface: TriangleSurface, by: float) -> TriangleSurface:
     around, total = np.zeros((len(surface.vertices), 3, 3)), np.zeros_like(surface.vertices)
     np.add.at(around, surface.faces.reshape(-1), normals[:, :, None] * normals[:, None, :])
     np.add.at(total, surface.faces.reshape(-1), normals)
+    alike, farthest = _OUTWARDS if by > 0.0 else _INWARDS
     # Least squares of n . v = 1 over the faces around a vertex.
-    ways = np.einsum("vij,vj->vi", np.linalg.pinv(around, _ALIKE, hermitian=True), total)
-    farthest = _FARTHEST if by > 0.0 else _FARTHEST_INWARDS
+    ways = np.einsum("vij,vj->vi", np.linalg.pinv(around, alike, hermitian=True), total)
     ways /= np.maximum(1.0, np.linalg.norm(ways, axis=1) / farthest)[:, None]
     vertices = surface.vertices + by * ways
     # Faces beside a corner that did not go far enough have turned.

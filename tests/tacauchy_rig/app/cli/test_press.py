@@ -11,11 +11,13 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from sim.optics.calibrate.ball_press import read_rgb
 from sim.scene.material import LawName
 from sim.scene.scene import SceneTerms
 from tacauchy_rig.app.cli.app import app
 from tacauchy_rig.app.cli.press import states_a_scene
 from tacauchy_rig.core.errors import ConfigError
+from tacauchy_rig.core.rgb import encode_png
 
 DISC = ("--pad", "disc:radius=6mm,height=2mm", "--young", "0.43MPa", "--poisson", "0.45")
 PRESS = ("--indenter", "sphere:diameter=4mm", "--depth", "0.05mm", "--preset", "fast")
@@ -138,10 +140,19 @@ def test_a_plan_takes_the_way_to_a_force() -> None:
 
 
 def test_out_writes_what_a_replay_writes(tmp_path: Path) -> None:
-    """Of a sensor image, heights and markers too; a bare pad has no camera, and says so."""
-    folder = tmp_path / "found"
+    """Of a sensor image, heights and markers too; a bare pad has no camera, and says so.
+
+    Where the gel is not moved, the image is the no-contact frame that was given.
+    """
+    folder, background = tmp_path / "found", tmp_path / "rest.png"
+    frame = np.broadcast_to(np.arange(240)[:, None, None] // 2 + 40, (240, 320, 3)).astype(np.uint8)
+    background.write_bytes(encode_png(frame))
     sensor = ["press", "--sensor", "gelsight-mini", *PRESS, "--out", str(folder)]
+    sensor += ["--background", str(background)]
     assert CliRunner().invoke(app, sensor).exit_code == 0
+    image = read_rgb(folder / "image.png")
+    np.testing.assert_array_equal(image[:, 0], frame[:, 0])
+    assert (image != frame).any()
     always = {"press.json", "fields.npz", "surface.vtu", "gel.vtu", "indenter.vtu", "figure.png"}
     always |= {"states.npz"}
     written = {path.name for path in folder.iterdir()}
@@ -154,6 +165,8 @@ def test_out_writes_what_a_replay_writes(tmp_path: Path) -> None:
     bare = CliRunner().invoke(app, ["press", *DISC, *PRESS, "--out", str(tmp_path / "bare")])
     assert "a bare pad has no camera" in bare.stdout
     assert {path.name for path in (tmp_path / "bare").iterdir()} == always | {"figure.pdf"}
+    refused = CliRunner().invoke(app, ["press", *DISC, *PRESS, "--background", str(background)])
+    assert isinstance(refused.exception, ConfigError)
 
 
 GIVEN = ("--indenter", "plane", "--law", "linear", "--layer", "a", "--layer", "b", "--twice", "3")
