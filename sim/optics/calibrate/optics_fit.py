@@ -33,9 +33,11 @@ _LOOKED_AT = 10  # deepest presses; their shadows are the longest
 _COARSE = 2  # pixels along rows and columns that are taken together
 _DIRECTIONS = 16  # around the gel, at which lamps are looked for besides those that are named
 _NEAR_SHARE = 1.5  # of the image's width: distance of lamps where a search starts
-# Of azimuth [rad], of the logarithms of elevation and distance, and of the spread
+# Of azimuth [rad], of the logarithms of elevation, distance and a quarter of the softness, and of
+# the spread
 _STEPS = (0.2, 0.1, 0.05)
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
+_SOFTNESS_M = (2e-5, 4e-4)
 _BLUR_TURNS = 4
 _SETTLED_PX = 0.05
 _TRIED_PX = np.arange(0.0, 2.26, 0.25)
@@ -116,11 +118,10 @@ def _darkened(shadows: ShadowCaster, scene: PressScene, circle: Circle) -> Float
 def calibrate_with_shadows(
     presses: Sequence[BallPress], scene: PressScene, nominal: ShadowCaster
 ) -> Calibration:
-    """Fit colours, and direction, elevation and colour of the lamps' shadows.
+    """Fit colours, and place, size, softness and colour of the lamps' shadows.
 
     The search starts at the lamps of the sensor's file, or at others all around the gel where those
-    explain more. The softness stays: the short shadows of a ball do not tell a soft strong one from
-    a sharp weak one.
+    explain more.
     """
     found, shadows = calibrate_optics(presses, scene), nominal
     for _ in range(_ROUNDS):
@@ -140,7 +141,11 @@ def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaste
     near = [replace(lamp, distance_m=lamp.distance_m or distance_m) for lamp in best.lamps]
     best, misfit = lost.coloured(replace(best, lamps=near))
     for step in _STEPS:
-        moves = [*product((_turned, _raised, _removed), range(len(best.lamps))), (None, 0)]
+        moves = [
+            *product((_turned, _raised, _removed), range(len(best.lamps))),
+            (None, 0),
+            (None, 1),
+        ]
         for (move, index), by in product(moves, (-step, step)):
             while True:
                 tried, error = lost.coloured(_moved(best, move, index, by))
@@ -211,7 +216,8 @@ class _LostLight:
         return normal, -np.einsum("cln,cn->cl", terms, self._left_over)
 
     def _lost(self, lamp: Lamp, shadows: ShadowCaster) -> FloatArray:
-        key = (lamp.azimuth_rad, lamp.elevation_rad, lamp.distance_m, shadows.spread)
+        place = lamp.azimuth_rad, lamp.elevation_rad, lamp.distance_m
+        key = (*place, shadows.spread, shadows.softness_m)
         if key not in self._known:
             shares = [
                 lost_share(gel[2], gel[:2], lamp, shadows, self._geometry)[place]
@@ -262,7 +268,10 @@ def _removed(lamp: Lamp, by: float) -> Lamp:
 def _moved(
     shadows: ShadowCaster, move: Callable[[Lamp, float], Lamp] | None, index: int, by: float
 ) -> ShadowCaster:
-    """Move a lamp; without a move, change how large all are."""
+    """Move a lamp; without a move, change how large all are, or how soft all shadows."""
+    if move is None and index:
+        softness_m = np.clip(shadows.softness_m * math.exp(4.0 * by), *_SOFTNESS_M)
+        return replace(shadows, softness_m=float(softness_m))
     if move is None:
         return replace(shadows, spread=max(0.0, shadows.spread + by))
     lamps = [move(lamp, by) if i == index else lamp for i, lamp in enumerate(shadows.lamps)]

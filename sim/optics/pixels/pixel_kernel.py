@@ -178,9 +178,13 @@ class Rays:
     along_columns: wp.int32
     forward: wp.int32  # steps go towards higher columns or rows
     across: wp.int32  # values across
+    # By how many values of an image the next step and the next value across lie further on
+    step_stride: wp.int32
+    side_stride: wp.int32
     pitch: wp.int32  # blocks of a step's rays
     starts: wp.array(dtype=wp.float32)
     spacings: wp.array(dtype=wp.float32)
+    per_spacing: wp.array(dtype=wp.float32)
     # Distance of a step from the lamp's [m], its inverse [1/m], and the fall of the ray that goes
     # from the lamp through the first step's gel, over its distance [1]
     distances: wp.array(dtype=wp.float32)
@@ -199,43 +203,34 @@ class Rays:
     height: wp.float32
 
 
-@wp.func
-def _dent_at(
-    rays: Rays, dent: wp.array3d(dtype=wp.float32), image: int, at: int, side: int
-) -> wp.float32:
-    """Return the indentation at a step's column or row [m]; beside the image there is none."""
-    value = wp.float32(0.0)
-    if side >= 0 and side < rays.across:
-        row, column = at, side
-        if rays.along_columns == 1:
-            row, column = side, at
-        value = dent[image, row, column]
-    return value
-
-
 @wp.kernel(enable_backward=False, module="unique")
 def turn_dents(
     rays: Rays,
     first: wp.int32,
     # Data in:
-    dent: wp.array3d(dtype=wp.float32),
+    dent: wp.array(dtype=wp.float32),
     # Data out:
     turned_out: wp.array(dtype=Any),
 ):
-    """Interpolate indentations where rays cross columns or rows."""
+    """Interpolate indentations where rays cross columns or rows; beside the image there is none."""
     image, k, m = wp.tid()
     k += first
     steps = rays.starts.shape[0]
     at = wp.where(rays.forward == 1, k, steps - 1 - k)
+    row = image * steps * rays.across + at * rays.step_stride
     to = (image * steps + k) * rays.pitch + m
     values = type(turned_out[to])()
+    last = rays.across - 1
+    start, spacing = rays.starts[k], rays.spacings[k]
     for n in range(len(values)):
-        place = rays.starts[k] + wp.float32(m * len(values) + n) * rays.spacings[k]
-        whole = wp.floor(place)
-        side, part = int(whole), place - whole
-        lower = _dent_at(rays, dent, image, at, side)
-        upper = _dent_at(rays, dent, image, at, side + 1)
-        values[n] = lower + part * (upper - lower)
+        place = start + wp.float32(m * len(values) + n) * spacing
+        bounded = wp.clamp(place, wp.float32(0.0), wp.float32(last))
+        side = wp.min(int(bounded), last - 1)
+        part = bounded - wp.float32(side)
+        lower = dent[row + side * rays.side_stride]
+        upper = dent[row + (side + 1) * rays.side_stride]
+        beside = wp.max(wp.float32(1.0) - wp.abs(place - bounded), wp.float32(0.0))
+        values[n] = beside * (lower + part * (upper - lower))
     turned_out[to] = values
 
 
@@ -292,11 +287,11 @@ def lost_light(
         step, side = column, row
     if rays.forward == 0:
         step = rays.starts.shape[0] - 1 - step
-    ray = (wp.float32(side) - rays.starts[step]) / rays.spacings[step]
-    whole = wp.floor(ray)
-    place = (steps_before + step) * rays.pitch * lanes + int(whole)
+    ray = wp.max((wp.float32(side) - rays.starts[step]) * rays.per_spacing[step], wp.float32(0.0))
+    whole = int(ray)
+    place = (steps_before + step) * rays.pitch * lanes + whole
     lower, upper = hidden[place], hidden[place + 1]
-    share = lower + (ray - whole) * (upper - lower)
+    share = lower + (ray - wp.float32(whole)) * (upper - lower)
     if share > wp.float32(0.0):  # few are
         level = wp.float32(1.0) - p * p - q * q
         normal = wp.vec3f(p, q, wp.sqrt(wp.max(level, wp.float32(0.0))))

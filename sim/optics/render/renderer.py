@@ -306,7 +306,7 @@ class HiddenLamp:
         )
         values = self.hidden.blocks[0]
         self.stages: list[tuple[Any, int, tuple[int, ...], list[Any]]] = [
-            (turn_dents, step_count, (rays.pitch,), [dent, values]),
+            (turn_dents, step_count, (rays.pitch,), [dent.flatten(), values]),
             (follow_rays, rays.pitch, (), [values]),
         ]
 
@@ -340,6 +340,7 @@ def rays_from(
     tables = {
         "starts": (foot[side] + low * distances) / scales[side],
         "spacings": apart * distances / scales[side],
+        "per_spacing": scales[side] / (apart * distances),
         "distances": distances,
         "inverses": 1.0 / distances,
         "falls": height * (1.0 / distances - 1.0 / distances[0]),
@@ -350,6 +351,8 @@ def rays_from(
         along_columns=int(main == 0),
         forward=int(foot[main] < 0.5 * ends[main]),
         across=int(counts[side]),
+        step_stride=1 if main == 0 else int(counts[0]),
+        side_stride=int(counts[0]) if main == 0 else 1,
         pitch=-(-ray_count // lanes),
         slope=low,
         slopes_apart=apart,
