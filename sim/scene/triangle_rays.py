@@ -233,10 +233,12 @@ def lowest_height(surface: DeviceSurface, x: wp.float64, y: wp.float64) -> wp.fl
     zero = wp.float64(0.0)
     if surface.rounding == zero:
         return _lowest_on_faces(surface, x, y)
-    low = surface.centre[2] - surface.half[2] - surface.rounding
-    high = surface.centre[2] + surface.half[2] + surface.rounding
-    at = wp.vec3d(x, y, low)
-    safe = at[2]
+    reach = surface.half + wp.vec3d(surface.rounding, surface.rounding, surface.rounding)
+    away = wp.vec3d(x, y, zero) - surface.centre
+    if wp.abs(away[0]) > reach[0] or wp.abs(away[1]) > reach[1]:
+        return BESIDE
+    at = wp.vec3d(x, y, surface.centre[2] - reach[2])
+    high, safe, distance = surface.centre[2] + reach[2], at[2], zero
     for _ in range(_RISES_MAX):
         distance, n = surface_distance(surface, at)
         if wp.abs(distance) < _MET_M or at[2] > high:

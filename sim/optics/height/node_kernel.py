@@ -45,8 +45,6 @@ def _lowest(body: AnyBody, x: wp.float64, y: wp.float64):
     lowest = wp.float64(0.0)
     if body.is_mesh:
         lowest = lowest_height(body.mesh.surface, x, y)
-        if lowest < BESIDE:
-            lowest -= body.rounding
     else:
         lowest = _lowest(body.analytic, x, y)
     return lowest
