@@ -38,6 +38,8 @@ _SLOPE_MAX = 0.75
 # edges a tenth apart is 3.11, 3.08 and 3.12 N without, 2.99, 3.01 and 2.98 N with a quarter of an
 # edge, and tends to 2.986 N. Half an edge is 1 to 2 % too soft where the depth is less.
 _RIM_SHARE = 0.25
+# Of the depth: as much of a pointed tip may be cut off by that.
+_BLUNTED_SHARE = 0.05
 # Away from a fillet, growth and edges decide F_z, sectors and the rim's edges do not. Under a ball
 # the pressure is round to 3 % of its maximum and 2 % off Hertz (docs/explanation/meshes.md).
 RESOLUTIONS = {
@@ -189,8 +191,11 @@ def regularised_indenter(scene: Scene, *, refinement: float = 1.0) -> Indenter:
     if scene.preset is Preset.PAPER:
         return indenter
     if isinstance(indenter, MeshIndenter):
-        edge_m = sharp_edge_m(scene) / refinement
-        return indenter.with_edges(_RIM_SHARE * min(edge_m, mesh_depth(scene)))
+        depth_m = mesh_depth(scene)
+        radius_m = _RIM_SHARE * min(sharp_edge_m(scene) / refinement, depth_m)
+        rounded = indenter.with_edges(radius_m)
+        blunt = rounded.blunted_m / (_BLUNTED_SHARE * depth_m)
+        return rounded if blunt <= 1.0 else indenter.with_edges(radius_m / blunt)
     if not isinstance(indenter, Cylinder) or indenter.fillet_m > 0.0:
         return indenter
     edge_m = finest_edge_m(scene) / (scene.refinement * refinement)

@@ -110,13 +110,20 @@ class MeshIndenter:
         """Extents along x, y and z [m], shape [3]."""
         return np.asarray(np.ptp(self.surface.vertices, axis=0) + 2.0 * self.rounding_m)
 
+    @property
+    def blunted_m(self) -> float:
+        """Height of its lowest point: what rounding took off a tip [m]."""
+        return float(self.surface.vertices[:, 2].min()) - self.rounding_m
+
     def with_edges(self, radius_m: float) -> MeshIndenter:
         """Return the body with outer edges and corners of at least this radius [m].
 
-        Faces stay where they are; where a corner is the tip, the new tip is the origin.
+        Faces stay where they are, so that a pointed tip then lies above the origin.
         """
         inwards = radius_m - self.rounding_m
-        return self if inwards <= 0.0 else _around(self, offset(self.surface, -inwards), radius_m)
+        if inwards <= 0.0:
+            return self
+        return _bounded(self, offset(self.surface, -inwards), 0.0, rounding_m=radius_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,17 +150,19 @@ def grown(indenter: Indenter, by_m: float) -> Indenter:
         return replace(indenter, diameter_m=indenter.diameter_m + 2.0 * by_m)
     if isinstance(indenter, MeshIndenter):
         if indenter.rounding_m > 0.0:
-            return _around(indenter, indenter.surface, indenter.rounding_m + by_m)
-        return _around(indenter, offset(indenter.surface, by_m), 0.0)
+            rounding_m = indenter.rounding_m + by_m
+            return _bounded(indenter, indenter.surface, by_m, rounding_m=rounding_m)
+        return _bounded(indenter, offset(indenter.surface, by_m), by_m, rounding_m=0.0)
     return indenter
 
 
-def _around(indenter: MeshIndenter, surface: TriangleSurface, rounding_m: float) -> MeshIndenter:
-    """Return a body around other triangles, its lowest point at a height of zero."""
-    lift = np.array([0.0, 0.0, rounding_m - surface.vertices[:, 2].min()])
-    placed = replace(surface, vertices=surface.vertices + lift)
+def _bounded(
+    indenter: MeshIndenter, surface: TriangleSurface, lift_m: float, *, rounding_m: float
+) -> MeshIndenter:
+    """Return a body around other triangles, lifted."""
+    lifted = replace(surface, vertices=surface.vertices + np.array([0.0, 0.0, lift_m]))
     return replace(
-        indenter, surface=placed, content_hash=placed.content_hash, rounding_m=rounding_m
+        indenter, surface=lifted, content_hash=lifted.content_hash, rounding_m=rounding_m
     )
 
 
@@ -208,7 +217,8 @@ def read_mesh_indenter(
             f"{most_m * 1e3:.3g} mm, a quarter of the body's least extent",
             remedy="give edge=0.1mm or the like, or leave it out",
         )
-    return found.with_edges(edge_m)
+    rounded = found.with_edges(edge_m)
+    return _bounded(rounded, rounded.surface, -rounded.blunted_m, rounding_m=edge_m)
 
 
 def _round_underside(radius_m: float, fillet_m: float, away_m: FloatArray) -> FloatArray:

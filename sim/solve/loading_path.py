@@ -132,6 +132,7 @@ class LoadingPath(Stepping):
         self.touch_m = touch_height(
             self.model, self.indenter, self.unloaded, centre_m=self.centre_m, rotation=self.rotation
         )
+        self.touch_m += self.blunted_m  # depth counts from where the sharp tip would touch
         half = np.abs(self.model.nodes[:, :2]).max(axis=0)
         self.base_depth_m = base_depth_m(
             self.indenter,
@@ -316,7 +317,7 @@ class LoadingPath(Stepping):
         return self.last
 
     def _first(self, depth_m: float, duration_s: float | None) -> PathPoint:
-        depth = min(depth_m, self._first_step_m)
+        depth = min(depth_m, self._first_step_m + self.blunted_m)
         if depth_m > 0.0:
             depth = min(depth, depth_m * self.longest_share(duration_s))
         self.begin(_part(depth / depth_m, duration_s) if depth_m > 0.0 else duration_s)

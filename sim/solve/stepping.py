@@ -17,7 +17,7 @@ import numpy as np
 
 from sim.contact.contact_surface import State
 from sim.material.relaxation import Relaxation
-from sim.scene.indenter import Indenter
+from sim.scene.indenter import Indenter, MeshIndenter
 from sim.solve.equilibrium import Equilibrium, EquilibriumSolver, Reuse, SolverOptions
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Inertia, Potential
@@ -196,6 +196,11 @@ class Stepping:
         )
 
     @property
+    def blunted_m(self) -> float:
+        """By how much rounding cut off the indenter's tip [m]."""
+        return self.indenter.blunted_m if isinstance(self.indenter, MeshIndenter) else 0.0
+
+    @property
     def memories(self) -> tuple[Inertia | Relaxation, ...]:
         """What goes on from where a step ended, and not from any point of the path."""
         both = (self.model.relaxation, self.inertia)
@@ -203,7 +208,7 @@ class Stepping:
 
     def must_touch(self, depth_m: float) -> bool:
         """Return whether an indenter that came down to a depth [m] cannot but touch."""
-        deep = depth_m > _TOUCHES_FROM_SHARE * self.model.height_m
+        deep = depth_m - self.blunted_m > _TOUCHES_FROM_SHARE * self.model.height_m
         return deep and not self.memories
 
     def begin(self, duration_s: float | None) -> None:

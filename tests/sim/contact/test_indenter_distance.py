@@ -152,9 +152,10 @@ def test_a_round_edge_is_met_from_below(box: MeshIndenter) -> None:
     away = np.linspace(0.0, 1e-3, 21)
     ridge = chisel().with_edges(radius).lower_surface(np.zeros(21), away)
     lift = radius / math.cos(slope) - radius
-    on_arc = radius - np.sqrt(np.maximum(radius**2 - away**2, 0.0))
+    assert chisel().with_edges(radius).blunted_m == pytest.approx(lift)
+    on_arc = lift + radius - np.sqrt(np.maximum(radius**2 - away**2, 0.0))
     is_arc = away < radius * math.sin(slope)
-    expected = np.where(is_arc, on_arc, away * math.tan(slope) - lift)
+    expected = np.where(is_arc, on_arc, away * math.tan(slope))
     np.testing.assert_allclose(ridge, expected, atol=1e-9)
 
 
