@@ -281,6 +281,7 @@ def material(
         GelFit,
         contradictions,
         next_presses,
+        other_unit,
         predict_left_out,
         respond,
     )
@@ -312,24 +313,35 @@ def material(
     rubbing = stated_uncertainty(groups[0].config, "friction").value
     beliefs = {NU: (stated.value, stated.uncertainty), MU: (groups[0].inputs.friction, rubbing)}
     priors = {place: belief for place, belief in beliefs.items() if not told[place].is_bounded}
-    _show_gel(fit, told, priors)
+    written = GelFit(data=data, priors=priors) if priors else fit
+    # Of the written modulus, together with what the file states beside it.
+    young = written.interval(YOUNG) if priors else told[YOUNG]
+    _show_gel(fit, told)
+    assumed = [f"{'nu' if k == NU else 'mu'} {m:.3g} +- {u:.2g}" for k, (m, u) in priors.items()]
+    if assumed:
+        say(f"with {' and '.join(assumed)} as stated, E is {_written(young, 1e-6, ' MPa')}")
     left_out = list(predict_left_out(fit))
-    held = sum(each.held for each in left_out)
-    say(f"left out and predicted: {held} of {len(left_out)} within their 95 % interval")
+    if left_out:
+        held = sum(each.held for each in left_out)
+        say(f"left out and predicted: {held} of {len(left_out)} within their 95 % interval")
     terms = {str(path): relaxation_of(path) for path in presses if path.is_dir()}
     for path, term in terms.items():
         say(f"{path}: {term or 'the dwells show no relaxation'}")
+    if not terms:
+        say("relaxation: unknown, a table has no times; record a run with protocol.dwell")
     wrong = contradictions(fit, left_out)
-    for sentence in wrong:
+    note = None if wrong else other_unit(fit)
+    for sentence in [*wrong, *([f"note: {note}"] if note else [])]:
         say(sentence)
-    advice = [] if wrong else sorted(next_presses(fit), key=lambda each: each.young)
+    advice = [] if wrong else next_presses(fit)
     for each in advice[:ADVISED]:
         say(f"next: {each}")
     if out is not None and not wrong:
-        _write(out, GelFit(data=data, priors=priors).best.tolist(), told, groups)
+        _write(out, written.best.tolist(), young, told[NU], groups)
     names = ("young", "poisson", "friction")
     found = {
         "told": dict(zip(names, told, strict=True)),
+        "written": {"young": young, "poisson": written.best[NU], "friction": written.best[MU]},
         "left_out": left_out,
         "next": advice,
         "relaxation": terms,
@@ -340,36 +352,28 @@ def material(
 
 
 def _write(
-    out: Path, best: list[float], told: list[Interval], groups: list[IndenterPresses]
+    out: Path, best: list[float], young: Interval, poisson: Interval, groups: list[IndenterPresses]
 ) -> None:
     """Write the sensor file with E, and nu if it is determined, as they fit the forces together."""
     from tacauchy_rig.app.calibration.material.results import sensor_text, with_gel
 
-    log_young, nu, mu = best[:3]
-    young, poisson = (
-        replace(found, best=value)
-        for found, value in zip(told, (math.exp(log_young), nu), strict=False)
-    )
+    _, nu, mu = best[:3]
     emulated = ", emulated" if any(group.simulated for group in groups) else ""
     count = f"{sum(len(group.force_n) for group in groups)} forces, {len(groups)} indenters"
     text = sensor_text(groups[0].config.sensor.name)
     source = f"calibrate material{emulated}: {count}; with nu {nu:.4g}, friction {mu:.2g}"
+    poisson = replace(poisson, best=nu)
     write_text(out, with_gel(text, young=young, poisson=poisson, source=source))
     say(f"sensor's file {out}; it predicts these forces with replay.friction = {mu:.2g}")
 
 
-def _show_gel(fit: GelFit, told: list[Interval], priors: dict[int, tuple[float, float]]) -> None:
+def _show_gel(fit: GelFit, told: list[Interval]) -> None:
     say(f"chi^2 {fit.misfit:.1f} of {len(fit.measured)} forces")
     rows = (("modulus E", 1e-6, " MPa"), ("Poisson's ratio nu", 1.0, ""), ("friction mu", 1.0, ""))
-    for place, (name, factor, unit) in enumerate(rows):
-        assumed = ""
-        if place in priors:
-            mean, uncertainty = priors[place]
-            assumed = f"; the written file assumes {mean:.3g} +- {uncertainty:.2g}"
-        say(f"{name:19} {_written(told[place], factor, unit)}{assumed}")
-    for presses, zeros_m in fit.zeros():
-        shown = ", ".join(f"{1e3 * zero:+.3f}" for zero in zeros_m.tolist())
-        say(f"{presses.name}: fitted zeros of depth: add {shown} mm to the depths")
+    for found, (name, factor, unit) in zip(told, rows, strict=True):
+        say(f"{name:19} {_written(found, factor, unit)}")
+    for name, zero_m in zip(fit.series_names, fit.zeros_m.tolist(), strict=True):
+        say(f"{name}: fitted zero of depth: add {zero_m * 1e3:+.3f} mm to the depths")
 
 
 def _written(found: Interval, factor: float, unit: str) -> str:

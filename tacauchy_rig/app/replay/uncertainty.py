@@ -16,7 +16,7 @@ import numpy as np
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 from sim.scene.pad import BoxPad, SurfacePad
 from sim.scene.scene import Scene
-from sim.sensitivity import COARSE, FINER, can_tilt, forces_at
+from sim.sensitivity import COARSE, FINER, can_tilt, kept_forces
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.model import RigConfig
@@ -80,7 +80,9 @@ def force_inputs(
 
     @cache
     def forces(scene: Scene, refinement: float) -> FloatArray:
-        return forces_at(scene, tried_m.tolist(), contact_force_n=contact_n, refinement=refinement)
+        return kept_forces(
+            scene, tried_m.tolist(), contact_force_n=contact_n, refinement=refinement
+        )
 
     def pressed(changed: ReplayInputs, refinement: float) -> FloatArray:
         scene = replace(changed, sensor=changed.sensor.relaxing(())).scene(stiffest_n)

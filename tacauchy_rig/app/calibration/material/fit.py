@@ -5,7 +5,7 @@
 A is force over modulus, from presses of the simulator that a surrogate interpolates: E only scales
 them. Each series has one zero of depth s_k. C has the noise of each force, the surrogate's error,
 and as relative errors what all points of an indenter share (mesh, sizes, mounting) or all points
-(height of the gel, the cell's gain).
+(height of the gel, the cell's gain, the law).
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ from scipy.stats import chi2, norm
 
 from reports.evidence.loading import stated_of_run
 from sim.scene.terms import parse_indenter
-from sim.sensitivity import COARSE, forces_at
+from sim.sensitivity import COARSE, kept_forces
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.app.replay.uncertainty import force_inputs
 from tacauchy_rig.core.arrays import BoolArray, FloatArray
 from tacauchy_rig.core.errors import RigError
 from tacauchy_rig.core.parallel import parallel_map
+from tacauchy_rig.core.quantities import UNITS, Dimension
 from tacauchy_rig.core.simulated import ForceInput
 
 POISSON = (0.36, 0.42, 0.46, 0.48, 0.495)
@@ -36,14 +37,18 @@ FRICTION = (0.0, 0.1, 0.3, 1.0)
 """Nodes that are solved: every nu at mu 0.3, and every mu at two nu."""
 _MIDDLE, _ROUGHENED = 2, (1, 3)
 _SHARES = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
-"""Depths that are solved, of the deepest, which lies so far beyond the deepest measured one."""
-_BEYOND, _REFINEMENT, _LEAST_SHARE = 1.15, 1.4, 0.02
+_BEYOND, _STEP, _REFINEMENT, _LEAST_SHARE = 1.15, 0.05, 1.4, 0.02
+"""Depths that are solved, of the deepest. It is ``_BEYOND`` times the deepest measured one, rounded
+up to a ``_STEP`` of the gel's height: more data may then need no more presses."""
 _MESH, _JITTER = 0.01, 0.005
 """Relative standard uncertainties: one that all forces of an indenter share, and one of each force.
 Interpolated forces differ by -0.7 to +1.8 % from those of seven presses (five of a ball, two of a
 punch) on the mesh of preset balanced. A ``Batch`` with edges of 1.25 mm takes as long for a press
 and is uncertain by 4 to 8 %."""
-_SHARED = ("gain", "gel height", "dome along x", "dome along y")
+_LAW = 0.08
+"""Relative standard uncertainty by the law of the gel, for each depth over the gel's height: of
+another neo-Hookean law, the emulator's, forces are up to 2.3 % smaller at a fifth."""
+_SHARED = ("gain", "gel height", "dome along x", "dome along y", "law")
 """What is the same for all indenters: it is the cell's and the gel's."""
 _FITTED = ("Poisson's ratio", "friction")
 
@@ -113,12 +118,12 @@ def nodes() -> list[tuple[float, float]]:
 def respond(presses: IndenterPresses, *, jobs: int = 1) -> Response:
     """Solve an indenter's presses. ConvergenceError: One finds no equilibrium."""
     inputs = replace(presses.inputs, sensor=presses.inputs.sensor.relaxing(()))
-    deepest_m = float(presses.depth_m.max()) + 2.0 * presses.zero_doubt_m
-    depths_m = _BEYOND * deepest_m * np.array(_SHARES)
+    step_m = _STEP * inputs.sensor.pad.height_m
+    deepest_m = _BEYOND * (float(presses.depth_m.max()) + 2.0 * presses.zero_doubt_m)
+    depths_m = step_m * np.ceil(deepest_m / step_m) * np.array(_SHARES)
     work = partial(_areas_at, inputs=inputs, depths_m=depths_m)
     areas = dict(parallel_map(work, nodes(), jobs=jobs, new_process_each=False))
-    measured = np.unique(presses.depth_m).tolist()
-    tried = force_inputs(inputs, presses.config, measured, found=presses.found)
+    tried = force_inputs(inputs, presses.config, depths_m[1:-1].tolist(), found=presses.found)
     known = tuple(each for each in tried if each.name not in _FITTED)
     return replace(Response.of(depths_m, areas), inputs=known)
 
@@ -133,7 +138,7 @@ def _areas_at(
     node: tuple[float, float], *, inputs: ReplayInputs, depths_m: FloatArray
 ) -> FloatArray:
     scene = gel_of(inputs, *node).scene([1.0])
-    forces = forces_at(scene, depths_m.tolist(), refinement=_REFINEMENT)
+    forces = kept_forces(scene, depths_m.tolist(), refinement=_REFINEMENT)
     return forces / inputs.sensor.material.young_pa
 
 
@@ -215,12 +220,24 @@ class GelFit:
             first += presses.press_count
         return np.concatenate(found)
 
-    def zeros(self) -> Iterator[tuple[IndenterPresses, FloatArray]]:
-        """Yield each indenter's presses and the best zeros of their series [m]."""
-        first = 3
-        for presses, _ in self.data:
-            yield presses, presses.zero_doubt_m * self.best[first : first + presses.press_count]
-            first += presses.press_count
+    @property
+    def series_names(self) -> list[str]:
+        """What each series is called in messages."""
+        return [
+            presses.name if presses.press_count == 1 else f"{presses.name}, press {k}"
+            for presses, _ in self.data
+            for k in range(1, presses.press_count + 1)
+        ]
+
+    @property
+    def zero_doubts_m(self) -> FloatArray:
+        """Standard uncertainty of each series' zero of depth [m]."""
+        return np.concatenate([np.full(p.press_count, p.zero_doubt_m) for p, _ in self.data])
+
+    @property
+    def zeros_m(self) -> FloatArray:
+        """Fitted zero of each series [m]: what is to be added to its depths."""
+        return self.zero_doubts_m * self.best[3:]
 
     def _covariance(self, parameters: FloatArray) -> FloatArray:
         """Return the covariance of all forces around a fit [N^2]."""
@@ -234,6 +251,7 @@ class GelFit:
             changes: dict[str, float | FloatArray] = {
                 "gain": stated_of_run(presses.config, None)["force_scale"].value,
                 "mesh": response.uncertain[0],
+                "law": _LAW * presses.depth_m / presses.inputs.sensor.pad.height_m,
             }
             for each in response.inputs:
                 changes[each.name] = np.interp(
@@ -245,30 +263,34 @@ class GelFit:
         shared = np.array(list(parts.values()))
         return np.asarray(np.diag(each_n**2) + shared.T @ shared)
 
-    def residuals(self, parameters: FloatArray, kept: BoolArray | None = None) -> FloatArray:
-        """Return what chi^2 is the sum of squares of: of forces, zeros of depth and priors."""
-        kept = np.ones(len(self.measured), np.bool_) if kept is None else kept
-        off = (self.measured - self.forces(parameters))[kept]
-        factor = cholesky(self.covariance[np.ix_(kept, kept)], lower=True)
-        assumed = [(parameters[k] - mean) / sd for k, (mean, sd) in self.priors.items()]
-        return np.concatenate([solve_triangular(factor, off, lower=True), parameters[3:], assumed])
-
     def solve(
         self,
         start: FloatArray,
         fixed: Mapping[int, float] | None = None,
         kept: BoolArray | None = None,
+        doubted: int | None = None,
     ) -> tuple[FloatArray, float]:
-        """Return the best parameters with some of them fixed, and their chi^2."""
+        """Return the best parameters and their chi^2, of forces, zeros of depth and priors.
+
+        Args:
+            fixed: Parameters that are not fitted, by their place.
+            kept: Which forces count; all if absent.
+            doubted: Place of a zero of depth whose stated uncertainty does not count.
+        """
         whole, free = start.copy(), np.setdiff1d(np.arange(len(start)), list(fixed or ()))
         whole[list(fixed or ())] = list((fixed or {}).values())
         zeros = np.full(len(start) - 3, _ZERO_MOST)
         low, high = np.concatenate([_LOW, -zeros]), np.concatenate([_HIGH, zeros])
         scales = np.concatenate([_SCALES, np.ones(len(zeros))])
+        kept = np.ones(len(self.measured), np.bool_) if kept is None else kept
+        factor = cholesky(self.covariance[np.ix_(kept, kept)], lower=True)
+        stated = np.arange(3, len(start)) != doubted
 
         def off(x: FloatArray) -> FloatArray:
             whole[free] = x
-            return self.residuals(whole, kept)
+            left = solve_triangular(factor, (self.measured - self.forces(whole))[kept], lower=True)
+            assumed = [(whole[k] - mean) / sd for k, (mean, sd) in self.priors.items()]
+            return np.concatenate([left, stated * whole[3:], assumed])
 
         inside = np.clip(whole, low + 1e-3 * scales, high - 1e-3 * scales)
         found = least_squares(
@@ -291,15 +313,15 @@ class GelFit:
         return self.solve(self.best, {place: value})[1] - self.misfit
 
     def _end(self, place: int, sign: float) -> float | None:
+        above = lambda value: self.profile(place, value) - LEVEL  # noqa: E731
         inside, step = float(self.best[place]), 0.5 * _SCALES[place]
         bound = (_LOW if sign < 0.0 else _HIGH)[place]
+        if above(bound) <= 0.0:
+            return None
         while True:
             tried = sign * min(sign * (inside + sign * step), sign * bound)
-            if self.profile(place, tried) > LEVEL:
-                above = lambda value: self.profile(place, value) - LEVEL  # noqa: E731
-                return float(brentq(above, inside, tried, xtol=1e-3 * _SCALES[place]))
-            if tried == bound:
-                return None
+            if tried == bound or above(tried) > 0.0:
+                return float(brentq(above, inside, tried, xtol=1e-2 * _SCALES[place]))
             inside, step = tried, 2.0 * step
 
     def slopes(self, parameters: FloatArray) -> FloatArray:
@@ -312,14 +334,14 @@ class GelFit:
         )
 
 
-_BELIEVED = {NU: 0.05, MU: 0.5}
-"""What anybody knows of Poisson's ratio and friction of a gel: standard uncertainties."""
+_RANGES = {YOUNG: 1.0, NU: POISSON[-1] - POISSON[0], MU: 1.0}
+"""Of ln E by a factor of e, and what is possible of Poisson's ratio and friction."""
 
 
 def _information(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return what forces and beliefs tell of all parameters: the inverse of their covariance."""
+    """Return the inverse of all parameters' covariance; nu and mu lie anywhere in their ranges."""
     believed = np.ones(slopes.shape[1])
-    believed[: MU + 1] = [0.0, *(doubt**-2 for doubt in _BELIEVED.values())]
+    believed[: MU + 1] = [0.0, 12.0 / _RANGES[NU] ** 2, 12.0 / _RANGES[MU] ** 2]
     return np.asarray(slopes.T @ np.linalg.solve(covariance, slopes) + np.diag(believed))
 
 
@@ -375,17 +397,31 @@ def predict_left_out(fit: GelFit) -> Iterator[LeftOutForce]:
 _FALSE_ALARM = 1e-3
 _SOFTEST_PA, _STIFFEST_PA = 10e3, 3e6
 """Of silicone gels: outside, forces are not in newtons."""
-_SURPRISING = 3.0
+_SURPRISING, _ODD, _ALIKE = 3.0, 4.0, 0.9
+
+
+def other_unit(fit: GelFit) -> str | None:
+    """Return what explains a modulus that no gel has, or one far from the sensor's file."""
+    young, stated = float(np.exp(fit.best[YOUNG])), fit.data[0][0].inputs.sensor.material.young_pa
+    units = UNITS[Dimension.FORCE]
+    off = {unit: abs(np.log(by * young / stated)) for unit, by in units.items()}
+    if off.pop("N") < np.log(_ODD):
+        return None
+    least = min(off.values())
+    near = [unit for unit in sorted(off, key=lambda u: off[u]) if off[unit] < least + _ALIKE]
+    others = " or ".join(f"{each}: {units[each] * young * 1e-6:.3g} MPa" for each in near)
+    return (
+        f"E would be {young * 1e-6:.3g} MPa, and {stated * 1e-6:.3g} MPa is stated; with forces in "
+        f"{others}"
+    )
 
 
 def contradictions(fit: GelFit, left_out: Sequence[LeftOutForce]) -> list[str]:
     """Return what of the data contradicts their stated errors, in a sentence each."""
     found, young = [], float(np.exp(fit.best[YOUNG]))
     if not _SOFTEST_PA <= young <= _STIFFEST_PA:
-        found.append(
-            f"E would be {young * 1e-6:.3g} MPa, which no silicone gel has: are the forces in "
-            "newtons (not gram-force) and the depths in millimetres?"
-        )
+        found.append(other_unit(fit) or f"E would be {young * 1e-6:.3g} MPa, which no gel has")
+    found += _wrong_zeros(fit)
     degrees = len(fit.measured) - 1
     surprises = [2.0 * float(norm.sf(abs(each.off))) * len(left_out) for each in left_out]
     misfits = degrees > 0 and float(chi2.sf(fit.misfit, degrees)) < _FALSE_ALARM
@@ -401,6 +437,18 @@ def contradictions(fit: GelFit, left_out: Sequence[LeftOutForce]) -> list[str]:
     return found
 
 
+def _wrong_zeros(fit: GelFit) -> Iterator[str]:
+    """Yield each series that fits far better with a zero of depth beyond its uncertainty."""
+    for k, name in enumerate(names := fit.series_names, start=3):
+        freed, left = fit.solve(fit.best, doubted=k)
+        if len(names) * float(chi2.sf(fit.misfit - left, 1)) < _FALSE_ALARM:
+            yield (
+                f"{name}: its depths fit with {freed[k] * fit.zero_doubts_m[k - 3] * 1e3:+.3f} mm "
+                f"added, and their zero is stated to {fit.zero_doubts_m[k - 3] * 1e3:.3f} mm "
+                "(uncertainty.depth)"
+            )
+
+
 CANDIDATES = (
     "sphere:diameter=4mm",
     "sphere:diameter=10mm",
@@ -409,7 +457,7 @@ CANDIDATES = (
     "cylinder:diameter=8mm,fillet=0.5mm",
 )
 _DEPTH_SHARES = (0.05, 0.1, 0.15, 0.2)
-"""Of the gel's height: to what candidates are pressed."""
+"""Of the gel's height: to what candidates may be pressed."""
 _OWN, _EACH = 0.015, 0.01
 """Relative doubt of a candidate's forces: of all together (sizes, mounting, mesh), and of each."""
 _STEPS = (-0.01, 0.1)
@@ -418,46 +466,78 @@ _STEPS = (-0.01, 0.1)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NextPress:
-    """What presses with an indenter, four of up to a fifth of the gel's height, would leave."""
+    """What one more press would leave uncertain."""
 
     indenter: str
-    young: float  # relative standard uncertainty of the modulus
-    poisson: float  # standard uncertainty of Poisson's ratio
-    friction: float  # of the friction coefficient
+    depth_m: float  # to which it would be pressed [m]
+    widest: str  # what is least certain now, of what is possible
+    # Standard uncertainties: of ln E, nu and mu
+    now: tuple[float, ...]
+    left: tuple[float, ...]
 
     def __str__(self) -> str:
+        young, nu, mu = (
+            f"{was:{form}} to {left:{form}}"
+            for was, left, form in zip(self.now, self.left, (".1%", ".3f", ".2f"), strict=True)
+        )
         return (
-            f"{self.indenter} would leave standard uncertainties of {self.young:.1%} of E, "
-            f"{self.poisson:.3f} of nu and {self.friction:.2f} of mu"
+            f"{self.indenter} to {self.depth_m * 1e3:.2g} mm, for {self.widest}: it would reduce "
+            f"the standard uncertainties of E from {young}, of nu from {nu}, of mu from {mu}"
         )
 
 
-def next_presses(fit: GelFit) -> Iterator[NextPress]:
-    """Yield what each other indenter would leave uncertain.
+def next_presses(fit: GelFit) -> list[NextPress]:
+    """Return what a press with each other indenter, to its best depth, would leave uncertain.
 
-    More presses with the same one share what is wrong with those that there are.
+    The first reduces most what is least certain now (linearised). More presses with the same
+    indenter share what is wrong with those that there are.
     """
-    nu, mu = (float(fit.best[k]) for k in (NU, MU))
-    all_known = _information(fit.slopes(fit.best), fit.covariance)
-    known = np.linalg.inv(np.linalg.inv(all_known)[: MU + 1, : MU + 1])
-    presses = fit.data[0][0]
-    inputs = gel_of(presses.inputs, nu, mu)
-    inputs = replace(inputs, sensor=inputs.sensor.relaxing(()))
-    depths = (inputs.sensor.pad.height_m * np.array(_DEPTH_SHARES)).tolist()
-    have = {each.name for each, _ in fit.data}
+    known = np.linalg.inv(_information(fit.slopes(fit.best), fit.covariance))[: MU + 1, : MU + 1]
+    now = np.sqrt(np.diag(known))
+    widest = int(np.argmax(now / np.array(list(_RANGES.values()))))
+    presses, have = fit.data[0][0], {each.name for each, _ in fit.data}
+    inputs = replace(presses.inputs, sensor=presses.inputs.sensor.relaxing(()))
+    depths = inputs.sensor.pad.height_m * np.array(_DEPTH_SHARES)
+    found = []
     for text in (text for text in CANDIDATES if text not in have):
-        tool = replace(inputs, indenter=parse_indenter(text))
-        others = (tool, gel_of(tool, nu + _STEPS[0], mu), replace(tool, friction=mu + _STEPS[1]))
         try:
-            base, *changed = (
-                forces_at(each.scene([1.0]), depths, refinement=COARSE) for each in others
-            )
+            force, slopes = _candidate(replace(inputs, indenter=parse_indenter(text)), fit, depths)
         except RigError:
             continue  # what cannot be pressed coarsely is no advice
-        slopes = [(other / base - 1.0) / step for other, step in zip(changed, _STEPS, strict=True)]
-        steep = presses.zero_doubt_m * np.gradient(base, depths) / base
-        covariance = np.diag(np.full(len(base), _EACH**2)) + _OWN**2 + np.outer(steep, steep)
-        slopes_of = np.stack([np.ones_like(base), *slopes], axis=1)
-        left = np.linalg.inv(known + slopes_of.T @ np.linalg.solve(covariance, slopes_of))
-        young, poisson, friction = np.sqrt(np.diag(left)).tolist()
-        yield NextPress(indenter=text, young=young, poisson=poisson, friction=friction)
+        steep = presses.zero_doubt_m * np.gradient(force, depths) / force
+        tells = slopes @ known  # rank-one updates of the covariance
+        left = (
+            known
+            - tells[:, :, None]
+            * tells[:, None]
+            / (_OWN**2 + _EACH**2 + steep**2 + np.sum(tells * slopes, axis=1))[:, None, None]
+        )
+        best = int(np.argmin(left[:, widest, widest]))
+        found.append(
+            NextPress(
+                indenter=text,
+                depth_m=float(depths[best]),
+                widest=("E", "nu", "mu")[widest],
+                now=tuple(now.tolist()),
+                left=tuple(np.sqrt(np.diag(left[best])).tolist()),
+            )
+        )
+    return sorted(found, key=lambda each: each.left[widest])
+
+
+def _candidate(
+    tool: ReplayInputs, fit: GelFit, depths_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return forces [N] and what ln E, nu and mu change of their logarithm, shape [depths, 3].
+
+    At the solved node that is nearest, so that it is kept for fits to come.
+    """
+    nu = min(POISSON[1:4], key=lambda each: abs(each - fit.best[NU]))
+    mu = FRICTION[_MIDDLE]
+    others = ((nu, mu), (nu + _STEPS[0], mu), (nu, mu + _STEPS[1]))
+    base, *changed = (
+        kept_forces(gel_of(tool, *each).scene([1.0]), depths_m.tolist(), refinement=COARSE)
+        for each in others
+    )
+    slopes = [(other / base - 1.0) / step for other, step in zip(changed, _STEPS, strict=True)]
+    return base, np.stack([np.ones_like(base), *slopes], axis=1)

@@ -26,7 +26,7 @@ from tacauchy_rig.core.quantities import Dimension
 from tacauchy_rig.core.simulated import REPLAY_NAME, FoundValue, Replay, model_of
 
 COLUMNS = ("indenter", "depth_mm", "force_n")
-_SAME_DEPTH_M = 1e-6
+_SAME_DEPTH_M, _DEEPEST_SHARE = 1e-6, 0.8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,6 +116,13 @@ def _refuse(groups: Sequence[IndenterPresses]) -> None:
             remedy="give a sensor without layers",
         )
     for each in groups:
+        height_m = each.inputs.sensor.pad.height_m
+        if (deepest_m := float(each.depth_m.max())) > _DEEPEST_SHARE * height_m:
+            raise RecordError(
+                f"{each.name}: a depth of {deepest_m * 1e3:.4g} mm in a gel of "
+                f"{height_m * 1e3:.4g} mm is beyond what can be simulated",
+                remedy="give depths in millimetres, and leave out what is close to the base",
+            )
         if not isinstance(each.inputs.indenter, Cylinder | Sphere):
             raise ConfigError(
                 f"{each.name}: the fit simulates 11 presses, which take minutes each for a mesh",

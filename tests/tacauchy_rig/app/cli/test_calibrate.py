@@ -282,8 +282,10 @@ def test_one_ball_from_a_table(
     if wrong:
         assert "sphere:diameter=6mm at 0.5 mm: " in result.output
         return
-    assert "next: sphere:diameter=10mm would leave" in result.output
+    assert "next: sphere:diameter=10mm to 0.8 mm, for " in result.output
     assert "next: sphere:diameter=6mm" not in result.output
+    assert "with nu 0.48 +- 0.01 and mu 0.5 +- 0.2 as stated, E is " in result.output
+    assert "relaxation: unknown, a table has no times" in result.output
     made = load_sensor(str(out))
     # At nu 0.48 in place of 0.465 the formula's ball is 3 % stiffer, so that E is as much smaller.
     assert made.material.young_pa == pytest.approx(5e5 * 0.97, rel=0.03)
