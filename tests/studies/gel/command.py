@@ -154,25 +154,21 @@ def judged_gel(seed: int, number: int, indenters: Sequence[str]) -> dict[str, An
 def _off_written(seed: int, number: int, fit: GelFit, told: Sequence[Interval]) -> list[float]:
     """Return how far a later press is off what the written file predicts, over what it states.
 
-    That are the uncertainties of E and nu in the file and of mu, of the press's zero of depth and
-    gain, and the force's noise.
+    That are the uncertainties of E and nu in the file, of mu, of the press's zero of depth and gain
+    and of the interpolation, and the force's noise.
     """
     beliefs = {NU: (0.48, 0.01), MU: (0.5, 0.2)}  # what the sensor's file and the rig state
     priors = {k: each for k, each in beliefs.items() if not told[k].is_bounded}
-    file = GelFit(data=fit.data, priors=priors)
-    found, off = [file.interval(place) for place in (YOUNG, NU, MU)], []
-    doubts = [
-        priors[k][1] if k in priors else (each.uncertainty or 0.0) for k, each in enumerate(found)
-    ]
-    doubts[YOUNG] /= found[YOUNG].best
+    file, off = GelFit(data=fit.data, priors=priors), list[float]()
+    young = file.interval(YOUNG)
+    known = [priors[k][1] if k in priors else told[k].uncertainty for k in (NU, MU)]
+    doubts = [(young.uncertainty or 0.0) / young.best, *known, 1.0]
     for presses, response in fit.data:
         later = presses_of(seed, number, presses.name, NEW_DEPTHS_M, series=1)
         new, values = GelFit(data=[(later, response)]), np.append(file.best[: MU + 1], 0.0)
-        force = new.forces(values)
-        errors = np.column_stack([new.slopes(values) * [*doubts, 1.0], GAIN * force])
-        off += (
-            (later.force_n - force) / np.hypot(np.linalg.norm(errors, axis=1), NOISE_N)
-        ).tolist()
+        force, gain = new.forces(values), np.hypot(GAIN, np.hypot(*response.uncertain))
+        errors = [new.slopes(values) * doubts, np.stack([gain * force, later.noise_n], axis=1)]
+        off += ((later.force_n - force) / np.linalg.norm(np.hstack(errors), axis=1)).tolist()
     return off
 
 
@@ -202,8 +198,8 @@ class GelStudy(Study):
                 measure=partial(judged_gel, self.seed, number, tools),
                 process=f"{number // 10}",
             )
-            for tools in SETS
             for number in range(self.gels)
+            for tools in SETS
         ]
 
     def line(self, result: Result) -> str:

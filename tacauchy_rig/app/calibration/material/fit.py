@@ -15,7 +15,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import brentq, least_squares
 from scipy.stats import chi2, norm
@@ -32,10 +31,9 @@ from tacauchy_rig.core.parallel import parallel_map
 from tacauchy_rig.core.quantities import UNITS, Dimension
 from tacauchy_rig.core.simulated import ForceInput
 
-POISSON = (0.36, 0.42, 0.46, 0.48, 0.495)
-FRICTION = (0.0, 0.1, 0.3, 1.0)
-"""Nodes that are solved: every nu at mu 0.3, and every mu at two nu."""
-_MIDDLE, _ROUGHENED = 2, (1, 3)
+NODES = [(nu, 0.3) for nu in (0.36, 0.42, 0.46, 0.48, 0.495)]
+NODES += [(nu, mu) for nu in (0.42, 0.48) for mu in (0.0, 0.1, 1.0)]
+"""Poisson's ratios and frictions that are solved."""
 _SHARES = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
 _BEYOND, _STEP, _REFINEMENT, _LEAST_SHARE = 1.15, 0.05, 1.4, 0.02
 """Depths that are solved, of the deepest. It is ``_BEYOND`` times the deepest measured one, rounded
@@ -52,9 +50,6 @@ _SHARED = ("gain", "gel height", "dome along x", "dome along y", "law")
 """What is the same for all indenters: it is the cell's and the gel's."""
 _FITTED = ("Poisson's ratio", "friction")
 
-_BY_POISSON = CubicSpline(POISSON, np.eye(len(POISSON)))
-_BY_FRICTION = CubicSpline([mu / (mu + 0.3) for mu in FRICTION], np.eye(len(FRICTION)))
-
 
 def _shape(share: FloatArray) -> FloatArray:
     """Return what ln(A / depth) is a sum of: a power law where shallow, bent where deep."""
@@ -62,57 +57,40 @@ def _shape(share: FloatArray) -> FloatArray:
     return np.stack([np.ones_like(share), log, log**2, share, share**2], axis=-1)
 
 
+def _basis(poisson: float, friction: float) -> FloatArray:
+    """Return as many functions of nu and mu as there are ``NODES``."""
+    n, m = (poisson - 0.44) / 0.08, friction / (friction + 0.3) - 0.5
+    of_mu = [m, m**2, m**3]
+    return np.array([1.0, n, n**2, n**3, n**4, *of_mu, *(n * each for each in of_mu)])
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Response:
     """An indenter's force over the modulus, as a function of depth, nu and mu."""
 
     deepest_m: float  # depth up to which it was solved [m]
-    poisson: FloatArray  # coefficients of ``_shape`` at the nodes of nu, shape [5, 5]
-    friction: FloatArray  # what mu adds to them at two nodes of nu and all of mu, shape [2, 4, 5]
+    terms: FloatArray  # coefficients of ``_basis`` times ``_shape``, shape [11, 5]
     # Relative standard uncertainty: of all forces together, and of each [1]
     uncertain: tuple[float, float]
     inputs: tuple[ForceInput, ...] = ()  # what else it depends on
 
     @classmethod
-    def of(
-        cls, depths_m: FloatArray, areas_m2: Mapping[tuple[float, float], FloatArray]
-    ) -> Response:
-        """Fit the surrogate to forces over modulus [m^2] at depths [m], by (nu, mu)."""
-        shape = _shape(depths_m / depths_m.max())
-        logs = {node: np.log(area / depths_m) for node, area in areas_m2.items()}
-        found = {node: np.linalg.lstsq(shape, log, rcond=None)[0] for node, log in logs.items()}
-        left = np.sqrt(np.mean([(shape @ found[node] - logs[node]) ** 2 for node in logs]))
-        middle = FRICTION[_MIDDLE]
+    def of(cls, depths_m: FloatArray, areas_m2: Sequence[FloatArray]) -> Response:
+        """Interpolate forces over modulus [m^2] at depths [m], an array for each of ``NODES``."""
+        shape, logs = _shape(depths_m / depths_m.max()), np.log(areas_m2 / depths_m)
+        found = np.linalg.lstsq(shape, logs.T, rcond=None)[0].T
+        left = np.sqrt(np.mean((found @ shape.T - logs) ** 2))
         return cls(
             deepest_m=float(depths_m.max()),
-            poisson=np.array([found[nu, middle] for nu in POISSON]),
-            friction=np.array(
-                [
-                    [found[POISSON[k], mu] - found[POISSON[k], middle] for mu in FRICTION]
-                    for k in _ROUGHENED
-                ]
-            ),
+            terms=np.linalg.solve([_basis(*node) for node in NODES], found),
             uncertain=(_MESH, float(np.hypot(_JITTER, left))),
         )
 
     def area_m2(self, poisson: float, friction: float, depth_m: FloatArray) -> FloatArray:
         """Return force over modulus [m^2] at depths [m]."""
-        rougher = np.tensordot(_BY_FRICTION(friction / (friction + 0.3)), self.friction, (0, 1))
-        low, high = (POISSON[k] for k in _ROUGHENED)
-        along = (poisson - low) / (high - low)
-        found = (
-            _BY_POISSON(poisson) @ self.poisson + (1.0 - along) * rougher[0] + along * rougher[1]
-        )
         share = np.maximum(depth_m / self.deepest_m, _LEAST_SHARE)
-        return np.asarray(np.maximum(depth_m, 1e-9) * np.exp(_shape(share) @ found))
-
-
-def nodes() -> list[tuple[float, float]]:
-    """Return the (nu, mu) that a surrogate is made of."""
-    along = [(nu, FRICTION[_MIDDLE]) for nu in POISSON]
-    return along + [
-        (POISSON[k], mu) for k in _ROUGHENED for mu in FRICTION if mu != FRICTION[_MIDDLE]
-    ]
+        log = _shape(share) @ (_basis(poisson, friction) @ self.terms)
+        return np.asarray(np.maximum(depth_m, 1e-9) * np.exp(log))
 
 
 def respond(presses: IndenterPresses, *, jobs: int = 1) -> Response:
@@ -122,7 +100,7 @@ def respond(presses: IndenterPresses, *, jobs: int = 1) -> Response:
     deepest_m = _BEYOND * (float(presses.depth_m.max()) + 2.0 * presses.zero_doubt_m)
     depths_m = step_m * np.ceil(deepest_m / step_m) * np.array(_SHARES)
     work = partial(_areas_at, inputs=inputs, depths_m=depths_m)
-    areas = dict(parallel_map(work, nodes(), jobs=jobs, new_process_each=False))
+    areas = [area for _, area in parallel_map(work, NODES, jobs=jobs, new_process_each=False)]
     tried = force_inputs(inputs, presses.config, depths_m[1:-1].tolist(), found=presses.found)
     known = tuple(each for each in tried if each.name not in _FITTED)
     return replace(Response.of(depths_m, areas), inputs=known)
@@ -147,7 +125,7 @@ NORMAL = 1.959964
 YOUNG, NU, MU = 0, 1, 2
 """Places of ln(E / Pa), nu and mu among the parameters; after them each series' zero of depth over
 its uncertainty."""
-_LOW, _HIGH, _ZERO_MOST = (np.log(1e2), POISSON[0], 0.0), (np.log(1e10), 0.499, 1.0), 30.0
+_LOW, _HIGH, _ZERO_MOST = (np.log(1e2), NODES[0][0], 0.0), (np.log(1e10), 0.499, 1.0), 30.0
 _STARTS = ((0.41, 0.2), (0.46, 0.5), (0.485, 0.1), (0.49, 0.6))
 _SCALES = (0.1, 0.02, 0.2)
 _ROUNDS = 3
@@ -294,7 +272,12 @@ class GelFit:
 
         inside = np.clip(whole, low + 1e-3 * scales, high - 1e-3 * scales)
         found = least_squares(
-            off, inside[free], bounds=(low[free], high[free]), x_scale=scales[free], xtol=1e-6
+            off,
+            inside[free],
+            bounds=(low[free], high[free]),
+            x_scale=scales[free],
+            ftol=1e-6,
+            xtol=1e-6,
         )
         whole[free] = found.x
         return whole, 2.0 * float(found.cost)
@@ -308,12 +291,14 @@ class GelFit:
         )
         return Interval(best=best or 0.0, low=low, high=high)
 
-    def profile(self, place: int, value: float) -> float:
-        """Return how far chi^2 rises where a parameter is fixed."""
-        return self.solve(self.best, {place: value})[1] - self.misfit
-
     def _end(self, place: int, sign: float) -> float | None:
-        above = lambda value: self.profile(place, value) - LEVEL  # noqa: E731
+        found = self.best
+
+        def above(value: float) -> float:
+            nonlocal found
+            found, misfit = self.solve(found, {place: value})
+            return misfit - self.misfit - LEVEL
+
         inside, step = float(self.best[place]), 0.5 * _SCALES[place]
         bound = (_LOW if sign < 0.0 else _HIGH)[place]
         if above(bound) <= 0.0:
@@ -334,14 +319,16 @@ class GelFit:
         )
 
 
-_RANGES = {YOUNG: 1.0, NU: POISSON[-1] - POISSON[0], MU: 1.0}
-"""Of ln E by a factor of e, and what is possible of Poisson's ratio and friction."""
+_RANGES = np.subtract(_HIGH, _LOW)
+_RANGES[YOUNG] = 1.0
+"""Of ln E a factor of e, and what is possible of Poisson's ratio and friction."""
 
 
 def _information(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return the inverse of all parameters' covariance; nu and mu lie anywhere in their ranges."""
     believed = np.ones(slopes.shape[1])
-    believed[: MU + 1] = [0.0, 12.0 / _RANGES[NU] ** 2, 12.0 / _RANGES[MU] ** 2]
+    believed[: MU + 1] = 12.0 / _RANGES**2
+    believed[YOUNG] = 0.0
     return np.asarray(slopes.T @ np.linalg.solve(covariance, slopes) + np.diag(believed))
 
 
@@ -494,7 +481,7 @@ def next_presses(fit: GelFit) -> list[NextPress]:
     """
     known = np.linalg.inv(_information(fit.slopes(fit.best), fit.covariance))[: MU + 1, : MU + 1]
     now = np.sqrt(np.diag(known))
-    widest = int(np.argmax(now / np.array(list(_RANGES.values()))))
+    widest = int(np.argmax(now / _RANGES))
     presses, have = fit.data[0][0], {each.name for each, _ in fit.data}
     inputs = replace(presses.inputs, sensor=presses.inputs.sensor.relaxing(()))
     depths = inputs.sensor.pad.height_m * np.array(_DEPTH_SHARES)
@@ -532,8 +519,7 @@ def _candidate(
 
     At the solved node that is nearest, so that it is kept for fits to come.
     """
-    nu = min(POISSON[1:4], key=lambda each: abs(each - fit.best[NU]))
-    mu = FRICTION[_MIDDLE]
+    nu, mu = min(NODES[1:4], key=lambda node: abs(node[0] - fit.best[NU]))
     others = ((nu, mu), (nu + _STEPS[0], mu), (nu, mu + _STEPS[1]))
     base, *changed = (
         kept_forces(gel_of(tool, *each).scene([1.0]), depths_m.tolist(), refinement=COARSE)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tacauchy_rig.app.calibration.material.fit import Response, nodes
+from tacauchy_rig.app.calibration.material.fit import NODES, Response
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.core.arrays import FloatArray
@@ -30,7 +30,7 @@ def made_response(*, power: float, confined: float) -> Response:
     """Return the surrogate of the formula."""
     depth = np.linspace(1e-4, 1e-3, 7)
     kind = {"power": power, "confined": confined}
-    areas = {(nu, mu): area(depth, poisson=nu, friction=mu, **kind) for nu, mu in nodes()}
+    areas = [area(depth, poisson=nu, friction=mu, **kind) for nu, mu in NODES]
     return replace(Response.of(depth, areas), uncertain=(0.002, 0.001))
 
 
