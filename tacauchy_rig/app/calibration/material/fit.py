@@ -292,12 +292,8 @@ class GelFit:
         return Interval(best=best or 0.0, low=low, high=high)
 
     def _end(self, place: int, sign: float) -> float | None:
-        found = self.best
-
         def above(value: float) -> float:
-            nonlocal found
-            found, misfit = self.solve(found, {place: value})
-            return misfit - self.misfit - LEVEL
+            return self.solve(self.best, {place: value})[1] - self.misfit - LEVEL
 
         inside, step = float(self.best[place]), 0.5 * _SCALES[place]
         bound = (_LOW if sign < 0.0 else _HIGH)[place]
