@@ -2,9 +2,9 @@
 
 A dome's colours are in the no-contact frame already. Gel under the ball moves away from the image's
 middle, as it comes nearer to the camera; the simulated surface moves outwards by itself; a ball
-that is not moved exactly along its axis takes the gel under it along; and between two frames the
-whole image may drift. The first two are one distance and one factor for all presses, the others are
-found of each press from its own markers.
+that is not moved exactly along its axis takes the gel under it along or turns it; and between two
+frames the whole image may drift. The first two are one distance and one factor for all presses, the
+others are found of each press from its own markers.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tacauchy_rig.core.arrays import BoolArray, FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 _PIXEL_M = 2e-5
-_PIXELS = 400
+_PIXELS = 600
 # Slopes bend at the contact's edge, which lies elsewhere at every depth. With the presets' edges
 # (0.25 and 0.17 of the contact's radius) the radius comes out up to a tenth off and the tilt by up
 # to 0.12, with a contact distance of 5 um the gel is lifted by as much there; with these by 0.02.
@@ -54,6 +54,14 @@ class RadialProfile:
     indentation_m: FloatArray  # unloaded minus loaded height [m], same shape
     # How far the gel that is there now has moved away from the axis [m], same shape
     outward_m: FloatArray
+
+    def outward(self, radius_m: FloatArray) -> FloatArray:
+        """Return how far the gel at distances from the axis has moved away from it [m].
+
+        Beyond the profile motion in a layer decays like that of displaced volume.
+        """
+        farther = np.minimum(self.radius_m[-1] / np.maximum(radius_m, 1e-12), 1.0)
+        return np.asarray(np.interp(radius_m, self.radius_m, self.outward_m) * farther)
 
     def curvature(self, radius_m: FloatArray, *, width_m: float) -> FloatArray:
         """Return the divergence of the tilt [1/m] at distances from the axis, over a width [m].
@@ -102,9 +110,9 @@ class PressedProfiles:
         scaled = []
         for own, profile in near:
             scale = contact_radius_m / own
-            columns = (profile.tilt, profile.indentation_m, profile.outward_m)
-            at = radius / scale
-            found = [np.interp(at, profile.radius_m, each, right=0.0) for each in columns]
+            at, still = radius / scale, (profile.tilt, profile.indentation_m)
+            found = [np.interp(at, profile.radius_m, each, right=0.0) for each in still]
+            found.append(profile.outward(at))
             scaled.append(np.array([scale, scale**2, scale**2])[:, None] * np.stack(found))
         tilt, depth, outward = (1.0 - share) * scaled[0] + share * scaled[1]
         return RadialProfile(radius_m=radius, tilt=tilt, indentation_m=depth, outward_m=outward)
@@ -206,7 +214,8 @@ def touching_places(axes_m: FloatArray, pad: Pad, *, ball_radius_m: float) -> Fl
 _ROUNDS = 12
 _OUTLIER_PX = 0.5
 _NEAR_RADII, _FAR_WEIGHT = 1.6, 0.3  # markers far from the contact are many, and tell little
-_OWN = 8  # unknowns of a press
+_OWN = 9  # unknowns of a press
+_HELD = np.diag([0.0] * 8 + [0.3])  # the turn, which few markers tell of
 _FARTHEST_M = 1.0  # of a camera whose rays are not taken to be parallel
 
 
@@ -238,7 +247,8 @@ class GelMotion:
 
     Attributes:
         own_px: By how much the ball took the gel along, columns and rows, then the drift of the
-            image: everywhere, and more at the right and bottom border, likewise, shape [8].
+            image: everywhere, and more at the right and bottom border, likewise; and by how much
+            the ball turned the contact's edge, shape [9].
         error_px: Of each marker: distance of its fitted from its tracked motion, shape [n].
     """
 
@@ -253,8 +263,9 @@ def motion_terms(
     """Return what moves the gel seen at columns and rows [px], shape [n, 2], when it is pressed.
 
     Motion is linear in the factors of all presses, terms of shape [2, n, 2], and in the press's
-    own unknowns, [8, n, 2]. Outside its contact a disc that sticks takes the surface of an elastic
-    half-space along by 2/pi asin(a/r) (Mindlin 1949).
+    own unknowns, [9, n, 2]. Outside its contact a disc that sticks takes the surface of an elastic
+    half-space along by 2/pi asin(a/r) (Mindlin 1949), or turns it by that less
+    2/pi a/r sqrt(1 - a^2/r^2) (Reissner and Sagoci 1944).
     """
     scale = np.array([geometry.scale_x_m, geometry.scale_y_m])
     middle = 0.5 * np.array([geometry.width - 1.0, geometry.height - 1.0])
@@ -263,17 +274,17 @@ def motion_terms(
     contact_m = circle.radius_px * geometry.mean_scale_m
     pressed = profile(contact_m)
     near = np.interp(r, pressed.radius_m, pressed.indentation_m, right=0.0)
-    # Beyond the profile motion in a layer decays like that of displaced volume.
-    farther = np.minimum(pressed.radius_m[-1] / np.maximum(r, 1e-12), 1.0)
-    outward = np.interp(r, pressed.radius_m, pressed.outward_m) * farther
-    away = places_px - middle
-    share = 2.0 / np.pi * np.arcsin(np.minimum(contact_m / np.maximum(r, 1e-12), 1.0))
-    slid = arm / np.maximum(r, 1e-12)[:, None] * outward[:, None] / scale
+    away, radial = places_px - middle, arm / np.maximum(r, 1e-12)[:, None]
+    inside = np.minimum(contact_m / np.maximum(r, 1e-12), 1.0)
+    share = 2.0 / np.pi * np.arcsin(inside)
+    slid = radial * pressed.outward(r)[:, None] / scale
     own = np.zeros((_OWN, len(r), 2))
     from_middle = np.column_stack([np.ones(len(r)), away / middle])
     for axis in range(2):
         own[axis, :, axis] = share
-        own[2 + axis :: 2, :, axis] = from_middle.T
+        own[2 + axis : 8 : 2, :, axis] = from_middle.T
+    twisted = r / contact_m * (share - 2.0 / np.pi * inside * np.sqrt(1.0 - inside**2))
+    own[8] = twisted[:, None] * radial[:, ::-1] * (-1.0, 1.0)
     return np.stack([near[:, None] * away, slid]), own
 
 
@@ -289,15 +300,16 @@ def fit_motions(
     Least squares with outliers bounded; what a press owns is eliminated, so that any number of
     presses leaves two unknowns.
     """
-    known = [track.motion_px.ravel() for track in tracks]
+    held, unmoved = np.ones(_OWN), np.zeros(_OWN)
+    known = [np.append(track.motion_px.ravel(), unmoved) for track in tracks]
     shared, own, under = [], [], []
     for track, circle in zip(tracks, circles, strict=True):
         places = track.rest_px + track.motion_px
         terms = motion_terms(circle, profile, geometry, places)
-        shared.append(terms[0].reshape(2, -1).T)
-        own.append(terms[1].reshape(_OWN, -1).T)
+        shared.append(np.concatenate([terms[0].reshape(2, -1).T, np.zeros((_OWN, 2))]))
+        own.append(np.concatenate([terms[1].reshape(_OWN, -1).T, _HELD]))
         under.append(circle.distance(*places.T) < _NEAR_RADII * circle.radius_px)
-    near = [np.repeat(np.where(each, 1.0, _FAR_WEIGHT), 2) for each in under]
+    near = [np.append(np.repeat(np.where(each, 1.0, _FAR_WEIGHT), 2), held) for each in under]
     weights = near
     found = (model or ORTHOGRAPHIC).factors
     for _ in range(_ROUNDS):
@@ -309,8 +321,8 @@ def fit_motions(
             for a, y, w in zip(own, left, weights, strict=True)
         ]
         apart = [y - a @ x for a, y, x in zip(own, left, values, strict=True)]
-        away = [np.hypot(*each.reshape(-1, 2).T) for each in apart]
-        bounds = [np.repeat(1.0 / np.hypot(1.0, d / _OUTLIER_PX), 2) for d in away]
+        away = [np.hypot(*each[:-_OWN].reshape(-1, 2).T) for each in apart]
+        bounds = [np.append(np.repeat(1.0 / np.hypot(1.0, d / _OUTLIER_PX), 2), held) for d in away]
         weights = [each * bound for each, bound in zip(near, bounds, strict=True)]
     motions = [
         GelMotion(own_px=x, error_px=d, under=close)

@@ -38,9 +38,9 @@ _NEAR_SHARE = 1.5  # of the image's width: distance of lamps where a search star
 _STEPS = (0.2, 0.1, 0.05)
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
 _SOFTNESS_M = (2e-5, 4e-4)
-_BLUR_TURNS = 4
+_BLUR_TURNS = 2
 _SETTLED_PX = 0.05
-_TRIED_PX = np.arange(0.0, 2.26, 0.25)
+_TRIED_PX = np.arange(0.0, 4.6, 0.5)
 _MARGIN_PX = 10
 _REACH = 1.4  # radii of the contact that are looked at
 

@@ -230,7 +230,7 @@ _START = (0.2, 1.6, 0.08)  # elevation [rad], distance [half widths], softness
 _LOWEST = (0.03, 1.15, 0.02)
 _HIGHEST = (0.9, 6.0, 0.5)
 _INSIDE = 1e-6  # of these bounds, where a search starts
-_EVALUATIONS = 30
+_EVALUATIONS, _SETTLED = 30, 1e-4  # the latter is of the misfit
 _STEP = 1e-6  # of a lamp's numbers, whose slopes are found by differences
 # Beside a polynomial of high degree a lamp may stand anywhere: it would do the rest.
 _GENTLE = polynomial_exponents(tilt_degree=2, position_degree=1)
@@ -265,6 +265,7 @@ def fit_terms(
         np.clip(begin, low + _INSIDE, high - _INSIDE),
         jac=search.slopes,
         bounds=(low, high),
+        ftol=_SETTLED,
         max_nfev=_EVALUATIONS,
     )
     return search.terms(found.x)

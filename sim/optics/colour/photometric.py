@@ -79,7 +79,13 @@ _STEEP = polynomial_exponents(
 _GENTLE = polynomial_exponents(
     tilt_degree=3, position_degree=2, indentation_degree=1, indentation_tilt_degree=1
 )
-BALL_EXPONENTS: IntArray = np.unique(np.concatenate([_STEEP, _GENTLE]), axis=0)
+_GENTLER = polynomial_exponents(
+    tilt_degree=2, position_degree=3, indentation_degree=1, indentation_tilt_degree=1
+)
+_GENTLEST = polynomial_exponents(
+    tilt_degree=1, position_degree=4, indentation_degree=1, indentation_tilt_degree=0
+)
+BALL_EXPONENTS: IntArray = np.unique(np.concatenate([_STEEP, _GENTLE, _GENTLER, _GENTLEST]), axis=0)
 
 
 def monomials(

@@ -20,7 +20,7 @@ from sim.optics.markers.point_kernel import (
     print_ink,
     see_points,
 )
-from sim.optics.markers.printed_markers import PrintedMarkers
+from sim.optics.markers.printed_markers import FINE, PrintedMarkers
 from sim.sensor.camera_geometry import CameraGeometry
 from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray, IndexArray, IntArray
 from tacauchy_rig.core.errors import ConfigError
@@ -178,7 +178,7 @@ class MarkerPrinter:
         shape = (count, *self._size)
         self._moved: Any = on.zeros(shape, wp.vec2f)
         self._motion: Any = on.zeros(shape, wp.vec2f)
-        self._ink: Any = on.array(markers.print, wp.vec4f)
+        self._ink: Any = on.array(markers.fine, wp.vec4f)
         self._inked: Any = on.array(_inked(markers.print, self._size), wp.uint8)
         self._dark = wp.vec3f(*markers.dark.tolist())
 
@@ -192,7 +192,7 @@ class MarkerPrinter:
         launch(motion_of, self._moved.shape, [spacing, seen], [self._moved])
         launch(came_from, self._moved.shape, [spacing, self._moved], [self._motion])
         cells = (len(images), self._size[0] - 1, self._size[1] - 1)
-        taken = [_SPACING_PX, self._dark, self._ink, self._inked, self._motion]
+        taken = [_SPACING_PX, float(FINE), self._dark, self._ink, self._inked, self._motion]
         launch(print_ink, cells, taken, [images])
 
     def image_over(self, image: ImageArray, surface: SurfaceState) -> ImageArray:

@@ -108,6 +108,7 @@ def came_from(
 @wp.kernel(enable_backward=False)
 def print_ink(
     spacing: wp.int32,
+    fine: wp.float32,
     dark: wp.vec3f,
     ink: wp.array2d(dtype=wp.vec4f),
     inked: wp.array2d(dtype=wp.uint8),
@@ -118,7 +119,8 @@ def print_ink(
 ):
     """Print markers over a cell of the lattice of images of bare gel: see ``PrintedMarkers``.
 
-    ``inked`` is 1 for cells that have ink or a neighbour with ink; what comes from others is bare.
+    The ink has ``fine`` samples a pixel. ``inked`` is 1 for cells that have ink or a neighbour with
+    ink; what comes from others is bare.
     """
     env, i, j = wp.tid()
     corner, right = motion[env, i, j], motion[env, i, j + 1]
@@ -142,7 +144,8 @@ def print_ink(
             column = j * spacing + c
             if row < image.shape[1] and column < image.shape[2]:
                 by = left_by + along * wp.float32(c)
-                share = _between(ink, wp.float32(column) - by[0], wp.float32(row) - by[1])
+                x, y = wp.float32(column) - by[0], wp.float32(row) - by[1]
+                share = _between(ink, fine * x, fine * y)
                 is_bare = share == wp.vec4f(1.0, 0.0, 0.0, 0.0)
                 if not is_bare:
                     for channel in range(3):

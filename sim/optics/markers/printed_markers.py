@@ -35,10 +35,11 @@ _SMOOTHING_PX = 0.7
 # Tracking: the pyramid's windows and levels, the way there and back, and what neighbours allow.
 _WINDOW_PX, _LEVELS = 15, 3
 _THERE_AND_BACK_PX, _OFF_NEIGHBOURS, _NEIGHBOURS = 0.5, 3.0, 6
-_LEAST_OFF_PX = 1.5
+_LEAST_OFF_PX, _OFF_SHARE = 1.5, 0.25  # the share is of the distance of the nearest marker
 _UNLIKE_LEVELS = 40.0  # mean difference of two windows of one marker
 _EDGE_PX = 1.0
 _INK = 0.15
+FINE = 2  # samples a pixel of what is printed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +52,9 @@ class PrintedMarkers:
     # How much of the gel is seen, 0 under ink and 1 beside it, then what red, green and blue differ
     # from ink and gel mixed so [grey levels], shape [height, width, 4]
     print: Float32Array
+    # The same between pixels too, by cubic interpolation, [2 height - 1, 2 width - 1, 4]: drawn
+    # anywhere, it is hardly blurred
+    fine: Float32Array
     mask: BoolArray  # true on the markers and a little beyond, shape [height, width]
     centres_px: FloatArray  # column and row of each marker at rest [px], shape [n, 2]
 
@@ -65,10 +69,10 @@ class PrintedMarkers:
         printed: AnyArray = self.print
         if motion_px is not None:
             rows, columns = np.indices(self.mask.shape, dtype=np.float32)
-            x = (columns - motion_px[0]).astype(np.float32)
-            y = (rows - motion_px[1]).astype(np.float32)
+            x = (FINE * (columns - motion_px[0])).astype(np.float32)
+            y = (FINE * (rows - motion_px[1])).astype(np.float32)
             border = cv2.BORDER_REPLICATE
-            printed = cv2.remap(self.print, x, y, cv2.INTER_LINEAR, borderMode=border)
+            printed = cv2.remap(self.fine, x, y, cv2.INTER_LINEAR, borderMode=border)
         cover = printed[..., :1]
         return np.asarray(self.dark + cover * (image - self.dark) + printed[..., 1:], np.float64)
 
@@ -111,14 +115,24 @@ def find_markers(frame: ImageArray) -> PrintedMarkers | None:
     cover = np.sum((seen - dark) * contrast, axis=2) / np.maximum(np.sum(contrast**2, axis=2), 1.0)
     cover = np.where(mask > 0, np.clip(cover, 0.0, 1.0), 1.0)[..., None]
     centres = ndimage.center_of_mass(taken.astype(np.float64), labels, np.flatnonzero(kept))
+    printed = np.concatenate([cover, seen - dark - cover * contrast], axis=2).astype(np.float32)
     return PrintedMarkers(
         frame=frame,
         bare=bare,
         dark=dark.astype(np.float32),
-        print=np.concatenate([cover, seen - dark - cover * contrast], axis=2).astype(np.float32),
+        print=printed,
+        fine=_finer(printed),
         mask=mask > 0,
         centres_px=np.array(centres)[:, ::-1],
     )
+
+
+def _finer(printed: Float32Array) -> Float32Array:
+    height, width = (FINE * (size - 1) + 1 for size in printed.shape[:2])
+    y, x = np.indices((height, width), dtype=np.float32) / FINE
+    border = cv2.BORDER_REPLICATE
+    finer = cv2.remap(printed, x, y, cv2.INTER_CUBIC, borderMode=border)
+    return np.asarray(finer, dtype=np.float32)
 
 
 def ink_taken(image: ImageArray) -> Float32Array:
@@ -197,12 +211,15 @@ def _off_neighbours(rest: FloatArray, moved: FloatArray) -> BoolArray:
     if known.sum() <= _NEIGHBOURS:
         return np.asarray(~known)
     places, motion = rest[known], moved[known]
-    near = motion[cKDTree(places).query(places, k=_NEIGHBOURS + 1)[1][:, 1:]]
+    distance, which = cKDTree(places).query(places, k=_NEIGHBOURS + 1)
+    near = motion[which[:, 1:]]
     middle = np.median(near, axis=1)
     spread = np.median(np.linalg.norm(near - middle[:, None], axis=2), axis=1)
     apart = np.linalg.norm(motion - middle, axis=1)
     off = np.array(~known)
-    off[known] = apart > _OFF_NEIGHBOURS * spread + _LEAST_OFF_PX
+    # A ball may take along a single marker of a wide grid; but none goes as far as the next one.
+    least = np.maximum(_OFF_SHARE * distance[:, 1], _LEAST_OFF_PX)
+    off[known] = apart > _OFF_NEIGHBOURS * spread + least
     return np.asarray(off, dtype=np.bool_)
 
 
