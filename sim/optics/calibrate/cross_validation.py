@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 
+import cv2
 import numpy as np
 from skimage.metrics import structural_similarity
 
@@ -22,10 +23,11 @@ from sim.optics.calibrate.gel_profile import fit_motions
 from sim.optics.calibrate.optics_fit import press_image, without_shadows
 from sim.optics.calibrate.press_scene import PlacedPress, PressScene, exposed
 from sim.sensor.camera_geometry import CameraGeometry
-from tacauchy_rig.core.arrays import FloatArray, ImageArray, Int64Array
+from tacauchy_rig.core.arrays import Float32Array, FloatArray, ImageArray, Int64Array
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.parallel import parallel_map
+from tacauchy_rig.core.rgb import to_grey
 
 _NUDGES = 2
 CROP_SHARE = 0.375
@@ -38,6 +40,9 @@ _ODD_ONE_OUT, _FAR_NUDGE, _CONTRADICTORY_R2 = 2.5, 0.25, 0.5
 _FEW_SLOPES, _LITTLE_OF_THE_IMAGE = 0.9, 0.5
 _BINS = 24
 _LISTED = 6  # images that a warning names
+_DRIFT_LEVELS, _MOVED_PX = 2.0, 1.0  # of which a warning tells
+# Of a shift of the camera: the detail that shows it, how sharply it has to, and around a contact
+_DETAIL_PX, _LEAST_PEAK, _AROUND, _BORDER_PX = (1.0, 4.0), 0.05, 2.3, 8
 
 
 def render_presses(
@@ -129,6 +134,8 @@ def check_scores(
         as_labelled=score_presses(labelled, scene, light_matched=True),
         as_labelled_frames_as_they_came=score_presses(labelled, scene, light_matched=False),
         light_rms_levels=float(np.sqrt(np.mean([item.light[0] ** 2 for item in nudged]))),
+        light_drift_levels=_light_drift(nudged),
+        camera_moved_px=_camera_moved(nudged, scene),
         nudge_rms_px=float(np.sqrt(np.mean(np.square(moves)))),
         markers=marker_scores(nudged, scene.geometry.mean_scale_m),
     )
@@ -209,8 +216,47 @@ class CheckScores(PressScores):
     # Labelled circles, against the frames as they came
     as_labelled_frames_as_they_came: PressScores
     light_rms_levels: float  # root mean square of the level of that light [grey levels]
+    # By how much the level of red, green and blue changes from the first press, by name, to the
+    # last, along a straight line [grey levels]
+    light_drift_levels: tuple[float, ...]
+    # By how much images lie to the right of and below the no-contact frame, median of all [px];
+    # None where they show too little detail
+    camera_moved_px: tuple[float, float] | None
     nudge_rms_px: float  # root mean square of the circles' moves in x, y and radius [px]
     markers: MarkerScores | None = None  # of sensors with markers
+
+
+def _light_drift(rendered: Sequence[RenderedPress]) -> tuple[float, ...]:
+    levels = [item.light[0] for item in sorted(rendered, key=lambda item: item.press.name)]
+    along = np.linspace(-0.5, 0.5, len(levels))
+    return tuple((along @ np.array(levels) / max(float(along @ along), 1e-12)).tolist())
+
+
+def _camera_moved(
+    rendered: Sequence[RenderedPress], scene: PressScene
+) -> tuple[float, float] | None:
+    """Return the median shift of images by phase correlation, contacts and borders left out."""
+    height, width = scene.background.shape[:2]
+    rows, columns = np.indices((height, width))
+    edge = np.minimum(np.minimum(rows, height - 1 - rows), np.minimum(columns, width - 1 - columns))
+    frame, moved = _detail(as_seen(scene.frame, np.zeros((3, 3)), scene).astype(np.uint8)), []
+    for item in rendered:
+        away = item.circle.distance(columns, rows) > _AROUND * item.circle.radius_px
+        shown = (away & (edge >= _BORDER_PX)).astype(np.float32)
+        weight = cv2.GaussianBlur(shown, (0, 0), _DETAIL_PX[1])
+        shift, peak = cv2.phaseCorrelate(frame * weight, _detail(item.press.image) * weight)
+        moved += [shift] if peak > _LEAST_PEAK else []
+    if 2 * len(moved) < len(rendered):
+        return None
+    x, y = np.median(moved, axis=0).tolist()
+    return x, y
+
+
+def _detail(image: ImageArray) -> Float32Array:
+    fine, coarse = (
+        cv2.GaussianBlur(to_grey(image).astype(np.float32), (0, 0), s) for s in _DETAIL_PX
+    )
+    return np.asarray(fine - coarse, dtype=np.float32)
 
 
 def score_presses(
@@ -358,6 +404,23 @@ def check_after(
                 f"{item.press.name}: the image wants its circle {move:.0f} px off the label "
                 f"({found.x_px:.0f}, {found.y_px:.0f}, radius {found.radius_px:.0f} px)"
             )
+    return warnings
+
+
+def check_session(scores: CheckScores) -> list[str]:
+    """Warn of light and of a camera that are not those of the no-contact frame."""
+    warnings, drift = [], max(scores.light_drift_levels, key=abs)
+    if abs(drift) > _DRIFT_LEVELS:
+        warnings.append(
+            f"the light drifts by {drift:+.1f} grey levels from the first press to the last; let "
+            "the lamps warm up, and switch automatic exposure and white balance off"
+        )
+    moved = scores.camera_moved_px
+    if moved is not None and np.hypot(*moved) > _MOVED_PX:
+        warnings.append(
+            f"the images lie {moved[0]:+.1f} px to the right of and {moved[1]:+.1f} px below the "
+            "no-contact frame: camera or gel moved in between; take it anew"
+        )
     return warnings
 
 

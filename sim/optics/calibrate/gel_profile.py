@@ -215,7 +215,7 @@ _ROUNDS = 12
 _OUTLIER_PX = 0.5
 _NEAR_RADII, _FAR_WEIGHT = 1.6, 0.3  # markers far from the contact are many, and tell little
 _OWN = 9  # unknowns of a press
-_HELD = np.diag([0.0] * 8 + [0.3])  # the turn, which few markers tell of
+_HELD = np.diag([0.0] * 8 + [0.1])  # the turn, which few markers tell of
 _FARTHEST_M = 1.0  # of a camera whose rays are not taken to be parallel
 
 
@@ -263,9 +263,10 @@ def motion_terms(
     """Return what moves the gel seen at columns and rows [px], shape [n, 2], when it is pressed.
 
     Motion is linear in the factors of all presses, terms of shape [2, n, 2], and in the press's
-    own unknowns, [9, n, 2]. Outside its contact a disc that sticks takes the surface of an elastic
-    half-space along by 2/pi asin(a/r) (Mindlin 1949), or turns it by that less
-    2/pi a/r sqrt(1 - a^2/r^2) (Reissner and Sagoci 1944).
+    own unknowns, [9, n, 2]. A disc that sticks to an incompressible half-space takes the surface
+    along as Mindlin (1949) and turns it as Reissner and Sagoci (1944) have it: inside as it moves
+    itself, outside by s = 2/pi asin(a/r) and b = 2/pi a/r sqrt(1 - a^2/r^2) of that: by s + b/3
+    in the direction of motion, s - b/3 beside, and turned by (r/a)^2 (s - b) of its turn.
     """
     scale = np.array([geometry.scale_x_m, geometry.scale_y_m])
     middle = 0.5 * np.array([geometry.width - 1.0, geometry.height - 1.0])
@@ -277,13 +278,16 @@ def motion_terms(
     away, radial = places_px - middle, arm / np.maximum(r, 1e-12)[:, None]
     inside = np.minimum(contact_m / np.maximum(r, 1e-12), 1.0)
     share = 2.0 / np.pi * np.arcsin(inside)
+    beside = 2.0 / np.pi * inside * np.sqrt(1.0 - inside**2)
     slid = radial * pressed.outward(r)[:, None] / scale
     own = np.zeros((_OWN, len(r), 2))
     from_middle = np.column_stack([np.ones(len(r)), away / middle])
     for axis in range(2):
-        own[axis, :, axis] = share
+        # With cos(2 theta) and sin(2 theta), and nu / (2 - nu) of 1/3 in place of nu.
+        own[axis] = (beside / 3.0)[:, None] * 2.0 * radial[:, axis, None] * radial
+        own[axis, :, axis] += share - beside / 3.0
         own[2 + axis : 8 : 2, :, axis] = from_middle.T
-    twisted = r / contact_m * (share - 2.0 / np.pi * inside * np.sqrt(1.0 - inside**2))
+    twisted = r / contact_m * (share - beside)
     own[8] = twisted[:, None] * radial[:, ::-1] * (-1.0, 1.0)
     return np.stack([near[:, None] * away, slid]), own
 

@@ -151,6 +151,12 @@ class PressScene:
     rest_slope: FloatArray | None = None
     lamp_count: int = 0  # near lamps that the model may have; with none it is a polynomial alone
 
+    def over(self, unloaded: ImageArray) -> PressScene:
+        """Return the scene over another no-contact frame, RGB."""
+        markers = find_markers(unloaded)
+        bare = unloaded if markers is None else markers.bare
+        return replace(self, background=bare.astype(np.float64), markers=markers)
+
     @property
     def aspect(self) -> float:
         """Height of the image over its width."""
@@ -355,18 +361,16 @@ def pressed_scene(
         ConvergenceError: As ``ball_profiles``.
     """
     exponents = exponents_for(sensor)  # before anything is simulated
-    markers = find_markers(unloaded)
     return PressScene(
         exponents=exponents,
         lamp_count=lamp_count_of(sensor),
         geometry=geometry,
-        background=(unloaded if markers is None else markers.bare).astype(np.float64),
-        markers=markers,
+        background=unloaded.astype(np.float64),
         profile=ball_profiles(
             sensor, ball_diameter_m=ball_diameter_m, preset=preset, on_press=on_press
         ),
         rest_slope=rest_slopes(sensor.pad, geometry),
-    )
+    ).over(unloaded)
 
 
 def wrong_label(press: BallPress, scene: PressScene, *, ball_radius_m: float) -> str | None:

@@ -528,9 +528,12 @@ def _show_optics(result: OpticsResult) -> None:
                 f"{values.ssim_crop_no_contact:.3f})"
             )
         say(
-            f"  light {scores.light_rms_levels:.1f} grey levels rms, circles moved "
-            f"{scores.nudge_rms_px:.1f} px rms"
+            f"  light {scores.light_rms_levels:.1f} grey levels rms, drift of red, green and blue "
+            + ", ".join(f"{level:+.1f}" for level in scores.light_drift_levels)
+            + f"; circles moved {scores.nudge_rms_px:.1f} px rms"
         )
+        if (moved := scores.camera_moved_px) is not None:
+            say(f"  camera {moved[0]:+.1f} px to the right, {moved[1]:+.1f} px down")
         if (markers := scores.markers) is not None:
             say(
                 f"  markers: {markers.tracked} tracked to {markers.tracking_error_px:.2f} px, "

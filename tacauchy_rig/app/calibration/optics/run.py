@@ -33,6 +33,7 @@ from sim.optics.calibrate.cross_validation import (
     check_before,
     check_coverage,
     check_scores,
+    check_session,
     crop_window,
     cross_validate,
     held_out_errors,
@@ -116,6 +117,7 @@ class OpticsInput:
     geometry: CameraGeometry
     presses: PressFolder
     check: PressFolder
+    check_background: ImageArray  # no-contact frame of the check's own session, if it has one
 
 
 def read_input(request: OpticsRequest) -> OpticsInput:
@@ -142,10 +144,20 @@ def read_input(request: OpticsRequest) -> OpticsInput:
         )
     if presses.labelled:
         check_before(presses.labelled, geometry, ball_radius_m=0.5 * request.ball_diameter_m)
-    check = PressFolder(labelled=[], images={})
+    check, check_background = PressFolder(labelled=[], images={}), background
     if request.check is not None:
-        check = _read_folder(request, request.check, background)
-    return OpticsInput(background=background, geometry=geometry, presses=presses, check=check)
+        own = request.check / request.background.name
+        if own.exists():
+            check_background = read_rgb(own)
+            check_size(own.name, check_background, background)
+        check = _read_folder(request, request.check, check_background)
+    return OpticsInput(
+        background=background,
+        geometry=geometry,
+        presses=presses,
+        check=check,
+        check_background=check_background,
+    )
 
 
 def _read_folder(request: OpticsRequest, folder: Path, background: ImageArray) -> PressFolder:
@@ -284,9 +296,11 @@ def calibrate_and_check(
         preset=request.preset,
         on_press=pressed,
     )
+    is_same = read.check_background is read.background
+    there = scene if is_same else scene.over(read.check_background)
     with doing("finding the contacts"):
         presses, warnings = find_presses(read.presses, scene, ball_radius_m=radius_m)
-        checked, wrong = find_presses(read.check, scene, ball_radius_m=radius_m)
+        checked, wrong = find_presses(read.check, there, ball_radius_m=radius_m)
     if len(presses) < FEWEST:
         raise ConfigError(
             f"{len(warnings)} of {count} labels contradict their images: {warnings[0]}",
@@ -301,14 +315,16 @@ def calibrate_and_check(
     )
     coverage = slope_coverage(calibration.circles, calibration.scene)
     warnings += check_after(scores, held_out, scene) + check_coverage(coverage)
-    others = render_presses(checked, calibration)
+    seen = calibration if there is scene else replace(calibration, scene=there)
+    check = check_scores(*render_presses(checked, seen), there) if checked else None
+    warnings += check_session(scores) + ([] if check is None else check_session(check))
     provenance = _provenance(request, presses, scores, calibration)
     pairs = zip(presses, calibration.circles, strict=True)
-    seen = [(c, request.places[p.name]) for p, c in pairs if p.name in request.places]
+    placed = [(c, request.places[p.name]) for p, c in pairs if p.name in request.places]
     try:
-        if seen:
+        if placed:
             view, told = fitted_view(
-                seen, read.geometry, request.sensor.pad, ball_radius_m=radius_m
+                placed, read.geometry, request.sensor.pad, ball_radius_m=radius_m
             )
             provenance[VIEW] = {name: getattr(view.geometry, name) for name in VIEWED}
             tell(told, depths + folds + 1)
@@ -319,7 +335,7 @@ def calibrate_and_check(
     errors = dict(zip(names, held_out_errors(held_out, scene), strict=True))
     result = OpticsResult(
         cross_validation=scores,
-        check=check_scores(*others, scene) if checked else None,
+        check=check,
         coverage=coverage,
         warnings=warnings,
         presses=[

@@ -139,7 +139,7 @@ def _pressed(scene: PressScene, count: int) -> tuple[list[BallPress], list[GelMo
     made, motions = [], []
     for press in plain:
         motion = GelMotion(
-            own_px=rng.normal(0.0, 1.0, 8) * ([1.5] * 2 + [0.4] * 6),
+            own_px=rng.normal(0.0, 1.0, 9) * ([1.5] * 2 + [0.4] * 6 + [1.0]),
             error_px=np.zeros(0),
             under=np.zeros(0, dtype=np.bool_),
         )
@@ -151,7 +151,7 @@ def _pressed(scene: PressScene, count: int) -> tuple[list[BallPress], list[GelMo
 
 
 def test_the_motion_of_markers_is_found() -> None:
-    """Distance, sliding and each press's own motion come back from tracked markers."""
+    """Distance, sliding, and how each ball slid and turned come back from tracked markers."""
     scene = _marked_scene()
     made, motions = _pressed(scene, 6)
     tracks = [press.tracks for press in made if press.tracks is not None]
@@ -160,6 +160,7 @@ def test_the_motion_of_markers_is_found() -> None:
     assert found.per_distance == pytest.approx(TRUE.per_distance, rel=0.2)
     for each, true, press in zip(own, motions, made, strict=True):
         assert np.median(each.error_px) < 0.1
+        assert each.own_px[8] == pytest.approx(true.own_px[8], abs=0.3)
         fields = [
             gel_motion(_calibration(scene, by), press.circle, motion)
             for by, motion in ((found, each), (TRUE, true))

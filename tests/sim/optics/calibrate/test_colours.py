@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from scipy.optimize import approx_fprime
 
 from sim.optics.calibrate.ball_press import BallPress, Circle
 from sim.optics.calibrate.colours import Calibration, PressSamples, calibrate_optics
-from sim.optics.calibrate.cross_validation import check_scores, cross_validate, render_presses
+from sim.optics.calibrate.cross_validation import (
+    CheckScores,
+    check_scores,
+    check_session,
+    cross_validate,
+    render_presses,
+)
 from sim.optics.calibrate.photometric_fit import (
     NormalEquations,
     PhotometricSamples,
@@ -119,6 +128,30 @@ def test_circles_and_light_are_recovered() -> None:
     assert scores.r2 > 0.99 > raw.r2
     assert scores.as_labelled.mae < raw.mae
     assert scores.light_rms_levels == pytest.approx(10.0, rel=0.4)
+
+
+def test_light_that_drifts_and_a_camera_that_moved_are_told() -> None:
+    """Presses in ever more light, three columns beside the no-contact frame."""
+    rng, scene = np.random.default_rng(4), press_scene()
+    texture = ndimage.gaussian_filter(rng.normal(0.0, 9.0, scene.background.shape[:2]), 1.0)
+    scene = replace(scene, background=scene.background + texture[..., None])
+    still = presses(8, noise=1.0)[0]
+
+    def scores(shift: int, drift: float) -> CheckScores:
+        more = np.roll(texture, shift, 1)[..., None]
+        images = [np.clip(p.image + more + drift * i, 0, 255) for i, p in enumerate(still)]
+        seen = [
+            replace(press, image=image.astype(np.uint8))
+            for press, image in zip(still, images, strict=True)
+        ]
+        found = Calibration(model=true_model(), scene=scene, circles=(), lights=np.zeros((0, 3, 3)))
+        return check_scores(*render_presses(seen, found), scene)
+
+    told = check_session(scores(3, 1.0))
+    assert len(told) == 2
+    assert re.search(r"the light drifts by \+[67]\.\d grey levels", told[0])
+    assert re.search(r"\+(2\.9|3\.\d) px to the right of and [+-]0\.\d px below", told[1])
+    assert check_session(scores(0, 0.0)) == []
 
 
 def test_no_contact_floor_is_the_score_of_the_no_contact_frame() -> None:

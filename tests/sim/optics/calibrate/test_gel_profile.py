@@ -65,6 +65,20 @@ def test_pressed_profiles_interpolate_between_presses(contact_radius: float) -> 
     assert np.abs(found.tilt - skirt).max() < 0.05
 
 
+def test_motion_beyond_a_profile_decays_without_a_step() -> None:
+    """Two presses that end at unlike distances, in radii of their contact, agree beyond both."""
+    radius = np.linspace(0.0, 4e-3, 81)
+    still = np.zeros_like(radius)
+    presses = []
+    for a in (1e-3, 1.5e-3):  # of one press, scaled
+        outward = 10.0 * a**3 * radius / np.maximum(radius, 1.2 * a) ** 2
+        profile = RadialProfile(radius_m=radius, tilt=still, indentation_m=still, outward_m=outward)
+        presses.append((a, profile))
+    found, at = PressedProfiles(presses)(1.2e-3), np.linspace(1e-3, 7e-3, 30)
+    wanted = 10.0 * 1.2e-3**3 * at / np.maximum(at, 1.44e-3) ** 2
+    np.testing.assert_allclose(found.outward(at), wanted, rtol=0.02)
+
+
 def test_profiles_without_contact_are_refused() -> None:
     """A press that does not touch cannot give a profile."""
     zero = np.zeros(2)

@@ -114,6 +114,28 @@ def test_large_motion_is_followed_and_hidden_markers_are_lost() -> None:
     assert np.linalg.norm(tracks.motion_px - moved_px[order], axis=1).max() < 0.3
 
 
+def test_a_ball_takes_a_single_marker_along() -> None:
+    """In a wide grid the others around it hardly move; it is followed all the same."""
+    rest = FINE.to_pixels(marker_places(GRID))
+    moved_px = np.zeros_like(rest)
+    moved_px[7] = (-6.0, -3.5)
+    image = draw_markers(_gel(), FINE.to_pad(rest + moved_px), GRID.radius_m, FINE)
+    tracks = follow_markers(_found(_frame()), _seen(image, 1.0))
+    assert tracks.lost == 0
+    order = np.argmin(np.linalg.norm(rest[:, None] - tracks.rest_px, axis=2), axis=0)
+    assert np.linalg.norm(tracks.motion_px - moved_px[order], axis=1).max() < 0.2
+
+
+def test_markers_stay_sharp_between_pixels() -> None:
+    """Half a pixel on, printed dots are as sharp as those of a camera."""
+    printed = _found(_frame())
+    half = np.full((2, 240, 320), 0.5)
+    wanted = _frame(0.5 * np.array([FINE.scale_x_m, FINE.scale_y_m]))
+    off = np.abs(printed.over(printed.bare, half) - wanted)[printed.mask]
+    by_line = cv2.warpAffine(_frame(), np.float32([[1, 0, 0.5], [0, 1, 0.5]]), (320, 240))
+    assert off.mean() < 0.7 * np.abs(by_line.astype(float) - wanted)[printed.mask].mean()
+
+
 def test_a_hidden_mask_covers_markers_before_and_after() -> None:
     """What markers hide at rest and moved is left out of fits."""
     printed = _found(_frame())
