@@ -12,6 +12,7 @@ import numpy as np
 from sim.optics.calibrate.ball_press import BallPress, Circle, check_presses_fit
 from sim.optics.calibrate.gel_profile import ORTHOGRAPHIC, MotionModel
 from sim.optics.calibrate.photometric_fit import (
+    BRIGHT_QUANTILE,
     REFERENCE,
     RIDGE,
     PhotometricSamples,
@@ -101,7 +102,7 @@ def fit_model(
     """Fit response, lamps, ridge and coefficients where circles and lights are known.
 
     The search starts at an earlier model; without one the camera is taken to be linear and the
-    ridge is the usual one. The camera's blur is not the gel's.
+    ridge is the usual one. The camera's blur is not the gel's; with one the response is known.
     """
     pressed = [PressSamples(scene, each, blur_px=blur_px) for each in placed]
     polynomial = [each.samples.polynomial(scene.exponents) for each in pressed]
@@ -125,10 +126,13 @@ def fit_model(
 
     response, terms, ridge = LINEAR, None, RIDGE if known is None else None
     if known is not None:
-        terms = known.terms
-        response = fit_response(
-            lambda tried: [each.through(tried) for each in pressed], features(terms)
-        )
+        terms, response = known.terms, known.response
+        if blur_px == 0.0:
+            response = fit_response(
+                lambda tried: [each.through(tried) for each in pressed],
+                features(terms),
+                brightest=max(each.brightest for each in pressed),
+            )
         if response != known.response:
             # Its light is not comparable with that of another response: begin anew.
             known = fitted(None, terms, RIDGE)
@@ -174,6 +178,7 @@ class PressSamples:
         samples: Their surface, its colours not known yet.
         rows, columns: Which they are, shape [n].
         unloaded: Levels of the no-contact frame there, shape [n, 3].
+        brightest: Level that nearly none of them exceeds.
     """
 
     def __init__(self, scene: PressScene, placed: PlacedPress, *, blur_px: float = 0.0) -> None:
@@ -182,6 +187,7 @@ class PressSamples:
         self._scene, self._circle, self.rows, self.columns = scene, circle, rows, columns
         self.unloaded = scene.background[rows, columns]
         self._levels = image[rows, columns]
+        self.brightest = float(np.quantile(self._levels, BRIGHT_QUANTILE))
         self._expected = scene.expected(rows, columns, placed.light)
         surface, shares = [scene.surface(circle, columns, rows)], [1.0]
         if blur_px > 0.0:

@@ -128,6 +128,7 @@ RIDGE = 1e-5
 _RIDGES = (1e-6, 3e-6, RIDGE, 3e-5, 1e-4)
 _GROUPS = 6
 _KNEES = (195.0, 205.0, 215.0, 225.0, 235.0, 245.0, BRIGHTEST)
+BRIGHT_QUANTILE = 0.999
 _CLEARLY = 0.98  # of the misfit without a shoulder: noise alone is to bend no response
 
 
@@ -193,11 +194,15 @@ def fit_ridge(presses: Sequence[NormalEquations]) -> float:
 
 
 def fit_response(
-    presses_of: Callable[[Response], Sequence[PhotometricSamples]], features: Sequence[FloatArray]
+    presses_of: Callable[[Response], Sequence[PhotometricSamples]],
+    features: Sequence[FloatArray],
+    *,
+    brightest: float,
 ) -> Response:
     """Return the response through which a model linear in features explains the samples best.
 
-    ``presses_of`` gives the light of each press's samples as it is through a response.
+    ``presses_of`` gives the light of each press's samples as it is through a response. A response
+    that bends only above the ``brightest`` level is a linear one.
     """
 
     def misfit(knee: float) -> float:
@@ -206,7 +211,9 @@ def fit_response(
         total = NormalEquations.total(parts)
         return total.misfit(total.solved(RIDGE)) / total.known_count
 
-    found = np.array([misfit(knee) for knee in _KNEES])
+    linear = misfit(_KNEES[-1])
+    found = np.array([misfit(knee) if knee < brightest else linear for knee in _KNEES[:-1]])
+    found = np.append(found, linear)
     best = int(np.argmin(found))
     if found[best] > _CLEARLY * found[-1]:
         return Response()

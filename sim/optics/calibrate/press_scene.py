@@ -50,7 +50,7 @@ _SKIRT_RADII = 2.3
 _OUTLIER_LEVELS = 15.0
 _CLICK_WEIGHT = 0.3
 _SETTLED_SHARE = 1e-3  # of a circle's move: what is less ends the search
-_SETTLED_MISFIT = 1e-6  # likewise of what is left over, which noise holds up
+_SETTLED_MISFIT = 1e-4  # likewise of what is left over: 0.01 px change it by as much
 # Of a contact that nobody has labelled:
 _SMOOTHING_PX = 2.0
 _RADII = (0.25, 0.45, 0.65)  # of contacts to start from, in radii of the ball

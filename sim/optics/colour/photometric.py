@@ -72,20 +72,23 @@ def polynomial_exponents(
     return np.array(terms, dtype=np.int32).reshape(-1, 5)
 
 
-_STEEP = polynomial_exponents(
-    tilt_degree=5, position_degree=1, indentation_degree=1, indentation_tilt_degree=2
-)
 # Light falls off over the image: gentle slopes' colours bend with place, steep ones' do not.
-_GENTLE = polynomial_exponents(
-    tilt_degree=3, position_degree=2, indentation_degree=1, indentation_tilt_degree=1
+# Degrees of tilt, place, indentation, and of tilt beside indentation.
+_BENDS = ((4, 1, 1, 2), (3, 2, 1, 1), (2, 3, 1, 1), (1, 4, 1, 0))
+BALL_EXPONENTS: IntArray = np.unique(
+    np.concatenate(
+        [
+            polynomial_exponents(
+                tilt_degree=tilt,
+                position_degree=place,
+                indentation_degree=deep,
+                indentation_tilt_degree=deep_tilt,
+            )
+            for tilt, place, deep, deep_tilt in _BENDS
+        ]
+    ),
+    axis=0,
 )
-_GENTLER = polynomial_exponents(
-    tilt_degree=2, position_degree=3, indentation_degree=1, indentation_tilt_degree=1
-)
-_GENTLEST = polynomial_exponents(
-    tilt_degree=1, position_degree=4, indentation_degree=1, indentation_tilt_degree=0
-)
-BALL_EXPONENTS: IntArray = np.unique(np.concatenate([_STEEP, _GENTLE, _GENTLER, _GENTLEST]), axis=0)
 
 
 def monomials(
