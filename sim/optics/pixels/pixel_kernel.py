@@ -169,7 +169,7 @@ _NOTHING = wp.constant(wp.float32(-1.0e3))
 
 @wp.struct
 class Rays:
-    """How a lamp's rays go over images, see ``renderer.rays_from``.
+    """How a lamp's rays go over images, see ``shadows.rays_from``.
 
     The first step is the one nearest to the lamp. At a step k the ray m goes through the place
     ``starts[k] + m spacings[k]`` across.

@@ -1,17 +1,7 @@
-"""From height maps to tactile images: one at a time on a processor, many at once on a GPU.
-
-Shadows are found in one sweep along the rays that part from every lamp. A ray carries the steepest
-slope from the lamp that the gel has cut off so far: each pixel is visited once, however long the
-shadows are. Heights between pixels are interpolated linearly across the rays. As a lamp has a size,
-the penumbra widens with the distance from what casts the shadow.
-
-Seen from the camera a pressed gel bulges towards it; a lamp that grazes the gel leaves the gel
-behind it dark.
-"""
+"""From height maps to tactile images: one at a time on a processor, many at once on a GPU."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -28,18 +18,15 @@ from sim.optics.colour.nominal import nominal_model
 from sim.optics.height.height_map import HeightMaps
 from sim.optics.pixels.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, PixelBlocks
 from sim.optics.pixels.pixel_kernel import (
-    Rays,
     blur_columns,
     continue_samples,
     darken_pixels,
     expose_pixels,
-    follow_rays,
     lay_out_samples,
-    lose_light,
     mirror_ends,
     tilt_samples,
-    turn_dents,
 )
+from sim.optics.render.shadows import HiddenLamp
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
 from sim.sensor.sensor import Sensor
@@ -49,8 +36,6 @@ from tacauchy_rig.core.errors import ConfigError
 GREY_LEVEL = 110  # of the no-contact frame of a sensor that nobody has calibrated
 _REACH = 4.0  # standard deviations of a blur's weights, as in OpenCV for real images
 _CPU_THREADS = 2
-_NEAREST_SHARE = 0.05  # of an image's size: so far beside it a lamp stands at least
-_FAR = 200.0  # sizes of an image: how far off a lamp is that shines from one direction
 
 Task = Callable[[], None]
 
@@ -286,114 +271,6 @@ class _Images:
         sizes = [(start, (self._count, stop - start, *inner)) for start, stop in pairwise(ends)]
         record = self._device.record
         return [record(kernel, size, [layout, at, *inputs]).launch for at, size in sizes]
-
-
-class HiddenLamp:
-    """What a dent, a device's array of shape [count, height, width] [m], hides of a lamp.
-
-    Attributes:
-        hidden: How much of the lamp is hidden, 0 to 1, by step and ray.
-        stages: Kernels, each with the counts over which it may be parted and others, and inputs.
-    """
-
-    def __init__(
-        self, lamp: Lamp, shadows: ShadowCaster, geometry: CameraGeometry, dent: Any, lanes: int
-    ) -> None:
-        self.rays = rays = rays_from(lamp, shadows, geometry, lanes, str(dent.device))
-        step_count = len(rays.starts)
-        self.hidden = BlockMemory(
-            1, dent.shape[0] * step_count * rays.pitch, lanes, str(dent.device)
-        )
-        values = self.hidden.blocks[0]
-        self.stages: list[tuple[Any, int, tuple[int, ...], list[Any]]] = [
-            (turn_dents, step_count, (rays.pitch,), [dent.flatten(), values]),
-            (follow_rays, rays.pitch, (), [values]),
-        ]
-
-
-def rays_from(
-    lamp: Lamp, shadows: ShadowCaster, geometry: CameraGeometry, lanes: int, device: str
-) -> Any:
-    """Return for kernels how rays from a lamp go over an image.
-
-    A step goes one column or row on, away from the lamp. Rays are a sample apart in the middle
-    step, at most twice as far in the last one.
-    """
-    scales = np.array([geometry.scale_x_m, geometry.scale_y_m])
-    counts = np.array([geometry.width, geometry.height])
-    ends = (counts - 1) * scales
-    distance_m = lamp.distance_m or _FAR * float(ends.max())
-    way = np.array([math.cos(lamp.azimuth_rad), math.sin(lamp.azimuth_rad)])
-    foot = 0.5 * ends + distance_m * way
-    beside = np.maximum(-foot, foot - ends)  # by how much it lies outside of the image
-    main = 0 if beside[0] >= beside[1] else 1
-    nearest = max(float(beside[main]), _NEAREST_SHARE * float(ends[main]))
-    distances = nearest + np.arange(counts[main]) * scales[main]
-    side = 1 - main
-    reach = np.array([-foot[side], ends[side] - foot[side]])
-    apart = scales[side] / distances[len(distances) // 2]
-    slopes = reach[:, None] / distances[[0, -1]]
-    low, high = float(slopes.min()), float(slopes.max())
-    ray_count = math.ceil((high - low) / apart) + 2
-    height = distance_m * math.tan(lamp.elevation_rad)
-    on = Device(device)
-    tables = {
-        "starts": (foot[side] + low * distances) / scales[side],
-        "spacings": apart * distances / scales[side],
-        "per_spacing": scales[side] / (apart * distances),
-        "distances": distances,
-        "inverses": 1.0 / distances,
-        "falls": height * (1.0 / distances - 1.0 / distances[0]),
-    }
-    return on.tables(
-        Rays,
-        tables,
-        along_columns=int(main == 0),
-        forward=int(foot[main] < 0.5 * ends[main]),
-        across=int(counts[side]),
-        step_stride=1 if main == 0 else int(counts[0]),
-        side_stride=int(counts[0]) if main == 0 else 1,
-        pitch=-(-ray_count // lanes),
-        slope=low,
-        slopes_apart=apart,
-        softness=shadows.softness_m,
-        spread=shadows.spread,
-        column=foot[0] / scales[0],
-        row=foot[1] / scales[1],
-        per_column=scales[0] / distance_m,
-        per_row=scales[1] / distance_m,
-        height=height / distance_m,
-    )
-
-
-def darkening(
-    shadows: ShadowCaster, indentation_m: RealArray, tilt: Float32Array, geometry: CameraGeometry
-) -> Float32Array:
-    """Return the light taken away [grey levels, not positive], shape [3, height, width]."""
-    taken = np.zeros((3, *indentation_m.shape), dtype=np.float32)
-    for lamp in shadows.lamps:
-        share = lost_share(indentation_m, tilt, lamp, shadows, geometry)
-        taken -= np.array(lamp.colour, dtype=np.float32)[:, None, None] * share
-    return taken
-
-
-def lost_share(
-    bulge: RealArray,
-    tilt: Float32Array,
-    lamp: Lamp,
-    shadows: ShadowCaster,
-    geometry: CameraGeometry,
-) -> Float32Array:
-    """Return the share of a lamp's light that a dent takes away, shape [height, width]."""
-    device = Device("cpu")
-    dent = device.array(bulge[None], wp.float32)
-    hidden = HiddenLamp(lamp, shadows, geometry, dent, CPU_LANES)
-    for kernel, count, inner, inputs in hidden.stages:
-        device.launch(kernel, (1, count, *inner), [hidden.rays, 0, *inputs], [])
-    lost = device.empty(bulge.shape, wp.float32)
-    inputs = [hidden.rays, CPU_LANES, hidden.hidden.single[0], device.array(tilt, wp.float32)]
-    device.launch(lose_light, bulge.shape, inputs, [lost])
-    return np.asarray(lost.numpy())
 
 
 def nominal_renderer(

@@ -1,9 +1,9 @@
 """Shadows that a dent casts in the tactile image.
 
-A shadow is the highest thing over each pixel's ray to a lamp, found in one sweep from every lamp.
-Heights are sheared so that the lamp stands at the end of the columns. From there the sweep carries
-the highest ray so far, lowered by what a ray sinks in a step: each pixel is visited once, however
-long the shadows are. Heights between pixels are interpolated linearly across the rays.
+Shadows are found in one sweep along the rays that part from every lamp. A ray carries the steepest
+slope from the lamp that the gel has cut off so far: each pixel is visited once, however long the
+shadows are. Heights between pixels are interpolated linearly across the rays. As a lamp has a size,
+the penumbra widens with the distance from what casts the shadow.
 
 Seen from the camera a pressed gel bulges towards it; a lamp that grazes the gel leaves the gel
 behind it dark.
@@ -19,91 +19,91 @@ import warp as wp
 
 from sim.device import Device
 from sim.optics.pixels.pixel_blocks import CPU_LANES, BlockMemory
-from sim.optics.pixels.pixel_kernel import Rays, follow_rays, hide_samples, turn_dents
+from sim.optics.pixels.pixel_kernel import Rays, follow_rays, lose_light, turn_dents
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, RealArray
 
-_RAY_ROOM = 2  # blocks beside the rays of a step, which their neighbours are read from
+_NEAREST_SHARE = 0.05  # of an image's size: so far beside it a lamp stands at least
+_FAR = 200.0  # sizes of an image: how far off a lamp is that shines from one direction
 
 
 class HiddenLamp:
     """What a dent, a device's array of shape [count, height, width] [m], hides of a lamp.
 
     Attributes:
-        highest: Room for a value a step and ray, which another lamp may take over.
-        hidden: How much of the lamp samples do not see, 0 to 1, in the order of the rays.
+        hidden: How much of the lamp is hidden, 0 to 1, by step and ray.
         stages: Kernels, each with the counts over which it may be parted and others, and inputs.
     """
 
     def __init__(
-        self,
-        lamp: Lamp,
-        softness_m: float,
-        geometry: CameraGeometry,
-        dent: Any,
-        lanes: int,
-        highest: BlockMemory | None = None,
+        self, lamp: Lamp, shadows: ShadowCaster, geometry: CameraGeometry, dent: Any, lanes: int
     ) -> None:
-        self.rays = rays = rays_towards(lamp, geometry, softness_m, lanes, str(dent.device))
-        self._lanes = lanes
-        step_count = len(rays.whole)
-        blocks, ray_blocks = -(-rays.across // lanes), rays.ray_pitch - _RAY_ROOM
-        steps = dent.shape[0] * step_count
-        self.hidden = BlockMemory(1, steps * rays.pitch, lanes, str(dent.device), reach=lanes + 1)
-        needed = steps * rays.ray_pitch
-        if highest is None or highest.blocks.size < needed:
-            highest = BlockMemory(1, needed, lanes, str(dent.device), reach=lanes + 1)
-        self.highest = highest
-        dents, passed = self.hidden.blocks[0], highest.shifted[1:, 0]
+        self.rays = rays = rays_from(lamp, shadows, geometry, lanes, str(dent.device))
+        step_count = len(rays.starts)
+        self.hidden = BlockMemory(
+            1, dent.shape[0] * step_count * rays.pitch, lanes, str(dent.device)
+        )
+        values = self.hidden.blocks[0]
         self.stages: list[tuple[Any, int, tuple[int, ...], list[Any]]] = [
-            (turn_dents, step_count, (blocks,), [dent, dents]),
-            (follow_rays, ray_blocks, (), [self.hidden.shifted[1:, 0], highest.blocks[0]]),
-            (hide_samples, step_count, (blocks,), [passed, dents]),
+            (turn_dents, step_count, (rays.pitch,), [dent.flatten(), values]),
+            (follow_rays, rays.pitch, (), [values]),
         ]
 
-    def share(self) -> Float32Array:
-        """Return how much of the lamp is hidden in the first image, shape [height, width]."""
-        rays, lanes = self.rays, self._lanes
-        room = rays.room * lanes
-        turned = self.hidden.single.numpy().reshape(-1, rays.pitch * lanes)
-        turned = turned[: len(rays.whole), room : room + rays.across]
-        shown = turned if rays.forward else turned[::-1]
-        return np.asarray(shown.T if rays.along_columns else shown)
 
-
-def rays_towards(
-    lamp: Lamp, geometry: CameraGeometry, softness_m: float, lanes: int, device: str
+def rays_from(
+    lamp: Lamp, shadows: ShadowCaster, geometry: CameraGeometry, lanes: int, device: str
 ) -> Any:
-    """Return for kernels how rays towards a lamp go over an image.
+    """Return for kernels how rays from a lamp go over an image.
 
-    A step goes one column or row on, towards higher ones if ``forward``; a ray moves across by at
-    most a pixel in a step, and rises.
+    A step goes one column or row on, away from the lamp. Rays are a sample apart in the middle
+    step, at most twice as far in the last one.
     """
-    right, down = math.cos(lamp.azimuth_rad), math.sin(lamp.azimuth_rad)
-    along_columns = abs(right) >= abs(down)
-    ahead, aside = (right, down) if along_columns else (down, right)
-    shift = aside / abs(ahead)  # across in a step [px]
-    rise_m = math.tan(lamp.elevation_rad) * (math.hypot(1.0, shift) * geometry.mean_scale_m)
-    sides = (geometry.width, geometry.height)
-    step_count, across = sides if along_columns else sides[::-1]
-    margin = math.ceil((step_count - 1) * abs(shift))  # by which rays move across in all [px]
-    steps = np.arange(step_count)
-    first = margin + 1 if shift > 0.0 else 1  # ray through the first pixel
-    places = steps * shift - first
-    whole = np.floor(places)
-    array = Device(device).array
-    rays: Any = Rays()
-    rays.along_columns, rays.forward = int(along_columns), int(ahead > 0.0)
-    rays.across = across
-    rays.room = -(-(margin + 2) // lanes)
-    rays.pitch = -(-across // lanes) + 2 * rays.room + 1
-    rays.ray_pitch = -(-(across + margin + 1) // lanes) + _RAY_ROOM
-    rays.whole = array(whole.astype(np.int32), wp.int32)
-    rays.part = array((places - whole).astype(np.float32), wp.float32)
-    rays.sunk = array((steps * rise_m).astype(np.float32), wp.float32)
-    rays.per_softness = 1.0 / softness_m
-    return rays
+    scales = np.array([geometry.scale_x_m, geometry.scale_y_m])
+    counts = np.array([geometry.width, geometry.height])
+    ends = (counts - 1) * scales
+    distance_m = lamp.distance_m or _FAR * float(ends.max())
+    way = np.array([math.cos(lamp.azimuth_rad), math.sin(lamp.azimuth_rad)])
+    foot = 0.5 * ends + distance_m * way
+    beside = np.maximum(-foot, foot - ends)  # by how much it lies outside of the image
+    main = 0 if beside[0] >= beside[1] else 1
+    nearest = max(float(beside[main]), _NEAREST_SHARE * float(ends[main]))
+    distances = nearest + np.arange(counts[main]) * scales[main]
+    side = 1 - main
+    reach = np.array([-foot[side], ends[side] - foot[side]])
+    apart = scales[side] / distances[len(distances) // 2]
+    slopes = reach[:, None] / distances[[0, -1]]
+    low, high = float(slopes.min()), float(slopes.max())
+    ray_count = math.ceil((high - low) / apart) + 2
+    height = distance_m * math.tan(lamp.elevation_rad)
+    on = Device(device)
+    tables = {
+        "starts": (foot[side] + low * distances) / scales[side],
+        "spacings": apart * distances / scales[side],
+        "per_spacing": scales[side] / (apart * distances),
+        "distances": distances,
+        "inverses": 1.0 / distances,
+        "falls": height * (1.0 / distances - 1.0 / distances[0]),
+    }
+    return on.tables(
+        Rays,
+        tables,
+        along_columns=int(main == 0),
+        forward=int(foot[main] < 0.5 * ends[main]),
+        across=int(counts[side]),
+        step_stride=1 if main == 0 else int(counts[0]),
+        side_stride=int(counts[0]) if main == 0 else 1,
+        pitch=-(-ray_count // lanes),
+        slope=low,
+        slopes_apart=apart,
+        softness=shadows.softness_m,
+        spread=shadows.spread,
+        column=foot[0] / scales[0],
+        row=foot[1] / scales[1],
+        per_column=scales[0] / distance_m,
+        per_row=scales[1] / distance_m,
+        height=height / distance_m,
+    )
 
 
 def darkening(
@@ -112,20 +112,25 @@ def darkening(
     """Return the light taken away [grey levels, not positive], shape [3, height, width]."""
     taken = np.zeros((3, *indentation_m.shape), dtype=np.float32)
     for lamp in shadows.lamps:
-        share = lost_share(indentation_m, tilt, lamp, geometry, softness_m=shadows.softness_m)
+        share = lost_share(indentation_m, tilt, lamp, shadows, geometry)
         taken -= np.array(lamp.colour, dtype=np.float32)[:, None, None] * share
     return taken
 
 
 def lost_share(
-    bulge: RealArray, tilt: Float32Array, lamp: Lamp, geometry: CameraGeometry, *, softness_m: float
+    bulge: RealArray,
+    tilt: Float32Array,
+    lamp: Lamp,
+    shadows: ShadowCaster,
+    geometry: CameraGeometry,
 ) -> Float32Array:
     """Return the share of a lamp's light that a dent takes away, shape [height, width]."""
     device = Device("cpu")
-    dent = device.array(bulge[None].astype(np.float32), wp.float32)
-    hidden = HiddenLamp(lamp, softness_m, geometry, dent, CPU_LANES)
+    dent = device.array(bulge[None], wp.float32)
+    hidden = HiddenLamp(lamp, shadows, geometry, dent, CPU_LANES)
     for kernel, count, inner, inputs in hidden.stages:
         device.launch(kernel, (1, count, *inner), [hidden.rays, 0, *inputs], [])
-    along, across, up = lamp.towards
-    facing = along * tilt[0] + across * tilt[1] + up * np.sqrt(1.0 - tilt[0] ** 2 - tilt[1] ** 2)
-    return np.asarray(hidden.share() * np.maximum(facing, 0.0), dtype=np.float32)
+    lost = device.empty(bulge.shape, wp.float32)
+    inputs = [hidden.rays, CPU_LANES, hidden.hidden.single[0], device.array(tilt, wp.float32)]
+    device.launch(lose_light, bulge.shape, inputs, [lost])
+    return np.asarray(lost.numpy())
