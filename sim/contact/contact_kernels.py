@@ -229,8 +229,12 @@ def held_stiffness(
     f: wp.int32,
     q: wp.int32,
     x: wp.vec3d,
+    least: wp.float64,
 ):
-    """Return the traction [Pa] of what a point holds on to, and its stiffness [Pa/m]."""
+    """Return the traction [Pa] of what a point holds on to, and its stiffness [Pa/m].
+
+    Along the offset the stiffness is at least this share of that across it.
+    """
     pull = wp.vec3d()
     stiffness = wp.mat33d()
     share = grip.held[b, f, q]
@@ -247,11 +251,13 @@ def held_stiffness(
         stiffness += tangent * (share * across)
         if length > wp.float64(1.0e-30):
             t = u / length
-            stiffness += wp.outer(t, t) * (share * (along - across))
+            stiffness += wp.outer(t, t) * (share * (wp.max(along, least * across) - across))
         pull = u * across
     return pull, stiffness
 
 
+# A preconditioner that knows nothing of a sliding point's way back to sticking steps too far.
+_LEAST_ALONG = wp.constant(wp.float64(0.3))
 # A lagged pressure that is none.
 _TINY_PA = wp.constant(wp.float64(1.0e-12))
 
@@ -362,7 +368,8 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             if curved:
                 stiffness += distance_curvature(here, x) * slope
         if wp.static(grips):
-            along, tangent = held_stiffness(surface, here, grip, b, f, q, x)
+            exact = wp.float64(0.0)
+            along, tangent = held_stiffness(surface, here, grip, b, f, q, x, exact)
             pull += along
             stiffness += tangent
         point_out[b, f, q] = x
@@ -480,7 +487,7 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
                 _energy, _slope, change = normal_contact(surface, b, distance / surface.distance)
                 stiffness = wp.outer(n, n) * change
             if wp.static(grips):
-                _along, tangent = held_stiffness(surface, here, grip, b, f, q, x)
+                _along, tangent = held_stiffness(surface, here, grip, b, f, q, x, _LEAST_ALONG)
                 stiffness += tangent
             stiffness_out[b, f, q] = wp.mat33f(stiffness * surface.areas[f, q])
             if wp.trace(stiffness) > wp.float64(0.0):

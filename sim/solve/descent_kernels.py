@@ -27,6 +27,10 @@ from sim.solve.memory_kernels import (
     wait_for_all,
 )
 
+# With an inverse that is never made anew many steps in turn are too long in the same way: each is
+# tried with so many times what the last one was cut to.
+_LONGER = wp.constant(wp.float64(1.5))
+
 
 @wp.func
 def with_gradient(
@@ -237,6 +241,8 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         fraction = d.fraction[b]
         if act == Act.SOLVE or act == Act.LOWER:
             fraction = wp.float64(1.0)
+            if limits.keeps and d.pushed[b] == 0:
+                fraction = wp.min(fraction, _LONGER * d.fraction[b])
             count = memory.counts[b]
             scale = units[b]
             if scaled:
@@ -292,6 +298,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
             if limits.keeps and d.status[b] == Status.ASKS_FACTOR:
                 memory.counts[b] = 0
                 memory.next[b] = 0
+                d.fraction[b] = wp.float64(1.0)
                 d.since[b] = 0
                 d.mode[b] = Mode.GO
                 d.status[b] = Status.RUNNING
