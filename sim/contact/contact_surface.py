@@ -195,7 +195,7 @@ class ContactSurface:
         return self.forces_of(given, indenter, curved=curved)
 
     def forces_of(
-        self, given: list[Any], indenter: Indenter, *, curved: bool = True
+        self, given: list[Any], indenter: Indenter | IndenterSet, *, curved: bool = True
     ) -> ContactForces:
         """Return the same where surface, body, poses, grip and positions are on the device."""
         out = [self._points(kind) for kind in (wp.vec3d, wp.float64, wp.vec3d, wp.mat33d)]
