@@ -186,7 +186,7 @@ def calibrated_optics(given: str, sensor: Sensor) -> OpticalCalibration:
     model = load_photometric(Path(given))
     _check_view(given, model.provenance, nominal)
     blur_px = model.provenance.get(BLUR_PX, 0.0)
-    if view := model.provenance.get(VIEW):
+    if isinstance(view := model.provenance.get(VIEW), dict):
         nominal = TypeAdapter(CameraGeometry).validate_python({**asdict(nominal), **view})
     distance_m = model.provenance.get(CAMERA_DISTANCE)
     if isinstance(distance_m, float):

@@ -119,6 +119,7 @@ def truth_table(written: Written, summary: dict[str, Any], *, command: str) -> T
     stated = model["modulus_factor_deviation"] / model["modulus_factor"]
     margins = [t["force_margin"] for t in summary["trials"] if t["force_margin"] is not None]
     won = sum(each["value"] > 0.0 for each in margins)
+    headline = [row for row in summary["headline"] if row["name"].startswith("contact_")]
     lost = sum(each["value"] < -_SPREADS * (each["spread"] or 0.0) for each in margins)
     return Table(
         title="What the report says beside the truth",
@@ -128,6 +129,7 @@ def truth_table(written: Written, summary: dict[str, Any], *, command: str) -> T
             ("its error over the scatter between presses", round(abs(off) / stated, 2), 2.0),
             ("own force, or no contact, told apart rightly", won, len(margins)),
             ("wrongly, by more than noise explains", lost, 0),
+            *((f"{each['name']} met", each["met"], each["trials"]) for each in headline),
         ),
         criterion="the modulus is within twice the scatter that is stated; no own force loses by "
         f"more than {_SPREADS:g} spreads of its noise",
@@ -137,7 +139,7 @@ def truth_table(written: Written, summary: dict[str, Any], *, command: str) -> T
 
 
 def acceptance(
-    presses: Annotated[int, typer.Option("--presses", min=6, help="How many.")] = 40,
+    presses: Annotated[int, typer.Option("--presses", min=13, help="How many.")] = 40,
     seed: Annotated[int, typer.Option("--seed", help="Of the emulated world.")] = 1,
     work: Annotated[Path | None, typer.Option("--work", help="Folder to work in; kept.")] = None,
     json_file: JsonFile = None,

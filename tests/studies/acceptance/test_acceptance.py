@@ -16,6 +16,7 @@ def _summary(margin, young_pa):
     return {
         "model": {"young_pa": young_pa, "modulus_factor": 1.0, "modulus_factor_deviation": 0.03},
         "trials": [trial],
+        "headline": [],
     }
 
 
