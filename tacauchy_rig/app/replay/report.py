@@ -44,14 +44,10 @@ def report_run(run: RunReading) -> tuple[ValidationReport, ReportPaths]:
         from reports.figures.draw import RECORDED, draw_some  # noqa: PLC0415
         from reports.page.writing import ReportPaths, make_room, write_report  # noqa: PLC0415
 
-        other.submit(_load, draw_some)
+        other.submit(id, draw_some)  # to be given it loads it
         evidence = evidence_of(run, checked)
         paths = ReportPaths(run.store.paths.report)
         make_room(paths.folder)
         recorded = other.submit(draw_some, evidence.drawn, paths.figures, RECORDED)
         report = compare(evidence)
         return report, write_report(report, paths.folder, other, recorded)
-
-
-def _load(_what: object) -> None:
-    """Do nothing: to be asked for it loads what the argument needs."""
