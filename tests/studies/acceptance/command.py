@@ -23,7 +23,10 @@ from tests.studies.acceptance.folder import SENSOR, Written, write_folder
 
 MOST_COMMANDS, MOST_S, MOST_SILENT_S, MOST_BYTES = 6, 600.0, 3.0, 1_000_000_000
 _LOOK_S, _SPREADS = 0.2, 3.0
-ROUNDED = "cylinder:diameter=4mm", "cylinder:diameter=4mm,fillet=0.1mm"
+KNOWN = (
+    ("cylinder:diameter=4mm", "cylinder:diameter=4mm,fillet=0.1mm"),
+    ("[rig.replay]\n", "[rig.replay]\nfriction = 0\n"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,11 +82,12 @@ def _watch(process: subprocess.Popen[str], most: list[int]) -> None:
 def workflow(folder: Path, runs: Path) -> tuple[list[Called], Path]:
     """Call what a new user calls, each command as the one before says; return the run's folder.
 
-    Of what the first asks to check, the punch is what a person knows better: its edge is rounded.
+    A person knows better than its guesses that the punch's edge is rounded and the gel was wetted.
     """
     found = [called("import", str(folder), "--init")]
     guess = folder / "import.toml"
-    guess.write_text(guess.read_text("utf-8").replace(*ROUNDED), "utf-8")
+    for guessed, known in KNOWN:
+        guess.write_text(guess.read_text("utf-8").replace(guessed, known), "utf-8")
     found.append(called("import", str(folder), "--out", str(runs)))
     run = next(runs.iterdir())
     found.append(called("calibrate", "optics", str(run)))
