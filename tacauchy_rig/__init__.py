@@ -57,7 +57,7 @@ _PUBLIC = {
     "load_config": "tacauchy_rig.core.config.load:load_config",
     "load_sensor": "sim.sensor.sensor:load_sensor",
     "Motion": "sim.scene.scene:Motion",
-    "open_run": "tacauchy_rig.app.replay.parts:open_run",
+    "open_run": "tacauchy_rig.app.replay.reading:open_run",
     "plan_effects": "sim.effects.plan:plan_effects",
     "Plane": "sim.scene.indenter:Plane",
     "Preset": "sim.scene.scene:Preset",
