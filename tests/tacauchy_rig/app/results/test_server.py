@@ -35,7 +35,7 @@ def test_every_run_is_listed_and_says_what_it_came_to(client: Client) -> None:
 
 def client_root(page: str) -> str:
     """Return the folder that a page says its runs lie in."""
-    return page.split("4 in ")[1].split(". Nothing", maxsplit=1)[0] + "/"
+    return page.split("4 in ")[1].split(". This page", maxsplit=1)[0] + "/"
 
 
 def test_two_runs_are_compared_against_their_deviations(client: Client) -> None:
