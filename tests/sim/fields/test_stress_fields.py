@@ -110,12 +110,7 @@ def layered_model(
 
 
 def layered_press(model: Model) -> tuple[InterfaceTraction, StressOnSides, float, float, float]:
-    """Press a sphere in.
-
-    Returns:
-        The interface and its smooth sides, how far the recovered tractions are apart, relative,
-        and the indenter's and the base's force [N].
-    """
+    """Return interface, smooth sides, the recovered tractions' gap, indenter's and base's force."""
     point = LoadingPath(model, Sphere(diameter_m=16e-3)).advance(0.15e-3)
     (interface,) = interface_traction(model, point.state.positions)
     clamped = point.equilibrium.elastic_gradient[model.clamped].sum(axis=0)

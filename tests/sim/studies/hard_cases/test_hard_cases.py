@@ -13,6 +13,7 @@ from sim.scene.indenter import Cylinder, Indenter, Sphere
 from sim.scene.scene import Effect
 from sim.solve.equilibrium import SolverOptions
 from sim.solve.loading_path import LoadingPath
+from sim.studies.hard_cases import presses
 from sim.studies.hard_cases.dynamics import torsion
 from sim.studies.hard_cases.invariants import (
     ENERGY_ROUNDING,
@@ -25,18 +26,6 @@ from sim.studies.hard_cases.invariants import (
 )
 from sim.studies.hard_cases.pads import brick_mesh, pad_model, quarter_brick_mesh
 from sim.studies.hard_cases.precision import in_single_precision
-from sim.studies.hard_cases.presses import (
-    INDENTERS,
-    forces_beside,
-    off_the_pad,
-    patch_test,
-    press_in,
-    rigid_motion,
-    sliver_count,
-    slivers,
-    uniform_mesh,
-    with_slivers,
-)
 from sim.studies.hard_cases.study import CASES, HardCases, measured
 from tacauchy_rig.core.errors import ConvergenceError
 from tacauchy_rig.core.study import About, Result
@@ -115,7 +104,7 @@ def test_page_says_what_passing_a_random_start_means() -> None:
 
 def test_rounded_cylinder_goes_down_by_four_fifths() -> None:
     """Every frame converges, the force rises, no element is turned inside out."""
-    outcome = press_in("coarse", fillet_m=0.5e-3, bonded=True)
+    outcome = presses.press_in("coarse", fillet_m=0.5e-3, bonded=True)
     assert outcome.passed, outcome.measured
     assert float(outcome.measured["min_jacobian_coarse"]) > 0.0
     assert float(outcome.measured["force_end_coarse_n"]) > 20.0
@@ -124,10 +113,10 @@ def test_rounded_cylinder_goes_down_by_four_fifths() -> None:
 def test_slivers_are_as_flat_as_asked_and_change_nothing_else() -> None:
     """The smallest angle is the one asked for, every volume positive, the surface untouched."""
     good = brick_mesh((4, 4, 3))
-    bad = with_slivers(good, dihedral_deg=0.5)
+    bad = presses.with_slivers(good, dihedral_deg=0.5)
     assert smallest_dihedral_deg(bad) == pytest.approx(0.5, rel=1e-6)
-    assert sliver_count(bad, below_deg=0.51) >= 3
-    assert sliver_count(good, below_deg=0.51) == 0
+    assert presses.sliver_count(bad, below_deg=0.51) >= 3
+    assert presses.sliver_count(good, below_deg=0.51) == 0
     corners = bad.vertices[bad.tets]
     volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
     assert volumes.min() > 0.0
@@ -136,7 +125,7 @@ def test_slivers_are_as_flat_as_asked_and_change_nothing_else() -> None:
 
 def test_slivers_cost_few_iterations() -> None:
     """The row itself, pressed less deep."""
-    outcome = slivers(depth_m=0.2e-3)
+    outcome = presses.slivers(depth_m=0.2e-3)
     assert outcome.passed, outcome.measured
 
 
@@ -145,7 +134,9 @@ LINEAR = ((Effect.LOCKING_FREE_ELEMENT, False),)
 
 def test_force_hardly_depends_on_where_the_rim_meets_elements() -> None:
     """Half of a 1 mm element along x changes F by less than 5 %."""
-    on, beside = forces_beside(uniform_mesh(1e-3), 1e-3, depth_m=0.05e-3, shifts=(0.0, 0.5))
+    on, beside = presses.forces_beside(
+        presses.uniform_mesh(1e-3), 1e-3, depth_m=0.05e-3, shifts=(0.0, 0.5)
+    )
     assert on > 0.1
     assert beside == pytest.approx(on, rel=0.05)
 
@@ -153,8 +144,8 @@ def test_force_hardly_depends_on_where_the_rim_meets_elements() -> None:
 @pytest.mark.slow
 def test_sharp_rim_off_the_pad() -> None:
     """Half off and on a corner it balances and rises; beside the pad the message says where."""
-    indenters = {"cylinder": INDENTERS["sharp_cylinder"]}
-    found = off_the_pad(indenters, LINEAR)
+    indenters = {"cylinder": presses.INDENTERS["sharp_cylinder"]}
+    found = presses.off_the_pad(indenters, LINEAR)
     assert found.passed, found.measured
     forces = [float(found.measured[f"cylinder_{p}_force_n"]) for p in ("middle", "edge", "corner")]
     # Half and a quarter of the face touch, on gel that has less around it.
@@ -200,8 +191,8 @@ def test_friction_takes_energy_out_at_every_point() -> None:
 
 def test_rigid_motion_and_patch_are_exact() -> None:
     """Case 17, first half."""
-    assert all(float(deviation) <= 1e-10 for deviation in rigid_motion().values())
-    assert all(float(deviation) <= 1e-10 for deviation in patch_test().values())
+    assert all(float(deviation) <= 1e-10 for deviation in presses.rigid_motion().values())
+    assert all(float(deviation) <= 1e-10 for deviation in presses.patch_test().values())
 
 
 def test_first_part_of_the_torsion_is_smooth() -> None:

@@ -10,21 +10,13 @@ from sim.press_command import scene_from
 from sim.scene.scene import ContactMode, Preset
 from sim.studies import from_file
 from sim.studies.verification import forces
-from sim.studies.verification.forces import (
-    fitted_order,
-    fitted_young,
-    measure_ball,
-    measure_punch,
-    real_words,
-    rim_forces,
-)
 
 PUNCH = from_file("verification/presses.toml")["punch"][0]
 
 
 def test_punch_states_error_and_limit_of_each_row() -> None:
     """A row's error is that of its forces, and the verdict is whether all are within limits."""
-    found = measure_punch(preset=Preset.FAST, stated=[{**PUNCH, "allowed": 0.05}])
+    found = forces.measure_punch(preset=Preset.FAST, stated=[{**PUNCH, "allowed": 0.05}])
     _, _, force, exact, error, limit = found.rows[0]
     assert isinstance(force, float)
     assert isinstance(exact, float)
@@ -35,13 +27,13 @@ def test_punch_states_error_and_limit_of_each_row() -> None:
 
 def test_a_limit_that_is_not_met_is_missed() -> None:
     """The verdict follows the numbers."""
-    assert not measure_punch(preset=Preset.FAST, stated=[{**PUNCH, "allowed": 1e-9}]).passed
+    assert not forces.measure_punch(preset=Preset.FAST, stated=[{**PUNCH, "allowed": 1e-9}]).passed
 
 
 def test_ball_is_compared_with_hertz_where_the_pad_is_thick() -> None:
     """Thick: Hertz and layer are near each other; thin: the layer alone is to be met."""
     stated = from_file("verification/presses.toml")["ball"]
-    found = measure_ball(preset=Preset.FAST, stated=[stated[1], stated[3]])
+    found = forces.measure_ball(preset=Preset.FAST, stated=[stated[1], stated[3]])
     thick, thin = found.rows
     assert abs(float(thick[4] or 0.0) / float(thick[6] or 1.0) - 1.0) < 0.02
     assert abs(float(thin[5] or 0.0)) > 5.0
@@ -52,14 +44,14 @@ def test_ball_is_compared_with_hertz_where_the_pad_is_thick() -> None:
 def test_fit_finds_the_order_and_the_limit(order: float) -> None:
     """Forces on a power law give its power back."""
     edges = np.array([2.0, 1.333, 1.0, 0.667, 0.5])
-    found, limit = fitted_order(edges, 1.2 + 0.05 * edges**order)
+    found, limit = forces.fitted_order(edges, 1.2 + 0.05 * edges**order)
     assert found == pytest.approx(order, abs=0.02)
     assert limit == pytest.approx(1.2, rel=2e-3)
 
 
 def test_finer_edges_at_a_sharp_rim_lower_the_force() -> None:
     """By less every time; a whole punch's force comes from its quarter."""
-    coarse, middle, fine = rim_forces((0.32, 0.16, 0.08))
+    coarse, middle, fine = forces.rim_forces((0.32, 0.16, 0.08))
     assert coarse > middle > fine > 0.5
     assert coarse - middle > middle - fine
 
@@ -76,7 +68,7 @@ def test_disc_presses_both_laws_through_the_depths() -> None:
 def test_fitted_modulus_gives_the_measured_force() -> None:
     """A force at given depth is proportional to E."""
     asked = (0.48, ContactMode.FRICTIONLESS, Preset.FAST)
-    young = fitted_young(*asked)
-    force = press(scene_from(real_words(young, *asked))).force_n[2]
+    young = forces.fitted_young(*asked)
+    force = press(scene_from(forces.real_words(young, *asked))).force_n[2]
     assert force == pytest.approx(forces.REAL["force_n"], rel=1e-6)
     assert 0.4e6 < young < 0.6e6
