@@ -20,6 +20,9 @@ from tacauchy_rig.app.replay.optics import Calibrate, OpticalCalibration, Say, c
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.store.run_store import RunStore
 
+# A file's numbers are finite: a flat top is a dome of this radius, 0.1 um over 28 mm.
+_FLAT_M = 1e3
+
 
 def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
     """Return a unit of the sensor's sizes, with a disc of gel of the pad's area in its place.
@@ -38,12 +41,12 @@ def emulated_unit(sensor: Sensor, *, markers: bool = False) -> EmulatedUnit:
     camera, optics, pad = sensor.camera, sensor.optics, sensor.pad
     half_x, half_y = pad.half_extents()
     middle, touched_pa = np.zeros(1), sensor.material.young_pa
-    dome_radii_m, dome_radius_m = None, math.inf
+    dome_radii_m, dome_radius_m = None, _FLAT_M
     if isinstance(pad, BoxPad):
-        dome_radii_m = pad.dome_radius_x_m, pad.dome_radius_y_m
+        x_m, y_m = (min(each, _FLAT_M) for each in (pad.dome_radius_x_m, pad.dome_radius_y_m))
+        dome_radii_m = x_m, y_m
         # Of the mean curvature, to the millimetre.
-        curvature = 0.5 * (1.0 / pad.dome_radius_x_m + 1.0 / pad.dome_radius_y_m)
-        dome_radius_m = round(1.0 / curvature, 3) if curvature > 0.0 else math.inf
+        dome_radius_m = round(2.0 / (1.0 / x_m + 1.0 / y_m), 3)
     dots = MarkerGrid(**asdict(sensor.markers)) if markers and sensor.markers else None
     return EmulatedUnit(
         name=sensor.name,
