@@ -7,7 +7,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -94,7 +93,7 @@ def test_a_world_of_every_sensor_survives_its_file(name: str, tmp_path: Path) ->
     path = write_truth(tmp_path, truth)
     assert read_truth(path) == truth
     keys = {"young_pa", "surface_error_m", "force_latency_s", "tilt_rad"}
-    assert keys <= set(read_json(dict[str, Any], path, what="truth")), "units are in the keys"
+    assert keys <= set(read_json(dict[str, object], path, what="truth")), "units are in the keys"
 
 
 def test_the_emulated_mini_is_the_default_unit() -> None:
