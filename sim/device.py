@@ -82,13 +82,7 @@ def repeatable(term: Any, shift: wp.float64):
     Multiples of 2^-52 of the power of two below ``shift`` are summed without rounding, up to twice
     this power; ``shift_for`` gives 1.5 times it. A shift of zero rounds nothing.
     """
-    return (term + shift) - shift
-
-
-@wp.func
-def repeatable(term: wp.vec3d, shift: wp.float64):  # noqa: F811 - Warp overloads it
-    """Round a vector's components likewise."""
-    shifts = wp.vec3d(shift, shift, shift)
+    shifts = type(term)(shift)
     return (term + shifts) - shifts
 
 

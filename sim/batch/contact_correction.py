@@ -21,6 +21,7 @@ from typing import Any
 
 import warp as wp
 
+from sim.batch.sweep_kernels import BLOCK_OF_THREADS
 from sim.solve.descent_state import Act, Descent
 
 CAPACITY = 223
@@ -29,8 +30,9 @@ CAPACITY = 223
 WIDE = 16
 """Pivots of a small system that are swept at once."""
 
-# Steps with a correction made anew, the first ones, which change what touches; then every so many.
-_EARLY, _LATE = wp.constant(2), wp.constant(4)
+# Steps that a correction serves; but only the first one where that leaves more than a share of the
+# contact force, since it has changed what touches.
+_SERVED, _CHANGED = wp.constant(8), wp.constant(wp.float64(0.1))
 
 
 @wp.struct
@@ -58,17 +60,8 @@ class Correction:
     inverse: wp.array3d(dtype=wp.float32)  # -S^-1, shape [environment_count, size, size]
 
 
-# SHARED and SYNC let one code serve a block of threads and the one thread of a CPU.
-_SHARED = """
-#if defined(__CUDA_ARCH__)
-    #define SHARED __shared__
-    #define SYNC __syncthreads()
-    const int thread = threadIdx.x, threads = blockDim.x, lanes = 32;
-#else
-    #define SHARED
-    #define SYNC
-    const int thread = 0, threads = 1, lanes = 1;
-#endif
+_SHARED = f"""
+    {BLOCK_OF_THREADS}
     const int lane = thread % lanes, row = thread / lanes, rows = threads / lanes;
     const int nodes = c.touching.shape[1], capacity = c.listed.shape[1];
     int* listed = c.listed.data + (size_t)b * capacity;
@@ -312,8 +305,10 @@ def choose(d: Descent, c: Correction):
     Launches over [environment_count, surface_count].
     """
     b, s = wp.tid()
-    since = d.since[b]
-    renews = d.act[b] == Act.SOLVE and (since < _EARLY or since % _LATE == 0)
+    due = d.since[b] % _SERVED == 0
+    if d.since[b] == 1 and d.residual[b] > _CHANGED * d.scale[b]:
+        due = True
+    renews = d.act[b] == Act.SOLVE and due
     if s == 0:
         c.renews[b] = wp.where(renews, 1, 0)
     if renews:

@@ -100,19 +100,20 @@ def negate(matrix: wp.array2d(dtype=wp.float32)):
     matrix[i, j] = -matrix[i, j]
 
 
-_SHARED = """
+# SHARED and SYNC let one code serve a block of threads and the one thread of a CPU.
+BLOCK_OF_THREADS = """
 #if defined(__CUDA_ARCH__)
     #define SHARED __shared__
     #define SYNC __syncthreads()
-    const int thread = threadIdx.x, threads = blockDim.x;
+    const int thread = threadIdx.x, threads = blockDim.x, lanes = 32;
 #else
     #define SHARED
     #define SYNC
-    const int thread = 0, threads = 1;
+    const int thread = 0, threads = 1, lanes = 1;
 #endif
 """
 _INVERT = f"""
-    {_SHARED}
+    {BLOCK_OF_THREADS}
     SHARED double a[BLOCK * BLOCK];
     SHARED double column[BLOCK];
     const size_t wide = matrix.shape[1], at = (size_t)k * BLOCK;
@@ -135,7 +136,7 @@ _INVERT = f"""
 """.replace("BLOCK", str(BLOCK))
 # Of two tiles the product of one with the other's transpose; a thread has 16 entries of it.
 _TILES = f"""
-    {_SHARED}
+    {BLOCK_OF_THREADS}
     SHARED float l[BLOCK * (BLOCK + 1)];
     SHARED float r[BLOCK * (BLOCK + 1)];
     const size_t lefts = left.shape[1], rights = right.shape[1], wide = out.shape[1];

@@ -28,8 +28,8 @@ from sim.solve.memory_kernels import (
 )
 
 # With an inverse that is never made anew many steps in turn are too long in the same way: each is
-# tried with so many times what the last one was cut to.
-_LONGER = wp.constant(wp.float64(1.5))
+# tried with so many times what the last one was cut to, and no less than a share.
+_LONGER, _SHORT = wp.constant(wp.float64(1.5)), wp.constant(wp.float64(0.25))
 
 
 @wp.func
@@ -242,7 +242,7 @@ def descent_kernels(*, grips: bool, pulls: bool, threads: int) -> tuple[Any, Any
         if act == Act.SOLVE or act == Act.LOWER:
             fraction = wp.float64(1.0)
             if limits.keeps and d.pushed[b] == 0:
-                fraction = wp.min(fraction, _LONGER * d.fraction[b])
+                fraction = wp.clamp(_LONGER * d.fraction[b], _SHORT, fraction)
             count = memory.counts[b]
             scale = units[b]
             if scaled:
