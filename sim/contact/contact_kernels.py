@@ -258,6 +258,9 @@ def held_stiffness(
 
 # A preconditioner that knows nothing of a sliding point's way back to sticking steps too far.
 _LEAST_ALONG = wp.constant(wp.float64(0.3))
+# Of d_hat: a point that is so much nearer touches with all of its area. One that has just come to
+# touch adds little, so that the load's correction by the area finds an end.
+_FULLY = wp.constant(wp.float64(0.1))
 # A lagged pressure that is none.
 _TINY_PA = wp.constant(wp.float64(1.0e-12))
 
@@ -517,7 +520,9 @@ def contact_kernels(body_kind: Any, *, grips: bool) -> ContactKernels:
             if distance < surface.distance:
                 _density, slope, _change = normal_contact(surface, b, distance / surface.distance)
                 v = n * slope
-                area = repeatable(surface.areas[f, q], surface.shift / surface.young[b])
+                touched = (surface.distance - distance) / (_FULLY * surface.distance)
+                area = surface.areas[f, q] * wp.min(touched, wp.float64(1.0))
+                area = repeatable(area, surface.shift / surface.young[b])
                 wp.atomic_add(wrench_out, b, 6, area)
             if wp.static(grips):
                 _more, along = held_back(surface, here, grip, b, f, q, x)
