@@ -79,16 +79,11 @@ def constant_table(values: NDArray[np.float64]) -> Any:
 def repeatable(term: Any, shift: wp.float64):
     """Round a term so that its sum over threads is the same in any order of theirs.
 
-    Multiples of 2^-52 of the power of two below ``shift`` are summed without rounding, up to twice
-    this power; ``shift_for`` gives 1.5 times it. A shift of zero rounds nothing.
+    With a shift of 1.5 times a power of two, multiples of 2^-52 of this power are left, which sum
+    without rounding up to twice the power. A shift of zero rounds nothing.
     """
     shifts = type(term)(shift)
     return (term + shifts) - shifts
-
-
-def shift_for(largest: float) -> float:
-    """Return the shift by which ``repeatable`` serves sums up to this size."""
-    return float(1.5 * 2.0 ** np.ceil(np.log2(largest)))
 
 
 def start_warp() -> None:

@@ -21,7 +21,7 @@ from sim.batch.contact_inverse import ContactInverse
 from sim.batch.frames import Frames
 from sim.batch.sensor_model import Rim, bias_of, edge_of, rims_of, stiffness_of
 from sim.contact.indenter_distance import poses_at
-from sim.device import Device, on_host, shift_for
+from sim.device import Device, on_host
 from sim.material.elastic_body import element_constants
 from sim.mesh.elements import quarter_hats
 from sim.scene.indenter import Indenter, IndenterSet
@@ -155,7 +155,8 @@ class Batch:
         self.inverse = ContactInverse(
             model, count=self.count, young_share=model.young_pa / young_pa
         )
-        shift = shift_for(_SUMMED_SHARE * young_pa.max() * model.height_m**2)
+        summed_n = _SUMMED_SHARE * young_pa.max() * model.height_m**2
+        shift = 1.5 * 2.0 ** float(np.ceil(np.log2(summed_n)))
         self.gel = model.gel.of(own, shift=shift)
         stiffness = stiffness_of(model, rims)
         self.descents = Descents(
