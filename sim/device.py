@@ -76,7 +76,7 @@ def constant_table(values: NDArray[np.float64]) -> Any:
 
 
 @wp.func
-def repeatable(term: Any, shift: wp.float64):
+def repeatable(term: Any, shift: wp.float64):  # type: ignore[no-untyped-def]
     """Round a term so that its sum over threads is the same in any order of theirs.
 
     With a shift of 1.5 times a power of two, multiples of 2^-52 of this power are left, which sum

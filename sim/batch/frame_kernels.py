@@ -204,9 +204,10 @@ def note(
         own = bias[b]
         if history.touched[b, 6] > wp.float64(0.0):
             own += slope * wp.pow(history.touched[b, 6], wp.float64(-0.75))
-        change = wp.abs(own - history.bias[b])
-        history.bias[b] = own
-        again = d.pushed[b] == 1 and change > _SAME_BIAS
+        # Less and less of a change is taken over, since more load touches more, which is less bias.
+        change = own - history.bias[b]
+        history.bias[b] = history.bias[b] + change / wp.float64(1 + history.corrected[b])
+        again = d.pushed[b] == 1 and wp.abs(change) > _SAME_BIAS
         if ends and again and history.corrected[b] < _CORRECTIONS:
             history.corrected[b] = history.corrected[b] + 1
         else:

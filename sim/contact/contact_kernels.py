@@ -260,7 +260,7 @@ def held_stiffness(
 _LEAST_ALONG = wp.constant(wp.float64(0.3))
 # Of d_hat: a point that is so much nearer touches with all of its area. One that has just come to
 # touch adds little, so that the load's correction by the area finds an end.
-_FULLY = wp.constant(wp.float64(0.1))
+_FULLY = wp.constant(wp.float64(0.03))
 # A lagged pressure that is none.
 _TINY_PA = wp.constant(wp.float64(1.0e-12))
 
