@@ -20,9 +20,11 @@ from sim.batch import frame_kernels as kernels
 from sim.batch.contact_inverse import ContactInverse
 from sim.batch.frames import Frames
 from sim.batch.sensor_model import Rim, bias_of, edge_of, rims_of, stiffness_of
+from sim.contact.contact_kernels import TouchedSurface
 from sim.contact.indenter_distance import poses_at
-from sim.device import Device, on_host
+from sim.device import Device, on_host, replaced
 from sim.material.elastic_body import element_constants
+from sim.material.elasticity import GelArrays
 from sim.mesh.elements import quarter_hats
 from sim.scene.indenter import Indenter, IndenterSet
 from sim.scene.material import Material
@@ -157,7 +159,7 @@ class Batch:
         )
         summed_n = _SUMMED_SHARE * young_pa.max() * model.height_m**2
         shift = 1.5 * 2.0 ** float(np.ceil(np.log2(summed_n)))
-        self.gel = model.gel.of(own, shift=shift)
+        self.gel = replaced(GelArrays, model.gel.of(own), shift=shift)
         stiffness = stiffness_of(model, rims)
         self.descents = Descents(
             model,
@@ -169,8 +171,10 @@ class Batch:
             self.inverse,
             count=self.count,
             gel=self.gel,
-            surface=model.surface.of(
-                young_pa.tolist(), mu.tolist(), stiffness.tolist(), shift=shift
+            surface=replaced(
+                TouchedSurface,
+                model.surface.of(young_pa.tolist(), mu.tolist(), stiffness.tolist()),
+                shift=shift,
             ),
             memory=_REMEMBERED,
             young_share=model.young_pa / young_pa,

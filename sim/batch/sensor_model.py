@@ -43,7 +43,7 @@ _GIVES, _GIVES_SHARP = 0.05, 0.02
 # exactly as long as was asked.
 _SAME_GIVES = 2.0
 # Edges of the mesh at which sticking has become sliding. A tenth of it takes more evaluations and
-# changes forces by 0.4 % in the median.
+# changes forces by less than 1 % in the median.
 _SLIP_SHARE = 0.004
 # Edges of the mesh by which a point may overlap; and of the radius below which a body is sharp.
 _OVERLAP_SHARE, _SHARP_SHARE = 0.4, 0.25

@@ -131,13 +131,8 @@ class ContactSurface:
         young_pa: Sequence[float],
         friction: Sequence[float],
         stiffness: Sequence[float] | None = None,
-        *,
-        shift: float = 0.0,
     ) -> Any:
-        """Return the surface for environments that differ in E [Pa], mu, and kappa over E d_hat.
-
-        ``shift`` is that of ``sim.device.repeatable`` for forces [N].
-        """
+        """Return the surface for environments that differ in E [Pa], mu, and kappa over E d_hat."""
         usual = np.full(len(young_pa), self._options.stiffness)
         extensions = np.full(len(young_pa), self._options.extension)
         return replaced(
@@ -147,7 +142,6 @@ class ContactSurface:
             friction=self._device.array(friction, wp.float64),
             stiffness=self._device.array(usual if stiffness is None else stiffness, wp.float64),
             extensions=self._device.array(extensions, wp.float64),
-            shift=shift,
         )
 
     @property

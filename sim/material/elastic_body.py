@@ -98,11 +98,10 @@ class ElasticBody:
         """Return the gradient of the elastic energy [N], shape [node_count, 3]."""
         return np.asarray(on_host(self._evaluated(positions)[0])[0])
 
-    def of(self, materials: Sequence[tuple[FloatArray, FloatArray]], *, shift: float = 0.0) -> Any:
+    def of(self, materials: Sequence[tuple[FloatArray, FloatArray]]) -> Any:
         """Return the elements for environments that differ in E [Pa] and nu.
 
         Those are given for every tetrahedron, or as one number each for all, by environment.
-        ``shift`` is that of ``sim.device.repeatable`` for the nodes' forces [N].
         """
         count = self._shape[0]
         parameters = [
@@ -110,10 +109,7 @@ class ElasticBody:
             for constants in materials
         ]
         return replaced(
-            GelArrays,
-            self._arrays,
-            parameters=self._device.array(parameters, wp.vec4d),
-            shift=shift,
+            GelArrays, self._arrays, parameters=self._device.array(parameters, wp.vec4d)
         )
 
     def buffers(self, count: int) -> tuple[Any, Any, Any]:
