@@ -31,7 +31,7 @@ from tacauchy_rig.core.arrays import BoolArray, FloatArray
 from tacauchy_rig.core.errors import ConfigError
 
 _PIXEL_M = 2e-5
-_PIXELS = 600
+_PIXELS = 640  # as far as the gel moves beside a deep press
 # Slopes bend at the contact's edge, which lies elsewhere at every depth. With the presets' edges
 # (0.25 and 0.17 of the contact's radius) the radius comes out up to a tenth off and the tilt by up
 # to 0.12, with a contact distance of 5 um the gel is lifted by as much there; with these by 0.02.
