@@ -190,7 +190,7 @@ class Rays:
     distances: wp.array(dtype=wp.float32)
     inverses: wp.array(dtype=wp.float32)
     falls: wp.array(dtype=wp.float32)
-    # Length of a ray over its part along the steps: of the first, and by how much its slope grows
+    # Slope of the first ray across the steps, and by how much that of each next one is larger
     slope: wp.float32
     slopes_apart: wp.float32
     softness: wp.float32  # [m]
