@@ -138,6 +138,11 @@ def judged_gel(seed: int, number: int, indenters: Sequence[str]) -> dict[str, An
     left_out = list(predict_left_out(fit))
     return {
         "gel": gel,
+        "law": [
+            float(response.area_m2(*gel[1:], depth) / true_press(name, *gel[1:]).at(depth)[0] - 1.0)
+            for name, response in zip(indenters, own, strict=True)
+            for depth in DEPTHS_M.tolist()
+        ],
         "told": [(found.low, found.best, found.high) for found in told],
         "held": [found.holds(value) for found, value in zip(told, gel, strict=True)],
         "closed": [found.is_bounded for found in told],
@@ -247,6 +252,9 @@ def gel_table(judged: Mapping[Sequence[str], Sequence[Mapping[str, Any]]]) -> Ta
             (
                 ", ".join(indenters),
                 *shown,
+                "{:+.1%} to {:+.1%}".format(
+                    *np.quantile([each["law"] for each in own], (0.0, 1.0))
+                ),
                 f"{left_out.sum()} of {left_out.size}",
                 f"{written.sum()} of {written.size}",
                 accused,
@@ -260,6 +268,7 @@ def gel_table(judged: Mapping[Sequence[str], Sequence[Mapping[str, Any]]]) -> Ta
             "E held where determined; median width over E",
             "nu; width",
             "mu; width",
+            "fit's force against the emulator's",
             "left out within theirs",
             "a later press within the written file's",
             "right data refused",
