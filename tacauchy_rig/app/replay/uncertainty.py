@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 
 from sim.scene.indenter import Cylinder, Indenter, MeshIndenter, Sphere
 from sim.scene.pad import BoxPad, SurfacePad
-from sim.scene.scene import Scene
 from sim.sensitivity import COARSE, FINER, can_tilt, kept_forces
 from tacauchy_rig.app.replay.inputs import ReplayInputs
 from tacauchy_rig.core.arrays import FloatArray
@@ -78,15 +77,12 @@ def force_inputs(
     inputs = replace(inputs, tolerance=None)  # that would choose a preset, of which none is asked
     inputs, how = _quick(inputs, most_m)
 
-    @cache
-    def forces(scene: Scene, refinement: float) -> FloatArray:
-        return kept_forces(
-            scene, tried_m.tolist(), contact_force_n=contact_n, refinement=refinement
-        )
-
     def pressed(changed: ReplayInputs, refinement: float) -> FloatArray:
         scene = replace(changed, sensor=changed.sensor.relaxing(())).scene(stiffest_n)
-        return forces(replace(scene, indenter=rounded_rim(scene.indenter)), refinement)
+        scene = replace(scene, indenter=rounded_rim(scene.indenter))
+        return kept_forces(
+            scene, tried_m.tolist(), refinement=refinement, contact_force_n=contact_n
+        )
 
     tried = [_tried(each, pressed, tried_m) for each in variations(inputs, config, found=found)]
     return tuple(replace(each, basis=f"{each.basis}{how}") for each in tried)

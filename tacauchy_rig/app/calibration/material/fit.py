@@ -232,9 +232,8 @@ class GelFit:
                 "law": _LAW * presses.depth_m / presses.inputs.sensor.pad.height_m,
             }
             for each in response.inputs:
-                changes[each.name] = np.interp(
-                    presses.depth_m, each.depths_m, each.changes or (0.0,)
-                )
+                known = each.changes or (0.0,)
+                changes[each.name] = np.interp(presses.depth_m, each.depths_m, known)
             for name, change in changes.items():
                 common = name if name in _SHARED else f"{name} {number}"
                 parts.setdefault(common, np.zeros(len(force)))[here] = change * force[here]
@@ -271,25 +270,17 @@ class GelFit:
             return np.concatenate([left, stated * whole[3:], assumed])
 
         inside = np.clip(whole, low + 1e-3 * scales, high - 1e-3 * scales)
-        found = least_squares(
-            off,
-            inside[free],
-            bounds=(low[free], high[free]),
-            x_scale=scales[free],
-            ftol=1e-6,
-            xtol=1e-6,
-        )
+        within, enough = (low[free], high[free]), {"ftol": 1e-6, "xtol": 1e-6}
+        found = least_squares(off, inside[free], bounds=within, x_scale=scales[free], **enough)
         whole[free] = found.x
         return whole, 2.0 * float(found.cost)
 
     def interval(self, place: int) -> Interval:
         """Return a parameter's interval; that of ``YOUNG`` is of E [Pa]."""
-        values = [self.best[place], *(self._end(place, sign) for sign in (-1.0, 1.0))]
-        best, low, high = (
-            None if value is None else float(np.exp(value) if place == YOUNG else value)
-            for value in values
-        )
-        return Interval(best=best or 0.0, low=low, high=high)
+        values = [float(self.best[place]), *(self._end(place, sign) for sign in (-1.0, 1.0))]
+        if place == YOUNG:
+            values = [None if value is None else float(np.exp(value)) for value in values]
+        return Interval(best=values[0] or 0.0, low=values[1], high=values[2])
 
     def _end(self, place: int, sign: float) -> float | None:
         def above(value: float) -> float:
@@ -309,10 +300,8 @@ class GelFit:
         """Return the derivatives of ``forces`` by all parameters, shape [point_count, ...]."""
         steps = np.diag(1e-3 * np.concatenate([_SCALES, np.ones(len(parameters) - 3)]))
         sides = [(self.forces(parameters + by), self.forces(parameters - by)) for by in steps]
-        return np.stack(
-            [(up - down) / (2.0 * by.sum()) for (up, down), by in zip(sides, steps, strict=True)],
-            axis=1,
-        )
+        changes = [up - down for up, down in sides]
+        return np.asarray(np.transpose(changes) / (2.0 * np.diag(steps)))
 
 
 _RANGES = np.subtract(_HIGH, _LOW)
@@ -489,12 +478,8 @@ def next_presses(fit: GelFit) -> list[NextPress]:
             continue  # what cannot be pressed coarsely is no advice
         steep = presses.zero_doubt_m * np.gradient(force, depths) / force
         tells = slopes @ known  # rank-one updates of the covariance
-        left = (
-            known
-            - tells[:, :, None]
-            * tells[:, None]
-            / (_OWN**2 + _EACH**2 + steep**2 + np.sum(tells * slopes, axis=1))[:, None, None]
-        )
+        variance = _OWN**2 + _EACH**2 + steep**2 + np.sum(tells * slopes, axis=1)
+        left = known - np.einsum("di,dj,d->dij", tells, tells, 1.0 / variance)
         best = int(np.argmin(left[:, widest, widest]))
         found.append(
             NextPress(
