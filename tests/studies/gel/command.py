@@ -16,7 +16,7 @@ from scipy.stats.qmc import LatinHypercube
 
 from drivers.emulators.plant.press_table import PressCase, PressTable, press_table
 from drivers.emulators.plant.tips import CylinderTip, SphereTip, Tip
-from sim.scene.indenter import Cylinder
+from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.terms import parse_indenter
 from tacauchy_rig.app.calibration.material.fit import (
     MU,
@@ -54,6 +54,9 @@ HELD_MIN, LEFT_OUT_MIN = 0.92, 0.95
 NODES, LOW, HIGH = 6, (0.40, 0.05), (0.49, 1.0)
 """Pairs of nu and mu that the gels of a seed have, and between what they are drawn."""
 
+Gel = tuple[float, float, float]
+"""E [Pa], nu and mu."""
+
 
 @cache
 def config_of(indenter: str) -> RigConfig:
@@ -64,7 +67,7 @@ def config_of(indenter: str) -> RigConfig:
     return load_config(overrides=(*stated, f'replay.indenter="{indenter}"')).config
 
 
-def drawn_gel(seed: int, number: int) -> tuple[float, float, float]:
+def drawn_gel(seed: int, number: int) -> Gel:
     """Draw E [Pa], nu and mu of a gel as far off the file as gels may be."""
     pairs = LatinHypercube(2, seed=seed).random(NODES) * np.subtract(HIGH, LOW) + LOW
     random = np.random.default_rng([seed, number, 1])
@@ -76,10 +79,17 @@ def drawn_gel(seed: int, number: int) -> tuple[float, float, float]:
 def true_press(indenter: str, poisson: float, friction: float) -> PressTable:
     """Press the emulator's gel, or take it from the machine's cache."""
     body = parse_indenter(indenter)
+    assert isinstance(body, Cylinder | Sphere)
     tip: Tip = SphereTip(diameter_m=body.diameter_m)
     if isinstance(body, Cylinder):
         tip = CylinderTip(diameter_m=body.diameter_m, fillet_m=body.fillet_m)
     return press_table(PressCase(tip=tip, poisson=poisson, friction=friction))
+
+
+def true_areas(indenter: str, gel: Gel, depth_m: FloatArray = DEPTHS_M) -> FloatArray:
+    """Return the emulator's force over modulus [m^2]."""
+    table = true_press(indenter, *gel[1:])
+    return np.array([table.at(depth)[0] for depth in depth_m.tolist()])
 
 
 def measured(indenter: str, depth_m: FloatArray, force_n: FloatArray) -> IndenterPresses:
@@ -100,11 +110,11 @@ def presses_of(
     seed: int, number: int, indenter: str, depth_m: FloatArray = DEPTHS_M, series: int = 0
 ) -> IndenterPresses:
     """Press a drawn gel; its cell's gain is the same in all series."""
-    young_pa, nu, mu = drawn_gel(seed, number)
+    gel = drawn_gel(seed, number)
     gain = 1.0 + GAIN * np.random.default_rng([seed, number, 2]).standard_normal()
     random = np.random.default_rng([seed, number, 3 + series, len(indenter)])
-    table, true_m = true_press(indenter, nu, mu), depth_m + ZERO_M * random.standard_normal()
-    force_n = gain * young_pa * np.array([table.at(depth)[0] for depth in true_m.tolist()])
+    true_m = depth_m + ZERO_M * random.standard_normal()
+    force_n = gain * gel[0] * true_areas(indenter, gel, true_m)
     return measured(indenter, depth_m, force_n + NOISE_N * random.standard_normal(len(depth_m)))
 
 
@@ -139,9 +149,9 @@ def judged_gel(seed: int, number: int, indenters: Sequence[str]) -> dict[str, An
     return {
         "gel": gel,
         "law": [
-            float(response.area_m2(*gel[1:], depth) / true_press(name, *gel[1:]).at(depth)[0] - 1.0)
+            each - 1.0
             for name, response in zip(indenters, own, strict=True)
-            for depth in DEPTHS_M.tolist()
+            for each in (response.area_m2(*gel[1:], DEPTHS_M) / true_areas(name, gel)).tolist()
         ],
         "told": [(found.low, found.best, found.high) for found in told],
         "held": [found.holds(value) for found, value in zip(told, gel, strict=True)],
@@ -166,7 +176,7 @@ def _off_written(seed: int, number: int, fit: GelFit, told: Sequence[Interval]) 
     priors = {k: each for k, each in beliefs.items() if not told[k].is_bounded}
     file, off = GelFit(data=fit.data, priors=priors), list[float]()
     young = file.interval(YOUNG)
-    known = [priors[k][1] if k in priors else told[k].uncertainty for k in (NU, MU)]
+    known = [priors[k][1] if k in priors else told[k].uncertainty or 0.0 for k in (NU, MU)]
     doubts = [(young.uncertainty or 0.0) / young.best, *known, 1.0]
     for presses, response in fit.data:
         later = presses_of(seed, number, presses.name, NEW_DEPTHS_M, series=1)
@@ -225,7 +235,7 @@ class GelStudy(Study):
         ]
 
 
-def gel_table(judged: Mapping[Sequence[str], Sequence[Mapping[str, Any]]]) -> Table:
+def gel_table(judged: Mapping[tuple[str, ...], Sequence[Mapping[str, Any]]]) -> Table:
     """Return a row for each set of indenters: how often what is true lies in its interval."""
     rows, passed = [], bool(judged)
     for indenters, own in judged.items():

@@ -77,7 +77,7 @@ class Response:
     @classmethod
     def of(cls, depths_m: FloatArray, areas_m2: Sequence[FloatArray]) -> Response:
         """Interpolate forces over modulus [m^2] at depths [m], an array for each of ``NODES``."""
-        shape, logs = _shape(depths_m / depths_m.max()), np.log(areas_m2 / depths_m)
+        shape, logs = _shape(depths_m / depths_m.max()), np.log(np.array(areas_m2) / depths_m)
         found = np.linalg.lstsq(shape, logs.T, rcond=None)[0].T
         left = np.sqrt(np.mean((found @ shape.T - logs) ** 2))
         return cls(

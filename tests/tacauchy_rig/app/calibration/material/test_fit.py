@@ -33,7 +33,7 @@ from tests.studies.gel.command import (
     gel_table,
     judged_gel,
     response_of,
-    true_press,
+    true_areas,
 )
 from tests.tacauchy_rig.app.calibration.material.made_up import made_presses, made_response
 
@@ -183,9 +183,8 @@ def test_the_next_press_is_the_one_that_reduces_most(monkeypatch: pytest.MonkeyP
 @pytest.mark.timeout(600)
 def test_six_emulated_gels_under_a_ball() -> None:
     """Each of E, nu and mu in its interval; the emulator's forces within 4 %, another law's."""
-    nu, mu = drawn_gel(1, 0)[1:]
-    true = true_press(DRAWN_BALL, nu, mu)
-    off = response_of(DRAWN_BALL).area_m2(nu, mu, DEPTHS_M) / [true.at(d)[0] for d in DEPTHS_M]
+    gel = drawn_gel(1, 0)
+    off = response_of(DRAWN_BALL).area_m2(*gel[1:], DEPTHS_M) / true_areas(DRAWN_BALL, gel)
     assert off == pytest.approx(1.0, abs=0.04)
     table = gel_table({(DRAWN_BALL,): [judged_gel(1, k, (DRAWN_BALL,)) for k in range(6)]})
     assert len(table.rows) == 1
