@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sim.replay import replay_scene
 from sim.scene.indenter import Cylinder, Sphere
-from sim.scene.scene import Output, Scene
-from sim.sensitivity import can_tilt, press_tilted, restoring_moments, tilt_costs
+from sim.scene.scene import Output, Scene, Target
+from sim.sensitivity import can_tilt, kept_forces, press_tilted, restoring_moments, tilt_costs
 from sim.sensor.sensor import load_sensor
+from tacauchy_rig.core.arrays import FloatArray
 
 RADIUS_M = 2.5e-3
 
@@ -55,3 +57,26 @@ def test_a_ball_has_no_tilt() -> None:
     """It looks alike from all sides."""
     assert not can_tilt(Sphere(diameter_m=8e-3))
     assert can_tilt(Cylinder(diameter_m=5e-3))
+
+
+def test_forces_are_kept_by_what_they_depend_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same press is solved once; another gel, or a damaged file, is solved."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    solved: list[Scene] = []
+
+    def solve(scene: Scene, depths_m: list[float], **_: object) -> FloatArray:
+        solved.append(scene)
+        return np.array(depths_m) / 3.0
+
+    monkeypatch.setattr("sim.sensitivity.forces_at", solve)
+    gels = [load_sensor("gelsight-mini").with_poisson(by) for by in (0.0, -0.01, 0.0)]
+    scenes = [gel.scene(Sphere(diameter_m=6e-3), Target(depth_m=1e-3)) for gel in gels]
+    found = [kept_forces(scene, [1e-4, 2e-4], refinement=1.0) for scene in scenes]
+    assert [scene.material for scene in solved] == [gel.material for gel in gels[:2]]
+    assert found[2].tolist() == found[0].tolist()
+    for file in (tmp_path / "tacauchy-rig" / "forces").iterdir():
+        file.write_text("1.0")
+    kept_forces(scenes[0], [1e-4, 2e-4], refinement=1.0)
+    assert len(solved) == 3
