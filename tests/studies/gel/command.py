@@ -37,7 +37,7 @@ from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.config.load import load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.study import Case, Result, Study, failures_table, founds
-from tacauchy_rig.core.tables import Table
+from tacauchy_rig.core.tables import Cell, Table
 
 BALL, PUNCH, LARGE = (
     "sphere:diameter=6mm",
@@ -237,7 +237,7 @@ class GelStudy(Study):
 
 def gel_table(judged: Mapping[tuple[str, ...], Sequence[Mapping[str, Any]]]) -> Table:
     """Return a row for each set of indenters: how often what is true lies in its interval."""
-    rows, passed = [], bool(judged)
+    rows, passed = list[tuple[Cell, ...]](), bool(judged)
     for indenters, own in judged.items():
         held, closed = (np.array([each[key] for each in own]) for key in ("held", "closed"))
         left_out, written = (
