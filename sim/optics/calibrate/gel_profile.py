@@ -213,9 +213,13 @@ def touching_places(axes_m: FloatArray, pad: Pad, *, ball_radius_m: float) -> Fl
 
 _ROUNDS = 12
 _OUTLIER_PX = 0.5
-_NEAR_RADII, _FAR_WEIGHT = 1.6, 0.3  # markers far from the contact are many, and tell little
-_OWN = 9  # unknowns of a press
-_HELD = np.diag([0.0] * 8 + [0.1])  # the turn, which few markers tell of
+_NEAR_RADII = 1.6
+# Markers are trusted by how far the gel there is from what moves it: a model errs by a share of the
+# motion, and far ones are many. The distance [radii] up to which all count alike, and the least.
+_TRUSTED_RADII, _LEAST_TRUST = 1.5, 0.3
+_OWN = 12  # unknowns of a press
+_HELD = np.diag([0.0] * 8 + [0.1] + [0.3] * 3)  # those which few markers tell of
+_STRETCHED_RADII = 3.0  # from where a stretch of the gel around a contact decays
 _FARTHEST_M = 1.0  # of a camera whose rays are not taken to be parallel
 
 
@@ -247,8 +251,9 @@ class GelMotion:
 
     Attributes:
         own_px: By how much the ball took the gel along, columns and rows, then the drift of the
-            image: everywhere, and more at the right and bottom border, likewise; and by how much
-            the ball turned the contact's edge, shape [9].
+            image: everywhere, and more at the right and bottom border, likewise; by how much the
+            ball turned the contact's edge; and stretched the gel there, in all directions, along
+            columns more than rows, and along one diagonal more than the other, shape [12].
         error_px: Of each marker: distance of its fitted from its tracked motion, shape [n].
     """
 
@@ -263,7 +268,7 @@ def motion_terms(
     """Return what moves the gel seen at columns and rows [px], shape [n, 2], when it is pressed.
 
     Motion is linear in the factors of all presses, terms of shape [2, n, 2], and in the press's
-    own unknowns, [9, n, 2]. A disc that sticks to an incompressible half-space takes the surface
+    own unknowns, [12, n, 2]. A disc that sticks to an incompressible half-space takes the surface
     along as Mindlin (1949) and turns it as Reissner and Sagoci (1944) have it: inside as it moves
     itself, outside by s = 2/pi asin(a/r) and b = 2/pi a/r sqrt(1 - a^2/r^2) of that: by s + b/3
     in the direction of motion, s - b/3 beside, and turned by (r/a)^2 (s - b) of its turn.
@@ -275,13 +280,13 @@ def motion_terms(
     contact_m = circle.radius_px * geometry.mean_scale_m
     pressed = profile(contact_m)
     near = np.interp(r, pressed.radius_m, pressed.indentation_m, right=0.0)
-    away, radial = places_px - middle, arm / np.maximum(r, 1e-12)[:, None]
+    from_axis, radial = places_px - middle, arm / np.maximum(r, 1e-12)[:, None]
     inside = np.minimum(contact_m / np.maximum(r, 1e-12), 1.0)
     share = 2.0 / np.pi * np.arcsin(inside)
     beside = 2.0 / np.pi * inside * np.sqrt(1.0 - inside**2)
     slid = radial * pressed.outward(r)[:, None] / scale
     own = np.zeros((_OWN, len(r), 2))
-    from_middle = np.column_stack([np.ones(len(r)), away / middle])
+    from_middle = np.column_stack([np.ones(len(r)), from_axis / middle])
     for axis in range(2):
         # With cos(2 theta) and sin(2 theta), and nu / (2 - nu) of 1/3 in place of nu.
         own[axis] = (beside / 3.0)[:, None] * 2.0 * radial[:, axis, None] * radial
@@ -289,7 +294,10 @@ def motion_terms(
         own[2 + axis : 8 : 2, :, axis] = from_middle.T
     twisted = r / contact_m * (share - beside)
     own[8] = twisted[:, None] * radial[:, ::-1] * (-1.0, 1.0)
-    return np.stack([near[:, None] * away, slid]), own
+    away = r / contact_m
+    stretched = (away / (1.0 + (away / _STRETCHED_RADII) ** 3))[:, None] * radial
+    own[9:] = stretched, stretched * (1.0, -1.0), stretched[:, ::-1]
+    return np.stack([near[:, None] * from_axis, slid]), own
 
 
 def fit_motions(
@@ -306,14 +314,16 @@ def fit_motions(
     """
     held, unmoved = np.ones(_OWN), np.zeros(_OWN)
     known = [np.append(track.motion_px.ravel(), unmoved) for track in tracks]
-    shared, own, under = [], [], []
+    shared, own, under, near = [], [], [], []
     for track, circle in zip(tracks, circles, strict=True):
         places = track.rest_px + track.motion_px
         terms = motion_terms(circle, profile, geometry, places)
         shared.append(np.concatenate([terms[0].reshape(2, -1).T, np.zeros((_OWN, 2))]))
         own.append(np.concatenate([terms[1].reshape(_OWN, -1).T, _HELD]))
-        under.append(circle.distance(*places.T) < _NEAR_RADII * circle.radius_px)
-    near = [np.append(np.repeat(np.where(each, 1.0, _FAR_WEIGHT), 2), held) for each in under]
+        away = np.maximum(circle.distance(*places.T) / circle.radius_px, 1e-9)
+        under.append(away < _NEAR_RADII)
+        trust = np.clip(_TRUSTED_RADII / away, _LEAST_TRUST, 1.0) ** 2
+        near.append(np.append(np.repeat(trust, 2), held))
     weights = near
     found = (model or ORTHOGRAPHIC).factors
     for _ in range(_ROUNDS):
@@ -325,12 +335,14 @@ def fit_motions(
             for a, y, w in zip(own, left, weights, strict=True)
         ]
         apart = [y - a @ x for a, y, x in zip(own, left, values, strict=True)]
-        away = [np.hypot(*each[:-_OWN].reshape(-1, 2).T) for each in apart]
-        bounds = [np.append(np.repeat(1.0 / np.hypot(1.0, d / _OUTLIER_PX), 2), held) for d in away]
+        errors = [np.hypot(*each[:-_OWN].reshape(-1, 2).T) for each in apart]
+        bounds = [
+            np.append(np.repeat(1.0 / np.hypot(1.0, d / _OUTLIER_PX), 2), held) for d in errors
+        ]
         weights = [each * bound for each, bound in zip(near, bounds, strict=True)]
     motions = [
         GelMotion(own_px=x, error_px=d, under=close)
-        for x, d, close in zip(values, away, under, strict=True)
+        for x, d, close in zip(values, errors, under, strict=True)
     ]
     return MotionModel(per_distance=float(found[0]), slide=float(found[1])), motions
 

@@ -22,6 +22,7 @@ from sim.optics.calibrate.colours import Calibration, PressSamples, calibrate_op
 from sim.optics.calibrate.gel_profile import GelMotion, fit_motions, motion_terms
 from sim.optics.calibrate.photometric_fit import joined, lowest_place
 from sim.optics.calibrate.press_scene import PlacedPress, PredictedPixels, PressScene, exposed
+from sim.optics.markers.printed_markers import find_markers
 from sim.optics.render.shadows import darkening, lost_share
 from sim.sensor.optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, FloatArray
@@ -43,6 +44,7 @@ _SETTLED_PX = 0.05
 _TRIED_PX = np.arange(0.0, 4.6, 0.5)
 _MARGIN_PX = 10
 _REACH = 1.4  # radii of the contact that are looked at
+_STILL_RADII = 2.3  # from where markers look as they do at rest
 
 
 def press_image(found: Calibration, circle: Circle, motion: GelMotion | None = None) -> FloatArray:
@@ -81,14 +83,24 @@ def gel_motion(found: Calibration, circle: Circle, motion: GelMotion | None) -> 
 
 
 def with_motion(presses: Sequence[BallPress], found: Calibration) -> Calibration:
-    """Return a calibration that knows how markers move, from the presses that it was made of."""
-    pairs = zip(presses, found.circles, strict=True)
-    told = [(p.tracks, circle) for p, circle in pairs if p.tracks is not None]
-    if not told:
+    """Return a calibration that knows how markers move, and has their print from all frames."""
+    placed = [each for each in found.placed(presses) if each.press.tracks is not None]
+    if not placed:
         return found
-    tracks, circles = zip(*told, strict=True)
-    model, _ = fit_motions(tracks, circles, found.scene.profile, found.scene.geometry)
-    return replace(found, motion=model)
+    tracks = [each.press.tracks for each in placed if each.press.tracks is not None]
+    circles, scene = [each.circle for each in placed], found.scene
+    model, motions = fit_motions(tracks, circles, scene.profile, scene.geometry)
+    found, total = replace(found, motion=model), scene.markers.frame.astype(np.float64)
+    count, (rows, columns) = np.ones(total.shape[:2]), np.indices(total.shape[:2])
+    for each, motion in zip(placed, motions, strict=True):
+        still = each.circle.distance(columns, rows) > _STILL_RADII * each.circle.radius_px
+        x, y = np.stack([columns, rows]).astype(np.float32) + gel_motion(found, each.circle, motion)
+        level = each.press.image - scene.frame_light_image(each.light)
+        level = cv2.remap(level, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        total += still[..., None] * level
+        count += still
+    frame = np.clip(np.rint(total / count[..., None]), 0, 255).astype(np.uint8)
+    return replace(found, scene=replace(scene, markers=find_markers(frame) or scene.markers))
 
 
 def without_shadows(

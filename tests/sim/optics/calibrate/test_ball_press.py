@@ -139,7 +139,7 @@ def _pressed(scene: PressScene, count: int) -> tuple[list[BallPress], list[GelMo
     made, motions = [], []
     for press in plain:
         motion = GelMotion(
-            own_px=rng.normal(0.0, 1.0, 9) * ([1.5] * 2 + [0.4] * 6 + [1.0]),
+            own_px=rng.normal(0.0, 1.0, 12) * ([1.5] * 2 + [0.4] * 6 + [1.0] + [0.2] * 3),
             error_px=np.zeros(0),
             under=np.zeros(0, dtype=np.bool_),
         )
