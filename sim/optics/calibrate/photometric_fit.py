@@ -112,8 +112,11 @@ class NormalEquations:
         names = [field.name for field in fields(cls)]
         return cls(**{name: sum(getattr(part, name) for part in parts) for name in names})
 
-    def solved(self, ridge: float) -> FloatArray:
-        """Return each colour's coefficients, shape [3, n]; the ridge holds them down per sample."""
+    def solved(self, ridge: float | FloatArray) -> FloatArray:
+        """Return each colour's coefficients, shape [3, n]; the ridge holds them down per sample.
+
+        It may be one for each of them, shape [n].
+        """
         held = self.normal + ridge * self.sample_count * np.eye(self.normal.shape[-1])
         return np.asarray(np.linalg.solve(held, self.load[..., None])[..., 0])
 
@@ -126,6 +129,9 @@ class NormalEquations:
 REFERENCE = 128.0
 RIDGE = 1e-5
 _RIDGES = (1e-6, 3e-6, RIDGE, 3e-5, 1e-4)
+# Presses in less than this part of the image tell little of how colours bend over it; beyond them
+# a fit would go anywhere. A term is held so many times more for each degree above the second.
+_WIDE, _HELD = 0.5, 300.0
 _GROUPS = 6
 _KNEES = (195.0, 205.0, 215.0, 225.0, 235.0, 245.0, BRIGHTEST)
 BRIGHT_QUANTILE = 0.999
@@ -161,8 +167,11 @@ def fit_photometric(
             f"{count} pixels cannot fix the {unknowns} terms of the photometric model",
             remedy="give more presses, or a model of lower degree",
         )
-    chosen = fit_ridge(parts) if ridge is None else ridge
-    coefficients = total.solved(chosen).T
+    held = np.ones(unknowns)
+    if _span(presses) < _WIDE:
+        held[: len(exponents)] = _HELD ** np.maximum(exponents[:, 2:4].sum(axis=1) - 2, 0)
+    chosen = fit_ridge(parts, held) if ridge is None else ridge
+    coefficients = total.solved(chosen * held).T
     provenance = {"press_count": len(presses), "pixel_count": count, "ridge": chosen}
     return PhotometricModel(
         exponents=exponents,
@@ -177,8 +186,14 @@ def fit_photometric(
     )
 
 
-def fit_ridge(presses: Sequence[NormalEquations]) -> float:
-    """Return the weight with which presses are predicted best by the others.
+def _span(presses: Sequence[PhotometricSamples]) -> float:
+    """Return which part of the image's width and height, whichever is less, presses lie in."""
+    places = np.stack([press.position.mean(axis=1) for press in presses])
+    return float(np.ptp(places, axis=0).min()) / 2.0
+
+
+def fit_ridge(presses: Sequence[NormalEquations], held: FloatArray) -> float:
+    """Return the weight, times ``held``, with which presses are predicted best by the others.
 
     What a fit to some presses is made of is what that to all is made of, less what the rest are.
     """
@@ -189,7 +204,7 @@ def fit_ridge(presses: Sequence[NormalEquations]) -> float:
         rest = [press for i, press in enumerate(presses) if i % _GROUPS != first]
         pairs.append((NormalEquations.total(rest), NormalEquations.total(presses[first::_GROUPS])))
     return min(
-        _RIDGES, key=lambda ridge: sum(out.misfit(rest.solved(ridge)) for rest, out in pairs)
+        _RIDGES, key=lambda ridge: sum(out.misfit(rest.solved(ridge * held)) for rest, out in pairs)
     )
 
 

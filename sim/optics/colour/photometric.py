@@ -74,7 +74,7 @@ def polynomial_exponents(
 
 # Light falls off over the image: gentle slopes' colours bend with place, steep ones' do not.
 # Degrees of tilt, place, indentation, and of tilt beside indentation.
-_BENDS = ((4, 1, 1, 2), (3, 2, 1, 1), (2, 3, 1, 1), (1, 4, 1, 0))
+_BENDS = ((4, 1, 1, 2), (3, 2, 1, 1), (1, 4, 1, 0))
 BALL_EXPONENTS: IntArray = np.unique(
     np.concatenate(
         [
