@@ -84,13 +84,14 @@ def gel_motion(found: Calibration, circle: Circle, motion: GelMotion | None) -> 
 
 def with_motion(presses: Sequence[BallPress], found: Calibration) -> Calibration:
     """Return a calibration that knows how markers move, and has their print from all frames."""
+    scene, markers = found.scene, found.scene.markers
     placed = [each for each in found.placed(presses) if each.press.tracks is not None]
-    if not placed:
+    if markers is None or not placed:
         return found
     tracks = [each.press.tracks for each in placed if each.press.tracks is not None]
-    circles, scene = [each.circle for each in placed], found.scene
+    circles = [each.circle for each in placed]
     model, motions = fit_motions(tracks, circles, scene.profile, scene.geometry)
-    found, total = replace(found, motion=model), scene.markers.frame.astype(np.float64)
+    found, total = replace(found, motion=model), markers.frame.astype(np.float64)
     count, (rows, columns) = np.ones(total.shape[:2]), np.indices(total.shape[:2])
     for each, motion in zip(placed, motions, strict=True):
         still = each.circle.distance(columns, rows) > _STILL_RADII * each.circle.radius_px
@@ -100,7 +101,7 @@ def with_motion(presses: Sequence[BallPress], found: Calibration) -> Calibration
         total += still[..., None] * level
         count += still
     frame = np.clip(np.rint(total / count[..., None]), 0, 255).astype(np.uint8)
-    return replace(found, scene=replace(scene, markers=find_markers(frame) or scene.markers))
+    return replace(found, scene=replace(scene, markers=find_markers(frame) or markers))
 
 
 def without_shadows(

@@ -496,7 +496,7 @@ def _write_outputs(
         machine=f"cpu, {machine()}, the formula in NumPy",
         note=f"Cross-validated, {folds} folds: of each press nothing is used but its contact's "
         "circle, as drawn or as found in its image, and how its markers say that ball and image "
-        "moved sideways.",
+        "moved and the gel was stretched.",
     )
     presses = {
         trials.get(each.press.name, k): PressOutput(image=each.image)
