@@ -341,7 +341,7 @@ def fit_motions(
         ]
         weights = [each * bound for each, bound in zip(near, bounds, strict=True)]
     motions = [
-        GelMotion(own_px=x, error_px=d, under=close)
+        GelMotion(own_px=np.asarray(x, dtype=np.float64), error_px=d, under=close)
         for x, d, close in zip(values, errors, under, strict=True)
     ]
     return MotionModel(per_distance=float(found[0]), slide=float(found[1])), motions

@@ -92,13 +92,14 @@ def with_motion(presses: Sequence[BallPress], found: Calibration) -> Calibration
     circles = [each.circle for each in placed]
     model, motions = fit_motions(tracks, circles, scene.profile, scene.geometry)
     found, total = replace(found, motion=model), markers.frame.astype(np.float64)
-    count, (rows, columns) = np.ones(total.shape[:2]), np.indices(total.shape[:2])
+    count = np.ones(total.shape[:2])
+    rows, columns = np.mgrid[: total.shape[0], : total.shape[1]]
     for each, motion in zip(placed, motions, strict=True):
         still = each.circle.distance(columns, rows) > _STILL_RADII * each.circle.radius_px
         x, y = np.stack([columns, rows]).astype(np.float32) + gel_motion(found, each.circle, motion)
         level = each.press.image - scene.frame_light_image(each.light)
-        level = cv2.remap(level, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        total += still[..., None] * level
+        seen = cv2.remap(level, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        total += still[..., None] * seen
         count += still
     frame = np.clip(np.rint(total / count[..., None]), 0, 255).astype(np.uint8)
     return replace(found, scene=replace(scene, markers=find_markers(frame) or markers))

@@ -51,6 +51,24 @@ def test_fit_recovers_the_coefficients() -> None:
     assert fitted.indentation_limit_m == pytest.approx(depth.max())
 
 
+@pytest.mark.parametrize(("apart", "bends"), [(0.6, True), (0.4, False)])
+def test_colours_bend_only_over_what_presses_span(apart: float, bends: bool) -> None:
+    """The fourth degree in place is fitted to presses in half of the image, not to fewer."""
+    rng, steep = np.random.default_rng(6), tuple(BALL_EXPONENTS.T)
+    fourth = steep[2] + steep[3] == 4
+
+    def press(middle: float) -> PhotometricSamples:
+        tilt = rng.uniform(-0.5, 0.5, (2, 800))
+        position = middle + rng.uniform(-0.3, 0.3, (2, 800))
+        gel = np.stack([*tilt, np.zeros(800), np.zeros(800)])[None]
+        change = np.tile(60.0 * tilt[0] * position[0] ** 4, (3, 1))
+        ones = np.ones_like(change)
+        return PhotometricSamples(surface=gel, position=position, change=change, weights=ones)
+
+    model = fit_photometric([press(middle) for middle in np.linspace(-apart, apart, 6)])
+    assert (np.abs(model.coefficients[fourth]).max() > 20.0) == bends
+
+
 def test_misfit_is_what_a_fit_leaves_over() -> None:
     """The sums give the weighted squares of the residual without the samples."""
     rng = np.random.default_rng(1)
