@@ -321,18 +321,18 @@ def calibrate_presses(
     found = with_motion(presses, found)
     if not blurred:
         return found
-    placed = lit_presses(presses, found)
+    placed, sharp = lit_presses(presses, found), found
     found = replace(found, blur_px=fit_blur(placed, found))
     for _ in range(_BLUR_TURNS):
         blur_px = found.blur_px
         if blur_px == 0.0:
-            break
+            return sharp  # colours fitted to a blur that is none after all would be off
         # The colours once more, to the gel as the blur shows it: or they take a part of it.
         found = replace(found, model=fit_model(placed, found.scene, found.model, blur_px=blur_px))
         found = replace(found, blur_px=fit_blur(placed, found))
         if abs(found.blur_px - blur_px) < _SETTLED_PX:
             break
-    return found
+    return found if found.blur_px > 0.0 else sharp
 
 
 def fit_blur(placed: Sequence[PlacedPress], found: Calibration) -> float:
