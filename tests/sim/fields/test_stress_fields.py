@@ -190,7 +190,7 @@ def test_a_quadratic_pressure_is_recovered_exactly_inside_the_contact(
     flat = np.zeros_like(contact.forces)
     flat[..., 2] = np.where(touched, areas * wanted(contact.points), 0.0)
     stated = replace(contact, forces=flat)
-    equilibrium = replace(point.equilibrium, touch=lambda: stated)
+    equilibrium = replace(point.equilibrium, contact=stated)
     found = surface_traction(model, replace(point, equilibrium=equilibrium))
     places = point.state.positions
     inner = np.hypot(places[:, 0], places[:, 1]) < 0.4 * away[touched].max()

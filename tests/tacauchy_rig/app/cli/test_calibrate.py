@@ -203,7 +203,7 @@ def test_bad_input_is_refused_before_anything_is_simulated(
         (missing, [], f"{missing} is no folder"),
         (folder, ["--circles", "nope.csv"], "circle table nope.csv cannot be read"),
         (folder, ["--check", missing], f"{missing} is no folder"),
-        (folder, ["--check", empty], "empty/circles.csv cannot be read"),
+        (folder, ["--check", empty], "empty holds no image"),
     ):
         assert told in _refused("optics", presses_folder, *OPTIONS, *out, *words).message
     first = sorted(folder.glob("0*.png"))[0]
