@@ -10,6 +10,7 @@ import numpy as np
 
 from sim.scene.indenter import MeshIndenter, mesh_indenter
 from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.errors import ConfigError
 
 _HEIGHT_M = 4e-3
 _AROUND = 192
@@ -69,6 +70,20 @@ OBJECTS: dict[str, Callable[[], MeshIndenter]] = {
     "ring": ring,
     "ellipsoid": ellipsoid,
 }
+
+
+def parse_object(name: str) -> MeshIndenter:
+    """Return a body by its name.
+
+    Raises:
+        ConfigError: There is none of this name.
+    """
+    if name not in OBJECTS:
+        raise ConfigError(
+            f"--indenter object:{name}: no such object",
+            remedy=f"write object: and {', '.join(list(OBJECTS)[:-1])} or {list(OBJECTS)[-1]}",
+        )
+    return OBJECTS[name]()
 
 
 def _prism(outline: FloatArray, name: str) -> MeshIndenter:

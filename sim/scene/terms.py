@@ -86,11 +86,11 @@ def parse_indenter(text: str) -> Indenter:
     """
     kind, _, sizes = text.partition(":")
     if unknown(Kind.INDENTER, kind):
-        ours = "cylinder:diameter=5mm", "sphere:diameter=15mm", "plane", "mesh:part.stl,unit=mm"
+        ours = "cylinder:diameter=5mm", "sphere:diameter=15mm", "plane", "object:hexagon", "mesh:"
         brought = names(Kind.INDENTER)[len(ours) :]
         raise ConfigError(
             f"--indenter {text!r}: no such indenter",
-            remedy=f"write {', '.join([*ours[:-1], *brought])} or {ours[-1]}",
+            remedy=f"write {', '.join([*ours[:-1], *brought])} or mesh:part.stl,unit=mm",
         )
     indenter: Indenter = load(Kind.INDENTER, kind)(sizes)
     return indenter

@@ -58,6 +58,7 @@ _OWN: dict[Kind, dict[str, str]] = {
         "cylinder": "sim.scene.terms:parse_cylinder",
         "sphere": "sim.scene.terms:parse_sphere",
         "plane": "sim.scene.terms:parse_plane",
+        "object": "sim.scene.objects:parse_object",
         "mesh": "sim.scene.terms:parse_mesh",
     },
     Kind.SENSOR: {

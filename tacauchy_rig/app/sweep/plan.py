@@ -20,8 +20,7 @@ from scipy.special import ndtri
 from scipy.stats import qmc
 
 from sim.optics.colour.nominal import nominal_model
-from sim.scene.indenter import Indenter, MeshIndenter
-from sim.scene.objects import OBJECTS
+from sim.scene.indenter import MeshIndenter
 from sim.scene.pad import BoxPad
 from sim.scene.terms import parse_indenter
 from sim.sensor.sensor import Sensor, load_sensor
@@ -410,11 +409,8 @@ def drawn_with(sensor: str, simulation: Simulation) -> tuple[OpticalCalibration,
     return optics_and_frame(sensor_of(sensor), simulation.optics, simulation.background)
 
 
-@lru_cache(maxsize=1024)
-def indenter_of(text: str) -> Indenter:
-    """Return an indenter from its text, or one of ``study objects``; refuses as others do."""
-    kind, _, name = text.partition(":")
-    return OBJECTS[name]() if kind == "object" and name in OBJECTS else parse_indenter(text)
+indenter_of = lru_cache(maxsize=1024)(parse_indenter)
+"""An indenter of its text."""
 
 
 @lru_cache(maxsize=1)
