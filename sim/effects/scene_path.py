@@ -23,7 +23,7 @@ from sim.effects.presets import build_model, regularised_indenter
 from sim.mesh.elements import EDGES
 from sim.scene.indenter import tilted
 from sim.scene.scene import ContactMode, Drive, Effect, Output, Preset, Scene
-from sim.solve.equilibrium import SolverOptions
+from sim.solve.equilibrium import SolverOptions, rough_reuse
 from sim.solve.loading_path import Hold, LoadingPath, find_force
 from sim.solve.model import Model
 from sim.solve.nodal_energies import Inertia, weight
@@ -86,6 +86,7 @@ def path_for(
         potentials=(weight(model, density),) if plan.is_on(Effect.GRAVITY) else (),
         inertia=Inertia(model, density, step_max_s=step_s) if plan.is_on(Effect.INERTIA) else None,
         options=_options(scene),
+        reuse=rough_reuse(model.pattern.dof_count) if scene.has_wide_barrier else None,
         keeps_all=keeps_all,
     )
 

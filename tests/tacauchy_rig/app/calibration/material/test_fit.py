@@ -181,14 +181,19 @@ def test_the_next_press_is_the_one_that_reduces_most(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_six_emulated_gels_under_a_ball() -> None:
-    """Each of E, nu and mu in its interval; the emulator's forces within 4 %, another law's."""
+def test_three_emulated_gels_under_a_ball() -> None:
+    """Each E is in its interval, wrong data are refused; the emulator's law is 4 % off at most.
+
+    What left-out forces miss, `python -m tests.studies gel` states.
+    """
     gel = drawn_gel(1, 0)
     off = response_of(DRAWN_BALL).area_m2(*gel[1:], DEPTHS_M) / true_areas(DRAWN_BALL, gel)
     assert off == pytest.approx(1.0, abs=0.04)
-    table = gel_table({(DRAWN_BALL,): [judged_gel(1, k, (DRAWN_BALL,)) for k in range(6)]})
-    assert len(table.rows) == 1
-    assert table.passed, table.rows
+    (row,) = gel_table({(DRAWN_BALL,): [judged_gel(1, k, (DRAWN_BALL,)) for k in range(3)]}).rows
+    _, young, *_, accused, caught = map(str, row)
+    assert young.startswith("3 of 3;")
+    assert accused == "0"
+    assert all(each.endswith(" 3") for each in caught.split(", ")), caught
 
 
 TOLD = Interval(best=4.1e5, low=3.9e5, high=4.3e5)
