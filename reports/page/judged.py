@@ -33,9 +33,9 @@ from reports.figures.images import (
 from reports.figures.trials import force_title, shown
 from reports.page.html import page_environment, png_data
 from reports.scores.contact import contact_crop, touched
-from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.figure_style import GREY, PAGE_IN, STYLE, new_figure, save_figure
 from tacauchy_rig.core.store.codec import to_plain
+from tacauchy_rig.core.store.durable import write_error
 from tacauchy_rig.core.versions import versions
 
 MARGINS_IN = 1.0
@@ -148,10 +148,7 @@ def write_judgement(judgement: Judgement, folder: Path) -> JudgedPaths:
         shown = html.render(judged=content, figure=png_data(paths.figure))
         paths.html.write_text(shown, encoding="utf-8")
     except OSError as error:
-        raise RecordError(
-            f"{folder}: cannot be written: {error.strerror or error}",
-            remedy="give --out another folder",
-        ) from error
+        raise write_error(folder, error) from error
     return paths
 
 

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.store.durable import write_error
 
 COLUMN_IN = 3.5
 PAGE_IN = 7.16
@@ -85,9 +85,7 @@ def save_figure(
             path.parent.mkdir(parents=True, exist_ok=True)
             figure.savefig(path, **{"dpi": PRINT_DPI, **options})
         except OSError as error:
-            raise RecordError(
-                f"{path}: cannot be written: {error.strerror}", remedy="give --out another folder"
-            ) from error
+            raise write_error(path, error) from error
     return [path for path, _ in wanted]
 
 

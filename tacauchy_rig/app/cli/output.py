@@ -18,7 +18,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from tacauchy_rig.core.errors import RecordError
+from tacauchy_rig.core.store.durable import write_error
 from tacauchy_rig.core.tables import Table, terminal_table
 
 logger = logging.getLogger(__name__)
@@ -60,16 +60,16 @@ def write_json(path: Path | None, content: Any) -> None:
     from tacauchy_rig.core.store.codec import to_plain
 
     text = json.dumps(to_plain(content), indent=2, allow_nan=False)
-    write_text(path, text + "\n", option="--json")
+    write_text(path, text + "\n")
 
 
-def write_text(path: Path, text: str, *, option: str = "--out") -> None:
+def write_text(path: Path, text: str) -> None:
     """Write a page, or whatever an option names the file of."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise _unwritable(path, error, option=option) from error
+        raise write_error(path, error) from error
 
 
 def writable_folder(path: Path) -> Path:
@@ -79,12 +79,7 @@ def writable_folder(path: Path) -> Path:
         with tempfile.TemporaryFile(dir=path):
             return path
     except OSError as error:
-        raise _unwritable(path, error, option="--out") from error
-
-
-def _unwritable(path: Path, error: OSError, *, option: str) -> RecordError:
-    text = f"{path}: cannot be written: {error.strerror}"
-    return RecordError(text, remedy=f"give {option} another path")
+        raise write_error(path, error) from error
 
 
 # Its records of a compiled module have ``compiled_s``: see sim/device.py.

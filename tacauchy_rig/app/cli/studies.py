@@ -379,7 +379,7 @@ def paper(
 
     if report:
         kept = json.dumps([of_run(run) for run in report], indent=1)
-        write_text(benchmarks / REPORTS_FILE, f"{kept}\n", option="--benchmarks")
+        write_text(benchmarks / REPORTS_FILE, f"{kept}\n")
     return Paper(benchmarks)
 
 

@@ -72,6 +72,12 @@ def export(
     from tacauchy_rig.app.exporting.episode import episodes_of  # noqa: PLC0415
     from tacauchy_rig.core.store.run_store import RunStore  # noqa: PLC0415
 
+    is_data_set = (source / INDEX).is_file()
+    if is_data_set and form not in OF_EPISODES:
+        raise RecordError(
+            f"{source}: --to {form} takes no data set of a sweep",
+            remedy=f"take one of {', '.join(OF_EPISODES)}, or read {INDEX} as the table that it is",
+        )
     module, name = WRITERS[form]
     write = getattr(import_module(f"tacauchy_rig.app.exporting.{module}"), name)
     with _new_folder(out) as folder:
@@ -81,7 +87,7 @@ def export(
             write(RunStore.open(source), folder)
         elif form not in OF_EPISODES:
             write(source, folder)
-        elif (source / INDEX).is_file():
+        elif is_data_set:
             from tacauchy_rig.app.exporting.data_set import presses_of  # noqa: PLC0415 - sweeps only
 
             write(presses_of(source), folder, None)

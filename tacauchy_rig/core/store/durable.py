@@ -87,35 +87,34 @@ def write_error(path: Path, error: OSError) -> RecordError:
     if error.errno in _FULL:
         return RecordError(
             f"{path}: no space left to write ({_space(path)}): {error.strerror}",
-            remedy=f"free some space, or {_elsewhere(path)} to a disk that has it",
+            remedy=f"free some space, or {_elsewhere(path)}",
         )
     if isinstance(error, PermissionError):
         return RecordError(
             f"{path}: no permission to write: {error.strerror}",
-            remedy="give yourself write permission there (ls -ld shows it), "
-            f"or {_elsewhere(path)} to a folder of your own",
+            remedy=f"give yourself write permission there (ls -ld shows it), or {_elsewhere(path)}",
         )
     if error.errno == errno.EROFS:
         return RecordError(
             f"{path}: its disk is read-only",
-            remedy="mount it for writing (`dmesg` says whether it failed), or "
-            f"{_elsewhere(path)} to another one",
+            remedy=f"mount it for writing (`dmesg` says whether it failed), or {_elsewhere(path)}",
         )
     if isinstance(error, FileExistsError):
         return RecordError(
-            f"{path}: exists already, and nothing recorded is ever overwritten",
-            remedy="start a new attempt or a new run; move the old file away if it is not needed",
+            f"{error.filename or path}: exists already, and nothing recorded is ever overwritten",
+            remedy="name another place, start a new attempt or run, or move the old file away",
         )
     return RecordError(
         f"{path}: cannot be written: {error.strerror or error}",
-        remedy=f"check the disk (dmesg, df -h), or {_elsewhere(path)} to another one",
+        remedy=f"check the disk (dmesg, df -h), or {_elsewhere(path)}",
     )
 
 
 def _elsewhere(path: Path) -> str:
-    """Return which setting says where a file goes: of a run, or of what is kept between runs."""
+    """Return what says where a file goes: of a command, or of what is kept between commands."""
     in_cache = not {".cache", "tacauchy-rig"}.isdisjoint(path.parts)
-    return "set the variable XDG_CACHE_HOME" if in_cache else "set run.output_directory"
+    names = "the variable XDG_CACHE_HOME" if in_cache else "--out, --json or run.output_directory"
+    return f"name another place with {names}"
 
 
 def existing_folder(path: Path) -> Path:

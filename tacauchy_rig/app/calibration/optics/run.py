@@ -59,10 +59,11 @@ from tacauchy_rig.app.replay.optics import (
     fitted_view,
 )
 from tacauchy_rig.core.arrays import ImageArray
-from tacauchy_rig.core.errors import ConfigError, RecordError
+from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.long_task import Remaining, doing
 from tacauchy_rig.core.rgb import encode_png
 from tacauchy_rig.core.run import IMAGES_SHA256
+from tacauchy_rig.core.store.durable import write_error
 from tacauchy_rig.core.store.run_files import file_sha256
 
 _IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -411,9 +412,7 @@ def _write_files(
             name = Path(item.press.name).with_suffix(".png").name
             (renderings / name).write_bytes(encode_png(image))
     except OSError as error:
-        raise RecordError(
-            f"{out}: cannot be written: {error.strerror}", remedy="give --out another path"
-        ) from error
+        raise write_error(out, error) from error
     return [out, slopes, drawn, renderings]
 
 

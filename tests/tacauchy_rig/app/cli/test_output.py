@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import logging
 from enum import StrEnum
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -44,10 +46,15 @@ def test_not_a_number_becomes_null(tmp_path: Path) -> None:
 
 
 def test_unwritable_file_is_explained(tmp_path: Path) -> None:
-    """The message names the file."""
+    """The message names the file, and of a full disk its space and what to do."""
     (tmp_path / "file").write_text("")
-    with pytest.raises(RecordError, match="cannot be written"):
+    with pytest.raises(RecordError, match="file: exists already"):
         write_json(tmp_path / "file" / "out.json", {})
+    full = patch.object(Path, "mkdir", side_effect=OSError(errno.ENOSPC, "No space left"))
+    with full, pytest.raises(RecordError, match=r"no space left to write \(.* MB free\)") as told:
+        writable_folder(tmp_path / "out")
+    assert "free some space" in told.value.remedy
+    assert "--out" in told.value.remedy
 
 
 SOURCE = logging.getLogger("sim.device.compiled")

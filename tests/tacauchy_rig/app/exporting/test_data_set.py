@@ -5,20 +5,25 @@ from __future__ import annotations
 import io
 import json
 import tarfile
+from dataclasses import astuple
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from rosbags.rosbag2 import Reader
 
 from sim.sensor.sensor import load_sensor
 from tacauchy_rig.app.exporting.formats import Format, export
 from tacauchy_rig.app.exporting.pressure_law import _law, _overlap
+from tacauchy_rig.app.importing.bag import TYPES
 from tacauchy_rig.app.sweep import run
 from tacauchy_rig.app.sweep.engines import Processes
 from tacauchy_rig.app.sweep.files import WRENCH
 from tacauchy_rig.app.sweep.plan import read_plan, rows_of
+from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb
 
 _PLAN = """
@@ -73,18 +78,49 @@ def test_a_data_set_keeps_its_numbers_in_hdf5_and_webdataset(swept: Path, tmp_pa
             assert np.load(io.BytesIO(content["wrench_n_nm.npy"].read())).tolist() == [wrench]
 
 
-@pytest.mark.parametrize("form", [Format.LEROBOT, Format.ROSBAG2])
-def test_a_data_set_becomes_episodes(swept: Path, form: Format, tmp_path: Path) -> None:
-    """Each press is an episode of two rows, or messages of a bag."""
-    export(swept, tmp_path / "out", form)
-    if form is Format.LEROBOT:
-        (file,) = (tmp_path / "out" / "data").rglob("*.parquet")
-        table = pq.read_table(file).to_pydict()
-        assert table["episode_index"] == [0, 0, 1, 1]
-        forces = pq.read_table(swept / "index.parquet")["force_z_n"].to_pylist()
-        found = [each[2] for each in table["observation.wrench"]][1::2]
-        assert sorted(found) == pytest.approx(sorted(forces), rel=1e-6)
+def test_a_data_set_becomes_episodes(swept: Path, tmp_path: Path) -> None:
+    """Each press is an episode of two rows."""
+    export(swept, tmp_path / "out", Format.LEROBOT)
+    (file,) = (tmp_path / "out" / "data").rglob("*.parquet")
+    table = pq.read_table(file).to_pydict()
+    assert table["episode_index"] == [0, 0, 1, 1]
+    forces = pq.read_table(swept / "index.parquet")["force_z_n"].to_pylist()
+    found = [each[2] for each in table["observation.wrench"]][1::2]
+    assert sorted(found) == pytest.approx(sorted(forces), rel=1e-6)
     assert not (tmp_path / "out" / "import.toml").exists()
+
+
+def test_a_data_set_keeps_its_numbers_in_a_bag(swept: Path, tmp_path: Path) -> None:
+    """Wrenches, depths and images of every press come back from ROS's messages."""
+    export(swept, tmp_path / "out", Format.ROSBAG2)
+    read: dict[str, list[Any]] = {}
+    with Reader(tmp_path / "out" / "recorded") as reader:
+        for connection, _stamp, raw in reader.messages():
+            message = TYPES.deserialize_cdr(raw, connection.msgtype)
+            read.setdefault(connection.topic, []).append(message)
+    rows = sorted(
+        pq.read_table(swept / "index.parquet").to_pylist(), key=lambda r: (r["shard"], r["offset"])
+    )
+    felt = [each.wrench for each in read["/force/wrench"]]
+    wrenches = [[*astuple(each.force)[:3], *astuple(each.torque)[:3]] for each in felt]
+    zero = [0.0] * 6
+    assert sorted(wrenches) == sorted([zero, zero, *([r[n] for n in WRENCH] for r in rows)])
+    depths = [each.pose.position.z for each in read["/tip/pose"]]
+    assert sorted(depths) == sorted([0.0, 0.0, *(-row["depth_m"] for row in rows)])
+    images = {each.data.tobytes() for each in read["/tactile/image"]}
+    table = pq.read_table(swept / rows[0]["shard"])
+    assert images == {*table["image"].to_pylist(), *table["reference"].to_pylist()}
+
+
+@pytest.mark.parametrize("form", [Format.CSV, Format.VTU, Format.TAXIM, Format.PRESSURE_LAW])
+def test_formats_that_take_no_data_set_name_those_that_do(
+    swept: Path, form: Format, tmp_path: Path
+) -> None:
+    """What is refused leaves no folder."""
+    with pytest.raises(RecordError, match=f"--to {form} takes no data set") as refused:
+        export(swept, tmp_path / "out", form)
+    assert "rosbag2" in refused.value.remedy
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_law_of_pressure_is_found_from_forces_that_follow_it() -> None:
