@@ -17,10 +17,10 @@ from torch import nn
 def _read(folder: Path) -> tuple[torch.Tensor, torch.Tensor, list[dict]]:
     """Return images minus their no-contact frames, forces [N], and rows of the valid presses."""
     rows = [row for row in pq.read_table(folder / "index.parquet").to_pylist() if row["valid"]]
-    kept = {name: pq.read_table(folder / name) for name in {row["shard"] for row in rows}}
-    images = []
+    images, names = [], ["image", "reference"]
+    kept = {f: pq.read_table(folder / f, columns=names) for f in {row["shard"] for row in rows}}
     for row in rows:
-        pair = [kept[row["shard"]][name][row["offset"]].as_py() for name in ("image", "reference")]
+        pair = [kept[row["shard"]][name][row["offset"]].as_py() for name in names]
         small = [Image.open(io.BytesIO(png)).resize((80, 60), Image.Resampling.BOX) for png in pair]
         images.append((np.float32(small[0]) - np.float32(small[1])) / 64.0)
     forces = [[row[f"force_{axis}_n"] for axis in "xyz"] for row in rows]

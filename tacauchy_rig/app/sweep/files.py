@@ -290,9 +290,11 @@ def _columns(
     """Return what is no field of a press: inputs, sums, and both images."""
     row, name = of
     area, found = float(arrays["contact_area_m2"][place]), bool(arrays["valid"][place])
-    valid, reason = found and area > 0.0, ""
-    if not valid:
-        reason = "the indenter does not touch the gel" if found else "no equilibrium was found"
+    reason = "" if found else "no equilibrium was found"
+    if found and not area > 0.0:
+        reason = "the indenter does not touch the gel"
+    elif found and not arrays["wrench"][place][2] > 0.0:
+        reason = "F_z is not positive, though the gel does not adhere"
     on = _EFFECTS | ({Effect.FRICTION} if row.friction else set())
     on |= {Effect.SECOND_LAYER} if sensor_of(row.sensor).layers else set()
     episode = f"{row.sensor} {row.light!r} {row.noise!r}"
@@ -308,7 +310,7 @@ def _columns(
         "force_error": float(arrays["force_error"][place]),
         "contact_area_m2": area,
         "contact_radius_m": float(np.sqrt(area / np.pi)),
-        "valid": valid,
+        "valid": not reason,
         "reason": reason,
         "evaluations": int(arrays["evaluations"][place]),
         "edge_m": float(arrays["edge_m"][place]),

@@ -22,7 +22,7 @@ from rocrate.rocrate import ROCrate
 
 from tacauchy_rig.app.sweep import run
 from tacauchy_rig.app.sweep.engines import Dask, Folder, InterruptedSweepError, Processes, Work
-from tacauchy_rig.app.sweep.files import Made, Shard, lists
+from tacauchy_rig.app.sweep.files import Made, Shard, _columns, lists
 from tacauchy_rig.app.sweep.plan import Plan, Row, Simulation, read_plan, row_hash, rows_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.rgb import decode_rgb
@@ -345,6 +345,29 @@ def test_an_index_leads_to_images_fields_and_the_frame_without_contact(
         assert 0.8 < carried / row["force_z_n"] < 1.6
         deepest = float(np.nanmax(np.array(found["indentation_mm"], float)))
         assert abs(deepest * 1e-3 - row["depth_m"]) < 0.05e-3
+
+
+@pytest.mark.parametrize(
+    ("found", "area_m2", "force_z_n", "reason"),
+    [
+        (True, 1e-6, 0.2, ""),
+        (True, 1e-6, -6e-3, "F_z is not positive"),
+        (True, 0.0, 0.0, "does not touch"),
+        (False, np.nan, np.nan, "no equilibrium"),
+    ],
+)
+def test_a_press_that_is_not_valid_says_why(
+    swept: tuple[Plan, Path], found: bool, area_m2: float, force_z_n: float, reason: str
+) -> None:
+    """A gel without adhesion cannot pull: such a press is no valid one."""
+    row, image = rows_of(swept[0])[0], np.zeros((2, 2, 3), np.uint8)
+    numbers = {"depth_m": 5e-4, "force_error": 0.1, "evaluations": 9, "edge_m": 1e-3}
+    arrays = {name: np.array([value]) for name, value in numbers.items()}
+    arrays |= {"valid": np.array([found]), "contact_area_m2": np.array([area_m2])}
+    arrays |= {"wrench": np.array([[0.0, 0.0, force_z_n, 0.0, 0.0, 0.0]]), "image": image[None]}
+    made = _columns(0, (row, "hash"), arrays, image)
+    assert made["valid"] == (not reason)
+    assert reason in made["reason"]
 
 
 @pytest.mark.parametrize("markers", [0, 3])
