@@ -226,9 +226,9 @@ def export(
         Path,
         typer.Argument(
             metavar="SOURCE",
-            help="Folder of a run, of a sweep (lerobot, hdf5, rosbag2, webdataset) or of `press "
-            "--out` (vtu, usd); file of `calibrate optics` (isaaclab, taxim, tacex); or name of a "
-            "sensor (isaaclab, taxim, tacex, usd, pressure-law).",
+            help="Folder of a run, of a sweep (lerobot, hdf5, rosbag2, webdataset, zarr) or of "
+            "`press --out` (vtu, usd); file of `calibrate optics` (isaaclab, taxim, tacex); or "
+            "name of a sensor (isaaclab, taxim, tacex, usd, pressure-law).",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder to write to.")],

@@ -22,6 +22,7 @@ class Format(StrEnum):
     HDF5 = "hdf5"
     ROSBAG2 = "rosbag2"
     WEBDATASET = "webdataset"
+    ZARR = "zarr"
     VTU = "vtu"
     USD = "usd"
     ISAACLAB = "isaaclab"
@@ -30,7 +31,7 @@ class Format(StrEnum):
     PRESSURE_LAW = "pressure-law"
 
 
-OF_EPISODES = (Format.LEROBOT, Format.HDF5, Format.ROSBAG2, Format.WEBDATASET)
+OF_EPISODES = (Format.LEROBOT, Format.HDF5, Format.ROSBAG2, Format.WEBDATASET, Format.ZARR)
 """Formats of what a rig recorded or a sweep computed; the latter is a table already."""
 OF_CALIBRATIONS = (Format.ISAACLAB, Format.TAXIM, Format.TACEX)
 
@@ -40,6 +41,7 @@ WRITERS: Mapping[Format, tuple[str, str]] = {
     Format.HDF5: ("learning", "write_hdf5"),
     Format.ROSBAG2: ("bag", "write_bag"),
     Format.WEBDATASET: ("learning", "write_webdataset"),
+    Format.ZARR: ("learning", "write_zarr"),
     Format.VTU: ("vtu", "write_vtu"),
     Format.USD: ("usd", "write_usd"),
     Format.ISAACLAB: ("taxim", "write_isaaclab"),

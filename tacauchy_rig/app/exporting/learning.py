@@ -1,10 +1,12 @@
-"""Presses as LeRobot, HDF5 and WebDataset: what policies are trained with.
+"""Presses as LeRobot, HDF5, Zarr and WebDataset: what policies are trained with.
 
 LeRobot is of version 3 (codebase_version v3.0): one press an episode, rows at the camera's rate. A
 row has what was newest at its time, ``observation.wrench_window`` the samples of force since the
 row before. Forces are without their zero before the press. HDF5 has robomimic's layout, one demo a
 press; beside its even rows ``samples`` has all samples at their own times, ``simulated`` the fields
-of the replay, and the attribute ``unit`` says what numbers are in. WebDataset is a tar file, one
+of the replay, and the attribute ``unit`` says what numbers are in. Zarr has LeRobot's features as
+arrays over all rows, in diffusion policy's layout: ``meta/episode_ends`` says where presses end.
+WebDataset is a tar file, one
 sample a press under one key; ``rest`` is the newest image without contact, ``pressed`` the middle
 one of the dwell.
 """
@@ -248,6 +250,23 @@ def _write_demo(group: Any, episode: Episode, rows: Rows) -> None:
                 "obs/tactile", shape, np.uint8, chunks=(1, *image.shape), **_IMAGE
             )
             images.attrs["unit"] = "grey levels, RGB"
+        images[number] = image
+
+
+def write_zarr(presses: Iterable[Episode], out: Path, _store: RunStore | None) -> None:
+    """Write presses into ``presses.zarr``."""
+    zarr, episodes = needed("zarr"), list(presses)
+    rate, rows = even_rows(episodes)
+    root = zarr.create_group(str(out / "presses.zarr"), attributes={"rate_hz": rate})
+    ends = np.cumsum([len(each.time_s) for each in rows])
+    root.create_array("meta/episode_ends", data=ends)
+    for name, values in _columns(rows).items():
+        root.create_array(f"data/{name}", data=values)
+    shown = (img for each, own in zip(episodes, rows, strict=True) for img in images_of(each, own))
+    for number, image in enumerate(shown):
+        if not number:
+            shape = {"shape": (int(ends[-1]), *image.shape), "chunks": (1, *image.shape)}
+            images = root.create_array(f"data/{IMAGE}", dtype="uint8", **shape)
         images[number] = image
 
 

@@ -90,6 +90,22 @@ def test_a_data_set_becomes_episodes(swept: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "import.toml").exists()
 
 
+def test_a_data_set_keeps_its_numbers_in_zarr(swept: Path, tmp_path: Path) -> None:
+    """Rows of all presses follow one another; numbers are float32, images whole."""
+    zarr = pytest.importorskip("zarr")
+    export(swept, tmp_path / "out", Format.ZARR)
+    root = zarr.open_group(str(tmp_path / "out" / "presses.zarr"), mode="r")
+    rows = sorted(
+        pq.read_table(swept / "index.parquet").to_pylist(), key=lambda r: (r["shard"], r["offset"])
+    )
+    assert root["meta/episode_ends"][:].tolist() == [2, 4]
+    wrench = np.array([[row[name] for name in WRENCH] for row in rows], np.float32)
+    assert np.array_equal(root["data/observation.wrench"][1::2], wrench)
+    table = pq.read_table(swept / rows[0]["shard"])
+    sent = [decode_rgb(table["image"][row["offset"]].as_py()) for row in rows]
+    assert np.array_equal(root["data/observation.images.tactile"][1::2], np.stack(sent))
+
+
 def test_a_data_set_keeps_its_numbers_in_a_bag(swept: Path, tmp_path: Path) -> None:
     """Wrenches, depths and images of every press come back from ROS's messages."""
     export(swept, tmp_path / "out", Format.ROSBAG2)
