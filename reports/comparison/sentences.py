@@ -257,9 +257,10 @@ def _modulus(model: ReplayModel) -> Fit:
 
 
 def _optics(model: ReplayModel, evidence: RunEvidence) -> Fit:
-    source = model.optics.get("source")
+    source = str(model.optics.get("source") or "")
     effect = "No image of these presses was used." if source else "Their origin is not known."
     if evidence.optics_are_in_sample:
+        source = f"{source.partition(' in ')[0] or 'not stated'}, these same presses"
         effect = "Image scores are in-sample."
         if evidence.optics is not None:
             held_out = evidence.optics.nudged
@@ -270,7 +271,7 @@ def _optics(model: ReplayModel, evidence: RunEvidence) -> Fit:
     return Fit(
         what="Optics (colours)",
         value="",
-        source=f"{source or 'not stated'}{', these same presses' * evidence.optics_are_in_sample}",
+        source=source or "not stated",
         in_sample=evidence.optics_are_in_sample,
         effect=effect,
     )

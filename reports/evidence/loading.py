@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Future
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -42,7 +41,6 @@ def load_evidence(
     replay: Replay | None,
     *,
     simulated_images: Mapping[int, ImageArray] | None = None,
-    checked: Future[RunCheck] | None = None,
 ) -> RunEvidence:
     """Read all that a report needs.
 
@@ -50,7 +48,6 @@ def load_evidence(
         run: The attempts that count; what was read of them before is not read again.
         replay: Its replay; None where it was not replayed, which every trial then misses.
         simulated_images: What was rendered of it, by trial; None reads it from the run's folder.
-        checked: What another process found, or still finds, by ``check_folder``.
 
     What is damaged is a criterion that is missed, and otherwise as if it were not there.
 
@@ -61,7 +58,7 @@ def load_evidence(
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
     shown = replay if simulated_images is None else None
     seen = _read(run, shown)
-    check = checked.result() if checked else check_run(store)
+    check = check_run(store)
     _require_a_result(check, run)
     for index, image in (simulated_images or {}).items():
         seen[index].fields["simulated_image"] = image
@@ -203,11 +200,6 @@ class _Seen:
 
     fields: dict[str, Any]
     damaged: tuple[Criterion, ...] = ()
-
-
-def check_folder(root: Path) -> RunCheck:
-    """Check a run by its folder: a store that was read holds its recordings."""
-    return check_run(RunStore.open(root))
 
 
 def _read(run: RunReading, replay: Replay | None) -> dict[int, _Seen]:

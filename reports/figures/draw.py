@@ -6,36 +6,31 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-import matplotlib as mpl
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from reports.comparison.results import ValidationReport
 from reports.evidence.evidence import RunEvidence
-from reports.figures.forces import draw_force_depth, draw_time_curves
-from reports.figures.images import LINEAR_LEVELS, draw_images, draw_matrices, draw_scores
-from tacauchy_rig.core.figure_style import STYLE, save_figure
+from reports.figures.differences import LINEAR_LEVELS
 from tacauchy_rig.core.page import prose
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def _has_curves(evidence: RunEvidence) -> bool:
     return any(trial.force_curve is not None for trial in evidence.trials)
 
 
-FIGURES: dict[str, tuple[Callable[[Any], Figure], Callable[[Any], bool]]] = {
-    "images": (draw_images, lambda evidence: any(t.images is not None for t in evidence.trials)),
-    "scores": (draw_scores, lambda report: any(t.metrics is not None for t in report.trials)),
-    "wrong-force": (draw_matrices, lambda report: bool(report.matrices)),
-    "time": (draw_time_curves, _has_curves),
-    "force-depth": (draw_force_depth, lambda report: _has_curves(report.evidence)),
+FIGURES: dict[str, Callable[[Any], bool]] = {
+    "images": lambda evidence: any(t.images is not None for t in evidence.trials),
+    "scores": lambda report: any(t.metrics is not None for t in report.trials),
+    "wrong-force": lambda report: bool(report.matrices),
+    "time": _has_curves,
+    "force-depth": lambda report: _has_curves(report.evidence),
 }
-"""How each figure of the page is drawn, in order, and whether a run has data for it."""
+"""The figures of the page, in order, and whether a run has data for each."""
 RECORDED = ("images", "time")
 """Drawn of the evidence; the others of the report."""
-THEIRS = ("scores",)
-"""Of the report, drawn in the other process, which by then has drawn those of the evidence."""
-OURS = ("wrong-force", "force-depth")
 
 
 def draw_figures(
@@ -49,16 +44,19 @@ def draw_figures(
     Args:
         report: Whose figures.
         folder: Where each becomes ``name.pdf`` and ``name.png``.
-        other: Another process, which draws some of them.
-        recorded: What another process drew, or still draws, of the evidence.
+        other: Another process, which draws them, so that this one need not load what draws.
+        recorded: What it drew, or still draws, of the evidence.
 
     Returns:
         The figures' names and captions.
     """
+    judged = [name for name in FIGURES if name not in RECORDED]
     drawn = replace(report, evidence=report.evidence.drawn)
-    theirs = other.submit(draw_some, drawn, folder, THEIRS) if other else None
-    names = draw_some(report, folder, OURS)
-    names += theirs.result() if theirs else draw_some(report, folder, THEIRS)
+    names = (
+        other.submit(draw_some, drawn, folder, judged).result()
+        if other
+        else draw_some(report, folder, judged)
+    )
     names += recorded.result() if recorded else draw_some(report.evidence, folder, RECORDED)
     return [{"name": name, "caption": _caption(name, report)} for name in FIGURES if name in names]
 
@@ -67,12 +65,31 @@ def draw_some(
     shown: RunEvidence | ValidationReport, folder: Path, names: Sequence[str]
 ) -> list[str]:
     """Draw and write those of some figures that there is data for; return their names."""
-    drawn = [name for name in names if FIGURES[name][1](shown)]
+    from matplotlib import rc_context  # noqa: PLC0415 - only where figures are drawn
+
+    from tacauchy_rig.core.figure_style import STYLE, save_figure  # noqa: PLC0415
+
+    drawers = load_drawers()
+    drawn = [name for name in names if FIGURES[name](shown)]
     folder.mkdir(parents=True, exist_ok=True)
-    with mpl.rc_context(STYLE):
+    with rc_context(STYLE):
         for name in drawn:
-            save_figure(FIGURES[name][0](shown), folder, name)
+            save_figure(drawers[name](shown), folder, name)
     return drawn
+
+
+def load_drawers() -> dict[str, Callable[[Any], Figure]]:
+    """Load what draws, which takes as long as to read a run, and return it by figure."""
+    from reports.figures.forces import draw_force_depth, draw_time_curves  # noqa: PLC0415
+    from reports.figures.images import draw_images, draw_matrices, draw_scores  # noqa: PLC0415
+
+    return {
+        "images": draw_images,
+        "scores": draw_scores,
+        "wrong-force": draw_matrices,
+        "time": draw_time_curves,
+        "force-depth": draw_force_depth,
+    }
 
 
 def _caption(name: str, report: ValidationReport) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from string import ascii_lowercase
 from typing import Any
 
@@ -17,11 +17,17 @@ from matplotlib.patches import Rectangle
 from matplotlib.projections.polar import PolarAxes
 
 from reports.comparison.results import TrialResult, ValidationReport
-from reports.evidence.evidence import ImageGeometry, RunEvidence, TrialEvidence, TrialImages
+from reports.evidence.evidence import ImageGeometry, RunEvidence, TrialEvidence
+from reports.figures.differences import (
+    DIFFERENCE_COLORS,
+    LEAST_LIMIT,
+    LINEAR_LEVELS,
+    difference_scale,
+    luminance_difference,
+)
 from reports.figures.trials import force_label, force_title, label_forces, shown
 from reports.scores.floors import CONTACT_RESIDUAL, WrongForceMatrix
 from reports.scores.metrics import ImageScores, Metric
-from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.figure_style import (
     BLUE,
     GREEN,
@@ -32,14 +38,9 @@ from tacauchy_rig.core.figure_style import (
     letter,
     new_figure,
 )
-from tacauchy_rig.core.rgb import to_grey
 
 SCALE_BAR_M = 5e-3
 MARGINS_IN = 0.9
-LEAST_LIMIT = 5.0  # [grey level]: differences below it are faint even at the end of the scale
-LINEAR_LEVELS = 2.0
-"""To which the scale of differences is linear, so that what is faint shows beside the largest."""
-DIFFERENCE_COLORS = "PuOr_r"
 
 
 def draw_images(evidence: RunEvidence) -> Figure:
@@ -72,30 +73,11 @@ def draw_images(evidence: RunEvidence) -> Figure:
     return figure
 
 
-def luminance_difference(trial: TrialEvidence) -> FloatArray | None:
-    """Return simulated minus real luminance, shape [height, width] [grey level]."""
-    if trial.images is None or trial.simulated_image is None:
-        return None
-    return luminance_error(trial.images, trial.simulated_image)
-
-
-def luminance_error(images: TrialImages, simulated: ImageArray) -> FloatArray:
-    """Return simulated minus camera luminance, shape [height, width] [grey level]."""
-    return to_grey(simulated).astype(np.float64) - to_grey(images.real).astype(np.float64)
-
-
 def frame_panel(axes: Axes) -> None:
     """Show an image's border without ticks."""
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(True)
     axes.spines[:].set_linewidth(0.3)
-
-
-def difference_scale(differences: Iterable[FloatArray | None]) -> AsinhNorm:
-    """Return the symmetric scale of colours for all of them [grey level]; nothing clips."""
-    largest = [float(np.ceil(np.abs(d).max())) for d in differences if d is not None]
-    limit = max([LEAST_LIMIT, *largest])
-    return AsinhNorm(linear_width=LINEAR_LEVELS, vmin=-limit, vmax=limit)
 
 
 def _draw_column(column: np.ndarray, trial: TrialEvidence, norm: AsinhNorm) -> AxesImage | None:

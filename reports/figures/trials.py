@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypeVar
-
-from matplotlib.axes import Axes
+from typing import TYPE_CHECKING, TypeVar
 
 from reports.comparison.results import TrialResult
 from reports.evidence.evidence import TrialEvidence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 MAX_COLUMNS = 6
 

@@ -23,13 +23,13 @@ from reports.comparison.judging import (
     contests,
 )
 from reports.evidence.evidence import TrialEvidence, TrialImages
-from reports.figures.images import (
+from reports.figures.differences import (
     DIFFERENCE_COLORS,
     LINEAR_LEVELS,
     difference_scale,
-    frame_panel,
     luminance_error,
 )
+from reports.figures.images import frame_panel
 from reports.figures.trials import force_title, shown
 from reports.page.html import page_environment, png_data
 from reports.scores.contact import contact_crop, touched

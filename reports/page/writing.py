@@ -12,19 +12,14 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-import matplotlib as mpl
-import numpy as np
-from matplotlib.colors import AsinhNorm
-
 from reports.comparison.results import TrialResult, ValidationReport, headline_of
 from reports.comparison.sentences import fits_of
 from reports.evidence.evidence import RunEvidence
+from reports.figures.differences import color_difference, difference_scale, luminance_difference
 from reports.figures.draw import draw_figures
-from reports.figures.images import DIFFERENCE_COLORS, difference_scale, luminance_difference
 from reports.page.html import intermediate_numbers, intermediate_pictures, is_unknown, render_html
 from reports.scores.floors import NOISE_MULTIPLE
 from reports.scores.metrics import CONFIDENCE, Metric
-from tacauchy_rig.core.arrays import FloatArray, ImageArray
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.page import prose
 from tacauchy_rig.core.rgb import encode_png
@@ -217,7 +212,7 @@ def write_report(
 ) -> ReportPaths:
     """Write all files of a report into ``folder``; an older report there is overwritten.
 
-    Another process, if there is one, draws some of the figures, or ``recorded`` is what it drew.
+    Another process, if there is one, draws the figures, or ``recorded`` is what it drew.
 
     Raises:
         RecordError: The folder cannot be written.
@@ -293,9 +288,3 @@ def _write_pictures(evidence: RunEvidence, folder: Path) -> dict[int, dict[str, 
                 (folder / name).write_bytes(encode_png(image))
                 names.setdefault(trial.index, {})[kind] = name
     return names
-
-
-def color_difference(difference: FloatArray, scale: AsinhNorm) -> ImageArray:
-    """Map differences [grey level] to a diverging colour map, white at zero."""
-    colors = mpl.colormaps[DIFFERENCE_COLORS](scale(difference))
-    return np.rint(255.0 * np.asarray(colors)[..., :3]).astype(np.uint8)

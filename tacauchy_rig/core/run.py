@@ -357,14 +357,16 @@ class CameraClock:
     """How images were aligned in time with the force.
 
     Attributes:
-        offset_s: Added to a camera's time for the log's own time [s].
-        uncertainty_s: Its standard uncertainty [s].
+        offset_s: Added to the camera's time of the first image for the log's own time [s].
+        uncertainty_s: Its standard uncertainty, and that of later ones [s].
         correlation: Of what is seen with what is felt, with this offset.
+        drift: Growth of the offset from there [s a second of the camera].
     """
 
     offset_s: float
     uncertainty_s: float
     correlation: float
+    drift: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -40,6 +40,7 @@ from tacauchy_rig.app.importing.presses import (
 from tacauchy_rig.app.importing.source import IMAGE_PIXELS, LARGE_BYTES, MIB, Source
 from tacauchy_rig.app.importing.video import (
     Signal,
+    aligned,
     felt_over_rests,
     image_change,
     likeness,
@@ -306,19 +307,22 @@ def _aligned(
         return moved, None
     felt = root_of(felt_over_rests(force, found))
     fits = likeness(felt, seen, 0.0) > FITS * clock.correlation
-    shift_s = 0.0 if fits or abs(clock.offset_s) < CLOCKS_S else clock.offset_s
-    if not shift_s and not rough_s:
-        return frames, None
-    clock = replace(clock, offset_s=rough_s + shift_s)
+    if fits or np.abs(aligned(time_s, clock) - time_s).max() < CLOCKS_S:
+        clock = replace(clock, offset_s=0.0, drift=0.0)
+        if not rough_s:
+            return frames, None
+    clock = replace(clock, offset_s=rough_s + clock.offset_s)
     notes.append(
-        f"The camera's stamps are of another clock: {clock.offset_s:+.3f} s were added, by when "
-        f"contact shows in both, standard uncertainty {1e3 * clock.uncertainty_s:.0f} ms."
+        f"The camera's stamps are of another clock: {clock.offset_s:+.3f} s were added, and "
+        f"{clock.drift:+.5f} s a second further, by when contact shows in both, standard "
+        f"uncertainty {1e3 * clock.uncertainty_s:.0f} ms."
     )
-    return _moved(moved, shift_s), clock
+    return _moved(frames, clock.offset_s, clock.drift), clock
 
 
-def _moved(frames: Sequence[Frame], by_s: float) -> list[Frame]:
-    return [replace(frame, stamp_ns=frame.stamp_ns + round(by_s * S)) for frame in frames]
+def _moved(frames: Sequence[Frame], by_s: float, drift: float = 0.0) -> list[Frame]:
+    later_ns = [round(by_s * S + drift * (f.stamp_ns - frames[0].stamp_ns)) for f in frames]
+    return [replace(f, stamp_ns=f.stamp_ns + ns) for f, ns in zip(frames, later_ns, strict=True)]
 
 
 CHUNK_BYTES = 256 * MIB

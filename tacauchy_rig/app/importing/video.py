@@ -53,8 +53,13 @@ LIKE = 0.6
 """Correlation of two signals of the same presses; less is of different ones."""
 ALONE, APART_S = 0.97, 1.0
 """Of the best correlation: another offset, so far apart, has to have less."""
-RATED = 3
-"""Presses that tell whether one clock runs faster: two offsets always lie on a line."""
+RATED = 4
+"""Presses that tell whether one clock runs faster: three nearly lie on a line where frames are
+missing in the middle one."""
+GAP = 3.0
+"""Intervals of frames: a press with a longer gap has no offset of its own."""
+MOST_LEFT = 0.4
+"""Of the interval of frames: offsets that scatter more leave a press more than a frame off."""
 MEMORY_SHARE, MEMORY_S = 0.13, 0.2
 """Of a gel's force that fades after it was pressed, and how fast: more than gels of such sensors
 are taken to, so that the truth lies between this and none."""
@@ -81,8 +86,9 @@ def offset_to_force(
 ) -> CameraClock:
     """Find what is to be added to times of images for those of the force.
 
-    Its standard uncertainty is of the scatter between presses, the coarser interval, and how far
-    apart what an image may follow lies.
+    Offset and drift are a line through the offsets of the presses. Their standard uncertainty is of
+    the scatter about it, at the press or the first frame where that is largest, the interval of the
+    frames, and how far apart what an image may follow lies.
 
     Args:
         seen: How far the images changed, in the camera's clock.
@@ -99,22 +105,64 @@ def offset_to_force(
     presses_s = [(start / S, end / S) for start, end in (each.pressed for each in found)]
     interval_s = float(np.median(np.diff(seen.time_s)))
     coarse_s = _coarse(root_of(felt), seen, interval_s / FINER)
+    whole_s = [each for each in presses_s if _is_whole(seen.time_s + coarse_s, each, interval_s)]
+    if not whole_s:
+        raise RecordError(
+            f"the video shows no press whole: of each, frames are missing for {GAP:g} intervals",
+            remedy="record force and images for at least a second before and after each press",
+        )
     for within_s in (NEAR_S, FAR_S):
         offsets_s = np.array(
-            [[_near(f, seen, press, coarse_s, within_s) for press in presses_s] for f in followed]
+            [[_near(f, seen, press, coarse_s, within_s) for press in whole_s] for f in followed]
         )
         if np.abs(offsets_s - coarse_s).max() < 0.9 * within_s:
             break
-    _check_rate(offsets_s.mean(axis=0), presses_s, interval_s)
-    bounds_s, count = np.median(offsets_s, axis=1), len(presses_s)
-    scatter_s = float(offsets_s.std(axis=1, ddof=1).max()) / math.sqrt(count) if count > 1 else 0.0
-    single_s = interval_s if count == 1 else 0.0  # one press shows no scatter
-    apart_s = UNIFORM * float(np.ptp(bounds_s))
+    at_s = np.mean(whole_s, axis=1) - offsets_s.mean(axis=0) - seen.time_s[0]
+    clock = _clock(offsets_s, at_s, interval_s)
+    moved = Signal(time_s=aligned(seen.time_s, clock), value=seen.value)
+    return replace(clock, correlation=likeness(root_of(felt), moved, 0.0))
+
+
+def _clock(offsets_s: FloatArray, at_s: FloatArray, interval_s: float) -> CameraClock:
+    """Fit offset and drift to the offsets of presses; the correlation is left open.
+
+    Args:
+        offsets_s: By what an image follows and press, shape [followed, n].
+        at_s: When the presses were, after the first frame, shape [n].
+
+    Raises:
+        RecordError: They scatter about the line.
+    """
+    terms = np.vander(at_s, 2 if len(at_s) >= RATED else 1)
+    line, free = np.linalg.lstsq(terms, offsets_s.T)[0], max(1, len(terms) - terms.shape[1])
+    left_s = math.sqrt(float(((offsets_s.T - terms @ line) ** 2).sum(axis=0).max()) / free)
+    if left_s > MOST_LEFT * interval_s:
+        advance_s = 1.0 + float(np.polyfit(at_s, offsets_s.mean(axis=0), 1)[0])
+        raise RecordError(
+            f"offsets of the clocks, one a press, scatter by {left_s:.3f} s; frames are "
+            f"{interval_s:.3f} s apart. The log's clock advances by {advance_s:.4f} s a second of "
+            "the camera's",
+            remedy="frames were dropped, or their rate is wrong: on average there are "
+            f"{1.0 / (advance_s * interval_s):.3f} a second; state that as data.frame_rate, or cut "
+            "the video where frames are missing",
+        )
+    reached = np.vstack([terms, np.eye(terms.shape[1])[-1]])  # each press, and the first frame
+    leverage = np.einsum("ij,jk,ik->i", reached, np.linalg.inv(terms.T @ terms), reached)
+    scatter_s = left_s * math.sqrt(float(leverage.max()))
+    single_s = interval_s if len(terms) == 1 else 0.0  # one press shows no scatter
+    apart_s = UNIFORM * float(np.ptp(reached @ line, axis=1).max())
+    *drift, offset_s = line.mean(axis=1).tolist()
     return CameraClock(
-        offset_s=float(bounds_s.mean()),
+        offset_s=offset_s,
+        drift=sum(drift),
         uncertainty_s=math.hypot(scatter_s, single_s, UNIFORM * interval_s, apart_s),
-        correlation=likeness(root_of(felt), seen, float(bounds_s.mean())),
+        correlation=math.nan,
     )
+
+
+def aligned(time_s: FloatArray, clock: CameraClock) -> FloatArray:
+    """Return the log's times of images [s], shape [n], from those of the camera."""
+    return np.asarray(time_s + clock.offset_s + clock.drift * (time_s - time_s[0]))
 
 
 def felt_over_rests(force: Samples, found: Sequence[PressSpan]) -> Signal:
@@ -174,25 +222,6 @@ def _standard(values: FloatArray) -> FloatArray:
     return np.asarray((values - values.mean()) / (float(values.std()) or 1.0))
 
 
-def _check_rate(
-    offsets_s: FloatArray, presses_s: Sequence[tuple[float, float]], interval_s: float
-) -> None:
-    """Refuse clocks whose offset grows by two intervals, and by more than its scatter explains."""
-    middle_s = np.mean(presses_s, axis=1)
-    if len(middle_s) < RATED or not np.ptp(middle_s):
-        return
-    rate, offset_s = np.polyfit(middle_s, offsets_s, 1)
-    left_s = float(np.std(offsets_s - offset_s - rate * middle_s))
-    grown_s = float(rate) * float(np.ptp(middle_s))
-    if abs(grown_s) > max(2.0 * interval_s, 3.0 * left_s):
-        raise RecordError(
-            f"the offset of the clocks grows by {grown_s:+.3f} s from the first press to the last: "
-            f"the camera's advances by {1.0 - float(rate):.4f} s a second of the log's",
-            remedy="frames were dropped, or their rate is wrong: on average there are "
-            f"{(1.0 - float(rate)) / interval_s:.3f} a second; state that as data.frame_rate",
-        )
-
-
 def _coarse(first: Signal, second: Signal, step_s: float) -> float:
     """Return the offset of the largest correlation [s]."""
     grids = [np.arange(s.time_s[0], s.time_s[-1], step_s) for s in (first, second)]
@@ -211,6 +240,12 @@ def _coarse(first: Signal, second: Signal, step_s: float) -> float:
             "frames were dropped, state their mean rate as data.frame_rate",
         )
     return float(lag_s[best])
+
+
+def _is_whole(time_s: FloatArray, press_s: tuple[float, float], interval_s: float) -> bool:
+    """Return whether frames are missing of a press for no longer than ``GAP`` intervals."""
+    inside = time_s[(time_s > press_s[0]) & (time_s < press_s[1])]
+    return bool(np.diff([press_s[0], *inside, press_s[1]]).max() <= GAP * interval_s)
 
 
 def _near(
@@ -281,14 +316,15 @@ def read_video(source: Source, data: VideoData) -> Recorded:
     seen, gaps = _seen(path, data)
     height = None if pose is None else Signal(time_s=pose.stamp_ns / S, value=pose.value[:, Z])
     clock = offset_to_force(force, seen, found, height=height)
-    frame_ns = np.asarray(np.rint((seen.time_s + clock.offset_s) * S), dtype=np.int64)
+    frame_ns = np.asarray(np.rint(aligned(seen.time_s, clock) * S), dtype=np.int64)
     wanted = np.flatnonzero(needed(frame_ns, found)).tolist()
     frames = png_frames(path, data.video, {number: int(frame_ns[number]) for number in wanted})
     presses = cut(found, force, frames, pose)
     count = len(presses)
     clock = replace(clock, offset_s=clock.offset_s - 1.0 + begin_s)
     offset = (
-        f"The video's clock is {clock.offset_s:+.4f} s from the log's, found by when contact "
+        f"The video's clock is {clock.offset_s:+.4f} s from the log's at its first frame, and "
+        f"{clock.drift:+.5f} s a second further, found by when contact "
         f"shows in both ({count} presses, correlation {clock.correlation:.2f}); standard "
         f"uncertainty {clock.uncertainty_s * 1e3:.0f} ms, from the scatter between presses, the "
         "interval of the frames and, where the tip's height is not known, what a gel remembers. "
@@ -296,7 +332,7 @@ def read_video(source: Source, data: VideoData) -> Recorded:
     )
     unknown = ["The depth is not known."] * (pose is None)
     unknown.append("The position of a press on the pad is not known.")
-    if count < 3:
+    if count < RATED:
         unknown.append(
             f"Whether one of the clocks runs faster is not known: {count} presses do not tell."
         )

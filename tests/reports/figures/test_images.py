@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from reports.comparison.results import ValidationReport
-from reports.figures.images import (
+from reports.figures.differences import (
     LEAST_LIMIT,
+    color_difference,
     difference_scale,
-    draw_matrices,
     luminance_difference,
 )
-from reports.page.writing import color_difference, write_report
+from reports.figures.images import draw_matrices
+from reports.page.writing import write_report
 
 
 def test_no_difference_is_beyond_the_scale(report: ValidationReport) -> None:

@@ -6,9 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from tests.studies.acceptance.command import Called, truth_table
-
-FINE = Called(name="report", status=1, took_s=9.0, silent_s=2.9, most_bytes=5 * 10**8, lines=())
+from tests.studies.acceptance.command import truth_table
 
 
 def _summary(margin, young_pa):

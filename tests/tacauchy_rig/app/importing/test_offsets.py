@@ -15,12 +15,21 @@ from drivers.emulators.camera.stream import DEPTH_STEP_M, FrameFactory, PressKey
 from drivers.emulators.plant.gel import Plant
 from drivers.emulators.plant.tips import CylinderTip
 from drivers.emulators.plant.truth import PlantTruth, draw_truth
-from tacauchy_rig.app.importing.presses import Frame, PressFinding, S, Samples, cut, find_presses
+from tacauchy_rig.app.importing.presses import (
+    Frame,
+    PressFinding,
+    S,
+    Samples,
+    cut,
+    find_presses,
+    needed,
+)
 from tacauchy_rig.app.importing.video import (
     MEMORY_S,
     MEMORY_SHARE,
     SMALL,
     Signal,
+    aligned,
     image_change,
     offset_to_force,
     without_memory,
@@ -254,21 +263,59 @@ def test_frames_with_gaps_and_times_of_their_own_are_aligned(seed: int) -> None:
     assert 0.6 < offset.correlation <= 1.0
 
 
-@pytest.mark.parametrize("seed", FOUND_SEEDS)
-def test_dropped_frames_are_refused_with_their_mean_rate(seed: int) -> None:
-    """Every seventh frame is missing, and the file's times say nothing of it."""
-    random = np.random.default_rng(seed)
-    time_s, force_n, _ = pressed(random, 5)
+def told(
+    seed: int, *, count: int = 8, rate_off: float = 0.0, late_s: float = 0.0, lost: int = 0
+) -> float:
+    """Return by how many frames an image at rest, or held, or the first one is off at most.
+
+    Args:
+        rate_off: Of the stated time between frames, relative.
+        late_s: After the log's begin that the video begins.
+        lost: Frames that are missing somewhere, of which the video says nothing.
+
+    Raises:
+        RecordError: The clocks are refused.
+    """
+    random = np.random.default_rng([seed, 88])
+    time_s, force_n, _ = pressed(random, count)
     force = samples(time_s, force_n + random.normal(0.0, 0.01, len(time_s)))
-    shown_s = np.arange(0.0, time_s[-1], 0.04)
-    shown_s = shown_s[np.arange(len(shown_s)) % 7 != 3]
-    seen = seen_of(random, time_s, force_n, shown_s)
+    shown_s = np.arange(late_s + random.uniform(0.0, 0.04), time_s[-1], 0.04)
+    gap = int(random.uniform(0.2, 0.8) * len(shown_s))
+    shown_s = np.delete(shown_s, slice(gap, gap + lost))
+    own_s = 0.04 * (1.0 + rate_off) * np.arange(len(shown_s))
+    seen = Signal(time_s=own_s, value=seen_of(random, time_s, force_n, shown_s))
     found = find_presses(force, PressFinding())
-    with pytest.raises(RecordError, match=r"advances by|fit best") as refused:
-        offset_to_force(force, Signal(time_s=0.04 * np.arange(len(shown_s)), value=seen), found)
-    rate_s = 0.04 * 7.0 / 6.0
-    offset = offset_to_force(
-        force, Signal(time_s=rate_s * np.arange(len(shown_s)), value=seen), found
-    )
-    assert offset.offset_s == pytest.approx(1.0, abs=0.04)
-    assert refused.value.remedy
+    off_s = np.abs(aligned(own_s, offset_to_force(force, seen, found)) - 1.0 - shown_s)
+    used = needed(np.rint((shown_s + 1.0) * S).astype(np.int64), found)
+    return float(max(off_s[0], off_s[used].max())) / 0.04
+
+
+@pytest.mark.parametrize("seed", FOUND_SEEDS)
+@pytest.mark.parametrize(
+    "about",
+    [
+        *({"rate_off": off} for off in (0.001, -0.002, 0.004, -0.01, 0.02)),
+        {"late_s": 3.0, "rate_off": 0.004},
+        {"count": 20, "rate_off": -0.004},
+        {"lost": 1},
+    ],
+)
+def test_a_rate_that_is_stated_wrong_is_found(seed: int, about: dict[str, float]) -> None:
+    """Every image that is used is in its place to a frame, and so is the first."""
+    assert told(seed, **about) < 1.0
+
+
+@pytest.mark.parametrize("seed", FOUND_SEEDS)
+@pytest.mark.parametrize(
+    "about",
+    [
+        *({"lost": lost, "count": count} for lost in (3, 10) for count in (4, 8)),
+        {"count": 3, "rate_off": 0.02},
+        {"count": 8, "rate_off": 1.0 / 6.0},
+    ],
+)
+def test_clocks_that_no_line_joins_are_refused(seed: int, about: dict[str, float]) -> None:
+    """Frames are missing in one place, or too few presses tell a rate from that."""
+    with pytest.raises(RecordError, match=r"offsets of the clocks|fit best") as refused:
+        told(seed, **about)
+    assert "data.frame_rate" in (refused.value.remedy or "")
