@@ -34,11 +34,11 @@ _LOOKED_AT = 10  # deepest presses; their shadows are the longest
 _COARSE = 2  # pixels along rows and columns that are taken together
 _DIRECTIONS = 16  # around the gel, at which lamps are looked for besides those that are named
 _NEAR_SHARE = 1.5  # of the image's width: distance of lamps where a search starts
-# Of azimuth [rad], of the logarithms of elevation, distance and a quarter of the softness, and of
-# the spread
+# Of azimuth [rad], and of the logarithms of elevation, distance and a quarter of the spread
 _STEPS = (0.2, 0.1, 0.05)
 _LOWEST_RAD, _HIGHEST_RAD = math.radians(3.0), math.radians(45.0)
-_SOFTNESS_M = (2e-5, 4e-4)
+# Where a shadow begins it is sharp, but for the blur; from there on lamps' size makes it softer.
+_SOFTNESS_M, _SPREAD = 2e-5, 0.1
 _BLUR_TURNS = 4
 _SETTLED_PX = 0.05
 _TRIED_PX = np.arange(0.0, 4.6, 0.5)
@@ -137,7 +137,8 @@ def calibrate_with_shadows(
     The search starts at the lamps of the sensor's file, or at others all around the gel where those
     explain more.
     """
-    found, shadows = calibrate_optics(presses, scene), nominal
+    found = calibrate_optics(presses, scene)
+    shadows = replace(nominal, softness_m=_SOFTNESS_M, spread=_SPREAD)
     for _ in range(_ROUNDS):
         shadows = _fitted(presses, found, shadows)
         lit = lit_presses(presses, replace(found, shadows=shadows))
@@ -155,11 +156,7 @@ def _fitted(presses: Sequence[BallPress], found: Calibration, start: ShadowCaste
     near = [replace(lamp, distance_m=lamp.distance_m or distance_m) for lamp in best.lamps]
     best, misfit = lost.coloured(replace(best, lamps=near))
     for step in _STEPS:
-        moves = [
-            *product((_turned, _raised, _removed), range(len(best.lamps))),
-            (None, 0),
-            (None, 1),
-        ]
+        moves = [*product((_turned, _raised, _removed), range(len(best.lamps))), (None, 0)]
         for (move, index), by in product(moves, (-step, step)):
             while True:
                 tried, error = lost.coloured(_moved(best, move, index, by))
@@ -282,12 +279,9 @@ def _removed(lamp: Lamp, by: float) -> Lamp:
 def _moved(
     shadows: ShadowCaster, move: Callable[[Lamp, float], Lamp] | None, index: int, by: float
 ) -> ShadowCaster:
-    """Move a lamp; without a move, change how large all are, or how soft all shadows."""
-    if move is None and index:
-        softness_m = np.clip(shadows.softness_m * math.exp(4.0 * by), *_SOFTNESS_M)
-        return replace(shadows, softness_m=float(softness_m))
+    """Move a lamp; without a move, change how large all are."""
     if move is None:
-        return replace(shadows, spread=max(0.0, shadows.spread + by))
+        return replace(shadows, spread=shadows.spread * math.exp(4.0 * by))
     lamps = [move(lamp, by) if i == index else lamp for i, lamp in enumerate(shadows.lamps)]
     return replace(shadows, lamps=lamps)
 

@@ -94,13 +94,14 @@ def _caster(azimuths_deg: tuple[float, ...], elevation_deg: float, level: float)
             )
             for azimuth, colour in zip(azimuths_deg, colours, strict=True)
         ],
-        softness_m=8e-5,
+        softness_m=2e-5,
+        spread=0.06,
     )
 
 
 @pytest.mark.slow
 def test_lamps_are_found_from_their_shadows() -> None:
-    """From lamps a third too high that stand elsewhere, directions and elevations come back."""
+    """From lamps a third too high elsewhere, directions, elevations and sizes come back."""
     scene, true = press_scene(), _caster((-75.0, 45.0), 12.0, 140.0)
     seen = []
     for press in presses(10, noise=0.5)[0]:
@@ -110,6 +111,7 @@ def test_lamps_are_found_from_their_shadows() -> None:
         seen.append(replace(press, image=image.astype(np.uint8)))
     found = calibrate_with_shadows(seen, scene, _caster((100.0, 170.0), 16.0, 80.0))
     assert found.shadows is not None
+    assert found.shadows.spread == pytest.approx(true.spread, rel=0.25)
     lamps = sorted(found.shadows.lamps, key=lambda lamp: lamp.azimuth_rad)
     for lamp, known in zip(lamps, true.lamps, strict=True):
         assert lamp.azimuth_rad == pytest.approx(known.azimuth_rad, abs=math.radians(5.0))
