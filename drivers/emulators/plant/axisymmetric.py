@@ -120,10 +120,12 @@ class GelSolver:
         if self._friction > 0.0:
             u, grip = self._gripped(u, grip)
         points, distance, depth = self.contact(u)
-        pressure = -PENALTY_PER_M * depth * self.edge_weights.ravel()
+        pull = PENALTY_PER_M * depth * distance.gradient[:, 1]
+        if self.springs is not None:
+            pull = pull + self.springs.linearised(points)[0][:, 1]
         return Equilibrium(
             displacement=u.reshape(-1, 2),
-            force=float(-np.sum(pressure * distance.gradient[:, 1])),
+            force=float(self.edge_weights.ravel() @ pull),
             contact_radius_m=float(np.max(points[depth < 0.0, 0], initial=0.0)),
             grip=grip,
         )
