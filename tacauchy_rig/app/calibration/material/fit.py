@@ -37,19 +37,19 @@ from tacauchy_rig.core.simulated import ForceInput
 NODES = [(nu, 0.3) for nu in (0.36, 0.42, 0.46, 0.48, 0.495)]
 NODES += [(nu, mu) for nu in (0.42, 0.48) for mu in (0.0, 0.1, 1.0)]
 OF_OTHER_LAW = 5
-"""Poisson's ratios and frictions that are solved; the first few with ``_OTHER_LAW`` too."""
+"""Poisson's ratios and frictions that are solved; the first few with another law too."""
 _SHARES = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
 _BEYOND, _STEP, _REFINEMENT, _LEAST_SHARE = 1.15, 0.05, 1.4, 0.02
 """Depths that are solved, of the deepest. It is ``_BEYOND`` times the deepest measured one, rounded
 up to a ``_STEP`` of the gel's height: more data may then need no more presses."""
 _MESH, _JITTER = 0.01, 0.005
 """Relative standard uncertainties: one that all forces of an indenter share, and one of each force.
-From the emulator's forces, of ``_OTHER_LAW``, those with that law differ by -0.8 to +0.8 % (ball,
-punch; nu 0.40 to 0.49). A ``Batch`` with edges of 1.25 mm takes as long for a press and is
-uncertain by 4 to 8 %."""
-_OTHER_LAW = LawName.NEO_HOOKEAN
-"""The gel's law is not known: what this one changes of a force is a standard uncertainty. A fifth
-of the gel's height deep that is 0.4 % at nu 0.49; at 0.40, 5 % under a ball, 8 % under a punch."""
+From the emulator's forces, those with its law differ by -0.8 to +0.8 % (ball, punch; nu 0.40 to
+0.49). A ``Batch`` with edges of 1.25 mm takes as long for a press and is uncertain by 4 to 8 %."""
+_LAWS = LawName.NEO_HOOKEAN, LawName.STABLE_NEO_HOOKEAN
+"""The gel's law is not known: what another than the sensor's changes of a force is a standard
+uncertainty. A fifth of the gel's height deep that is 0.4 % at nu 0.49; at 0.40 it is 5 % under a
+ball and 8 % under a punch."""
 _SHARED = ("gain", "gel height", "dome along x", "dome along y", "law")
 """What is the same for all indenters: it is the cell's and the gel's."""
 _FITTED = ("Poisson's ratio", "friction")
@@ -76,7 +76,7 @@ class Response:
     terms: FloatArray  # coefficients of ``_basis`` times ``_shape``, shape [11, 5]
     # Relative standard uncertainty: of all forces together, and of each [1]
     uncertain: tuple[float, float]
-    # Likewise of what ``_OTHER_LAW`` adds to the logarithm, shape [5, 5]
+    # Likewise of what another law adds to the logarithm, shape [5, 5]
     other_law: FloatArray
     inputs: tuple[ForceInput, ...] = ()  # what else it depends on
 
@@ -85,7 +85,7 @@ class Response:
         """Interpolate forces over modulus [m^2] at depths [m].
 
         Args:
-            areas_m2: Of each of ``NODES``, then of the first ones with ``_OTHER_LAW``.
+            areas_m2: Of each of ``NODES``, then of the first ones with another law.
         """
         shape, logs = _shape(depths_m / depths_m.max()), np.log(np.array(areas_m2) / depths_m)
         found = np.linalg.lstsq(shape, logs.T, rcond=None)[0].T
@@ -105,7 +105,7 @@ class Response:
         return np.asarray(np.maximum(depth_m, 1e-9) * np.exp(log))
 
     def changed_by_law(self, poisson: float, depth_m: FloatArray) -> FloatArray:
-        """Return which part of the force ``_OTHER_LAW`` adds at depths [m]."""
+        """Return which part of the force another law adds at depths [m]."""
         of_nu = _basis(poisson, 0.0)[:OF_OTHER_LAW]
         return np.expm1(self._shape_at(depth_m) @ (of_nu @ self.other_law))
 
@@ -120,8 +120,9 @@ def respond(presses: IndenterPresses, *, jobs: int = 1) -> Response:
     deepest_m = _BEYOND * (float(presses.depth_m.max()) + 2.0 * presses.zero_doubt_m)
     depths_m = step_m * np.ceil(deepest_m / step_m) * np.array(_SHARES)
     work = partial(_areas_at, inputs=inputs, depths_m=depths_m)
-    nodes = [(*node, inputs.sensor.material.law) for node in NODES]
-    nodes += [(*node, _OTHER_LAW) for node in NODES[:OF_OTHER_LAW]]
+    own = inputs.sensor.material.law
+    other = next(law for law in _LAWS if law != own)
+    nodes = [*((*node, own) for node in NODES), *((*node, other) for node in NODES[:OF_OTHER_LAW])]
     areas = [area for _, area in parallel_map(work, nodes, jobs=jobs, new_process_each=False)]
     tried = force_inputs(inputs, presses.config, depths_m[1:-1].tolist(), found=presses.found)
     known = tuple(each for each in tried if each.name not in _FITTED)
