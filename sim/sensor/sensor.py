@@ -191,6 +191,10 @@ class Sensor:
         """
         return self._of(lambda material: replace(material, poisson=material.poisson + more))
 
+    def with_law(self, law: str) -> Sensor:
+        """Return the sensor with a gel, all of its layers, that follows this law."""
+        return self._of(lambda material: replace(material, law=law))
+
     def _of(self, changed: Callable[[Material], Material]) -> Sensor:
         layers = tuple(replace(layer, material=changed(layer.material)) for layer in self.layers)
         return replace(self, material=changed(self.material), layers=layers)

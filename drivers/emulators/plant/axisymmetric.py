@@ -119,11 +119,10 @@ class GelSolver:
             u = self._newton(u, self._clamped)
         if self._friction > 0.0:
             u, grip = self._gripped(u, grip)
-        points, distance, depth = self.contact(u)
-        pressure = -PENALTY_PER_M * depth * self.edge_weights.ravel()
+        points, _, depth = self.contact(u)
         return Equilibrium(
             displacement=u.reshape(-1, 2),
-            force=float(-np.sum(pressure * distance.gradient[:, 1])),
+            force=self._force(u),
             contact_radius_m=float(np.max(points[depth < 0.0, 0], initial=0.0)),
             grip=grip,
         )
@@ -140,6 +139,14 @@ class GelSolver:
         points = points - [0.0, self._tip_z_m]
         distance = self.tip.distance(*points.T)
         return points, distance, np.minimum(distance.value, 0.0)
+
+    def _force(self, u: FloatArray) -> float:
+        """Return the tip's force along the axis, friction's too, over Young's modulus [m^2]."""
+        points, distance, depth = self.contact(u)
+        pull = PENALTY_PER_M * depth * distance.gradient[:, 1]
+        if self.springs is not None:
+            pull = pull + self.springs.linearised(points)[0][:, 1]
+        return float(self.edge_weights.ravel() @ pull)
 
     def deformation(self, u: FloatArray) -> FloatArray:
         """Return the deformation gradients at the quadrature points, [element, point, 9]."""

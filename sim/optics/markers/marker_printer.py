@@ -197,7 +197,8 @@ class MarkerPrinter:
 
     def image_over(self, image: ImageArray, surface: SurfaceState) -> ImageArray:
         """Return one image, RGB, of a processor's printer, with markers over it."""
-        printed: Any = self._device.array(image[None], wp.uint8)
+        # Warp would convert byte by byte what it copies.
+        printed: Any = wp.array(image[None].copy(), dtype=wp.uint8, device="cpu", copy=False)
         self.over(printed, self._device.array(surface.positions[None], wp.vec3d))
         return np.asarray(printed.numpy()[0])
 

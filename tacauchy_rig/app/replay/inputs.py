@@ -181,10 +181,7 @@ def sensor_of(config: RigConfig) -> Sensor:
         raise ConfigError(
             f"replay.law: {law!r} is no law", remedy=f"one of: {', '.join(names(Kind.LAW))}"
         )
-    layers = tuple(
-        replace(layer, material=replace(layer.material, law=law)) for layer in sensor.layers
-    )
-    sensor = replace(sensor, material=replace(material, law=law), layers=layers)
+    sensor = replace(sensor, material=material).with_law(law)
     return sensor if config.replay.relaxation else sensor.relaxing(())
 
 

@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from drivers.emulators.plant.axisymmetric import (
+    PENALTY_PER_M,
     STICK_PER_M,
     Equilibrium,
     GelSolver,
     NeoHookean,
     Springs,
     TiltResponse,
+    assembled,
     solved,
     tilt_response,
 )
@@ -163,6 +165,23 @@ def test_rest_is_stress_free_and_small_strain_is_hooke() -> None:
     assert pulled[0] / strain == pytest.approx(0.0, abs=1e-3)
     # An inverted element is refused by its energy, so that a line search backs off.
     assert law.energy(np.diag([-1.0, 1.0, 1.0]).ravel()) == np.inf
+
+
+def test_the_base_carries_what_the_tip_presses() -> None:
+    """Friction on a ball's slopes is a part of the force along its axis, here 6 %."""
+    grading = Grading(fine_from_m=0.0, fine_to_m=1.5e-3, fine_size_m=1e-4, top_size_m=1e-4)
+    solver = GelSolver(
+        mesh_disc(LAYER, grading), SphereTip(diameter_m=5e-3), poisson=0.48, friction=0.5
+    )
+    found = Equilibrium(displacement=np.zeros_like(solver.mesh.nodes))
+    for depth in (0.2e-3, 0.4e-3, 0.6e-3):
+        found = solver.press(LAYER.thickness_m - depth, found.displacement, grip=found.grip)
+    u = found.displacement.ravel()
+    _, distance, depths = solver.contact(u)
+    carried = assembled(solver._dofs, solver._elastic(u)[0], u.size)
+    assert found.force == pytest.approx(carried[2 * solver.mesh.base_nodes + 1].sum(), rel=1e-6)
+    pressed = PENALTY_PER_M * solver.edge_weights.ravel() @ (depths * distance.gradient[:, 1])
+    assert found.force > 1.03 * pressed
 
 
 TIP = CylinderTip(diameter_m=2e-3, fillet_m=5e-5)

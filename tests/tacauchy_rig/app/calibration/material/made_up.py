@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tacauchy_rig.app.calibration.material.fit import NODES, Response
+from tacauchy_rig.app.calibration.material.fit import NODES, OF_OTHER_LAW, Response
 from tacauchy_rig.app.calibration.material.presses import IndenterPresses
 from tacauchy_rig.app.replay.inputs import inputs_of
 from tacauchy_rig.core.arrays import FloatArray
@@ -31,6 +31,7 @@ def made_response(*, power: float, confined: float) -> Response:
     depth = np.linspace(1e-4, 1e-3, 7)
     kind = {"power": power, "confined": confined}
     areas = [area(depth, poisson=nu, friction=mu, **kind) for nu, mu in NODES]
+    areas += [each * (1.0 + 20.0 * depth) for each in areas[:OF_OTHER_LAW]]
     return replace(Response.of(depth, areas), uncertain=(0.002, 0.001))
 
 

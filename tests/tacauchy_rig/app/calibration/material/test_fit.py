@@ -82,6 +82,13 @@ def test_one_indenter_tells_a_valley_and_an_assumed_ratio_picks_a_modulus() -> N
     assert (told.interval(YOUNG).uncertainty or 1e9) < (fit.interval(YOUNG).uncertainty or 0.0)
 
 
+def test_what_another_law_changes_is_interpolated() -> None:
+    """Between the solved depths and Poisson's ratios."""
+    depth_m = np.array([2.5e-4, 7.5e-4])
+    found = made_response(**PUNCH).changed_by_law(0.44, depth_m)
+    np.testing.assert_allclose(found, 20.0 * depth_m, rtol=0.02)
+
+
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_a_few_forces_fit_what_they_can(count: int) -> None:
     """A modulus for any nu; no contradiction that one force could show."""
@@ -154,7 +161,8 @@ def test_a_unit_that_explains_an_odd_modulus_is_named(factor: float, unit: str |
     data = [(replace(p, force_n=factor * p.force_n), response) for p, response in _data(OTHER)]
     named = other_unit(GelFit(data=data))
     assert (named is None) == (unit is None)
-    assert unit is None or f"{unit}: 0." in str(named)
+    young = re.search(rf"{unit}: ([\d.]+) MPa", str(named))
+    assert unit is None or (young and 0.2 < float(young[1]) < 2.0)  # one punch fits many
 
 
 def test_the_next_press_is_the_one_that_reduces_most(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -182,13 +190,15 @@ def test_the_next_press_is_the_one_that_reduces_most(monkeypatch: pytest.MonkeyP
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_three_emulated_gels_under_a_ball() -> None:
-    """Each E is in its interval, wrong data are refused; the emulator's law is 4 % off at most.
+    """Each E is in its interval, wrong data are refused; with one law forces are alike.
 
     What left-out forces miss, `python -m tests.studies gel` states.
     """
     gel = drawn_gel(1, 0)
-    off = response_of(DRAWN_BALL).area_m2(*gel[1:], DEPTHS_M) / true_areas(DRAWN_BALL, gel)
-    assert off == pytest.approx(1.0, abs=0.04)
+    response = response_of(DRAWN_BALL)
+    of_law = 1.0 + response.changed_by_law(gel[1], DEPTHS_M)
+    off = of_law * response.area_m2(*gel[1:], DEPTHS_M) / true_areas(DRAWN_BALL, gel)
+    assert off == pytest.approx(1.0, abs=0.015)
     (row,) = gel_table({(DRAWN_BALL,): [judged_gel(1, k, (DRAWN_BALL,)) for k in range(3)]}).rows
     _, young, *_, accused, caught = map(str, row)
     assert young.startswith("3 of 3;")
