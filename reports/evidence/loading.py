@@ -14,7 +14,6 @@ import numpy as np
 
 from reports.evidence.attempt import RunReading, intermediate_states, readable
 from reports.evidence.evidence import EmulatedWorld, JournalSummary, RunEvidence, TrialEvidence
-from tacauchy_rig.core.arrays import ImageArray
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.config.uncertainty import REFINE_RATIO, Stated, stated_uncertainty
 from tacauchy_rig.core.errors import RecordError
@@ -36,18 +35,12 @@ CLOCK_SINCE_NS, CLOCK_UNTIL_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9
 """The years 2000 and 2100: stamps outside are not counted from 1970."""
 
 
-def load_evidence(
-    run: RunReading,
-    replay: Replay | None,
-    *,
-    simulated_images: Mapping[int, ImageArray] | None = None,
-) -> RunEvidence:
+def load_evidence(run: RunReading, replay: Replay | None) -> RunEvidence:
     """Read all that a report needs.
 
     Args:
         run: The attempts that count; what was read of them before is not read again.
         replay: Its replay; None where it was not replayed, which every trial then misses.
-        simulated_images: What was rendered of it, by trial; None reads it from the run's folder.
 
     What is damaged is a criterion that is missed, and otherwise as if it were not there.
 
@@ -56,12 +49,9 @@ def load_evidence(
     """
     store, config = run.store, run.store.config
     replayed = {} if replay is None else {trial.index: trial for trial in replay.trials}
-    shown = replay if simulated_images is None else None
-    seen = _read(run, shown)
+    seen = _read(run, replay)
     check = check_run(store)
     _require_a_result(check, run)
-    for index, image in (simulated_images or {}).items():
-        seen[index].fields["simulated_image"] = image
     force_check, series = readable(store.force_check.load), force_series(store)
     trials = tuple(
         TrialEvidence(

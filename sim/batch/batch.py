@@ -209,11 +209,6 @@ class Batch:
         """Positions of the tips [m], in the frame of the poses, shape [environment_count, 3]."""
         return self._at[:, :3] - [0.0, 0.0, self._standoff_m]
 
-    def launch_singly(self) -> None:
-        """Launch one by one from now on, so that each can be timed."""
-        for each in self._frames.values():
-            each.recorded = False
-
     def tractions(self) -> tuple[Any, Any]:
         """Compute ``pressure`` and ``shear`` on the gel now, and return them.
 

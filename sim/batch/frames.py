@@ -29,7 +29,6 @@ class Frames:
     Attributes:
         motions: Where they go, a ``frame_kernels.Motions``.
         found: What they found, a ``frame_kernels.Found``; NaN where they did not arrive.
-        recorded: On a GPU they are launched as one graph.
     """
 
     def __init__(
@@ -48,7 +47,6 @@ class Frames:
         self.motions = device.zeroed(kernels.Motions, shape, frame=own, done=own, enough=(2,))
         self.found = device.zeroed(kernels.Found, shape, touched=(*shape, 7))
         self._graph: Any = None
-        self.recorded = device.is_gpu
         constant = device.array(bias.constant, wp.float64)
         self._begin, self._end = self._recorded([floor_n, constant, bias.slope], accepts_residual)
 
@@ -116,11 +114,11 @@ class Frames:
         return quaternions, going & (at == frame_count)
 
     def _run(self) -> None:
-        if self.recorded and self._graph is not None:
+        if self._graph is not None:
             wp.capture_launch(self._graph)
             return
         self._launch()
-        if self.recorded:  # its kernels are compiled now, which a graph cannot
+        if self._device.is_gpu:  # its kernels are compiled now, which a graph cannot
             with wp.ScopedCapture(device=self._device.name) as capture:
                 self._launch()
             self._graph = capture.graph

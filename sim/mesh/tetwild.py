@@ -47,12 +47,7 @@ class WildSizing:
 
 
 def wild_mesh(
-    pad: Pad,
-    sizing: WildSizing,
-    *,
-    name: str,
-    interface_shares: tuple[float, ...] = (),
-    graded: bool = True,
+    pad: Pad, sizing: WildSizing, *, name: str, interface_shares: tuple[float, ...] = ()
 ) -> TetMesh:
     """Fill a pad with tetrahedra as the paper does; another run gives another mesh.
 
@@ -61,7 +56,6 @@ def wild_mesh(
 
     Args:
         interface_shares: Rising shares of the local height at which layers meet.
-        graded: By the sizing field; if not, all edges are about as long as the coarse ones.
 
     Raises:
         ConfigError: A layer is too thin for fTetWild's envelope, or the mesh ran across an
@@ -76,7 +70,7 @@ def wild_mesh(
             f"by up to {0.5 * snap * 1e6:.3g} um",
             remedy="use another preset, or a thicker layer",
         )
-    background = _background(pad, sizing) if graded else {}
+    background = _background(pad, sizing)
     vertices, tets = _tetrahedralized(
         vertices=surface[0],
         faces=surface[1],

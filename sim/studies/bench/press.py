@@ -33,7 +33,6 @@ from sim.sensor.sensor import load_sensor
 from sim.solve.loading_path import Hold, LoadingPath, touch_height
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
-from sim.studies import from_file
 from sim.studies.bench.scenes import FRAME_COUNT, Manner, ScenePress
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.errors import ConfigError, ConvergenceError
@@ -55,9 +54,10 @@ def press_scene(stated: Mapping[str, Any], manner: Manner) -> dict[str, Any]:
     return asdict(press_in_frames(scene, promised=promised, device=manner.device))
 
 
-def press_reference(stated: Mapping[str, Any], preset: Preset) -> dict[str, Any]:
-    """Press a line of the table once with a preset, for what others are compared with."""
-    return asdict(press_in_frames(replace(stated_scene(stated), preset=preset), is_timed=False))
+def press_reference(stated: Mapping[str, Any]) -> dict[str, Any]:
+    """Press a line of the table once with the finest preset, for what others are compared with."""
+    scene = replace(stated_scene(stated), preset=Preset.REFERENCE)
+    return asdict(press_in_frames(scene, is_timed=False))
 
 
 def stated_scene(stated: Mapping[str, Any]) -> Scene:
@@ -175,8 +175,6 @@ def moves(
 
 # --- In a batch.
 _REPEATS = 50
-# What a kernel with a word in its name does in a step; others begin and end the frames.
-_PARTS, _REST = from_file("bench/scenes.toml")["part_of_kernel"], "rest"
 # Edge length of the sensor's mesh [m], and the residual over the contact force.
 _EDGE_M, _BALANCE = 1.7e-3, 1e-3
 # The environments after the first differ by up to so much in modulus, and are pressed so much less
@@ -233,7 +231,7 @@ def press_batch(scene: Scene, manner: Manner) -> ScenePress:
         depth_m=float(_touch_m(scene, model) - ends[-1, 0]),
         stiffness_n_m=float(-more_n / down_m),
         balance=float(np.abs(found[-1].imbalance).max()),
-        parts_s=batch_parts(batch, *trajectory, wall_s=wall_s),
+        parts_s={"stress": stress_s(batch)},
     )
 
 
@@ -316,35 +314,10 @@ def pressed(
     return frames
 
 
-def batch_parts(
-    batch: Batch, poses: FloatArray, loads_n: FloatArray | None, *, wall_s: float
-) -> dict[str, float]:
-    """Time what a step of a press takes, and the stress of all environments once [s].
-
-    On a GPU the environments are pressed once more, launch by launch, each timed by the device;
-    kernels that wait for the host between are not beside each other as in a recorded step. On a
-    processor nothing but the stress is timed.
-
-    Args:
-        wall_s: Of the press as it is, for what a whole step takes.
-    """
-    device = batch.model.device
+def stress_s(batch: Batch) -> float:
+    """Return what the surface's stress of all environments takes in one launch [s]."""
     stress = StressProjection(batch.model, batch.positions, gel=batch.gel)
-    parts = {"stress": _time_of(stress.launch, device=device)}
-    if device == "cpu":
-        return parts
-    batch.launch_singly()
-    wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
-    pressed(batch, poses, loads_n)
-    times = [
-        (next((part for word, part in _PARTS.items() if word in each.name), _REST), each.elapsed)
-        for each in wp.timing_end()
-    ]
-    steps = sum(name == "prepare" for name, _ in times)
-    for part in dict.fromkeys((*_PARTS.values(), _REST)):
-        if taken := sum(1e-3 * spent for name, spent in times if name == part):
-            parts[part] = taken / steps
-    return parts | {"whole step": wall_s / steps}
+    return _time_of(stress.launch, device=batch.model.device)
 
 
 def _time_of(launch: Callable[[], None], *, device: str) -> float:

@@ -116,7 +116,7 @@ class ScenePress:
     depth_m: float
     stiffness_n_m: float  # dF_z / d(depth) in the last frame that goes down
     balance: float  # |indenter force + base reaction| over the former
-    # In a batch, what each launch of a step takes, and that of the stress.
+    # In a batch, what the launch of the stress takes.
     parts_s: dict[str, float] = field(default_factory=dict)
     corrected: Corrected | None = None  # the last frame without the mesh's bias, where it is known
 

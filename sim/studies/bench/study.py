@@ -17,7 +17,6 @@ from sim.sensor.sensor import Sensor, load_sensor
 from sim.studies.bench import Part, rendering, scenes, sensor_batches
 from sim.studies.bench.press import press_reference, press_scene
 from tacauchy_rig.core.errors import ConfigError
-from tacauchy_rig.core.parallel import IsolatedWorker, ProcessFailedError
 from tacauchy_rig.core.study import Case, Result, Study, failures_table
 from tacauchy_rig.core.tables import Table
 
@@ -36,8 +35,6 @@ _PARTS: dict[Part, tuple[Callable[..., Any], Callable[[Sequence[rendering.Row]],
     Part.ALONE: (sensor_batches.measure_alone, sensor_batches.alone_table),
 }
 _DRAWN = (Part.UNLIKE, Part.MOVING)
-# Presets of references; the next is taken where one does not come to its end.
-_REFERENCES = (Preset.REFERENCE, Preset.ACCURATE, Preset.BALANCED)
 _REFERENCE = "reference: "
 
 
@@ -85,7 +82,12 @@ class Bench(Study):
         ]
         if self.reference:
             cases += [
-                Case(name=f"{_REFERENCE}{name}", measure=partial(_reference, stated))
+                Case(
+                    name=f"{_REFERENCE}{name}",
+                    measure=partial(press_reference, stated),
+                    limit_s=SCENE_LIMIT_S,
+                    is_isolated=True,
+                )
                 for name, stated in self._scenes.items()
             ]
         return cases + [
@@ -209,18 +211,3 @@ def _warm_up(scene: Scene) -> None:
     """Compile and load the kernels, which no time should hold."""
     small = replace(scene, preset=Preset.FAST)
     path_for(small, plan_effects(small), refinement=0.5).advance(_WARM_M)
-
-
-def _reference(stated: Mapping[str, Any]) -> dict[str, Any]:
-    """Press a scene with the finest preset that comes to its end in time."""
-    failure = ProcessFailedError("no preset was tried")
-    for preset in _REFERENCES:
-        with IsolatedWorker() as process:
-            press = partial(press_reference, stated, preset)
-            try:
-                found: dict[str, Any] = process.call(press, limit_s=SCENE_LIMIT_S)
-            except ProcessFailedError as error:
-                failure = error
-            else:
-                return found
-    raise failure

@@ -18,6 +18,7 @@ from sim.scene.pad import BoxPad, DiscPad, ParametricPad
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
 from tacauchy_rig.core.arrays import FloatArray
+from tacauchy_rig.core.tables import Table
 
 Measured = dict[str, float | int | bool | str]
 
@@ -27,6 +28,17 @@ class Outcome(NamedTuple):
 
     passed: bool
     measured: Measured
+
+
+def outcome_of(table: Table) -> Outcome:
+    """Return the numbers of a table that another study has measured, each with its row's words."""
+    measured = Measured()
+    for row in table.rows:
+        words = ", ".join(cell for cell in row if isinstance(cell, str))
+        words = words or f"{table.columns[0]} {row[0]}"
+        numbers = zip(table.columns, row, strict=True)
+        measured |= {f"{words}: {name}": n for name, n in numbers if isinstance(n, float | int)}
+    return Outcome(passed=table.passed, measured=measured)
 
 
 HEIGHT_M = 4e-3

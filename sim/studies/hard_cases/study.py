@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sim.studies import from_file, measured_at
+from sim.studies.hard_cases.pads import outcome_of
 from tacauchy_rig.core.study import Case, Result, Study
 from tacauchy_rig.core.tables import Table
 from tacauchy_rig.core.versions import machine, versions
@@ -92,5 +93,6 @@ def _verdict(row: Mapping[str, Any]) -> str:
 
 
 def measured(number: str) -> dict[str, Any]:
-    """Measure a case; return its ``Outcome``."""
-    return dict(measured_at(f"hard_cases.{CASES[number]['measure']}")._asdict())
+    """Measure a case, or take the table of another study for it; return its ``Outcome``."""
+    found = measured_at(CASES[number]["measure"])
+    return dict((outcome_of(found) if isinstance(found, Table) else found)._asdict())

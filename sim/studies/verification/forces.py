@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 
 from sim.effects.plan import plan_effects
-from sim.effects.presets import RESOLUTIONS, build_model, mesh_for
 from sim.effects.scene_path import coarse_press, path_for
 from sim.press import press
 from sim.press_command import scene_from
-from sim.scene.indenter import Cylinder, Indenter, Sphere, describe
-from sim.scene.material import LawName, Material
+from sim.scene.indenter import Cylinder, Sphere, describe
+from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Preset
 from sim.sensor.sensor import load_sensor
-from sim.solve.loading_path import LoadingPath
 from sim.studies import from_file
 from sim.studies.verification import Row, section
 from sim.studies.verification.exact import BondedLayers, hertz_force, radius_m
@@ -172,7 +170,7 @@ def measure_real(*, preset: Preset = Preset.ACCURATE) -> Table:
     return section("real", rows, passed=passed, press=words, **facts)
 
 
-# --- How fast F_z converges: as every edge gets shorter, and as those at a sharp rim alone do.
+# --- How fast F_z converges as every edge gets shorter.
 # Coarser than 1, two edges and less lie under the ball, and F_z is not yet on any power of h.
 REFINEMENTS = (1.0, 1.5, 2.0)
 # What is pressed, and the least order that is asked.
@@ -181,10 +179,6 @@ _SCENE = scene_from(
     "--pad disc:radius=8mm,height=4mm --young 0.4MPa --poisson 0.48 "
     "--indenter cylinder:diameter=4mm --depth 0.1mm --effect finite-strain=on --preset fast"
 )
-_RIM = replace(_SCENE, material=Material(young_pa=2e5, poisson=0.47), preset=Preset.BALANCED)
-# Edges at the rim in radii of the punch, and where their order has to lie.
-EDGE_SHARES = (0.16, 0.08, 0.04, 0.02)
-_LOWEST, _HIGHEST, _SECTORS = 0.75, 1.5, 40
 
 
 def fitted_order(edges: FloatArray, forces_n: FloatArray) -> tuple[float, float]:
@@ -199,15 +193,6 @@ def fitted_order(edges: FloatArray, forces_n: FloatArray) -> tuple[float, float]
     return best[1], best[2]
 
 
-def _fitted(
-    indenter: Indenter, edges: FloatArray, forces_n: Sequence[float], names: Sequence[str]
-) -> tuple[Row, float]:
-    """Return a row of forces with the order and the limit that they have, and the order."""
-    order, limit = fitted_order(edges, np.array(forces_n))
-    forces = {f"F_z, edges {name} [N]": f for name, f in zip(names, forces_n, strict=True)}
-    return {"indenter": describe(indenter), **forces, "limit [N]": limit, "order": order}, order
-
-
 def measure_orders() -> Table:
     """Press a sharp punch and a ball on three meshes each."""
     rows, passed = list[Row](), True
@@ -215,27 +200,16 @@ def measure_orders() -> Table:
         scene = replace(_SCENE, indenter=indenter)
         pressed = partial(coarse_press, scene, plan_effects(scene))
         forces = [float(pressed(factor).outputs.force_n[2]) for factor in REFINEMENTS]
-        names = [f"1/{factor:g}" for factor in REFINEMENTS]
-        row, order = _fitted(indenter, 1.0 / np.array(REFINEMENTS), forces, names)
-        rows.append(row | {"at least": wanted})
+        order, limit = fitted_order(1.0 / np.array(REFINEMENTS), np.array(forces))
+        named = zip(REFINEMENTS, forces, strict=True)
+        rows.append(
+            {
+                "indenter": describe(indenter),
+                **{f"F_z, edges 1/{factor:g} [N]": force for factor, force in named},
+                "limit [N]": limit,
+                "order": order,
+                "at least": wanted,
+            }
+        )
         passed &= order >= wanted
     return section("convergence", rows, passed=passed)
-
-
-def rim_forces(shares: Sequence[float] = EDGE_SHARES) -> tuple[float, ...]:
-    """Return F_z with edges at the rim of so many radii, all else as preset balanced has it [N]."""
-    plan, forces = plan_effects(_RIM), []
-    for share in shares:
-        resolution = replace(RESOLUTIONS[_RIM.preset], edge_share=share, sector_count=_SECTORS)
-        mesh = mesh_for(_RIM, resolution=resolution)
-        point = LoadingPath(build_model(_RIM, plan=plan, mesh=mesh), _RIM.indenter).advance(0.1e-3)
-        forces.append(float(mesh.symmetry.whole_force(point.force_n)[2]))
-    return tuple(forces)
-
-
-def measure_rim() -> Table:
-    """Fit the order to a sharp punch on four meshes."""
-    names = [f"of {share:g} radii" for share in EDGE_SHARES]
-    row, order = _fitted(_RIM.indenter, np.array(EDGE_SHARES), rim_forces(), names)
-    passed = _LOWEST <= order <= _HIGHEST
-    return section("rim", [row], passed=passed, lowest=_LOWEST, highest=_HIGHEST)

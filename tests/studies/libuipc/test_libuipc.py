@@ -5,9 +5,7 @@ libuipc itself is not needed: what it would give is made by our own solver on it
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,9 +16,8 @@ from sim.scene.material import LawName
 from sim.scene.scene import ContactMode, Target
 from sim.solve.loading_path import LoadingPath
 from sim.studies.bench.press import stated_scene, within
-from sim.studies.bench.scenes import FRAME_COUNT, ScenePress, all_scenes
+from sim.studies.bench.scenes import FRAME_COUNT, all_scenes
 from tacauchy_rig.core.errors import ConfigError
-from tests.sim.studies.bench.test_scenes import _PRESS
 from tests.studies.libuipc.command import press_in_peer
 from tests.studies.libuipc.pad import PeerPad, PeerPresses, peer_pad
 from tests.studies.libuipc.world import AS_SHIPPED
@@ -102,24 +99,3 @@ def test_what_fails_is_a_row_and_the_next_goes_on() -> None:
     assert {row.failure for row in flat} == {"libuipc has no unbounded plates"}
     assert [(bool(row.failure), row.press) for row in ball] == [(True, None)]
     assert ball[0].engine.endswith("step 1 um")
-
-
-class _Here:
-    """Calls in this process."""
-
-    def __enter__(self) -> _Here:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def call(self, function: Callable[[], object], *, limit_s: float) -> object:
-        assert limit_s > 0.0
-        return function()
-
-
-def _answer(stated: str, count: int, tolerance: str, *, folder: str) -> tuple[ScenePress, str]:
-    """Return a press that nobody made."""
-    assert json.loads(stated)
-    assert folder
-    return replace(_PRESS, wall_s=1.0 * count, preset=tolerance), "a remark"

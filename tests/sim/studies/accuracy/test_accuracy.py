@@ -285,15 +285,3 @@ def test_the_choices_own_time_counts() -> None:
 
 def _table(found: Sequence[dict[str, Any]]) -> Table:
     return tolerance_table(found)
-
-
-def _row(name: str, element: ElementOrder, error: float, *, on_front: bool) -> Row:
-    return Row(
-        configuration=Configuration(name=name, preset=Preset.FAST, element=element),
-        errors=dict.fromkeys(QUANTITIES, error),
-        chances=dict.fromkeys(QUANTITIES, 0.01),
-        setup_s=1.0,
-        solve_s=1.0,
-        cpu_s=2.0 - error,
-        on_front=on_front,
-    )

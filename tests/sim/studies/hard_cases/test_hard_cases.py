@@ -39,8 +39,9 @@ def result(number: str, **measured: Any) -> Result:
     return Result(name=NAMES[number], shows="it ends", found=found, wall_s=2.4)
 
 
-# test_flat_punch_on_a_bonded_layer has the presses of 3; other tests of this folder the rest.
-_ELSEWHERE = ("2", "3", "14", "16", "19")
+# Tests of the references and of verification have the presses of 3 and 5, and other tests of this
+# folder the rest.
+_ELSEWHERE = ("2", "3", "5", "14", "16", "19")
 
 # Kernels in single precision (13) end in NaN on some processors, and meet the criterion on others.
 _BY_PROCESSOR = pytest.mark.xfail(reason="float32 kernels: NaN on some processors", strict=False)
@@ -115,8 +116,6 @@ def test_slivers_are_as_flat_as_asked_and_change_nothing_else() -> None:
     good = brick_mesh((4, 4, 3))
     bad = presses.with_slivers(good, dihedral_deg=0.5)
     assert smallest_dihedral_deg(bad) == pytest.approx(0.5, rel=1e-6)
-    assert presses.sliver_count(bad, below_deg=0.51) >= 3
-    assert presses.sliver_count(good, below_deg=0.51) == 0
     corners = bad.vertices[bad.tets]
     volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
     assert volumes.min() > 0.0
@@ -130,15 +129,6 @@ def test_slivers_cost_few_iterations() -> None:
 
 
 LINEAR = ((Effect.LOCKING_FREE_ELEMENT, False),)
-
-
-def test_force_hardly_depends_on_where_the_rim_meets_elements() -> None:
-    """Half of a 1 mm element along x changes F by less than 5 %."""
-    on, beside = presses.forces_beside(
-        presses.uniform_mesh(1e-3), 1e-3, depth_m=0.05e-3, shifts=(0.0, 0.5)
-    )
-    assert on > 0.1
-    assert beside == pytest.approx(on, rel=0.05)
 
 
 @pytest.mark.slow

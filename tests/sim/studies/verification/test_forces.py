@@ -49,13 +49,6 @@ def test_fit_finds_the_order_and_the_limit(order: float) -> None:
     assert limit == pytest.approx(1.2, rel=2e-3)
 
 
-def test_finer_edges_at_a_sharp_rim_lower_the_force() -> None:
-    """By less every time; a whole punch's force comes from its quarter."""
-    coarse, middle, fine = forces.rim_forces((0.32, 0.16, 0.08))
-    assert coarse > middle > fine > 0.5
-    assert coarse - middle > middle - fine
-
-
 def test_disc_presses_both_laws_through_the_depths() -> None:
     """On preset fast the forces come within 5 %; each law has its own rows."""
     found = forces.measure_disc(preset=Preset.FAST, depth_max_m=0.1e-3)

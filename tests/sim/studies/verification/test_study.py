@@ -6,16 +6,13 @@ from dataclasses import replace
 
 import pytest
 
+from sim.replay import replay_forces, replay_scene
 from sim.scene.indenter import Cylinder, Sphere
 from sim.scene.material import Material
 from sim.scene.pad import DiscPad
-from sim.scene.scene import Preset, Scene, Target
-from sim.studies.verification.balance import (
-    barrier_row,
-    limit_without_distance,
-    measure_drives,
-    shift_row,
-)
+from sim.scene.scene import Drive, Preset, Scene, Target
+from sim.sensor.sensor import load_sensor
+from sim.studies.verification.balance import barrier_row, limit_without_distance, shift_row
 
 SCENE = Scene(
     pad=DiscPad(radius_m=5e-3, height_m=3e-3),
@@ -51,6 +48,10 @@ def test_sharp_rim_shifted() -> None:
 
 def test_drives_agree_in_depth() -> None:
     """One small force, by load and by displacement."""
-    found = measure_drives(preset=Preset.FAST, forces_n=(0.6,))
-    assert found.passed
-    assert found.rows[0][1] == pytest.approx(found.rows[0][2], rel=1e-3)
+    sensor, punch = load_sensor("gelsight-mini"), Cylinder(diameter_m=5e-3, fillet_m=0.1e-3)
+    scene = replay_scene(sensor, punch, (0.6,), preset=Preset.FAST, tolerance_n=0.01)
+    load, search = (
+        replay_forces(replace(scene, drive=drive), (0.6,))[0].trials[0]
+        for drive in (Drive.LOAD, Drive.SEARCH)
+    )
+    assert search.depth_simulated_m == pytest.approx(load.depth_simulated_m, rel=1e-3)
