@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tacauchy_rig.app.cli.output import Jobs, Steps, say, writable_folder, write_text
+from tacauchy_rig.app.cli.output import (
+    Jobs,
+    JsonFile,
+    Steps,
+    say,
+    writable_folder,
+    write_json,
+    write_text,
+)
 from tacauchy_rig.app.sweep.names import EngineName
 from tacauchy_rig.core.errors import ConfigError
 
@@ -47,6 +56,7 @@ def sweep(
         ),
     ] = None,
     example: Annotated[bool, typer.Option("--example", help="Print a plan with comments.")] = False,
+    json_file: JsonFile = None,
 ) -> None:
     """Simulate the presses of a plan into a data set; only missing presses are computed.
 
@@ -83,8 +93,14 @@ def sweep(
         _write_script(plan_file, out, slurm, limit)
         return
     with Steps() as steps:
-        whole = run(plan, rows, out, _engine(engine, out, jobs, address), on_progress=steps)
-    say(f"wrote {out / 'summary.html'}" if whole else f"{out}: other tasks have the rest")
+        swept = run(plan, rows, out, _engine(engine, out, jobs, address), on_progress=steps)
+    if swept.presses:
+        spent = ", ".join(f"{part} {seconds:.1f} s" for part, seconds in swept.took_s.items())
+        say(
+            f"{engine}: {swept.presses} presses in {swept.elapsed_s:.1f} s; processes spent {spent}"
+        )
+    write_json(json_file, {"folder": str(out), "engine": engine, **asdict(swept)})
+    say(f"wrote {out / 'summary.html'}" if swept.is_whole else f"{out}: other tasks have the rest")
 
 
 def _engine(name: EngineName, out: Path, jobs: int, address: str | None) -> Engine:

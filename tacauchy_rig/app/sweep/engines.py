@@ -17,19 +17,19 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import Any, Protocol
 
-from tacauchy_rig.app.sweep.files import Shard
+from tacauchy_rig.app.sweep.files import Made, Shard
 from tacauchy_rig.core.errors import ConfigError, RigError
 from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.versions import library
 
-Work = Callable[[Shard, str], bytes]
+Work = Callable[[Shard, str], Made]
 """Returns a shard's file, computed on a device."""
 
 
 class Engine(Protocol):
     """Computes shards, and yields each with its file as soon as it is there."""
 
-    def __call__(self, work: Work, shards: Sequence[Shard]) -> Iterator[tuple[Shard, bytes]]:
+    def __call__(self, work: Work, shards: Sequence[Shard]) -> Iterator[tuple[Shard, Made]]:
         """Compute the shards."""
         ...
 
@@ -40,13 +40,13 @@ class Processes:
 
     devices: Sequence[str]
 
-    def __call__(self, work: Work, shards: Sequence[Shard]) -> Iterator[tuple[Shard, bytes]]:
+    def __call__(self, work: Work, shards: Sequence[Shard]) -> Iterator[tuple[Shard, Made]]:
         """Compute on this machine; with one device in this process."""
         if len(self.devices) == 1 or len(shards) == 1:
             yield from ((shard, work(shard, self.devices[0])) for shard in shards)
             return
         left = deque(shards)
-        running: dict[Future[bytes], tuple[Shard, ProcessPoolExecutor, str]] = {}
+        running: dict[Future[Made], tuple[Shard, ProcessPoolExecutor, str]] = {}
         with ExitStack() as open_pools:
 
             def begin(pool: ProcessPoolExecutor, device: str) -> None:
@@ -77,7 +77,7 @@ class Dask:
 
     address: str
 
-    def __call__(self, work: Work, shards: Sequence[Shard]) -> Iterator[tuple[Shard, bytes]]:
+    def __call__(self, work: Work, shards: Sequence[Shard]) -> Iterator[tuple[Shard, Made]]:
         """Compute on the workers.
 
         Raises:
@@ -89,9 +89,9 @@ class Dask:
         while left:
             try:
                 with distributed.Client(self.address, timeout=10) as client:
-                    for name, content in _gathered(distributed, client, work, list(left.values())):
+                    for name, made in _gathered(distributed, client, work, list(left.values())):
                         since = time.monotonic()
-                        yield left.pop(name), content
+                        yield left.pop(name), made
             except lost as error:
                 if time.monotonic() - since > _AWAY_S:
                     raise ConfigError(
@@ -104,7 +104,7 @@ class Dask:
 
 def _gathered(
     distributed: Any, client: Any, work: Work, shards: list[Shard]
-) -> Iterator[tuple[str, bytes]]:
+) -> Iterator[tuple[str, Made]]:
     """Yield names and files; fails where the scheduler is gone."""
     waiting = deque(shards)
 
@@ -137,7 +137,7 @@ class Folder:
     is_done: Callable[[str], bool]  # whether a shard's file is there, by its name
     device: str = "cpu"
 
-    def __call__(self, work: Work, shards: Sequence[Shard]) -> Iterator[tuple[Shard, bytes]]:
+    def __call__(self, work: Work, shards: Sequence[Shard]) -> Iterator[tuple[Shard, Made]]:
         """Compute what can be claimed.
 
         Raises:

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
@@ -101,7 +101,7 @@ def compute_shard(
         share), ``contact_area_m2``, ``depth_m``, ``valid``, ``evaluations``, ``edge_m``, ``image``
         (RGB, before light and noise), ``indentation_mm`` float16 [height, width], ``pressure_pa``
         [rows, columns], ``shear_pa`` [rows, columns, 2], ``markers_px`` [markers, 2]; and the
-        seconds that ``mesh``, ``solve`` and ``render`` took.
+        seconds that ``setup`` (mesh, its inverse), ``solve`` and ``render`` took.
     """
     arrays, took = _pressed(rows, simulation, simulation.edge, device)
     for edge_m in simulation.edge * _FINER[_FINER * simulation.edge >= _EDGE_LEAST_M]:
@@ -134,7 +134,7 @@ def _pressed(
         friction=np.array([row.friction for row in rows]) if rows[0].friction else None,
         materials=[_gel(sensor, row.material) for row in rows],
     )
-    meshed = time.monotonic()
+    ready = time.monotonic()
     pressing = IndenterSet(bodies=tuple(bodies), which=tuple(which))
     places = np.array([(row.x_m, row.y_m) for row in rows])
     turns = np.array([tilted(row.tilt_x_rad, row.tilt_y_rad) for row in rows])
@@ -176,7 +176,7 @@ def _pressed(
         "shear_pa": shear,
         "markers_px": markers.astype(np.float32),
     }
-    took = {"mesh": meshed - started, "solve": solved - meshed}
+    took = {"setup": ready - started, "solve": solved - ready}
     return arrays, took | {"render": time.monotonic() - solved}
 
 
@@ -242,15 +242,18 @@ def parquet() -> Any:
     return library("pyarrow", extra="sweep")
 
 
-def make_shard(shard: Shard, device: str) -> bytes:
+class Made(NamedTuple):
+    """A shard's file, and the seconds that ``setup``, ``solve``, ``render`` and ``write`` took."""
+
+    content: bytes
+    took_s: dict[str, float]
+
+
+def make_shard(shard: Shard, device: str) -> Made:
     """Press a shard and return its file; what every engine calls."""
-    arrays, _took = compute_shard(shard.rows, shard.simulation, device=device)
-    return encoded(shard, arrays)
-
-
-def encoded(shard: Shard, arrays: Mapping[str, AnyArray]) -> bytes:
-    """Return a shard's file from what ``compute_shard`` gives."""
-    pa = parquet()
+    pa = parquet()  # its import is no writing
+    arrays, took_s = compute_shard(shard.rows, shard.simulation, device=device)
+    started = time.monotonic()
     _optics, frame = drawn_with(shard.rows[0].sensor, shard.simulation)
     columns = [
         _columns(*each, arrays, frame)
@@ -266,7 +269,7 @@ def encoded(shard: Shard, arrays: Mapping[str, AnyArray]) -> bytes:
     sink = pa.BufferOutputStream()
     whole = pa.table(list(made.values()), schema=pa.schema(fields))
     pa.parquet.write_table(whole, sink, compression="zstd", row_group_size=50, use_dictionary=False)
-    return bytes(sink.getvalue())
+    return Made(bytes(sink.getvalue()), took_s | {"write": time.monotonic() - started})
 
 
 def lists(values: AnyArray) -> Any:

@@ -158,7 +158,24 @@ _FOUND = ("force_x_n", "force_y_n", "force_z_n", "contact_radius_m")
 _SLOWEST = 10
 
 
-def write_summary(folder: Path, plan: Plan, table: Any) -> None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Swept:
+    """What a call of ``sweep`` did.
+
+    Attributes:
+        is_whole: All rows are there; of a folder that several tasks share, others may have some.
+        presses: How many it computed.
+        elapsed_s: Wall clock from the first press to the last [s], with the start of processes.
+        took_s: Of it, in ``setup``, ``solve``, ``render`` and ``write``; summed over processes [s].
+    """
+
+    is_whole: bool
+    presses: int
+    elapsed_s: float
+    took_s: dict[str, float]
+
+
+def write_summary(folder: Path, plan: Plan, table: Any, swept: Swept) -> None:
     """Write the page of an index's table."""
     rows = table.to_pylist()
     good = [row for row in rows if row["valid"]]
@@ -178,6 +195,7 @@ def write_summary(folder: Path, plan: Plan, table: Any) -> None:
         "within": float(np.mean(errors <= plan.simulation.tolerance)),
         "slowest": sorted(rows, key=lambda row: -row["evaluations"])[:_SLOWEST],
         "images": _images(folder, rows),
+        "swept": swept,
     }
     text = resources.files(__package__).joinpath("summary.html.jinja").read_text("utf-8")
     page = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(text)
@@ -248,15 +266,12 @@ def sweep(
     engine: Engine,
     *,
     on_progress: Callable[[str, int, int, str], None] = lambda *_: None,
-) -> bool:
+) -> Swept:
     """Compute the rows that are not in the folder yet; write index, datasheet and summary.
 
     Args:
         on_progress: Told what goes on, how many presses there are, how many there will be, and how
             long it takes still.
-
-    Returns:
-        Whether all rows are there; of a folder that several tasks share, others may have some.
 
     Raises:
         ConfigError: A library that writes the datasheet is not installed.
@@ -271,22 +286,29 @@ def sweep(
     missing = [row for shard in left for row in shard.rows]
     _check_space(out, estimate(plan, missing))
     count, started, pressed = len(rows) - len(missing), time.monotonic(), 0
+    took_s, elapsed_s = dict[str, float](), 0.0
     on_progress("presses are done", count, len(rows), "")
     with doing(f"computing {len(missing)} missing presses"):
-        for shard, content in engine(make_shard, left):
-            write_atomically(out / SHARDS / f"{shard.name}.parquet", content)
+        for shard, made in engine(make_shard, left):
+            begun = time.monotonic()
+            write_atomically(out / SHARDS / f"{shard.name}.parquet", made.content)
+            now = time.monotonic()
+            for part, seconds in (*made.took_s.items(), ("write", now - begun)):
+                took_s[part] = took_s.get(part, 0.0) + seconds
+            elapsed_s = now - started
             pressed += len(shard.rows)
-            rate = pressed / (time.monotonic() - started)
+            rate = pressed / elapsed_s
             left_s = (len(missing) - pressed) / rate
             told = f"about {left_s:.0f} s left" if left_s else ""
             on_progress(f"presses, {rate:.2g} a second", count + pressed, len(rows), told)
-    if set(named) - set(done_rows(out)):
-        return False
-    with doing("writing index, datasheet and summary"):
-        table = write_index(out, named)
-        write_datasheet(out, plan, table)
-        write_summary(out, plan, table)
-    return True
+    whole = not set(named) - set(done_rows(out))
+    swept = Swept(is_whole=whole, presses=pressed, elapsed_s=elapsed_s, took_s=took_s)
+    if whole:
+        with doing("writing index, datasheet and summary"):
+            table = write_index(out, named)
+            write_datasheet(out, plan, table)
+            write_summary(out, plan, table, swept)
+    return swept
 
 
 def _check_space(out: Path, needed: Estimate) -> None:

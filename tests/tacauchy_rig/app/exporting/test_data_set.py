@@ -41,7 +41,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("swept")
     (folder / "plan.toml").write_text(_PLAN)
     plan = read_plan(folder / "plan.toml")
-    assert run.sweep(plan, rows_of(plan), folder / "out", Processes(["cpu"]))
+    assert run.sweep(plan, rows_of(plan), folder / "out", Processes(["cpu"])).is_whole
     return folder / "out"
 
 

@@ -22,7 +22,7 @@ from rocrate.rocrate import ROCrate
 
 from tacauchy_rig.app.sweep import run
 from tacauchy_rig.app.sweep.engines import Dask, Folder, InterruptedSweepError, Processes, Work
-from tacauchy_rig.app.sweep.files import Shard, lists
+from tacauchy_rig.app.sweep.files import Made, Shard, lists
 from tacauchy_rig.app.sweep.plan import Plan, Row, Simulation, read_plan, row_hash, rows_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.rgb import decode_rgb
@@ -127,16 +127,16 @@ def test_the_example_is_a_plan(tmp_path: Path) -> None:
 
 
 SHARDS = [Shard(name=f"{k:032x}", rows=(), hashes=(), simulation=Simulation()) for k in range(6)]
-EXPECTED = {shard.name: shard.name.encode() for shard in SHARDS}
+EXPECTED = {shard.name: Made(shard.name.encode(), {}) for shard in SHARDS}
 
 
-def work(shard: Shard, device: str) -> bytes:
+def work(shard: Shard, device: str) -> Made:
     """Stand in for ``make_shard``."""
     del device
-    return shard.name.encode()
+    return EXPECTED[shard.name]
 
 
-def slow_work(shard: Shard, device: str) -> bytes:
+def slow_work(shard: Shard, device: str) -> Made:
     """Take half a second."""
     time.sleep(0.5)
     return work(shard, device)
@@ -146,9 +146,9 @@ def _folder(tmp_path: Path) -> Folder:
     return Folder(tmp_path / "claims", lambda name: (tmp_path / name).exists())
 
 
-def _write(tmp_path: Path, made: Iterator[tuple[Shard, bytes]]) -> int:
+def _write(tmp_path: Path, made: Iterator[tuple[Shard, Made]]) -> int:
     count = 0
-    for shard, content in made:
+    for shard, (content, _) in made:
         (tmp_path / shard.name).write_bytes(content)
         count += 1
     return count
@@ -165,7 +165,7 @@ def test_processes_compute_every_shard_once(devices: list[str]) -> None:
 def test_tasks_of_a_folder_leave_what_others_claimed_or_finished(tmp_path: Path) -> None:
     """Tasks of a folder leave what others claimed or finished."""
     first, second = _folder(tmp_path)(work, SHARDS), _folder(tmp_path)
-    one, content = next(first)
+    one, (content, _) = next(first)
     assert _write(tmp_path, second(work, SHARDS)) == len(SHARDS) - 1
     (tmp_path / one.name).write_bytes(content)
     assert _write(tmp_path, first) == 0
@@ -187,7 +187,7 @@ def test_a_claim_of_a_dead_task_is_taken_over(tmp_path: Path) -> None:
 def test_a_task_finishes_its_shard_when_its_end_is_announced(tmp_path: Path) -> None:
     """A task finishes its shard when its end is announced."""
     made = _folder(tmp_path)(work, SHARDS)
-    shard, content = next(made)
+    shard, (content, _) = next(made)
     (tmp_path / shard.name).write_bytes(content)
     os.kill(os.getpid(), signal.SIGUSR1)
     with pytest.raises(InterruptedSweepError):
@@ -256,7 +256,7 @@ class Counting:
     def __init__(self, ends_after: int = 99) -> None:
         self.ends_after, self.pressed = ends_after, 0
 
-    def __call__(self, work: Work, shards: Sequence[Shard]) -> Iterator[tuple[Shard, bytes]]:
+    def __call__(self, work: Work, shards: Sequence[Shard]) -> Iterator[tuple[Shard, Made]]:
         """Press in this process."""
         for number, shard in enumerate(shards):
             if number == self.ends_after:
@@ -272,7 +272,11 @@ def _plan(folder: Path, text: str = _PLAN) -> Plan:
 
 def _swept(plan: Plan, out: Path, *, ends_after: int = 99) -> int:
     engine = Counting(ends_after)
-    assert run.sweep(plan, rows_of(plan), out, engine)
+    swept = run.sweep(plan, rows_of(plan), out, engine)
+    assert swept.is_whole
+    assert swept.presses == engine.pressed
+    assert set(swept.took_s) == ({"setup", "solve", "render", "write"} if swept.presses else set())
+    assert 0.5 * swept.elapsed_s <= sum(swept.took_s.values()) <= swept.elapsed_s
     return engine.pressed
 
 
