@@ -14,10 +14,12 @@ from sim.batch.batch import Batch, BatchForces, BatchOptions
 from sim.batch.sensor_model import sensor_model
 from sim.device import Device
 from sim.error import Tolerance, keeping_corrected
+from sim.optics.surface_images import SurfaceImages
 from sim.press import press
 from sim.scene.indenter import Cylinder, Indenter, Sphere, cylinder_triangles, mesh_indenter, tilted
 from sim.scene.pad import BoxPad
 from sim.scene.scene import Motion, Scene, Target
+from sim.sensor.sensor import load_sensor
 from sim.studies.bench.rendering import Row, batch_device
 from tacauchy_rig.core.arrays import FloatArray, IntArray
 from tacauchy_rig.core.page import table_prose
@@ -144,12 +146,21 @@ def _pressed(
     batch = Batch(model, of, which, friction=friction)
     Device(device).synchronise()
     set_up = time.perf_counter() - started
+    camera = SurfaceImages(model, batch.descents.indenter, load_sensor(scene.sensor), count=count)
+
+    def outputs() -> None:
+        batch.tractions()
+        camera.images(batch.positions, batch.poses.tips, batch.poses.rotations)
+        Device(device).synchronise()
+
     for at in path:
         batch.step(at)  # compiles its kernels
+    outputs()
     batch.reset()
     started = time.perf_counter()
     steps = [batch.step(at) for at in path]
     took = time.perf_counter() - started
+    outputs()
     evaluations = np.sum([step.evaluations for step in steps], axis=0)
     row = {
         "device": device,
@@ -160,6 +171,7 @@ def _pressed(
         "presses": count,
         "set-up [s]": set_up,
         "presses [s]": took,
+        "with image, height map, tractions [s]": time.perf_counter() - started,
         "a press [ms]": 1e3 * took / count,
         "found": int(np.logical_and.reduce([step.valid for step in steps]).sum()),
         "evaluations, mean": float(evaluations.mean()),

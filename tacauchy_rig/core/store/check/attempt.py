@@ -295,7 +295,7 @@ def judge_streams(
 
 def _force(attempt: Attempt, recording: Recording, record: TrialRecord) -> Iterator[str]:
     force = recording.force()
-    yield from _disorder("force", force.stamp_ns, force.counter)
+    yield from _disorder("force", force.stamp_ns, force.counter, record)
     if not attempt.is_whole:
         return
     counted = record.rates.get("force_count")
@@ -307,9 +307,9 @@ def _force(attempt: Attempt, recording: Recording, record: TrialRecord) -> Itera
             yield f"force has {found} samples in the tare {name}, result.json {tare.sample_count}"
 
 
-def _arm(_attempt: Attempt, recording: Recording, _record: TrialRecord) -> Iterator[str]:
+def _arm(_attempt: Attempt, recording: Recording, record: TrialRecord) -> Iterator[str]:
     arm = recording.arm()
-    if not len(arm.stamp_ns):
+    if record.passed and not len(arm.stamp_ns):
         yield "arm has no sample"
     states = np.column_stack([arm.controller_time_s, arm.pose, arm.velocity])
     same = (np.diff(arm.stamp_ns) == 0) & (np.diff(states, axis=0) == 0.0).all(axis=1)
@@ -320,7 +320,7 @@ def _arm(_attempt: Attempt, recording: Recording, _record: TrialRecord) -> Itera
 
 def _frames(attempt: Attempt, recording: Recording, record: TrialRecord) -> Iterator[str]:
     stamps, counters = recording.frame_stamps()
-    yield from _disorder("image", stamps, counters)
+    yield from _disorder("image", stamps, counters, record)
     stated = {criterion.name: criterion.measured for criterion in record.criteria}
     for name, start_ns, end_ns in _image_windows(record):
         counted = stated.get(f"{name}_frames")
@@ -341,8 +341,11 @@ def _image_windows(record: TrialRecord) -> Iterator[tuple[str, int, int]]:
             yield name, start_ns, end_ns
 
 
-def _disorder(name: str, stamps: Int64Array, counters: Int64Array) -> Iterator[str]:
-    if not len(stamps):
+def _disorder(
+    name: str, stamps: Int64Array, counters: Int64Array, record: TrialRecord
+) -> Iterator[str]:
+    # An attempt may fail before a device has sent anything.
+    if record.passed and not len(stamps):
         yield f"{name} has no sample"
     wrong = np.flatnonzero(np.diff(counters) <= 0)
     if len(wrong):

@@ -30,15 +30,13 @@ def test_drawn_poses_lie_on_the_pad() -> None:
 
 @pytest.mark.slow
 def test_a_row_counts_what_was_found() -> None:
-    """Two presses on a small pad."""
-    scene = scene_from(
-        "--pad box:12x10x3mm --young 0.1MPa --poisson 0.45 --indenter plane --depth 0.1mm"
-    )
+    """Two presses on a coarse mesh."""
+    scene = scene_from("--sensor gelsight-mini --indenter plane --depth 0.1mm")
     rows = list(unlike.measure_unlike(scene, count=2, edges_m=(3e-3,)))
     assert len({row["friction"] for row in rows}) == len(rows) == 2
     for row in rows:
         assert row["found"] == row["presses"] == 2
-        assert row["presses [s]"] > 0.0
+        assert row["with image, height map, tractions [s]"] > row["presses [s]"] > 0.0
         assert unlike.unlike_table([row]).passed
         assert not unlike.unlike_table([{**row, "found": 1}]).passed
 
