@@ -34,7 +34,7 @@ class TrialResult:
     depth_measured_m: float | None
     depth_simulated_m: float | None
     force: ForceAgreement
-    metrics: ImageScores | None  # the five scores on RGB; ``metrics_grey`` the same on luminance
+    metrics: ImageScores | None  # on RGB; ``metrics_grey`` the same on luminance
     metrics_grey: ImageScores | None
     floors: Floors | None
     ceiling: Ceiling | None

@@ -107,7 +107,7 @@ def _draw_scale_bar(axes: Axes, geometry: ImageGeometry) -> None:
     axes.text(x + length / 2, y - 8, "5 mm", color="white", ha="center", va="bottom", fontsize=5.5)
 
 
-TITLES = {metric.value: metric.axis_label for metric in Metric} | {
+TITLES = {metric.value: metric.panel_title for metric in Metric} | {
     CONTACT_RESIDUAL: "Contact residual"
 }
 MAX_NUMBERED = 8
@@ -203,14 +203,14 @@ def draw_scores(report: ValidationReport) -> Figure:
     if isinstance(radar, PolarAxes):
         _draw_radar(radar, shown(trials))
     panels = []
-    values = {metric.axis_label: _of_frame(trials, metric) for metric in Metric}
+    values = {metric.panel_title: _of_frame(trials, metric) for metric in Metric}
     values |= {label: _of_contact(trials, name) for name, label in _CONTACT.items()}
     without = [_number(t.contact_no_contact_residual) for t in trials]
     values[_CONTACT["relative_residual"]]["No contact"] = without
     for place, (label, lines_of) in enumerate(values.items(), start=1):
         panels.append(figure.add_subplot(grid[divmod(place, 4)]))
         _draw_panel(panels[-1], trials, label, lines_of)
-        if label == Metric.MSE.axis_label:
+        if label == Metric.MSE.panel_title:
             panels[-1].set_yscale("log")
     for axes, name in zip((radar, *panels), ascii_lowercase, strict=False):
         letter(axes, f"({name})")

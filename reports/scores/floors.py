@@ -206,7 +206,7 @@ def cross_scores(trials: Sequence[TrialEvidence]) -> CrossScores:
 def wrong_force_matrices(
     trials: Sequence[TrialEvidence], scores: CrossScores
 ) -> tuple[WrongForceMatrix, ...]:
-    """Set every real press against every simulated one, for the five scores and the contact.
+    """Set every real press against every simulated one, for all scores and the contact.
 
     Trials without images, or alone of their kind, have neither row nor column.
     """

@@ -1,4 +1,4 @@
-"""The five image scores of the paper, each defined once and named in full.
+"""Image scores, the paper's five, each defined once and named in full.
 
 All take 8-bit images, grey [height, width] or RGB [height, width, 3], and score the whole frame.
 """
@@ -25,12 +25,12 @@ PEAK = 255.0
 
 
 class Metric(StrEnum):
-    """The five scores, by the names they have in ``summary.json``."""
+    """The scores, by the names they have in ``summary.json``."""
 
-    label: str  # what a sentence calls it; ``short`` is for narrow places
-    short: str
+    label: str  # what a sentence calls it
+    short: str  # what a figure calls it: a panel is narrow
     decimals: int  # how many a table shows
-    unit: str  # as figures write it; empty for a plain number
+    unit: str  # empty for a plain number
 
     def __new__(cls, key: str, label: str, short: str, decimals: int, unit: str = "") -> Self:
         """Take a score's name in JSON as its value, the rest as attributes."""
@@ -43,27 +43,27 @@ class Metric(StrEnum):
     NCC = "ncc", "NCC", "NCC", 4
     HISTOGRAM_CORRELATION = "histogram_correlation", "histogram correlation", "Hist. corr.", 4
     PSNR_DB = "psnr_db", "PSNR", "PSNR", 2, "dB"
-    MSE = "mse", "MSE", "MSE", 1, "grey level$^2$"
+    MSE = "mse", "MSE", "MSE", 1, "grey level²"
 
     @property
     def heading(self) -> str:
-        """Its name over a row or a picture."""
+        """Its name over a row of a table."""
         return self.label[0].upper() + self.label[1:]
 
     @property
-    def axis_label(self) -> str:
-        """Its name and unit along an axis."""
-        return f"{self.heading} ({self.unit})" if self.unit else self.heading
+    def panel_title(self) -> str:
+        """Its short name and unit over a panel."""
+        return f"{self.short} ({self.unit})" if self.unit else self.short
 
     @property
     def larger_is_better(self) -> bool:
-        """False for the mean squared error only."""
+        """False for errors."""
         return self is not Metric.MSE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageScores:
-    """The five scores of one image against another."""
+    """The scores of one image against another."""
 
     ssim: float
     ncc: float  # NaN where one of the images is flat, because the correlation does not exist
@@ -157,7 +157,7 @@ def psnr_of(mse: float) -> float:
 
 
 def score(real: NDArray[np.uint8], simulated: NDArray[np.uint8]) -> ImageScores:
-    """Compute all five scores; both images RGB or both grey.
+    """Compute all scores; both images RGB or both grey.
 
     Raises:
         RecordError: The images differ in shape, or are not 8-bit.

@@ -105,7 +105,7 @@ def sweep(
 
 def _engine(name: EngineName, out: Path, jobs: int, address: str | None) -> Engine:
     from tacauchy_rig.app.sweep import engines
-    from tacauchy_rig.app.sweep.files import SHARDS
+    from tacauchy_rig.app.sweep.shards import SHARDS
 
     if name is EngineName.DASK:
         if address is None:

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from sim.scene.indenter import tilted
 from tacauchy_rig.app.exporting.episode import Episode
 from tacauchy_rig.app.importing.presses import Samples
-from tacauchy_rig.app.sweep.files import LARGE, WRENCH, parquet
 from tacauchy_rig.app.sweep.names import INDEX
+from tacauchy_rig.app.sweep.shards import LARGE, WRENCH, parquet
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb
 from tacauchy_rig.core.run import ImageFrame

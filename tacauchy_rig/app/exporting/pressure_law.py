@@ -17,8 +17,8 @@ from scipy.optimize import minimize_scalar
 
 from sim.scene.pad import Pad
 from sim.sensor.sensor import load_sensor
-from tacauchy_rig.app.sweep.files import compute_shard
 from tacauchy_rig.app.sweep.plan import Design, Plan, Press, Simulation, rows_of
+from tacauchy_rig.app.sweep.shards import compute_shard
 from tacauchy_rig.core.arrays import FloatArray
 from tacauchy_rig.core.store.durable import write_atomically
 

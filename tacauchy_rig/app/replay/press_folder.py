@@ -16,7 +16,7 @@ from sim.fields.press_fields import TrialFields, gel_vtu, indenter_vtu, passed_s
 from sim.mesh.elements import linear_facets
 from sim.optics.calibrate.ball_press import check_size, read_rgb
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.optics.markers.marker_printer import surface_displacement
+from sim.optics.markers.carried_markers import surface_displacement
 from sim.optics.markers.printed_markers import draw_markers, marker_places
 from sim.press import PressResult
 from sim.scene.scene import Scene

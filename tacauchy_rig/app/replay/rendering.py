@@ -15,7 +15,7 @@ from scipy.interpolate import LinearNDInterpolator
 from reports.evidence.attempt import AttemptReading
 from sim.fields.press_fields import IntermediateState, SurfaceState, TrialFields
 from sim.optics.height.height_map import HeightMaps, height_maps
-from sim.optics.markers.marker_printer import MarkerPrinter, seen_motion
+from sim.optics.markers.carried_markers import MarkerPrinter, seen_motion
 from sim.optics.markers.printed_markers import PrintedMarkers, find_markers, follow_markers
 from sim.optics.render.renderer import TactileRenderer
 from sim.sensor.camera_geometry import CameraGeometry

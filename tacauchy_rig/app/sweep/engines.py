@@ -17,7 +17,7 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import Any, Protocol
 
-from tacauchy_rig.app.sweep.files import Made, Shard
+from tacauchy_rig.app.sweep.shards import Made, Shard
 from tacauchy_rig.core.errors import ConfigError, RigError
 from tacauchy_rig.core.parallel import worker_process
 from tacauchy_rig.core.versions import library

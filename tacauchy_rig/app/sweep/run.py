@@ -16,7 +16,9 @@ import numpy as np
 from jinja2 import Environment
 
 from tacauchy_rig.app.sweep.engines import Engine
-from tacauchy_rig.app.sweep.files import (
+from tacauchy_rig.app.sweep.names import INDEX
+from tacauchy_rig.app.sweep.plan import Plan, Row, made_with, sensor_of
+from tacauchy_rig.app.sweep.shards import (
     LARGE,
     SHARDS,
     checksums,
@@ -27,8 +29,6 @@ from tacauchy_rig.app.sweep.files import (
     shards_of,
     write_index,
 )
-from tacauchy_rig.app.sweep.names import INDEX
-from tacauchy_rig.app.sweep.plan import Plan, Row, made_with, sensor_of
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.long_task import doing
 from tacauchy_rig.core.rgb import decode_rgb, encode_jpeg

@@ -1,4 +1,4 @@
-"""The five scores have the values that their definitions give by hand."""
+"""Scores have the values that their definitions give by hand."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sim.optics.markers.marker_printer import MarkerPrinter, seen_motion, surface_displacement
+from sim.optics.markers.carried_markers import MarkerPrinter, seen_motion, surface_displacement
 from sim.optics.markers.printed_markers import (
     PrintedMarkers,
     draw_markers,

@@ -21,8 +21,8 @@ from tacauchy_rig.app.exporting.pressure_law import _law, _overlap
 from tacauchy_rig.app.importing.bag import TYPES
 from tacauchy_rig.app.sweep import run
 from tacauchy_rig.app.sweep.engines import Processes
-from tacauchy_rig.app.sweep.files import WRENCH
 from tacauchy_rig.app.sweep.plan import read_plan, rows_of
+from tacauchy_rig.app.sweep.shards import WRENCH
 from tacauchy_rig.core.errors import RecordError
 from tacauchy_rig.core.rgb import decode_rgb
 

@@ -22,8 +22,8 @@ from rocrate.rocrate import ROCrate
 
 from tacauchy_rig.app.sweep import run
 from tacauchy_rig.app.sweep.engines import Dask, Folder, InterruptedSweepError, Processes, Work
-from tacauchy_rig.app.sweep.files import Made, Shard, _columns, lists
 from tacauchy_rig.app.sweep.plan import Plan, Row, Simulation, read_plan, row_hash, rows_of
+from tacauchy_rig.app.sweep.shards import Made, Shard, _columns, lists
 from tacauchy_rig.core.errors import ConfigError, RecordError
 from tacauchy_rig.core.rgb import decode_rgb
 

@@ -1,4 +1,4 @@
-"""The files of a sweep: shards and their index, as Parquet."""
+"""Shards of a sweep: pressed as batches, and kept as Parquet with an index."""
 
 from __future__ import annotations
 
