@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from tacauchy_rig.app.sweep.shards import WRENCH, compute_shard
 
 from tacauchy_rig.app.sweep.plan import read_plan, rows_of
+from tacauchy_rig.app.sweep.shards import WRENCH, compute_shard
 from tacauchy_rig.core.rgb import decode_rgb
 
 SAMPLE = Path(__file__).parents[2] / "docs/examples/sample"
