@@ -22,6 +22,7 @@ STUDIES = {
     "twin-bench": "tests.studies.twin_bench.command:twin_bench",
     "libuipc": "tests.studies.libuipc.command:libuipc",
     "power-cuts": "tests.studies.power_cuts.command:power_cuts",
+    "sweep-kills": "tests.studies.sweep_kills.command:sweep_kills",
     "hostile-runs": "tests.studies.hostile_runs.command:hostile_runs",
     "judge-page": "tests.studies.judge_page.command:judge_page",
 }
