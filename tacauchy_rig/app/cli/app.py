@@ -15,14 +15,17 @@ from typer.core import TyperCommand, TyperGroup
 
 from tacauchy_rig import __version__
 from tacauchy_rig.app.cli.output import compilation_told, complain, say
-from tacauchy_rig.core.errors import AbortedError, RigError
+from tacauchy_rig.core.errors import AbortedError, ConfigError, RigError
 from tacauchy_rig.core.long_task import told
 from tacauchy_rig.core.store.durable import write_error
 from tacauchy_rig.core.threads import take_one_thread
 
 
 def lazy_group(
-    places: Mapping[str, str], *, panels: Mapping[str, tuple[str, ...]] | None = None
+    places: Mapping[str, str],
+    *,
+    panels: Mapping[str, tuple[str, ...]] | None = None,
+    moved: Mapping[str, str] | None = None,
 ) -> type[TyperGroup]:
     """Return the class of a group of commands.
 
@@ -30,6 +33,7 @@ def lazy_group(
         places: Where each command's function is, ``module:name``; in the order of the help.
         panels: By heading, the commands that the help lists below it, groups included; then they
             are listed in this order.
+        moved: By a name that was a command once, the command that is to be called instead.
     """
 
     class LazyGroup(TyperGroup):
@@ -46,7 +50,11 @@ def lazy_group(
             return first or super().list_commands(ctx)
 
         def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:  # type: ignore[override]
-            """Return a command, below its heading."""
+            """Return a command; a name that moved is refused with where it went."""
+            if moved and cmd_name in moved:
+                raise ConfigError(
+                    f"the command {cmd_name} has moved", remedy=f"call {moved[cmd_name]}"
+                )
             if cmd_name in places:
                 module, _, attribute = places[cmd_name].partition(":")
                 group = typer.Typer(add_completion=False)
@@ -90,6 +98,7 @@ PANELS = {
 }
 """The headings of the help, and the commands below each."""
 
+_STUDIES = ("accuracy", "hard-cases", "effects", "verify", "modes", "objects", "paper", "bench")
 GROUPS = {
     "calibrate": (
         "Calibrate optics, scale, the gel's material, or the delays of streams.",
@@ -108,26 +117,44 @@ GROUPS = {
     ),
     "study": (
         "Measure the simulator on this machine: accuracy, hard cases, effects, speed.",
-        _of(
-            "studies",
-            *("accuracy", "hard-cases", "effects", "verify", "modes", "objects", "paper", "bench"),
-        ),
+        _of("studies", *_STUDIES),
     ),
 }
 """Help and commands of each group."""
 
+_CHECKS = (
+    *("fault-table", "page-check", "mounting-check", "gel-check", "press-check"),
+    *("budget-check", "verdict-check", "residual-check", "judge-page"),
+)
+MOVED = {
+    **{name: f"`tacauchy-rig study {name}`" for name in _STUDIES},
+    "torture": "`tacauchy-rig study hard-cases`",
+    "effects-check": "`tacauchy-rig study effects`",
+    "rigid": "`tacauchy-rig judge --baseline rigid --run RUN --out DIR`",
+    "tamper-table": "`python -m tests.studies tampering`, from a checkout of the repository",
+    **{
+        name: f"`python -m tests.studies {name.removesuffix('-check')}`, from a checkout of the "
+        "repository"
+        for name in _CHECKS
+    },
+}
+"""Commands of an earlier version, and what to call instead; for one release."""
+_MOVED_IN = {
+    "calibrate": {"markers": "`calibrate optics`, which finds markers in the no-contact frame"}
+}
+
 _INTERRUPTED = 130
 
 app = typer.Typer(
-    cls=lazy_group(COMMANDS, panels=PANELS),
+    cls=lazy_group(COMMANDS, panels=PANELS, moved=MOVED),
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     help="Record tactile presses, simulate them at the measured forces, and report both.",
 )
 for _name, (_help, _places) in GROUPS.items():
-    _group = typer.Typer(cls=lazy_group(_places), no_args_is_help=True, help=_help)
-    app.add_typer(_group, name=_name)
+    _group = lazy_group(_places, moved=_MOVED_IN.get(_name))
+    app.add_typer(typer.Typer(cls=_group, no_args_is_help=True, help=_help), name=_name)
 
 
 def _version(value: bool) -> None:

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tacauchy_rig.app.cli.app import COMMANDS, GROUPS, PANELS, app, foreseen
+from tacauchy_rig.app.cli.app import COMMANDS, GROUPS, MOVED, PANELS, app, foreseen
 from tacauchy_rig.core.config.load import example_text
-from tacauchy_rig.core.errors import AbortedError
+from tacauchy_rig.core.errors import AbortedError, ConfigError
 
 ROOT = Path(__file__).resolve().parents[4]
 
@@ -114,6 +114,17 @@ def test_what_the_computer_refuses_is_no_fault_of_the_program(
     told = foreseen(error)
     assert told.message.startswith(message)
     assert remedy in told.remedy
+
+
+@pytest.mark.parametrize("command", MOVED)
+def test_a_command_that_moved_says_where_it_is(command: str) -> None:
+    """Whatever it is called with; the help no longer lists it."""
+    done = CliRunner().invoke(app, [command, "--any", "thing"])
+    assert isinstance(done.exception, ConfigError)
+    assert done.exception.exit_code == 2
+    assert done.exception.remedy.startswith("call `")
+    listed = {name for names in PANELS.values() for name in names}
+    assert command not in listed
 
 
 def test_the_help_lists_few_commands_below_headings() -> None:
