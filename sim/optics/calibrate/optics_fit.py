@@ -33,6 +33,7 @@ _ROUNDS = 2
 _LOOKED_AT = 10  # deepest presses; their shadows are the longest
 _COARSE = 2  # pixels along rows and columns that are taken together
 _DIRECTIONS = 16  # around the gel, at which lamps are looked for besides those that are named
+_KEPT = 24  # lamps whose shadows are kept in memory: more than are looked at together
 _NEAR_SHARE = 1.5  # of the image's width: distance of lamps where a search starts
 # Of azimuth [rad], and of the logarithms of elevation, distance and a quarter of the spread
 _STEPS = (0.2, 0.1, 0.05)
@@ -184,17 +185,18 @@ class _LostLight:
         self._weights = seen.weights
         gain = model.gain(model.response.light(np.concatenate([e.unloaded for e in pressed]))).T
         self._per_lost = seen.weights / gain
-        self._features = [features * weight for weight in seen.weights]
+        self._features = features
         hold = model.provenance["ridge"] * features.shape[1] * np.eye(len(features))
-        self._factors = [np.linalg.inv(each @ each.T + hold) for each in self._features]
+        weighted = (features * weight for weight in seen.weights)
+        self._factors = [np.linalg.inv(each @ each.T + hold) for each in weighted]
         self._left_over = self._beside(seen.change * seen.weights)
         self._total = float(np.sum(self._left_over**2))
         self._known: dict[tuple[float | None, ...], FloatArray] = {}
 
     def _beside(self, light: FloatArray) -> FloatArray:
         """Return what of weighted colours, shape [3, n], no colours by slopes explain."""
-        parts = zip(light, self._features, self._factors, strict=True)
-        return np.stack([each - (inverse @ (f @ each)) @ f for each, f, inverse in parts])
+        f, parts = self._features, zip(light, self._weights, self._factors, strict=True)
+        return np.stack([each - (inverse @ (f @ (w * each))) @ f * w for each, w, inverse in parts])
 
     def best_of(self, start: ShadowCaster) -> tuple[ShadowCaster, float]:
         """Return as many lamps as are named that explain most, of these and of others all around.
@@ -229,13 +231,17 @@ class _LostLight:
     def _lost(self, lamp: Lamp, shadows: ShadowCaster) -> FloatArray:
         place = lamp.azimuth_rad, lamp.elevation_rad, lamp.distance_m
         key = (*place, shadows.spread, shadows.softness_m)
-        if key not in self._known:
+        found = self._known.pop(key, None)
+        if found is None:
             shares = [
                 lost_share(gel[2], gel[:2], lamp, shadows, self._geometry)[place]
                 for gel, place in zip(self._dents, self._places, strict=True)
             ]
-            self._known[key] = self._beside(self._per_lost * np.concatenate(shares))
-        return self._known[key]
+            found = self._beside(self._per_lost * np.concatenate(shares))
+            if len(self._known) == _KEPT:
+                del self._known[next(iter(self._known))]
+        self._known[key] = found
+        return found
 
 
 def _colours(normal: FloatArray, load: FloatArray) -> tuple[FloatArray, float]:
