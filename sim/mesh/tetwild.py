@@ -47,7 +47,12 @@ class WildSizing:
 
 
 def wild_mesh(
-    pad: Pad, sizing: WildSizing, *, name: str, interface_shares: tuple[float, ...] = ()
+    pad: Pad,
+    sizing: WildSizing,
+    *,
+    name: str,
+    interface_shares: tuple[float, ...] = (),
+    graded: bool = True,
 ) -> TetMesh:
     """Fill a pad with tetrahedra as the paper does; another run gives another mesh.
 
@@ -56,6 +61,7 @@ def wild_mesh(
 
     Args:
         interface_shares: Rising shares of the local height at which layers meet.
+        graded: By the sizing field; if not, all edges are about as long as the coarse ones.
 
     Raises:
         ConfigError: A layer is too thin for fTetWild's envelope, or the mesh ran across an
@@ -70,7 +76,7 @@ def wild_mesh(
             f"by up to {0.5 * snap * 1e6:.3g} um",
             remedy="use another preset, or a thicker layer",
         )
-    background = _background(pad, sizing)
+    background = _background(pad, sizing) if graded else {}
     vertices, tets = _tetrahedralized(
         vertices=surface[0],
         faces=surface[1],

@@ -8,13 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyvista
+import scipy.sparse.linalg
 
 from sim.effects.presets import build_model, mesh_for
 from sim.fields.contact_traction import SurfaceTraction, surface_traction
 from sim.fields.press_fields import gel_vtu, indenter_vtu, surface_state, trial_fields
-from sim.fields.stress import InterfaceTraction, StressOnSides, cauchy_stress, interface_traction
+from sim.fields.stress import (
+    InterfaceTraction,
+    StressOnSides,
+    cauchy_stress,
+    interface_traction,
+    nodal_forces,
+)
 from sim.material.elastic_body import element_constants
 from sim.material.laws.tangent import law
+from sim.mesh.discretisation import assembled
 from sim.mesh.elements import ElementOrder
 from sim.mesh.revolved import Grading, revolved_mesh
 from sim.scene.indenter import Sphere
@@ -24,7 +32,7 @@ from sim.scene.scene import Scene
 from sim.solve.loading_path import LoadingPath
 from sim.solve.model import Model
 from sim.solve.path_point import PathPoint
-from sim.studies.verification.balance import forces_n, recovered_tractions, smooth_sides
+from sim.studies.verification.balance import forces_n, smooth_sides
 from tacauchy_rig.core.arrays import FloatArray
 
 
@@ -107,6 +115,37 @@ def layered_model(
     )
     young, poisson = element_constants(mesh, [base, top])
     return Model(mesh, order=order, law=law(LawName.LINEAR), young_pa=young, poisson=poisson)
+
+
+def recovered_tractions(
+    model: Model, positions: FloatArray, interface: InterfaceTraction
+) -> tuple[FloatArray, FloatArray]:
+    """Return the tractions whose virtual work is that of the nodal forces below, and above.
+
+    Each balances the press, and equilibrium of the nodes makes both equal, but for weight. On a
+    mirror plane their components across the plane are zero.
+
+    Returns:
+        On the upper side of the lower layer, at the interface's nodes in rising order [Pa], shape
+        [n, 3] each.
+    """
+    values, nodes = model.reference.face_values, np.unique(interface.faces)
+    blocks = np.einsum("fp,pi,pj->fij", interface.element.areas_m2, values, values)
+    mass = assembled(blocks, np.searchsorted(nodes, interface.faces), len(nodes)).tocsc()
+    size = float(np.abs(model.mesh.vertices).max())
+    held = model.mesh.symmetry.on_plane(model.nodes[nodes], size)
+
+    def traction(forces: FloatArray) -> FloatArray:
+        found = np.zeros_like(forces)
+        for axis in range(3):
+            free = np.flatnonzero(~held[:, axis])
+            part = mass[free][:, free]
+            found[free, axis] = scipy.sparse.linalg.spsolve(part, forces[free, axis])
+        return found
+
+    below = nodal_forces(model, positions, interface.below)[nodes]
+    above = nodal_forces(model, positions, ~interface.below)[nodes]
+    return traction(below), traction(-above)
 
 
 def layered_press(model: Model) -> tuple[InterfaceTraction, StressOnSides, float, float, float]:
