@@ -12,12 +12,10 @@ from protocols.steps.motion import (
     come_to_rest,
     downward,
     home_pose,
-    judge_tare,
     listen,
     move_to,
-    take_quiet_tare,
-    take_tare,
 )
+from protocols.steps.tare import judge_tare, take_quiet_tare, take_tare
 from tacauchy_rig.core.run import Tare
 
 

@@ -11,19 +11,10 @@ from protocols.control.cycle import Cycle
 from protocols.control.record import Begin, End, Journal, RateMeter
 from protocols.guard.breach import BreachError, Reaction
 from protocols.guard.force import Contact
-from protocols.steps.motion import (
-    approach,
-    end_safely,
-    force_drift,
-    home_pose,
-    judge_tare,
-    listen,
-    move_to,
-    retract,
-    take_quiet_tare,
-    take_tare,
-)
+from protocols.steps.motion import approach, home_pose, listen, move_to, retract
 from protocols.steps.press import PressDrive, hold, press_to_target, search_contact, settle, sway
+from protocols.steps.safe_end import end_safely
+from protocols.steps.tare import force_drift, judge_tare, take_quiet_tare, take_tare
 from tacauchy_rig.core.errors import AbortedError, RigError
 from tacauchy_rig.core.force_history import FORCE_HISTORY, WEIGH_REMEDY, judge_forces
 from tacauchy_rig.core.run import Criterion, Outcome, Phase, TrialRecord

@@ -20,12 +20,12 @@ from sim.optics.pixels.pixel_blocks import CPU_LANES, GPU_LANES, BlockMemory, Pi
 from sim.optics.pixels.pixel_kernel import (
     blur_columns,
     continue_samples,
-    darken_pixels,
     expose_pixels,
     lay_out_samples,
     mirror_ends,
     tilt_samples,
 )
+from sim.optics.pixels.shadow_kernel import darken_pixels
 from sim.optics.render.shadows import HiddenLamp
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster

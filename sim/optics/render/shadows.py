@@ -19,7 +19,7 @@ import warp as wp
 
 from sim.device import Device
 from sim.optics.pixels.pixel_blocks import CPU_LANES, BlockMemory
-from sim.optics.pixels.pixel_kernel import Rays, follow_rays, lose_light, turn_dents
+from sim.optics.pixels.shadow_kernel import Rays, follow_rays, lose_light, turn_dents
 from sim.sensor.camera_geometry import CameraGeometry
 from sim.sensor.optics import Lamp, ShadowCaster
 from tacauchy_rig.core.arrays import Float32Array, RealArray

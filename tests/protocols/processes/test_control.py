@@ -9,7 +9,7 @@ import pytest
 from protocols.control.record import Begin
 from protocols.processes.control import PERIOD_NS, Broadcast
 from protocols.processes.messages import FeedWriters
-from protocols.steps.motion import take_tare
+from protocols.steps.tare import take_tare
 from tests.protocols.processes.test_messages import Line
 
 

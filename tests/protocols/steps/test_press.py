@@ -14,8 +14,9 @@ from drivers.emulators.faults import parse_fault
 from protocols.guard.breach import BreachError
 from protocols.guard.depth import BEYOND_M
 from protocols.guard.force import Contact
-from protocols.steps.motion import approach, take_tare
+from protocols.steps.motion import approach
 from protocols.steps.press import ForceServo, search_contact
+from protocols.steps.tare import take_tare
 from tests.mock.world import Gel
 from tests.protocols.conftest import NEAR, breach
 

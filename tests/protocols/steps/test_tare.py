@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from protocols.guard.breach import BreachError
-from protocols.steps.motion import take_tare
 from protocols.steps.preflight import leave_gel, run_preflight
+from protocols.steps.tare import take_tare
 
 SHORT = ('protocol.tare_duration="0.2 s"', 'robot.watchdog="2 Hz"')
 HELD_UP_S = 0.25
