@@ -14,7 +14,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from tacauchy_rig import __version__
-from tacauchy_rig.app.cli.output import compilation_told, complain, say
+from tacauchy_rig.app.cli.output import compilation_told, complain, documented, say
 from tacauchy_rig.core.errors import AbortedError, ConfigError, RigError
 from tacauchy_rig.core.long_task import told
 from tacauchy_rig.core.store.durable import write_error
@@ -58,7 +58,8 @@ def lazy_group(
             if cmd_name in places:
                 module, _, attribute = places[cmd_name].partition(":")
                 group = typer.Typer(add_completion=False)
-                group.command(cmd_name)(getattr(import_module(module), attribute))
+                command = documented(getattr(import_module(module), attribute))
+                group.command(cmd_name)(command)
                 self.commands[cmd_name] = typer.main.get_command(group)
                 self.commands[cmd_name].name = cmd_name
             command: Any = super().get_command(ctx, cmd_name)

@@ -37,21 +37,21 @@ if TYPE_CHECKING:
 
 
 def latency(
-    path: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="CONFIG|RUN",
-            help="A rig.toml to press with, or a run with sway; the dry run's if absent.",
-        ),
-    ] = None,
-    sway: Annotated[str, typer.Option(help="Duration of the sway.")] = "12s",
-    force: Annotated[str, typer.Option(help="Force to press to before the sway.")] = "2N",
+    path: Path | None = None,
+    *,
+    sway: str = "12s",
+    force: str = "2N",
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:
     """Press once, sway up and down, and print the delay of force and image against the arm.
 
     Example: tacauchy-rig calibrate latency rig.toml --json latency.json
+
+    Args:
+        path (CONFIG|RUN): A rig.toml to press with, or a run with sway; the dry run's if absent.
+        sway: Duration of the sway.
+        force: Force to press to before the sway.
     """
     from tacauchy_rig.app.calibration.latency import find_latency
     from tacauchy_rig.app.cli.session import recorded
@@ -80,37 +80,26 @@ def latency(
 
 @doing("fitting the scale")
 def scale(
-    image: Annotated[
-        Path | None, typer.Argument(metavar="[IMAGE]", help="Image of a target on the gel.")
-    ] = None,
-    target: Annotated[
-        str | None,
-        typer.Option(
-            help="charuco:columns=8,rows=6,square=2mm,marker=1.5mm[,dictionary=4X4_50], "
-            "aruco:columns=5,rows=4,marker=2mm,gap=0.5mm or dots:columns=7,rows=5,pitch=2mm"
-        ),
-    ] = None,
-    presses: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder with positions.csv (image, x_m, y_m), circles.csv and the images."
-        ),
-    ] = None,
-    sensor: Annotated[
-        str | None,
-        typer.Option(
-            help="Crop and resize the raw image of a target as this sensor's camera does; "
-            "without it the image is taken as it is. With --presses: whose dome the ball touches."
-        ),
-    ] = None,
-    ball_diameter: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="Of the ball of --presses on a dome.")
-    ] = None,
+    image: Path | None = None,
+    *,
+    target: str | None = None,
+    presses: Path | None = None,
+    sensor: str | None = None,
+    ball_diameter: str | None = None,
     json_file: JsonFile = None,
 ) -> None:
     """Fit mm per pixel in x and y, rotation and centre of a camera.
 
     Example: tacauchy-rig calibrate scale target.png --target dots:columns=7,rows=5,pitch=2mm
+
+    Args:
+        image ([IMAGE]): Image of a target on the gel.
+        target: charuco:columns=8,rows=6,square=2mm,marker=1.5mm[,dictionary=4X4_50],
+            aruco:columns=5,rows=4,marker=2mm,gap=0.5mm or dots:columns=7,rows=5,pitch=2mm
+        presses: Folder with positions.csv (image, x_m, y_m), circles.csv and the images.
+        sensor: Crop and resize the raw image of a target as this sensor's camera does; without it
+            the image is taken as it is. With --presses: whose dome the ball touches.
+        ball_diameter (LENGTH): Of the ball of --presses on a dome.
     """
     from sim.sensor.sensor import load_sensor
 
@@ -249,23 +238,12 @@ ADVISED = 3
 
 @doing("fitting the gel's material")
 def material(
-    presses: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="PRESSES...",
-            help="Run folders, or CSV files with indenter,depth_mm,force_n and optionally press.",
-        ),
-    ],
-    sensor: Annotated[
-        str | None, typer.Option(help="Sensor of the CSV files; a run states its own.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Sensor file to write, with the fitted gel.")
-    ] = None,
-    noise: Annotated[
-        str, typer.Option(help="Standard deviation of a force in a CSV file.")
-    ] = "0.01N",
-    contact_force: Annotated[str, typer.Option(help="Force at depth zero in CSV files.")] = "0N",
+    presses: list[Path],
+    *,
+    sensor: str | None = None,
+    out: Path | None = None,
+    noise: str = "0.01N",
+    contact_force: str = "0N",
     overrides: Overrides = None,
     jobs: Jobs = 1,
     json_file: JsonFile = None,
@@ -273,6 +251,14 @@ def material(
     """Fit E, nu and friction of a gel to forces at known depths, with 95 % intervals.
 
     Example: tacauchy-rig calibrate material runs/ball runs/punch --out my-sensor.toml
+
+    Args:
+        presses (PRESSES...): Run folders, or CSV files with indenter,depth_mm,force_n and
+            optionally press.
+        sensor: Sensor of the CSV files; a run states its own.
+        out: Sensor file to write, with the fitted gel.
+        noise: Standard deviation of a force in a CSV file.
+        contact_force: Force at depth zero in CSV files.
     """
     from tacauchy_rig.app.calibration.material.fit import (
         MU,
@@ -388,53 +374,38 @@ def _written(found: Interval, factor: float, unit: str) -> str:
 
 @doing("calibrating optics")
 def optics(
-    folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Images of a pressed ball, or a run of one.")
-    ],
-    background: Annotated[
-        Path | None, typer.Option(help="Frame without contact; in FOLDER or a path.")
-    ] = None,
-    ball_diameter: Annotated[
-        str | None, typer.Option(help="Such as 4.70mm; a run states its own.")
-    ] = None,
-    scale: Annotated[
-        str | None,
-        typer.Option(
-            help="Such as 19.58px/mm, or for x and y 19.6,19.4px/mm; a run's sensor states its own."
-        ),
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="Calibration file to write (.npz).")] = None,
-    circles: Annotated[
-        Path | None,
-        typer.Option(
-            help="CSV: image, center_x_px, center_y_px, radius_px; in FOLDER or a path. "
-            "Without it FOLDER's circles.csv, and where there is none the contacts are found."
-        ),
-    ] = None,
-    check: Annotated[
-        Path | None,
-        typer.Option(help="Folder of other presses to score, labelled or not, as FOLDER's are."),
-    ] = None,
-    sensor: Annotated[
-        str | None, typer.Option(help="Sensor whose pad is pressed: the run's, else gelsight-mini.")
-    ] = None,
-    preset: Annotated[
-        Preset, typer.Option(help="Preset that simulates the presses.")
-    ] = Preset.BALANCED,
-    folds: Annotated[int, typer.Option(min=2, help="Folds of the cross-validation.")] = 7,
-    outputs: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Write each press as rendered by a model not fitted to it, for `judge`.",
-        ),
-    ] = None,
+    folder: Path,
+    *,
+    background: Path | None = None,
+    ball_diameter: str | None = None,
+    scale: str | None = None,
+    out: Path | None = None,
+    circles: Path | None = None,
+    check: Path | None = None,
+    sensor: str | None = None,
+    preset: Preset = Preset.BALANCED,
+    folds: Annotated[int, typer.Option(min=2)] = 7,
+    outputs: Path | None = None,
     jobs: Jobs = 2,
     json_file: JsonFile = None,
 ) -> None:
     """Fit the optics to ball presses, cross-validate, and write a calibration file.
 
     Example: tacauchy-rig calibrate optics presses --ball-diameter 4.70mm --out optics.npz
+
+    Args:
+        folder (FOLDER): Images of a pressed ball, or a run of one.
+        background: Frame without contact; in FOLDER or a path.
+        ball_diameter: Such as 4.70mm; a run states its own.
+        scale: Such as 19.58px/mm, or for x and y 19.6,19.4px/mm; a run's sensor states its own.
+        out: Calibration file to write (.npz).
+        circles: CSV: image, center_x_px, center_y_px, radius_px; in FOLDER or a path. Without it
+            FOLDER's circles.csv, and where there is none the contacts are found.
+        check: Folder of other presses to score, labelled or not, as FOLDER's are.
+        sensor: Sensor whose pad is pressed: the run's, else gelsight-mini.
+        preset: Preset that simulates the presses.
+        folds: Folds of the cross-validation.
+        outputs (DIR): Write each press as rendered by a model not fitted to it, for `judge`.
     """
     from tacauchy_rig.app.calibration.optics.of_run import keep_optics, request_of
     from tacauchy_rig.app.calibration.optics.run import calibrate_and_check

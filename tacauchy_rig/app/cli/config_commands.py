@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 from rich.table import Table
@@ -36,15 +35,13 @@ def show(path: ConfigFile = None, overrides: Overrides = None, json_file: JsonFi
     write_json(json_file, {"config_hash": loaded.config_hash, "fields": fields})
 
 
-def example(
-    out: Annotated[
-        Path | None, typer.Argument(help="File to write; standard output if absent.")
-    ] = None,
-    json_file: JsonFile = None,
-) -> None:
+def example(out: Path | None = None, *, json_file: JsonFile = None) -> None:
     """Write the commented example for a real rig.
 
     Example: tacauchy-rig config example rig.toml
+
+    Args:
+        out: File to write; standard output if absent.
     """
     from tacauchy_rig.core.config.load import example_text
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -20,15 +19,17 @@ _MARKS = {
 
 def doctor(
     path: ConfigFile = None,
+    *,
     overrides: Overrides = None,
     json_file: JsonFile = None,
-    host_only: Annotated[
-        bool, typer.Option("--host-only", help="Check only this computer, no device.")
-    ] = False,
+    host_only: bool = False,
 ) -> None:
     """Check ports, permissions, rates, disk, replay, robot and clock; nothing moves.
 
     Example: tacauchy-rig doctor rig.toml
+
+    Args:
+        host_only: Check only this computer, no device.
     """
     from tacauchy_rig.core.config.load import load_config
 
@@ -68,22 +69,19 @@ USUAL_N = 2.0
 
 
 def check_press(
-    before: Annotated[
-        Path, typer.Argument(metavar="RUN", help="An earlier run of this sensor and tool.")
-    ],
-    path: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="CONFIG|RUN",
-            help="A rig.toml to press with, or a later run; the dry run's if absent.",
-        ),
-    ] = None,
+    before: Path,
+    path: Path | None = None,
+    *,
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:
     """Press once and report whether the sensor has changed since an earlier run.
 
     Example: tacauchy-rig check-press runs/20261101-090000-first rig.toml
+
+    Args:
+        before (RUN): An earlier run of this sensor and tool.
+        path (CONFIG|RUN): A rig.toml to press with, or a later run; the dry run's if absent.
     """
     from tacauchy_rig.app.cli.session import recorded
     from tacauchy_rig.app.gel_health.comparison import Advice, compare_runs, nearest_force_n

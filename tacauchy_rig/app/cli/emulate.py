@@ -27,19 +27,21 @@ if TYPE_CHECKING:
 
 def start(
     path: ConfigFile = None,
-    devices: Annotated[
-        list[Device] | None, typer.Option("--device", help="Device to emulate; all if absent.")
-    ] = None,
-    folder: Annotated[Path | None, typer.Option(help="Folder of sockets, traces and logs.")] = None,
-    follow: Annotated[
-        str | None, typer.Option(help="Robot whose reported pose moves the indenter.")
-    ] = None,
+    *,
+    devices: Annotated[list[Device] | None, typer.Option("--device")] = None,
+    folder: Path | None = None,
+    follow: str | None = None,
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:
     """Start emulated devices and serve until Ctrl-C.
 
     Example: tacauchy-rig emulate start rig.toml --device camera
+
+    Args:
+        devices: Device to emulate; all if absent.
+        folder: Folder of sockets, traces and logs.
+        follow: Robot whose reported pose moves the indenter.
     """
     from drivers.emulators.launch import Emulation
     from sim.sensor.sensor import load_sensor
@@ -94,22 +96,26 @@ def _serve(emulation: Emulation, stop: threading.Event) -> None:
 
 
 def presses(
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder of the images.")],
-    sensor: Annotated[str, typer.Option(help="Sensor by name or TOML file.")] = "gelsight-mini",
-    count: Annotated[int, typer.Option(min=5, help="Number of presses.")] = 40,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the emulated world.")] = 7,
-    first: Annotated[
-        int, typer.Option(min=1, help="Number of the first press: 41 continues after 40.")
-    ] = 1,
-    noise_free: Annotated[
-        bool,
-        typer.Option("--noise-free", help="Without noise and JPEG; prints what they would add."),
-    ] = False,
+    *,
+    out: Path,
+    sensor: str = "gelsight-mini",
+    count: Annotated[int, typer.Option(min=5)] = 40,
+    seed: Annotated[int, typer.Option(min=0)] = 7,
+    first: Annotated[int, typer.Option(min=1)] = 1,
+    noise_free: bool = False,
     json_file: JsonFile = None,
 ) -> None:
     """Write ball presses of an emulated sensor, to rehearse a calibration.
 
     Example: tacauchy-rig emulate presses --out presses --count 40
+
+    Args:
+        out (FOLDER): Folder of the images.
+        sensor: Sensor by name or TOML file.
+        count: Number of presses.
+        seed: Seed of the emulated world.
+        first: Number of the first press: 41 continues after 40.
+        noise_free: Without noise and JPEG; prints what they would add.
     """
     from drivers.emulators.plant.ball_presses import (
         BALL_DIAMETER_M,
@@ -141,7 +147,7 @@ def presses(
 
 
 def fault(
-    folder: Annotated[Path, typer.Argument(help="The folder that `emulate start` printed.")],
+    folder: Path,
     text: Annotated[
         str,
         typer.Argument(
@@ -151,11 +157,15 @@ def fault(
             + " ".join(f"{device}: {written_faults(device)}." for device in Device),
         ),
     ],
+    *,
     json_file: JsonFile = None,
 ) -> None:
     """Send a fault to a running emulated device.
 
     Example: tacauchy-rig emulate fault FOLDER force_sensor:scale=0.1@1s+2s
+
+    Args:
+        folder: The folder that `emulate start` printed.
     """
     from drivers.emulators.process import post_fault
 

@@ -26,33 +26,22 @@ if TYPE_CHECKING:
 
 def replay(
     folder: RunFolder,
-    tolerance: Annotated[
-        str | None,
-        typer.Option(
-            metavar="0.02N|1%",
-            help="Take the cheapest preset that keeps the error of F_z within it.",
-        ),
-    ] = None,
-    optics: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Render with this calibration in place of the run's own; finished presses stay.",
-        ),
-    ] = None,
-    watch: Annotated[
-        bool,
-        typer.Option(
-            "--watch",
-            help="Only let a twin follow the recorded forces, and write a page with a time slider: "
-            "camera and twin, pressure, shear, residual.",
-        ),
-    ] = False,
+    *,
+    tolerance: str | None = None,
+    optics: Path | None = None,
+    watch: bool = False,
     json_file: JsonFile = None,
 ) -> None:
     """Simulate the trials of a run again and write its report.
 
     Example: tacauchy-rig replay runs/20261123-gelsight-mini --tolerance 1%
+
+    Args:
+        tolerance (0.02N|1%): Take the cheapest preset that keeps the error of F_z within it.
+        optics (FILE): Render with this calibration in place of the run's own; finished presses
+            stay.
+        watch: Only let a twin follow the recorded forces, and write a page with a time slider:
+            camera and twin, pressure, shear, residual.
     """
     from sim.error import parse_tolerance
     from tacauchy_rig.app.cli.emulation import begin_calibration, emulated_calibration
@@ -222,27 +211,26 @@ def _mm(length_m: float | None) -> str:
 
 
 def export(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SOURCE",
-            help="Folder of a run, of a sweep (lerobot, hdf5, rosbag2, webdataset, zarr) or of "
-            "`press --out` (vtu, usd); file of `calibrate optics` (isaaclab, taxim, tacex); or "
-            "name of a sensor (isaaclab, taxim, tacex, usd, pressure-law).",
-        ),
-    ],
-    out: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder to write to.")],
-    to: Annotated[Format, typer.Option(help="The format to write.")] = Format.CSV,
-    sensor: Annotated[str, typer.Option(help="The sensor that was calibrated.")] = "gelsight-mini",
-    background: Annotated[
-        Path | None,
-        typer.Option(metavar="IMAGE", help="Its no-contact frame; an even grey if absent."),
-    ] = None,
+    source: Path,
+    out: Path,
+    *,
+    to: Format = Format.CSV,
+    sensor: str = "gelsight-mini",
+    background: Path | None = None,
     json_file: JsonFile = None,
 ) -> None:
     """Export runs, data sets, presses, calibrations and sensors to other programs.
 
     Example: tacauchy-rig export runs/20261123-gelsight-mini exported --to lerobot
+
+    Args:
+        source (SOURCE): Folder of a run, of a sweep (lerobot, hdf5, rosbag2, webdataset, zarr) or
+            of `press --out` (vtu, usd); file of `calibrate optics` (isaaclab, taxim, tacex); or
+            name of a sensor (isaaclab, taxim, tacex, usd, pressure-law).
+        out (FOLDER): A new folder to write to.
+        to: The format to write.
+        sensor: The sensor that was calibrated.
+        background (IMAGE): Its no-contact frame; an even grey if absent.
     """
     from tacauchy_rig.app.exporting.formats import export as write
     from tacauchy_rig.core.long_task import doing
@@ -256,17 +244,21 @@ def export(
 
 
 def serve(
-    folder: Annotated[
-        Path, typer.Argument(metavar="RUNS", help="Folder of runs, or one run.")
-    ] = Path("runs"),
-    port: Annotated[int, typer.Option(min=0, help="0 takes a free one.")] = 0,
-    open_: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
+    folder: Path = Path("runs"),
+    *,
+    port: Annotated[int, typer.Option(min=0)] = 0,
+    open_: bool = False,
 ) -> None:
     """Serve pages of runs: verdicts, reports, comparison of two runs, health of a sensor.
 
     It changes nothing. Only this machine can reach the printed address.
 
     Example: tacauchy-rig serve runs --open
+
+    Args:
+        folder (RUNS): Folder of runs, or one run.
+        port: 0 takes a free one.
+        open_: Open the page in a browser.
     """
     import secrets
 

@@ -30,24 +30,21 @@ if TYPE_CHECKING:
 
 @doing("importing")
 def import_(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="SOURCE", help="A folder with import.toml, that file, or the taxim wheel."
-        ),
-    ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the new run.")] = Path(
-        "runs"
-    ),
-    init: Annotated[
-        bool, typer.Option("--init", help="Only write the folder's import.toml with guesses.")
-    ] = False,
+    source: Path,
+    *,
+    out: Path = Path("runs"),
+    init: bool = False,
     overrides: Overrides = None,
     json_file: JsonFile = None,
 ) -> None:
     """Make a run folder from other recordings; what they do not state stays unknown.
 
     Example: tacauchy-rig import presses --init, then tacauchy-rig import presses --out runs
+
+    Args:
+        source (SOURCE): A folder with import.toml, that file, or the taxim wheel.
+        out (DIR): Folder for the new run.
+        init: Only write the folder's import.toml with guesses.
     """
     if init:
         from tacauchy_rig.app.importing.guess import write_guess
@@ -92,43 +89,28 @@ class Baseline(StrEnum):
 
 @doing("judging")
 def judge(
-    run: Annotated[
-        Path,
-        typer.Option(metavar="RUN", help="Folder of the run or import whose presses are scored."),
-    ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the page.")],
-    folders: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="[FOLDER...]",
-            help="Outputs of a simulator, as docs/reference/file-formats.md describes them.",
-        ),
-    ] = None,
-    ours_folder: Annotated[
-        Path | None,
-        typer.Option(
-            "--ours",
-            metavar="FOLDER",
-            help="Outputs of `calibrate optics --outputs`, in place of the run's replay.",
-        ),
-    ] = None,
-    baselines: Annotated[
-        list[Baseline] | None,
-        typer.Option(
-            "--baseline",
-            help="Score this too, and write its outputs to DIR/NAME. rigid: the indenter's shape "
-            "cut into the gel at the measured depth, without mechanics; may be repeated.",
-        ),
-    ] = None,
-    is_task: Annotated[
-        bool,
-        typer.Option("--task", help="Only write what a simulator needs to know about the presses."),
-    ] = False,
+    folders: list[Path] | None = None,
+    *,
+    run: Path,
+    out: Path,
+    ours_folder: Annotated[Path | None, typer.Option("--ours")] = None,
+    baselines: Annotated[list[Baseline] | None, typer.Option("--baseline")] = None,
+    is_task: Annotated[bool, typer.Option("--task")] = False,
     json_file: JsonFile = None,
 ) -> None:
     """Score other simulators beside ours, with the floors and the ceiling of a report.
 
     Example: tacauchy-rig judge theirs --run runs/20261123-dry-run --out judged
+
+    Args:
+        folders ([FOLDER...]): Outputs of a simulator, as docs/reference/file-formats.md describes
+            them.
+        run (RUN): Folder of the run or import whose presses are scored.
+        out (DIR): Folder of the page.
+        ours_folder (FOLDER): Outputs of `calibrate optics --outputs`, in place of the run's replay.
+        baselines: Score this too, and write its outputs to DIR/NAME. rigid: the indenter's shape
+            cut into the gel at the measured depth, without mechanics; may be repeated.
+        is_task: Only write what a simulator needs to know about the presses.
     """
     from reports.comparison.judging import judge as judged
     from reports.page.judged import write_judgement

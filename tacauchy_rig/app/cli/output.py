@@ -5,14 +5,16 @@ from __future__ import annotations
 import inspect
 import json
 import logging
+import re
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import MISSING, fields
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 from rich.console import Console
@@ -205,3 +207,38 @@ def takes(
         return called
 
     return with_options
+
+
+_DESCRIBED = re.compile(r"(\w+)(?: \((\S+)\))?: (.*)")
+
+
+def documented(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command's parameters the help that its docstring has of them.
+
+    What stands below ``Args`` as ``name (METAVAR): help`` is an argument, or an option of that name
+    where the parameter is given by keyword only; a flag has no opposite. An annotation says what
+    else there is to say, such as another name.
+    """
+    help_text, _, described = inspect.cleandoc(command.__doc__ or "").partition("\n\nArgs:\n")
+    signature = inspect.signature(command, eval_str=True)
+    known = dict(signature.parameters)
+    for entry in re.split(r"\n    (?! )", f"\n{described}")[1:]:
+        name, metavar, told = _DESCRIBED.findall(" ".join(entry.split()))[0]
+        given = known[name]
+        kind, made = given.annotation, typer.Argument()
+        if get_origin(kind) is Annotated:
+            kind, made = get_args(kind)
+        elif given.kind is inspect.Parameter.KEYWORD_ONLY:
+            made = typer.Option(f"--{name.strip('_').replace('_', '-')}")
+        made = copy(made)  # some are shared
+        made.help, made.metavar = told, metavar or made.metavar
+        known[name] = given.replace(annotation=Annotated[kind, made])
+
+    @wraps(command)
+    def called(*args: Any, **options: Any) -> None:
+        command(*args, **options)
+
+    called.__doc__ = help_text
+    called.__annotations__ = {each.name: each.annotation for each in known.values()}
+    called.__signature__ = signature.replace(parameters=list(known.values()))  # type: ignore[attr-defined]
+    return called

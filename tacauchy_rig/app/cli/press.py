@@ -90,37 +90,28 @@ states_a_scene = takes(SceneTerms, option=_option)
 @states_a_scene
 def press(
     terms: SceneTerms,
-    device: Annotated[str, typer.Option(help="Where the kernels run: cpu or cuda:0.")] = "cpu",
-    estimate_error: Annotated[
-        bool,
-        typer.Option(
-            "--estimate-error/--no-estimate-error",
-            help="Press again on a coarser mesh to estimate the error of the outputs.",
-        ),
-    ] = True,
-    time_limit: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Longest time, such as 60s or 5min.")
-    ] = None,
+    *,
+    device: str = "cpu",
+    estimate_error: Annotated[bool, typer.Option("--estimate-error/--no-estimate-error")] = True,
+    time_limit: str | None = None,
     output: OutputOption = None,
     json_file: JsonFile = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="Write there what a replay writes: fields (npz, VTU), the gel's stress, the "
-            "indenter, a figure; of a sensor its image, height map and markers too.",
-        ),
-    ] = None,
-    optics: Annotated[
-        str, typer.Option(metavar="FILE", help="Calibration of the image; else nominal lamps.")
-    ] = "",
-    background: Annotated[
-        Path | None, typer.Option(help="No-contact frame of the image; else evenly grey.")
-    ] = None,
+    out: Path | None = None,
+    optics: str = "",
+    background: Path | None = None,
 ) -> None:
     """Simulate one press; print force, depth, their errors and the cost.
 
     Example: tacauchy-rig press --sensor gelsight-mini --indenter sphere:diameter=8mm --force 2N
+
+    Args:
+        device: Where the kernels run: cpu or cuda:0.
+        estimate_error: Press again on a coarser mesh to estimate the error of the outputs.
+        time_limit (TIME): Longest time, such as 60s or 5min.
+        out (FOLDER): Write there what a replay writes: fields (npz, VTU), the gel's stress, the
+            indenter, a figure; of a sensor its image, height map and markers too.
+        optics (FILE): Calibration of the image; else nominal lamps.
+        background: No-contact frame of the image; else evenly grey.
     """
     from sim.device import warp_device
     from sim.press import press as simulate_press
@@ -248,9 +239,9 @@ def cost_lines(
     """Return lines on the estimated error, the cost, and the next cheaper and better settings.
 
     Args:
-        quantity: Whose error it is, in words.
         basis: How the error is known, or why not.
         cost: Of the settings used.
+        quantity: Whose error it is, in words.
     """
     error = "not known" if error_relative is None else f"{error_relative:.1%}"
     yield f"{quantity} estimated error {error}: {basis}"

@@ -149,21 +149,18 @@ def run(request: Request, path: RequiredConfigFile, overrides: Overrides = None)
 def resume(
     request: Request,
     folder: RunFolder,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="TABLE.FIELD=VALUE",
-            help="Change a device's address or a limit; may be repeated. Noted in the journal.",
-        ),
-    ] = None,
-    again: Annotated[
-        list[int] | None, typer.Option(metavar="TRIAL", help="Press a passed trial once more.")
-    ] = None,
+    *,
+    overrides: Overrides = None,
+    again: list[int] | None = None,
 ) -> None:
     """Continue a run at its first trial without a passed attempt; nothing is overwritten.
 
     Example: tacauchy-rig resume runs/20261123-gelsight-mini
+
+    Args:
+        overrides (TABLE.FIELD=VALUE): Change a device's address or a limit; may be repeated. Noted
+            in the journal.
+        again (TRIAL): Press a passed trial once more.
     """
     from drivers.checks import require_devices
     from tacauchy_rig.app.cli.folders import say_recovered

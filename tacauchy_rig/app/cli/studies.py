@@ -21,6 +21,7 @@ from tacauchy_rig.app.cli.output import (
     JsonFile,
     Steps,
     complain,
+    documented,
     say,
     show_table,
     writable_folder,
@@ -48,7 +49,7 @@ def study_command(make: Callable[..., Study]) -> Callable[..., None]:
         make: Makes the study of its own options; its docstring is the command's help.
     """
     own = inspect.signature(make, eval_str=True).parameters
-    shared = inspect.signature(_run, eval_str=True).parameters
+    shared = inspect.signature(documented(_run)).parameters
 
     def command(context: typer.Context, **given: Any) -> None:
         study = make(**{name: given.pop(name) for name in own})
@@ -81,36 +82,25 @@ def _run(
     study: Study,
     command: str,
     *,
-    only: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="PATTERN", help="Select cases by name; `*` matches anything; may be repeated."
-        ),
-    ] = None,
-    list_only: Annotated[bool, typer.Option("--list", help="List the cases and stop.")] = False,
+    only: list[str] | None = None,
+    list_only: Annotated[bool, typer.Option("--list")] = False,
     jobs: Jobs = 1,
-    limit: Annotated[
-        str, typer.Option(metavar="TIME", help="A case that takes longer has failed.")
-    ] = "",
-    resume: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            help="JSON of an earlier run, whose results are taken; may be repeated. A case that "
-            "failed there is measured again if --only names it.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.md|DIR",
-            help="Write a page, its figures beside it in images; into DIR also JSON, and figures "
-            "for print.",
-        ),
-    ] = None,
+    limit: str = "",
+    resume: list[Path] | None = None,
+    out: Path | None = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Measure the selected cases, show tables, and write page, figures and JSON."""
+    """Measure the selected cases, show tables, and write page, figures and JSON.
+
+    Args:
+        only (PATTERN): Select cases by name; `*` matches anything; may be repeated.
+        list_only: List the cases and stop.
+        limit (TIME): A case that takes longer has failed.
+        resume (FILE): JSON of an earlier run, whose results are taken; may be repeated. A case that
+            failed there is measured again if --only names it.
+        out (FILE.md|DIR): Write a page, its figures beside it in images; into DIR also JSON, and
+            figures for print.
+    """
     limit_s = parse_quantity(limit, dimension=Dimension.TIME, field="--limit") if limit else None
     if study.is_together and (jobs > 1 or limit_s is not None):
         raise ConfigError(
@@ -247,24 +237,23 @@ PresetName = Annotated[Preset, typer.Option("--preset")]
 
 @study_command
 def accuracy(
+    *,
     sensor: SensorName = "gelsight-mini",
     indenter: IndenterTerms = "cylinder:diameter=5mm,fillet=0.1mm",
     force: Annotated[str, typer.Option("--force")] = "4.7332N",
-    full: Annotated[bool, typer.Option("--full", help="Measure many more settings.")] = False,
-    seed: Annotated[
-        list[int] | None,
-        typer.Option(
-            help="Draws meshes of about the same sizes; 0: the presets' own. The first is compared "
-            "with the others. May be repeated."
-        ),
-    ] = None,
-    tolerances: Annotated[
-        bool, typer.Option("--tolerances", help="Test --tolerance on twenty scenes.")
-    ] = False,
+    full: bool = False,
+    seed: list[int] | None = None,
+    tolerances: bool = False,
 ) -> Study:
     """Press with many settings; compare their errors and times.
 
     Example: tacauchy-rig study accuracy --sensor digit --force 2N --out accuracy
+
+    Args:
+        full: Measure many more settings.
+        seed: Draws meshes of about the same sizes; 0: the presets' own. The first is compared with
+            the others. May be repeated.
+        tolerances: Test --tolerance on twenty scenes.
     """
     from sim.studies.accuracy.study import Accuracy
 
@@ -295,18 +284,17 @@ def hard_cases() -> Study:
 
 
 @study_command
-def effects(
-    random: Annotated[int, typer.Option(metavar="N", help="Draw this many scenes instead.")] = 0,
-    seed: Annotated[int, typer.Option(help="Seed of the drawn scenes.")] = 0,
-    errors: Annotated[
-        bool, typer.Option("--errors", help="Compare the stated errors with a finer mesh too.")
-    ] = False,
-) -> Study:
+def effects(*, random: int = 0, seed: int = 0, errors: bool = False) -> Study:
     """Press scenes with their planned effects and with all; compare outputs and times.
 
     A scene has 60 s if --limit is not given; one that takes longer is left, and named.
 
     Example: tacauchy-rig study effects --only "by force"
+
+    Args:
+        random (N): Draw this many scenes instead.
+        seed: Seed of the drawn scenes.
+        errors: Compare the stated errors with a finer mesh too.
     """
     from sim.studies.effects.study import Effects
 
@@ -326,14 +314,14 @@ def verify() -> Study:
 
 @study_command
 def modes(
-    indenter: Annotated[
-        str, typer.Option(help="cylinder:diameter=,fillet= or sphere:diameter=")
-    ] = "cylinder:diameter=5mm,fillet=0.5mm",
-    preset: PresetName = Preset.FAST,
+    *, indenter: str = "cylinder:diameter=5mm,fillet=0.5mm", preset: PresetName = Preset.FAST
 ) -> Study:
     """Press, slide and twist on a GelSight Mini; press a ball into three sensors; draw both.
 
     Example: tacauchy-rig study modes --out modes
+
+    Args:
+        indenter: cylinder:diameter=,fillet= or sphere:diameter=
     """
     from sim.studies.modes.study import Modes
 
@@ -341,15 +329,13 @@ def modes(
 
 
 @study_command
-def objects(
-    sensors: Annotated[
-        str, typer.Option(help="Names or files, with commas between.")
-    ] = "gelsight-mini,digit",
-    preset: PresetName = Preset.FAST,
-) -> Study:
+def objects(*, sensors: str = "gelsight-mini,digit", preset: PresetName = Preset.FAST) -> Study:
     """Press five objects, from sharp edges to smooth curves, and draw dents and tactile images.
 
     Example: tacauchy-rig study objects --out objects
+
+    Args:
+        sensors: Names or files, with commas between.
     """
     from sim.studies.objects.study import Objects
 
@@ -358,21 +344,16 @@ def objects(
 
 @study_command
 def paper(
-    benchmarks: Annotated[Path, typer.Option(help="Folder of the kept benchmarks.")] = Path(
-        "docs/results/benchmarks"
-    ),
-    report: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="RUN",
-            help="Keep this run's scores among the benchmarks, in place of those kept before; "
-            "may be repeated.",
-        ),
-    ] = None,
+    *, benchmarks: Path = Path("docs/results/benchmarks"), report: list[Path] | None = None
 ) -> Study:
     """Compare every number of the paper with ours: its model, benchmarks, reports.
 
     Example: tacauchy-rig study paper --out paper
+
+    Args:
+        benchmarks: Folder of the kept benchmarks.
+        report (RUN): Keep this run's scores among the benchmarks, in place of those kept before;
+            may be repeated.
     """
     from sim.studies.paper.kept import REPORTS_FILE, of_run
     from sim.studies.paper.study import Paper
@@ -385,62 +366,36 @@ def paper(
 
 @study_command
 def bench(
+    *,
     sensor: SensorName = "gelsight-mini",
     indenter: IndenterTerms = "cylinder:diameter=5mm,fillet=0.1mm",
-    parts: Annotated[
-        list[Part] | None, typer.Option("--part", help="Run only this part; may be repeated.")
-    ] = None,
-    drawn: Annotated[
-        int | None,
-        typer.Option(
-            metavar="SEED",
-            help="Scenes: a dozen, drawn at random, instead of the table's. Unlike, moving: their "
-            "seed.",
-        ),
-    ] = None,
-    tolerances: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--tolerance",
-            metavar="5%|1%",
-            help="Scenes: tolerance that chooses the presets (5%); may be repeated.",
-        ),
-    ] = None,
-    device: Annotated[str, typer.Option(help="Scenes: cpu or cuda:0.")] = "cpu",
-    environments: Annotated[
-        list[int] | None,
-        typer.Option(
-            metavar="N",
-            min=1,
-            help="Scenes: size of a batch, instead of one press alone; may be repeated. Unlike: "
-            "number of presses.",
-        ),
-    ] = None,
-    images: Annotated[
-        bool,
-        typer.Option(
-            "--images",
-            help="Scenes in batches: compute the camera's image, the markers and the "
-            "surface's stress in every frame.",
-        ),
-    ] = False,
-    reference: Annotated[
-        bool,
-        typer.Option(
-            "--reference",
-            help="Scenes: first press with preset reference; --json keeps the result for "
-            "--against.",
-        ),
-    ] = False,
-    against: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Scenes: reference forces.")
-    ] = None,
+    parts: Annotated[list[Part] | None, typer.Option("--part")] = None,
+    drawn: int | None = None,
+    tolerances: Annotated[list[str] | None, typer.Option("--tolerance")] = None,
+    device: str = "cpu",
+    environments: Annotated[list[int] | None, typer.Option(min=1)] = None,
+    images: bool = False,
+    reference: bool = False,
+    against: Path | None = None,
 ) -> Study:
     """Time images, a replay, batches and scenes; takes minutes.
 
     --only takes a part of a name: a part of the benchmark, or scenes.
 
     Example: tacauchy-rig study bench --part scenes --only ball --out bench
+
+    Args:
+        parts: Run only this part; may be repeated.
+        drawn (SEED): Scenes: a dozen, drawn at random, instead of the table's. Unlike, moving:
+            their seed.
+        tolerances (5%|1%): Scenes: tolerance that chooses the presets (5%); may be repeated.
+        device: Scenes: cpu or cuda:0.
+        environments (N): Scenes: size of a batch, instead of one press alone; may be repeated.
+            Unlike: number of presses.
+        images: Scenes in batches: compute the camera's image, the markers and the surface's stress
+            in every frame.
+        reference: Scenes: first press with preset reference; --json keeps the result for --against.
+        against (FILE): Scenes: reference forces.
     """
     from sim.studies.bench.scenes import Manner
     from sim.studies.bench.study import REFERENCE_FILE, Bench

@@ -28,39 +28,33 @@ _PACKAGE = "tacauchy_rig.app.sweep"
 
 
 def sweep(
-    plan_file: Annotated[Path | None, typer.Argument(metavar="PLAN", help="A plan's file.")] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder of the data set.")
-    ] = None,
-    engine: Annotated[
-        EngineName, typer.Option(help="Where presses are computed.")
-    ] = EngineName.LOCAL,
+    plan_file: Path | None = None,
+    *,
+    out: Path | None = None,
+    engine: EngineName = EngineName.LOCAL,
     jobs: Jobs = 1,
-    address: Annotated[
-        str | None, typer.Option(help="Address of Dask's scheduler, such as tcp://host:8786.")
-    ] = None,
-    limit: Annotated[
-        int | None, typer.Option(min=1, help="Compute only this many presses, the first.")
-    ] = None,
-    sample: Annotated[
-        int | None,
-        typer.Option(min=1, help="Compute this many presses, evenly chosen, into FOLDER/sample."),
-    ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Only print the number of presses, time and space.")
-    ] = False,
-    slurm: Annotated[
-        int | None,
-        typer.Option(
-            min=1, metavar="TASKS", help="Only write FOLDER/sweep.sbatch for this many tasks."
-        ),
-    ] = None,
-    example: Annotated[bool, typer.Option("--example", help="Print a plan with comments.")] = False,
+    address: str | None = None,
+    limit: Annotated[int | None, typer.Option(min=1)] = None,
+    sample: Annotated[int | None, typer.Option(min=1)] = None,
+    dry_run: bool = False,
+    slurm: Annotated[int | None, typer.Option(min=1)] = None,
+    example: bool = False,
     json_file: JsonFile = None,
 ) -> None:
     """Simulate the presses of a plan into a data set; only missing presses are computed.
 
     Example: tacauchy-rig sweep plan.toml --out presses --jobs 2
+
+    Args:
+        plan_file (PLAN): A plan's file.
+        out (FOLDER): Folder of the data set.
+        engine: Where presses are computed.
+        address: Address of Dask's scheduler, such as tcp://host:8786.
+        limit: Compute only this many presses, the first.
+        sample: Compute this many presses, evenly chosen, into FOLDER/sample.
+        dry_run: Only print the number of presses, time and space.
+        slurm (TASKS): Only write FOLDER/sweep.sbatch for this many tasks.
+        example: Print a plan with comments.
     """
     if example:
         typer.echo(resources.files(_PACKAGE).joinpath("example.toml").read_text("utf-8"), nl=False)
