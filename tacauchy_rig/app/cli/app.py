@@ -58,8 +58,7 @@ def lazy_group(
             if cmd_name in places:
                 module, _, attribute = places[cmd_name].partition(":")
                 group = typer.Typer(add_completion=False)
-                command = documented(getattr(import_module(module), attribute))
-                group.command(cmd_name)(command)
+                group.command(cmd_name)(documented(getattr(import_module(module), attribute)))
                 self.commands[cmd_name] = typer.main.get_command(group)
                 self.commands[cmd_name].name = cmd_name
             command: Any = super().get_command(ctx, cmd_name)

@@ -172,6 +172,51 @@ JsonFile = Annotated[
 Jobs = Annotated[int, typer.Option("--jobs", metavar="N", min=1, help="Number of processes.")]
 
 
+_ENTRY = re.compile(r"(\w+)(?: \((\S+)\))?: (.*)")
+
+
+def _described(documentation: str | None) -> tuple[str, dict[str, tuple[str, str]]]:
+    """Return a docstring before its ``Args``, and the metavar and help of each of those."""
+    text, _, listed = inspect.cleandoc(documentation or "").partition("\n\nArgs:")
+    entries = re.split(r"\n    (?! )", listed.split("\n\n")[0])[1:]
+    found = [_ENTRY.findall(" ".join(entry.split()))[0] for entry in entries]
+    return text, {name: (metavar, told) for name, metavar, told in found}
+
+
+def _told(given: inspect.Parameter, metavar: str, told: str) -> inspect.Parameter:
+    """Return a parameter with its metavar and help: an option, if it is given by keyword only."""
+    kind, made = given.annotation, typer.Argument()
+    if get_origin(kind) is Annotated:
+        kind, made = get_args(kind)
+    elif given.kind is inspect.Parameter.KEYWORD_ONLY:
+        made = typer.Option(f"--{given.name.strip('_').replace('_', '-')}")
+    made = copy(made)  # some are shared
+    made.help, made.metavar = told, metavar or made.metavar
+    return given.replace(annotation=Annotated[kind, made])
+
+
+def documented(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command's parameters the help that its docstring has of them.
+
+    What stands below ``Args`` as ``name (METAVAR): help`` is an argument, or an option of that name
+    where the parameter is given by keyword only; a flag has no opposite. An annotation says what
+    else there is to say, such as another name.
+    """
+    text, entries = _described(command.__doc__)
+    signature = inspect.signature(command, eval_str=True)
+    known = dict(signature.parameters)
+    known |= {name: _told(known[name], *entry) for name, entry in entries.items()}
+
+    @wraps(command)
+    def called(*args: Any, **options: Any) -> None:
+        command(*args, **options)
+
+    called.__doc__ = text
+    called.__annotations__ = {each.name: each.annotation for each in known.values()}
+    called.__signature__ = signature.replace(parameters=list(known.values()))  # type: ignore[attr-defined]
+    return called
+
+
 def takes(
     record: type, *, option: Callable[[str], Any] | None = None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -181,17 +226,20 @@ def takes(
 
     Args:
         option: Makes the option of a field, None where it is none; without it options are the
-            fields that are annotated with one.
+            fields that are annotated with one, or described as in ``documented``.
     """
     kinds, shared = get_type_hints(record, include_extras=True), []
+    _, entries = _described(record.__doc__)
     for each in fields(record):
         kind, made = kinds[each.name], option and option(each.name)
         if made is not None:
             kind = Annotated[kind, made]
-        if get_origin(kind) is Annotated:
-            default = inspect.Parameter.empty if each.default is MISSING else each.default
-            keyword = inspect.Parameter.KEYWORD_ONLY
-            named = inspect.Parameter(each.name, keyword, default=default, annotation=kind)
+        default = inspect.Parameter.empty if each.default is MISSING else each.default
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        named = inspect.Parameter(each.name, keyword, default=default, annotation=kind)
+        if each.name in entries:
+            named = _told(named, *entries[each.name])
+        if get_origin(named.annotation) is Annotated:
             shared.append(named)
 
     def with_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -207,38 +255,3 @@ def takes(
         return called
 
     return with_options
-
-
-_DESCRIBED = re.compile(r"(\w+)(?: \((\S+)\))?: (.*)")
-
-
-def documented(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command's parameters the help that its docstring has of them.
-
-    What stands below ``Args`` as ``name (METAVAR): help`` is an argument, or an option of that name
-    where the parameter is given by keyword only; a flag has no opposite. An annotation says what
-    else there is to say, such as another name.
-    """
-    help_text, _, described = inspect.cleandoc(command.__doc__ or "").partition("\n\nArgs:\n")
-    signature = inspect.signature(command, eval_str=True)
-    known = dict(signature.parameters)
-    for entry in re.split(r"\n    (?! )", f"\n{described}")[1:]:
-        name, metavar, told = _DESCRIBED.findall(" ".join(entry.split()))[0]
-        given = known[name]
-        kind, made = given.annotation, typer.Argument()
-        if get_origin(kind) is Annotated:
-            kind, made = get_args(kind)
-        elif given.kind is inspect.Parameter.KEYWORD_ONLY:
-            made = typer.Option(f"--{name.strip('_').replace('_', '-')}")
-        made = copy(made)  # some are shared
-        made.help, made.metavar = told, metavar or made.metavar
-        known[name] = given.replace(annotation=Annotated[kind, made])
-
-    @wraps(command)
-    def called(*args: Any, **options: Any) -> None:
-        command(*args, **options)
-
-    called.__doc__ = help_text
-    called.__annotations__ = {each.name: each.annotation for each in known.values()}
-    called.__signature__ = signature.replace(parameters=list(known.values()))  # type: ignore[attr-defined]
-    return called

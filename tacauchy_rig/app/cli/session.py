@@ -43,6 +43,17 @@ LOWEST_PRIORITY = 19
 class Request:
     """What the options of a command that presses ask for, as they are written.
 
+    Args:
+        press_only: Record only; no replay, no report.
+        check_weight (MASS): Check the cell with a weight of this mass before anything moves: 200g,
+            200g+-1g.
+        page (PORT|off): Port of the operator's page; `off` serves none, `auto` takes a free one.
+        open_page: Open the page in a browser.
+        twin (on|depth|off): A simulation that follows the measured force (on) or the arm's depth
+            (depth).
+        foxglove (PORT|off): Show the run to Foxglove, Lichtblick or PlotJuggler on this machine;
+            8765 is usual.
+
     Attributes:
         again: Trials to press once more though they have a passed attempt.
         is_whole: Nothing of the run's earlier sessions is lost.
@@ -53,39 +64,12 @@ class Request:
     """
 
     json_file: JsonFile = None
-    press_only: Annotated[
-        bool, typer.Option("--press-only", help="Record only; no replay, no report.")
-    ] = False
-    check_weight: Annotated[
-        str | None,
-        typer.Option(
-            metavar="MASS",
-            help="Check the cell with a weight of this mass before anything moves: 200g, 200g+-1g.",
-        ),
-    ] = None
-    page: Annotated[
-        str,
-        typer.Option(
-            metavar="PORT|off",
-            help="Port of the operator's page; `off` serves none, `auto` takes a free one.",
-        ),
-    ] = "auto"
-    open_page: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False
-    twin: Annotated[
-        str,
-        typer.Option(
-            metavar="on|depth|off",
-            help="A simulation that follows the measured force (on) or the arm's depth (depth).",
-        ),
-    ] = "off"
-    foxglove: Annotated[
-        str,
-        typer.Option(
-            metavar="PORT|off",
-            help="Show the run to Foxglove, Lichtblick or PlotJuggler on this machine; 8765 is "
-            "usual.",
-        ),
-    ] = "off"
+    press_only: bool = False
+    check_weight: str | None = None
+    page: str = "auto"
+    open_page: Annotated[bool, typer.Option("--open")] = False
+    twin: str = "off"
+    foxglove: str = "off"
     again: frozenset[int] = frozenset()
     is_whole: bool = True
 

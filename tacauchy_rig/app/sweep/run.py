@@ -7,7 +7,7 @@ import datetime
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,7 @@ _CROISSANT = "http://mlcommons.org/croissant/1.1"
 PLAN, SUMS = "plan.json", "SHA256SUMS"
 _LISTS: tuple[str, ...] = ("data_collection_type", "data_preprocessing_protocol", "data_biases")
 _LISTS += ("data_limitations", "data_use_cases", "personal_sensitive_information")
-_TYPES = {"string": "Text", "double": "Float", "bool": "Bool", "int64": "Integer"}
+_TYPES = {"string": "TEXT", "double": "FLOAT", "bool": "BOOL", "int64": "INTEGER"}
 
 
 def write_datasheet(folder: Path, plan: Plan, table: Any) -> None:
@@ -89,25 +89,22 @@ def _croissant(plan: Plan, table: Any, sums: dict[str, str], facts: dict[str, st
     shards = mlc.FileSet(
         id=SHARDS, name=SHARDS, includes=[f"{SHARDS}/*.parquet"], encoding_formats=[kind]
     )
-    fields = [
-        mlc.Field(
-            id=f"presses/{field.name}",
-            name=field.name,
-            data_types=[getattr(mlc.DataType, _TYPES[str(field.type)].upper())],
-            source=mlc.Source(file_object=INDEX, extract=mlc.Extract(column=field.name)),
-        )
-        for field in table.schema
-        if str(field.type) in _TYPES
-    ]
-    large = [
-        mlc.Field(
-            id=f"fields/{name}",
-            name=name,
-            data_types=[mlc.DataType.TEXT if name in LARGE[2:] else mlc.DataType.IMAGE_OBJECT],
-            source=mlc.Source(file_set=SHARDS, extract=mlc.Extract(column=name)),
-        )
-        for name in LARGE
-    ]
+
+    def records(name: str, kinds: dict[str, str], **where: str) -> Any:
+        columns = [
+            mlc.Field(
+                id=f"{name}/{column}",
+                name=column,
+                data_types=[getattr(mlc.DataType, kind)],
+                source=mlc.Source(**where, extract=mlc.Extract(column=column)),
+            )
+            for column, kind in kinds.items()
+        ]
+        return mlc.RecordSet(id=name, name=name, fields=columns)
+
+    typed = {field.name: str(field.type) for field in table.schema}
+    small = {name: _TYPES[kind] for name, kind in typed.items() if kind in _TYPES}
+    large = {name: "TEXT" if name in LARGE[2:] else "IMAGE_OBJECT" for name in LARGE}
     given = {name: [value] if name in _LISTS else value for name, value in facts.items()}
     return mlc.Metadata(
         name=plan.dataset.name,
@@ -117,8 +114,8 @@ def _croissant(plan: Plan, table: Any, sums: dict[str, str], facts: dict[str, st
         date_published=_today(),
         distribution=[*files, shards],
         record_sets=[
-            mlc.RecordSet(id="presses", name="presses", fields=fields),
-            mlc.RecordSet(id="fields", name="fields", fields=large),
+            records("presses", small, file_object=INDEX),
+            records("fields", large, file_set=SHARDS),
         ],
         **given,
     ).to_json()
@@ -145,15 +142,10 @@ def _today() -> datetime.datetime:
 SHOWN = 50
 """Images on the page."""
 _QUALITY = 80
-_VARIED: tuple[str, ...] = (
-    "commanded_depth_m",
-    "commanded_force_n",
-    "x_m",
-    "y_m",
-    "shift_x_m",
-    "shift_y_m",
-)
-_VARIED += ("twist_rad", "tilt_x_rad", "tilt_y_rad", "material", "friction", "light", "noise")
+_NAMED = ("sensor", "indenter", "object")
+_TARGETS = ("depth_m", "force_n")
+_VARIED = tuple(f"commanded_{name}" for name in _TARGETS)
+_VARIED += tuple(each.name for each in fields(Row) if each.name not in (*_NAMED, *_TARGETS))
 _FOUND = ("force_x_n", "force_y_n", "force_z_n", "contact_radius_m")
 _SLOWEST = 10
 

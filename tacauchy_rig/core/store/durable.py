@@ -84,30 +84,23 @@ def bytes_sha256(content: bytes) -> str:
 
 def write_error(path: Path, error: OSError) -> RecordError:
     """Return the error for the operator after ``path`` could not be written."""
-    if error.errno in _FULL:
-        return RecordError(
-            f"{path}: no space left to write ({_space(path)}): {error.strerror}",
-            remedy=f"free some space, or {_elsewhere(path)}",
-        )
-    if isinstance(error, PermissionError):
-        return RecordError(
-            f"{path}: no permission to write: {error.strerror}",
-            remedy=f"give yourself write permission there (ls -ld shows it), or {_elsewhere(path)}",
-        )
-    if error.errno == errno.EROFS:
-        return RecordError(
-            f"{path}: its disk is read-only",
-            remedy=f"mount it for writing (`dmesg` says whether it failed), or {_elsewhere(path)}",
-        )
     if isinstance(error, FileExistsError):
         return RecordError(
             f"{error.filename or path}: exists already, and nothing recorded is ever overwritten",
             remedy="name another place, start a new attempt or run, or move the old file away",
         )
-    return RecordError(
-        f"{path}: cannot be written: {error.strerror or error}",
-        remedy=f"check the disk (dmesg, df -h), or {_elsewhere(path)}",
-    )
+    problem = f"cannot be written: {error.strerror or error}"
+    remedy = "check the disk (dmesg, df -h)"
+    if error.errno in _FULL:
+        problem = f"no space left to write ({_space(path)}): {error.strerror}"
+        remedy = "free some space"
+    elif isinstance(error, PermissionError):
+        problem = f"no permission to write: {error.strerror}"
+        remedy = "give yourself write permission there (ls -ld shows it)"
+    elif error.errno == errno.EROFS:
+        problem = "its disk is read-only"
+        remedy = "mount it for writing (`dmesg` says whether it failed)"
+    return RecordError(f"{path}: {problem}", remedy=f"{remedy}, or {_elsewhere(path)}")
 
 
 def _elsewhere(path: Path) -> str:
