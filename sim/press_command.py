@@ -32,6 +32,7 @@ from sim.scene.terms import (
 from sim.sensor.sensor import Sensor, load_sensor
 from tacauchy_rig.core.errors import ConfigError
 from tacauchy_rig.core.quantities import Dimension, parse_quantity
+from tacauchy_rig.core.registry import Kind, unknown
 
 # Options that are no text, and those that may stand several times.
 _READERS = {"poisson": float, "preset": Preset, "drive": Drive, "output": Output}
@@ -70,6 +71,8 @@ def scene_of(terms: SceneTerms) -> Scene:
     """
     if (terms.sensor is None) == (terms.pad is None):
         raise ConfigError("a press needs either --sensor or --pad", remedy="give exactly one")
+    if problem := unknown(Kind.LAW, terms.law):
+        raise ConfigError(f"--law: {problem}", remedy="give one of them, or install its package")
     known = None if terms.sensor is None else load_sensor(terms.sensor)
     layers = _layers(known, terms)
     contact, friction = parse_contact(terms.contact)

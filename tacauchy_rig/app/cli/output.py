@@ -218,24 +218,21 @@ def documented(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def takes(
-    record: type, *, option: Callable[[str], Any] | None = None
+    record: type, *, described: str | None = None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the fields of a dataclass as options; it takes them as its first argument.
+    """Give a command fields of a dataclass as options; it takes them as its first argument.
 
-    Typer reads a command's options from its signature, which is put together here.
+    Typer reads a command's options from its signature, which is put together here. Options are the
+    fields that are described as in ``documented``, and those that are annotated with one.
 
     Args:
-        option: Makes the option of a field, None where it is none; without it options are the
-            fields that are annotated with one, or described as in ``documented``.
+        described: The docstring that describes them; the dataclass's own if absent.
     """
     kinds, shared = get_type_hints(record, include_extras=True), []
-    _, entries = _described(record.__doc__)
+    _, entries = _described(described or record.__doc__)
     for each in fields(record):
-        kind, made = kinds[each.name], option and option(each.name)
-        if made is not None:
-            kind = Annotated[kind, made]
         default = inspect.Parameter.empty if each.default is MISSING else each.default
-        keyword = inspect.Parameter.KEYWORD_ONLY
+        keyword, kind = inspect.Parameter.KEYWORD_ONLY, kinds[each.name]
         named = inspect.Parameter(each.name, keyword, default=default, annotation=kind)
         if each.name in entries:
             named = _told(named, *entries[each.name])
