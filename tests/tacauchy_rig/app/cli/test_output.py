@@ -8,6 +8,7 @@ import json
 import logging
 from enum import StrEnum
 from pathlib import Path
+from typing import Annotated
 from unittest.mock import patch
 
 import numpy as np
@@ -15,10 +16,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
+from typer import Context, Option, Typer
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from tacauchy_rig.app.cli.app import app
-from tacauchy_rig.app.cli.output import Steps, compilation_told, writable_folder, write_json
+from tacauchy_rig.app.cli.output import (
+    Steps,
+    compilation_told,
+    documented,
+    writable_folder,
+    write_json,
+)
 from tacauchy_rig.app.cli.progress import (
     EMPTY,
     FULL,
@@ -55,6 +64,31 @@ def test_unwritable_file_is_explained(tmp_path: Path) -> None:
         writable_folder(tmp_path / "out")
     assert "free some space" in told.value.remedy
     assert "--out" in told.value.remedy
+
+
+def test_a_commands_docstring_describes_its_options() -> None:
+    """A flag has no opposite, an annotation adds a name; what is no parameter is refused."""
+
+    def press(place: Path, *, force: str = "2N", is_dry: Annotated[bool, Option("--dry")] = False):
+        """Press.
+
+        Args:
+            place (FOLDER): Where it
+                goes.
+            force: How hard.
+            is_dry: Move nothing.
+        """
+
+    (program := Typer(add_completion=False)).command()(documented(press))
+    command = get_command(program)
+    place, force, is_dry, _ = command.get_params(Context(command))
+    assert command.help == "Press."
+    assert (place.metavar, place.help, place.required) == ("FOLDER", "Where it goes.", True)
+    assert (force.opts, force.help, force.default) == (["--force"], "How hard.", "2N")
+    assert (is_dry.opts, is_dry.secondary_opts, is_dry.help) == (["--dry"], [], "Move nothing.")
+    press.__doc__ = "Press.\n\nArgs:\n    forse: How hard."
+    with pytest.raises(KeyError, match="forse"):
+        documented(press)
 
 
 SOURCE = logging.getLogger("sim.device.compiled")
