@@ -8,7 +8,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from contextlib import suppress
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -26,7 +26,8 @@ class StreamBuffer(Generic[SampleT]):
         capacity: Samples kept for a late consumer; beyond it the oldest go and count as lost.
     """
 
-    def __init__(self, *, capacity: int) -> None:
+    def __init__(self, *, capacity: int, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self._now_ns = now_ns
         self._samples: deque[SampleT] = deque()
         self._capacity = capacity
         self._changed = threading.Condition()
@@ -95,7 +96,7 @@ class StreamBuffer(Generic[SampleT]):
         """Return the state of the stream; counts of the wire come from its reader."""
         with self._changed:
             received, span_ns = self._received_count, self._last_ns - self._first_ns
-            age_s = (time.monotonic_ns() - self._last_ns) * 1e-9 if received else math.inf
+            age_s = (self._now_ns() - self._last_ns) * 1e-9 if received else math.inf
             return StreamHealth(
                 received_count=received,
                 lost_count=lost_count + self._overflow_count,

@@ -230,17 +230,12 @@ class _Runner:
             ]
 
 
-SensorName = Annotated[str, typer.Option("--sensor")]
-IndenterTerms = Annotated[str, typer.Option("--indenter")]
-PresetName = Annotated[Preset, typer.Option("--preset")]
-
-
 @study_command
 def accuracy(
     *,
-    sensor: SensorName = "gelsight-mini",
-    indenter: IndenterTerms = "cylinder:diameter=5mm,fillet=0.1mm",
-    force: Annotated[str, typer.Option("--force")] = "4.7332N",
+    sensor: str = "gelsight-mini",
+    indenter: str = "cylinder:diameter=5mm,fillet=0.1mm",
+    force: str = "4.7332N",
     full: bool = False,
     seed: list[int] | None = None,
     tolerances: bool = False,
@@ -314,7 +309,7 @@ def verify() -> Study:
 
 @study_command
 def modes(
-    *, indenter: str = "cylinder:diameter=5mm,fillet=0.5mm", preset: PresetName = Preset.FAST
+    *, indenter: str = "cylinder:diameter=5mm,fillet=0.5mm", preset: Preset = Preset.FAST
 ) -> Study:
     """Press, slide and twist on a GelSight Mini; press a ball into three sensors; draw both.
 
@@ -329,7 +324,7 @@ def modes(
 
 
 @study_command
-def objects(*, sensors: str = "gelsight-mini,digit", preset: PresetName = Preset.FAST) -> Study:
+def objects(*, sensors: str = "gelsight-mini,digit", preset: Preset = Preset.FAST) -> Study:
     """Press five objects, from sharp edges to smooth curves, and draw dents and tactile images.
 
     Example: tacauchy-rig study objects --out objects
@@ -367,8 +362,8 @@ def paper(
 @study_command
 def bench(
     *,
-    sensor: SensorName = "gelsight-mini",
-    indenter: IndenterTerms = "cylinder:diameter=5mm,fillet=0.1mm",
+    sensor: str = "gelsight-mini",
+    indenter: str = "cylinder:diameter=5mm,fillet=0.1mm",
     parts: Annotated[list[Part] | None, typer.Option("--part")] = None,
     drawn: int | None = None,
     tolerances: Annotated[list[str] | None, typer.Option("--tolerance")] = None,
