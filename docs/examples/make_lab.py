@@ -7,7 +7,9 @@ from pathlib import Path
 lab = Path("lab")
 lab.mkdir()
 rows = []
-for trial in csv.DictReader(Path("csv/trials.csv").open()):
+with Path("csv/trials.csv").open() as file:
+    trials = list(csv.DictReader(file))
+for trial in trials:
     folder = Path("csv") / f"trial-{int(trial['trial']):02d}-attempt-{trial['attempt']}"
     frames = list(csv.DictReader((folder / "frames.csv").open()))
     for state, start in (("unloaded", "reference_start_ns"), ("pressed", "dwell_start_ns")):
