@@ -1,23 +1,22 @@
-"""The packages of the program and their imports: ``make architecture`` writes their table."""
+"""The packages of the program and their imports: ``make architecture`` prints their table."""
 
 from __future__ import annotations
 
 import ast
 import re
+import sys
 from collections import defaultdict
 from pathlib import Path
 
 import grimp
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "explanation" / "architecture.md"
 FOLDERS = ("tacauchy_rig", "protocols", "drivers", "sim", "reports")
 LAYERS = (
     *("tacauchy_rig.app", "tacauchy_rig.envs", "reports", "protocols", "sim", "drivers"),
     "tacauchy_rig.core",
 )
 """A layer imports nothing from a layer before it."""
-BEGIN, END = "<!-- drawn from the imports: begin -->", "<!-- drawn from the imports: end -->"
 
 # Types, units and writers that every package uses; arrows to them would hide all others.
 _COMMON = "errors|quantities|run|registry|versions|tables|page|figure_style|arrays|rotations|rgb"
@@ -113,17 +112,10 @@ def first_line(module: str) -> str:
     return (ast.get_docstring(ast.parse(path.read_text("utf-8"))) or "").splitlines()[0]
 
 
-def drawn() -> str:
-    """Return the part of the page that is made from the imports."""
-    found = arrows(file_arrows())
-    return "\n\n".join([BEGIN, package_table(found), END])
-
-
-def with_drawing(page: str) -> str:
-    """Return the page with that part made anew."""
-    before, rest = page.split(BEGIN)
-    return before + drawn() + rest.split(END)[1]
+def packages() -> str:
+    """Return the table of the packages as they import each other now."""
+    return package_table(arrows(file_arrows()))
 
 
 if __name__ == "__main__":
-    PAGE.write_text(with_drawing(PAGE.read_text("utf-8")), encoding="utf-8")
+    sys.stdout.write(f"{packages()}\n")

@@ -1,4 +1,4 @@
-"""No import cycles, a page that shows the imports, and names in texts that exist."""
+"""No import cycles, and names in texts that exist."""
 
 from __future__ import annotations
 
@@ -9,16 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tacauchy_rig.core.registry import Kind
-from tests.architecture import (
-    FOLDERS,
-    PAGE,
-    ROOT,
-    arrows,
-    cycles,
-    file_arrows,
-    reduced,
-    with_drawing,
-)
+from tests.architecture import FOLDERS, ROOT, arrows, cycles, file_arrows, reduced
 
 
 def test_no_package_and_no_file_imports_itself_through_others() -> None:
@@ -26,12 +17,6 @@ def test_no_package_and_no_file_imports_itself_through_others() -> None:
     files = file_arrows()
     assert cycles(arrows(files)) == []
     assert cycles(files) == []
-
-
-def test_the_page_is_made_from_the_imports() -> None:
-    """``make architecture`` would change nothing."""
-    page = PAGE.read_text("utf-8")
-    assert with_drawing(page) == page
 
 
 def test_reduction_keeps_what_can_be_reached() -> None:

@@ -1,4 +1,4 @@
-"""Parts of the reference that are made from the program: commands, ``rig.toml``, Python names."""
+"""Parts of pages made from the program: commands, ``rig.toml``, Python names, packages."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from tacauchy_rig.core.config.fields import ceilings
 from tacauchy_rig.core.config.load import example_text, load_config
 from tacauchy_rig.core.config.model import RigConfig
 from tacauchy_rig.core.quantities import UNITS, Dimension
+from tests.architecture import packages
 
 _BOUNDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
 _KINDS = {"int": "whole number", "str": "text", "bool": "true or false", "float": "number"}
@@ -126,5 +127,6 @@ PARTS: dict[str, Callable[[], str]] = {
     "rig_toml": rig_toml,
     "example": example,
     "public_names": public_names,
+    "packages": packages,
 }
 """By the name that a page has them under."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -200,18 +199,16 @@ def test_shadows_are_read() -> None:
     assert parse_optics({"lamps": [LAMP]}, "my.toml").shadows is None
 
 
-PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "add-a-sensor.md"
+EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "my-sensor.toml"
 
 
 def _file() -> str:
-    return re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)[0]
+    return EXAMPLE.read_text("utf-8")
 
 
-def test_the_page_gives_a_sensor(tmp_path: Path) -> None:
-    """The TOML on the page loads by its path as it stands."""
-    path = tmp_path / "my-sensor.toml"
-    path.write_text(_file(), encoding="utf-8")
-    sensor = load_sensor(str(path))
+def test_the_page_gives_a_sensor() -> None:
+    """Its example loads by its path as it stands."""
+    sensor = load_sensor(str(EXAMPLE))
     assert sensor.pad.height_m == pytest.approx(3e-3)
     assert len(sensor.optics.lamps) == 3
 

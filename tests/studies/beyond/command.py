@@ -268,6 +268,7 @@ class BeyondStudy(Study):
             silent_s = max((each["silent_s"] for each in own), default=0.0)
             rows.append((kind.value, len(own), *counts, round(silent_s, 1)))
         answers = Table(
+            title="Presses by kind",
             columns=("press", "ended", *(answer.value for answer in Answer), "silent at most [s]"),
             rows=tuple(rows),
             criterion=f"no answer is wrong, none is silent for more than {SILENT_MOST_S:g} s",
