@@ -34,7 +34,7 @@ _TIP = SphereTip(diameter_m=BALL_DIAMETER_M)
 _RAW_SIZE = (640, 480)
 _JPEG_QUALITY = 94  # of the emulated camera's stream
 _DEPTHS_M = (0.25e-3, 1.2e-3)
-_DEEPEST_SHARE = 0.3  # of the gel's thickness
+_DEEPEST_SHARE = 0.4  # of the gel's thickness: less shows no slope as steep as beside a punch
 _REACH = (0.64, 0.55)  # of half the image
 
 

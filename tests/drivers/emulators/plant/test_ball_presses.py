@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import csv
+import math
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from drivers.emulators.plant.ball_presses import CLICK_ERROR_PX, frame_noise, write_ball_presses
+from drivers.emulators.plant.ball_presses import (
+    BALL_DIAMETER_M,
+    CLICK_ERROR_PX,
+    frame_noise,
+    write_ball_presses,
+)
 from drivers.emulators.plant.truth import draw_truth
+from sim.sensor.sensor import load_sensor
+from tacauchy_rig.app.cli.emulation import emulated_unit
 
 TRUTH = draw_truth(7)
 
@@ -63,3 +71,11 @@ def test_another_world_has_other_colours(tmp_path: Path) -> None:
     assert np.abs(frames[0] - frames[1]).mean() > 1.0
     places = [(tmp_path / folder / "positions.csv").read_text() for folder in "ab"]
     assert places[0] == places[1]
+
+
+def test_a_thin_gel_is_pressed_until_it_is_steep(tmp_path: Path) -> None:
+    """The deepest presses of a DIGIT show slopes of 40 degrees, as those of a lab do."""
+    unit = emulated_unit(load_sensor("digit"))
+    write_ball_presses(draw_truth(7, unit=unit), tmp_path, count=20, noise_free=True)
+    radius_m = max(circle[2] for circle in _circles(tmp_path).values()) * unit.pixel_m[0]
+    assert radius_m / (0.5 * BALL_DIAMETER_M) > math.sin(math.radians(40.0))
