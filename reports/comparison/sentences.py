@@ -44,6 +44,7 @@ def verdict_of(
         limits=evidence.thresholds,
         model=evidence.model,
         in_sample_optics=evidence.optics_are_in_sample,
+        mounting=fits_of(evidence)[2:],
         missed_run=[c for c in criteria if not c.passed],
         missed_count=sum(not t.passed for t in trials),
         unpressed=[t for t in trials if t.outcome != Outcome.PASSED],
