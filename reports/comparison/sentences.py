@@ -44,6 +44,7 @@ def verdict_of(
         limits=evidence.thresholds,
         model=evidence.model,
         in_sample_optics=evidence.optics_are_in_sample,
+        mounting=fits_of(evidence)[2:],
         missed_run=[c for c in criteria if not c.passed],
         missed_count=sum(not t.passed for t in trials),
         unpressed=[t for t in trials if t.outcome != Outcome.PASSED],
@@ -219,18 +220,22 @@ def fits_of(evidence: RunEvidence) -> tuple[Fit, ...]:
 def _fits(model: ReplayModel, evidence: RunEvidence) -> Iterator[Fit]:
     yield _modulus(model)
     yield _optics(model, evidence)
-    if model.tilt_deg:
+    models, most = (model, *evidence.others), "at most " if evidence.others else ""
+    tilted = max(models, key=lambda each: each.tilt_deg)
+    if tilted.tilt_deg:
+        fitted = any(each.taken and each.name.startswith("lean") for each in tilted.found)
         yield Fit(
             what="Tilt of the indenter",
-            value=f"{model.tilt_deg:.2f} deg",
-            source="the measured moments of these same presses" if model.found else "stated",
-            in_sample=bool(model.found),
-            effect="No image was used. Simulated moments are in-sample." if model.found else "",
+            value=f"{most}{tilted.tilt_deg:.2f} deg",
+            source="the measured moments of these same presses" if fitted else "stated",
+            in_sample=fitted,
+            effect="No image was used. Simulated moments are in-sample." if fitted else "",
         )
-    if model.found_offset_mm:
+    moved_mm = max(each.found_offset_mm for each in models)
+    if moved_mm:
         yield Fit(
             what="Place of the indenter",
-            value=f"{model.found_offset_mm:.3f} mm from the stated place",
+            value=f"{most}{moved_mm:.3f} mm from the stated place",
             source="the images of these same presses",
             in_sample=True,
             effect="Image scores are in-sample. The distance counts as contact offset.",

@@ -43,18 +43,19 @@ def replay(
         watch: Only let a twin follow the recorded forces, and write a page with a time slider:
             camera and twin, pressure, shear, residual.
     """
-    from sim.error import parse_tolerance
-    from tacauchy_rig.app.cli.emulation import begin_calibration, emulated_calibration
-    from tacauchy_rig.app.replay.reading import open_run
     from tacauchy_rig.core.long_task import doing
-    from tacauchy_rig.core.parallel import worker_process
-    from tacauchy_rig.core.store.check.run import check_run
 
-    run = open_run(folder)
-    kept = None if tolerance is None else parse_tolerance(tolerance, field="--tolerance")
-    with run.store.lock():  # refuses a busy or read-only run before the simulation
-        pass
-    with doing("checking the recordings"):
+    with doing("checking the recordings"):  # and loading the program, on a busy computer
+        from sim.error import parse_tolerance
+        from tacauchy_rig.app.cli.emulation import begin_calibration, emulated_calibration
+        from tacauchy_rig.app.replay.reading import open_run
+        from tacauchy_rig.core.parallel import worker_process
+        from tacauchy_rig.core.store.check.run import check_run
+
+        run = open_run(folder)
+        kept = None if tolerance is None else parse_tolerance(tolerance, field="--tolerance")
+        with run.store.lock():  # refuses a busy or read-only run before the simulation
+            pass
         complain_of(check_run(run.store))
     if watch:
         _watch(run, optics)
@@ -141,7 +142,6 @@ def replay_and_show(
     page: Viewing | None = None,
 ) -> None:
     """Replay a run, and print the stated error of its forces; a page is told, too."""
-    from tacauchy_rig.app.replay.replay import replay_run
     from tacauchy_rig.core.long_task import doing, told
 
     def show(text: str) -> None:
@@ -150,6 +150,8 @@ def replay_and_show(
 
     try:
         with told(show), doing("replay"):
+            from tacauchy_rig.app.replay.replay import replay_run
+
             replay = replay_run(
                 run, tolerance=tolerance, optics_file=optics, calibrate=calibrate, on_progress=show
             )

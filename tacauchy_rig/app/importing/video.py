@@ -58,8 +58,8 @@ RATED = 4
 missing in the middle one."""
 GAP = 3.0
 """Intervals of frames: a press with a longer gap has no offset of its own."""
-MOST_LEFT = 0.4
-"""Of the interval of frames: offsets that scatter more leave a press more than a frame off."""
+LITTLE = 0.3
+"""Of a frame: a step of the clock that is larger than whole frames by more is of one more."""
 MEMORY_SHARE, MEMORY_S = 0.13, 0.2
 """Of a gel's force that fades after it was pressed, and how fast: more than gels of such sensors
 are taken to, so that the truth lies between this and none."""
@@ -135,29 +135,49 @@ def _clock(offsets_s: FloatArray, at_s: FloatArray, interval_s: float) -> Camera
     """
     terms = np.vander(at_s, 2 if len(at_s) >= RATED else 1)
     line, free = np.linalg.lstsq(terms, offsets_s.T)[0], max(1, len(terms) - terms.shape[1])
-    left_s = math.sqrt(float(((offsets_s.T - terms @ line) ** 2).sum(axis=0).max()) / free)
-    if left_s > MOST_LEFT * interval_s:
+    left_s = offsets_s.T - terms @ line
+    rms_s = math.sqrt(float((left_s**2).sum(axis=0).max()) / free)
+    reached = np.vstack([terms, np.eye(terms.shape[1])[-1]])  # each press, and the first frame
+    apart_s = float(np.ptp(reached @ line, axis=1).max())
+    hidden = _hidden(offsets_s.mean(axis=0) / interval_s, terms, reached)
+    off_s = math.hypot(max(hidden * interval_s, float(np.abs(left_s).max())), apart_s / 2.0)
+    if off_s > interval_s:
         advance_s = 1.0 + float(np.polyfit(at_s, offsets_s.mean(axis=0), 1)[0])
         raise RecordError(
-            f"offsets of the clocks, one a press, scatter by {left_s:.3f} s; frames are "
-            f"{interval_s:.3f} s apart. The log's clock advances by {advance_s:.4f} s a second of "
-            "the camera's",
+            f"offsets of the clocks, one a press, scatter by {rms_s:.3f} s, so that an image may "
+            f"be {off_s:.3f} s off; frames are {interval_s:.3f} s apart. The log's clock advances "
+            f"by {advance_s:.4f} s a second of the camera's",
             remedy="frames were dropped, or their rate is wrong: on average there are "
             f"{1.0 / (advance_s * interval_s):.3f} a second; state that as data.frame_rate, or cut "
             "the video where frames are missing",
         )
-    reached = np.vstack([terms, np.eye(terms.shape[1])[-1]])  # each press, and the first frame
     leverage = np.einsum("ij,jk,ik->i", reached, np.linalg.inv(terms.T @ terms), reached)
-    scatter_s = left_s * math.sqrt(float(leverage.max()))
+    scatter_s = rms_s * math.sqrt(float(leverage.max()))
     single_s = interval_s if len(terms) == 1 else 0.0  # one press shows no scatter
-    apart_s = UNIFORM * float(np.ptp(reached @ line, axis=1).max())
     *drift, offset_s = line.mean(axis=1).tolist()
     return CameraClock(
         offset_s=offset_s,
         drift=sum(drift),
-        uncertainty_s=math.hypot(scatter_s, single_s, UNIFORM * interval_s, apart_s),
+        uncertainty_s=math.hypot(scatter_s, single_s, UNIFORM * interval_s, UNIFORM * apart_s),
         correlation=math.nan,
     )
+
+
+def _hidden(offsets: FloatArray, terms: FloatArray, reached: FloatArray) -> float:
+    """Return how many frames an image is off if some are missing in one place, the worst of all.
+
+    They are missing within a press, which then has half of the step, or between two. The step fits
+    the offsets, in frames, best.
+    """
+    if len(terms) == 1:
+        return 0.0
+    later = np.tri(len(terms), k=-1)
+    steps = np.hstack([later + 0.5 * np.eye(len(terms)), later[:, :-1]])
+    fitted = np.linalg.pinv(terms) @ steps
+    left = steps - terms @ fitted
+    missing = np.ceil(np.abs(offsets @ left) / (left**2).sum(axis=0) - LITTLE)
+    true = [np.pad(end(steps), ((0, 1), (0, 0))) for end in (np.floor, np.ceil)]
+    return float((missing * np.abs(reached @ fitted - true).max(axis=(0, 1))).max())
 
 
 def aligned(time_s: FloatArray, clock: CameraClock) -> FloatArray:

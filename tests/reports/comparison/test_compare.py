@@ -17,6 +17,7 @@ from reports.evidence.evidence import RunEvidence
 from tacauchy_rig.core.force_check import ForceCheck, Weight, judge_weight
 from tacauchy_rig.core.force_history import ForceHistory, TrialForce
 from tacauchy_rig.core.run import Imported, Tare
+from tacauchy_rig.core.simulated import FoundValue
 from tests.made_model import made_model
 
 
@@ -207,3 +208,17 @@ def test_a_fitted_modulus_is_in_sample_and_a_stated_one_is_not(evidence: RunEvid
         fit = fits_of(replace(evidence, model=model))[0]
         assert fit.in_sample is (factor is not None)
         assert "redicted forces" in fit.effect
+
+
+def test_a_place_found_for_one_of_several_indenters_is_told(evidence: RunEvidence) -> None:
+    """It is so of the second, and a stated tilt is not in-sample because the place is."""
+    place = FoundValue(
+        name="offset along x", value=3e-5, uncertainty=1e-6, unit="m", taken=True, basis=""
+    )
+    moved = made_model(found_offset_m=(3e-5, 0.0), found=(place,), tilt_rad=(0.01, 0.0))
+    fits = {
+        fit.what: fit for fit in fits_of(replace(evidence, model=made_model(), others=(moved,)))
+    }
+    assert fits["Place of the indenter"].value == "at most 0.030 mm from the stated place"
+    assert fits["Place of the indenter"].in_sample
+    assert not fits["Tilt of the indenter"].in_sample

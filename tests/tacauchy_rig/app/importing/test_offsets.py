@@ -309,7 +309,7 @@ def test_a_rate_that_is_stated_wrong_is_found(seed: int, about: dict[str, float]
 @pytest.mark.parametrize(
     "about",
     [
-        *({"lost": lost, "count": count} for lost in (3, 10) for count in (4, 8)),
+        *({"lost": lost, "count": count} for lost in (2, 3, 10) for count in (4, 5, 8)),
         {"count": 3, "rate_off": 0.02},
         {"count": 8, "rate_off": 1.0 / 6.0},
     ],
