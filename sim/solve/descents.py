@@ -32,7 +32,7 @@ from tacauchy_rig.core.errors import ConfigError
 _TIP_STEP_SHARE = 0.025
 # Threads of a block on a GPU: few environments leave multiprocessors idle, and each of them may
 # have a larger block.
-_THREADS, _THREADS_OF_FEW, _FEW = 256, 1024, 132
+_THREADS, _THREADS_OF_FEW, _FEW = int(__import__('os').environ.get('TTH', '256')), 1024, 132
 # Steps after which lagged pressure that goes up and down in turn is damped; and with an inverse
 # that is never made anew, which leaves more of the residual in each.
 _SHARES_AFTER, _SHARES_AFTER_KEPT = 100, 8
