@@ -129,9 +129,11 @@ def parts_of(
     travel = wp.transform_get_translation(goal) - wp.transform_get_translation(start)
     if pushed:  # its height is found
         travel[2] = wp.float64(0.0)
-    along = wp.abs(wp.dot(wp.transform_get_rotation(goal), wp.transform_get_rotation(start)))
-    swept = arm * wp.float64(2.0) * wp.acos(wp.min(along, wp.float64(1.0)))
-    return wp.max(wp.int32(wp.ceil((wp.length(travel) + swept) / longest - wp.float64(1e-9))), 1)
+    one, turned = wp.float64(1.0), wp.transform_get_rotation(goal)
+    along = wp.float64(wp.abs(wp.dot(turned, wp.transform_get_rotation(start))))
+    swept = arm * wp.float64(2.0) * wp.acos(wp.min(along, one))
+    parts = wp.float64(wp.ceil((wp.length(travel) + swept) / longest - wp.float64(1e-9)))
+    return wp.int32(wp.max(parts, one))
 
 
 @wp.kernel(enable_backward=False)

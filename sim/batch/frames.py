@@ -59,7 +59,8 @@ class Frames:
         self.motions.enough.assign(np.array(enough))
         self.motions.standoff = descents.model.contact_options.distance_m
         self.found = device.zeroed(kernels.Found, shape, touched=(*shape, 7), wrench=(*shape, 6))
-        self._new, self._graph = device.zeros(1, wp.int32), None
+        self._new = device.zeros(1, wp.int32)
+        self._graph: Any = None
         self._set_out, self._lowering = self._recorded_start()
         biases = [device.array(each, wp.float64) for each in (bias.constant, bias.constant_left)]
         biased = [floor_n, biases[0], bias.slope, biases[1], bias.slope_left]
@@ -73,11 +74,13 @@ class Frames:
         found.evaluations.zero_()
         for array in (found.touched, found.wrench, found.error, found.residual, found.imbalance):
             array.fill_(np.nan)
-        if self._graph is not None:
+        # A graph that a simulator captures takes the launches, since it cannot take a graph.
+        alone = not wp.get_device(self._device.name).is_capturing
+        if alone and self._graph is not None:
             wp.capture_launch(self._graph)
             return
         self._launch()
-        if self._device.is_gpu:  # kernels are compiled now, which a graph cannot; all of them
+        if alone and self._device.is_gpu:  # a graph cannot compile kernels, nor those of `_lower`
             self._history.comes.zero_()
             self._lower()
             with wp.ScopedCapture(device=self._device.name) as capture:
