@@ -156,6 +156,31 @@ def test_no_array_goes_through_the_host(device: str, monkeypatch: pytest.MonkeyP
     assert sensor.contact.is_near.numpy().all()
 
 
+@pytest.mark.gpu
+def test_an_engines_graph_takes_the_sensor_along() -> None:
+    """A captured step presses as one that is not, where the ball then is."""
+    wrenches = []
+    for is_captured in (False, True):
+        model, sensor = balls_on_pads(2, device="cuda:0", fall_m=-1e-4)
+        state, _impulse = _go(model, sensor, 1)
+        graph = None
+        if is_captured:
+            with wp.ScopedCapture(device="cuda:0") as capture:
+                sensor.update(state)
+                sensor.apply(state, STEP_S)
+            graph = capture.graph
+        poses = state.body_q.numpy()
+        poses[1::2, 2] -= 0.1e-3
+        state.body_q.assign(poses)
+        if graph is None:
+            sensor.update(state)
+        else:
+            wp.capture_launch(graph)
+        wrenches.append(sensor.contact.wrench.numpy())
+    np.testing.assert_allclose(*wrenches, rtol=1e-6, atol=1e-9)
+    assert wrenches[0][:, 2].min() > 0.1
+
+
 def test_as_many_objects_as_pads_are_needed() -> None:
     """Labels that name nothing are refused."""
     model, _sensor = balls_on_pads(1, device="cpu")
