@@ -1,7 +1,7 @@
 """Balls fall on gels in Isaac Lab and come to rest: python docs/envs/isaaclab_ball.py 4.
 
-Prints wrench over weight, the steps of the loop in a second, and the
-sensor's share. ``--device cuda:0`` takes a GPU; there ``--graph`` makes the
+Prints wrench over weight, the steps of the loop in a second of one
+processor core, and the sensor's share. ``--device cuda:0`` takes a GPU; there ``--graph`` makes the
 engine and the sensor one CUDA graph, whose shares cannot be told apart.
 """
 
@@ -41,7 +41,9 @@ class TimedSensor(TactileSensor):
 
 
 def _now(device: str) -> float:
-    """Return the time [s] at which all that was launched is done."""
+    """Return seconds of one processor core, or on a GPU the time when all launched is done."""
+    if device == "cpu":
+        return time.process_time()
     Device(device).synchronise()
     return time.perf_counter()
 

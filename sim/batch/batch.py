@@ -195,10 +195,8 @@ class Batch:
         self.areas_m2 = np.zeros(len(model.nodes))
         np.add.at(self.areas_m2, model.faces, np.einsum("fq,qk->fk", model.surface.areas, hats))
         self.positions, self.poses = self.descents.positions, self.descents.poses
-        self._rest, self._chosen = (
-            device.array(model.nodes, wp.vec3d),
-            device.zeros(self.count, wp.int32),
-        )
+        self._rest = device.array(model.nodes, wp.vec3d)
+        self._chosen = device.zeros(self.count, wp.int32)
         put = [self._rest, self._chosen, True, self.poses, self.descents.state, self._history]
         self._put_back = device.record(kernels.put_back, nodes, [*put, self.positions])
         self._frames: dict[int, Frames] = {}
@@ -304,8 +302,7 @@ class Batch:
         """Go along goals, pushed by loads where they are given."""
         frame_count = len(goals)
         if frame_count not in self._frames:
-            options = self.options
-            enough = options.residual_relative
+            options, enough = self.options, self.options.residual_relative
             self._frames[frame_count] = Frames(
                 self.descents,
                 self._history,
