@@ -26,6 +26,7 @@ from sim.material.elasticity import GelArrays
 from sim.mesh.elements import quarter_hats
 from sim.scene.indenter import Indenter, IndenterSet
 from sim.scene.material import Material
+from sim.solve.descent_state import Status
 from sim.solve.descents import Descents
 from sim.solve.model import Model
 from tacauchy_rig.core.arrays import FloatArray
@@ -179,6 +180,7 @@ class Batch:
         )
         self.inverse.serve(self.descents)
         self.descents.set(
+            status=Status.DONE,
             floor=floor_n,
             steps_max=self.options.steps_max,
             rounding=model.gel.rounding_n,

@@ -80,9 +80,10 @@ class Frames:
             wp.capture_launch(self._graph)
             return
         self._launch()
-        if alone and self._device.is_gpu:  # a graph cannot compile kernels, nor those of `_lower`
+        if alone and self._device.is_gpu:  # a graph cannot compile kernels: all run before
             self._history.comes.zero_()
             self._lower()
+            self._iterate()
             with wp.ScopedCapture(device=self._device.name) as capture:
                 self._launch()
             self._graph = capture.graph
