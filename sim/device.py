@@ -60,8 +60,8 @@ wp.config.cpu_compiler_flags = (
 # Relative rounding of what the kernels compute; the host computes in float64.
 KERNEL_EPSILON = float(np.finfo(wp.dtype_to_numpy(wp.float64)).eps)  # type: ignore[no-untyped-call]
 
-# Of 256 threads, as many as a GPU's processors hold at once, twice over.
-_MOST_BLOCKS = int(os.environ.get("TMB", "2112"))
+# Of 256 threads: twice as many as the processors of an H100 hold at once.
+_MOST_BLOCKS = 2112
 
 
 def constant_table(values: NDArray[np.float64]) -> Any:
